@@ -1,0 +1,25 @@
+.PHONY: sync format lint type contracts schema test test-fast build check all
+
+sync:        ## install everything a developer needs
+	uv sync
+format:
+	uv run ruff format .
+	uv run ruff check --fix .
+lint:
+	uv run ruff format --check .
+	uv run ruff check .
+type:
+	uv run mypy
+contracts:
+	uv run lint-imports
+schema:      ## regenerate the committed JSON Schema
+	uv run ffsm schema > scenarios/ffsm.schema.json
+test:
+	uv run pytest
+test-fast:
+	uv run pytest -m "not slow"
+build:       ## build the wheel and try it in an empty environment
+	uv build --wheel --out-dir dist
+	uv run --isolated --no-project --with dist/*.whl --directory / ffsm check baseline
+check: lint type contracts
+all: check test build

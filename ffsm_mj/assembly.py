@@ -1,0 +1,226 @@
+"""A scenario turned into things that run: model, initial state, impact pairs, plant limits, controllers. Nothing moves."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from controllers import kinds
+from controllers.phases import Phase, PhaseMachine
+from ffsm_mj.actuation import Actuation
+from ffsm_mj.controller_protocol import ControllerContext, Task
+from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.impact.contact import ImpactPair
+from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
+from ffsm_mj.impact.watch import ContactWatch
+from ffsm_mj.model import Joint, System, compile_system
+from ffsm_mj.scenario import JointValue, Scenario, located
+from ffsm_mj.yaml_source import YamlSource
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """Parts of a run, checked against each other.
+
+    Attributes:
+        scenario: What was asked for.
+        system: Robot and objects.
+        data: Initial state, all derived quantities current.
+        pairs: Impact pairs.
+        known_pairs: Geom pairs that need no watching: impact pairs and ignored ones.
+        actuation: Plant limits.
+        controller: The phase machine.
+        task: The tip's task, if any.
+    """
+
+    scenario: Scenario
+    system: System
+    data: Any
+    pairs: tuple[ImpactPair, ...]
+    known_pairs: frozenset[frozenset[int]]
+    actuation: Actuation
+    controller: PhaseMachine
+    task: Task | None
+
+
+def assemble(scenario: Scenario, source: YamlSource) -> Assembly:
+    """Build everything a run needs.
+
+    Raises:
+        InputError: One line per fault, with the place in the scenario or the model.
+    """
+    system = compile_scenario(scenario, source)
+    try:
+        data = _initial_state(scenario, system)
+        pairs = _impact_pairs(scenario, system)
+        known = _known_pairs(scenario, system, pairs)
+        _refuse_overlap(system, data, pairs)
+        actuation = Actuation(system, scenario.actuators)
+        task = _task(scenario, system)
+        controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s))
+    except ScenarioFaults as faults:
+        raise located(faults, source) from faults
+    return Assembly(scenario, system, data, pairs, known, actuation, controller, task)
+
+
+def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
+    """Compile robot and objects of a scenario.
+
+    Raises:
+        InputError: A file is missing or malformed, or a model is not what a free-floating system needs.
+    """
+    folder = source.path.parent
+    paths: dict[str, Path] = {}
+    faults = []
+    models = {"robot": scenario.robot.mjcf} | {f"objects.{k}": v.mjcf for k, v in scenario.objects.items()}
+    for key, mjcf in models.items():
+        path = Path(os.path.normpath(folder / mjcf))
+        if not path.is_file():
+            faults.append(Fault(f"no such model file {path}", (*key.split("."), "mjcf")))
+        paths[key.split(".")[-1]] = path
+    if faults:
+        raise located(ScenarioFaults(faults), source)
+    robot = paths.pop("robot")
+    return compile_system(robot, paths, time_step_s=scenario.time_step_s, conservative=scenario.conservative)
+
+
+def _initial_state(scenario: Scenario, system: System) -> Any:
+    """Data at t = 0 with everything derived from it."""
+    data = mujoco.MjData(system.mj)
+    faults: list[Fault] = []
+    for key, target in (("joints", data.qpos), ("rates", data.qvel)):
+        for name, value in getattr(scenario.initial, key).items():
+            path = ("initial", key, name)
+            try:
+                joint = system.joint(name)
+            except LookupError as error:
+                faults.append(Fault(str(error.args[0]), path))
+                continue
+            fault = _set_joint(joint, key, value, target)
+            if fault:
+                faults.append(Fault(fault, path))
+    if faults:
+        raise ScenarioFaults(faults)
+    mujoco.mj_forward(system.mj, data)
+    return data
+
+
+def _set_joint(joint: Joint, key: str, value: JointValue, target: Any) -> str:
+    """Write a joint's coordinates or rates; returns what is wrong with them, or nothing."""
+    part = joint.qpos if key == "joints" else joint.dofs
+    numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    size = part.stop - part.start
+    if len(numbers) != size:
+        return f"{joint.kind} joint {joint.name} takes {size} number{'s' if size > 1 else ''}, got {len(numbers)}"
+    if key == "joints" and joint.kind in ("free", "ball"):
+        length = np.linalg.norm(numbers[-4:])
+        if abs(length - 1.0) > 1e-6:
+            return f"the quaternion (w, x, y, z) must have length 1, it has {length:.6g}"
+        numbers[-4:] /= length
+    target[part] = numbers
+    return ""
+
+
+def _impact_pairs(scenario: Scenario, system: System) -> tuple[ImpactPair, ...]:
+    pairs, faults = [], []
+    for i, config in enumerate(scenario.impact_pairs):
+        for key in ("robot_geom", "object_geom"):
+            try:
+                system.resolve("geom", getattr(config, key))
+            except LookupError as error:
+                faults.append(Fault(str(error.args[0]), ("impact_pairs", i, key)))
+        if faults:
+            continue
+        try:
+            pairs.append(ImpactPair(system, config.robot_geom, config.object_geom, config.restitution))
+        except LookupError as error:
+            faults.append(Fault(str(error.args[0]), ("impact_pairs", i)))
+    if faults:
+        raise ScenarioFaults(faults)
+    return tuple(pairs)
+
+
+def _refuse_overlap(system: System, data: Any, pairs: tuple[ImpactPair, ...]) -> None:
+    faults = []
+    for i, pair in enumerate(pairs):
+        gap = pair.gap(system.mj, data, 1.0)
+        if gap < -GAP_TOLERANCE:
+            message = f"{pair.robot_geom} and {pair.object_geom} overlap by {-gap:.6g} m at the start; move one of them"
+            faults.append(Fault(message, ("impact_pairs", i)))
+    if faults:
+        raise ScenarioFaults(faults)
+
+
+def _known_pairs(scenario: Scenario, system: System, pairs: tuple[ImpactPair, ...]) -> frozenset[frozenset[int]]:
+    known = {frozenset((system.index("geom", p.robot_geom), system.index("geom", p.object_geom))) for p in pairs}
+    faults = []
+    for i, config in enumerate(scenario.ignored_pairs):
+        sides = []
+        for k, name in enumerate(config.pair):
+            geoms = _geoms_of(system, name)
+            if not geoms:
+                names = {tree.name for tree in system.trees} | {*system.names("body"), *system.names("geom")}
+                faults.append(Fault(unknown_name("geom, body or model", name, names), ("ignored_pairs", i, "pair", k)))
+            sides.append(geoms)
+        known |= {frozenset((a, b)) for a in sides[0] for b in sides[1]}
+    if faults:
+        raise ScenarioFaults(faults)
+    return frozenset(known)
+
+
+def _geoms_of(system: System, name: str) -> list[int]:
+    """Geoms that a name stands for: those of a model, of a body, or the geom itself."""
+    model = system.mj
+    for tree in system.trees:
+        if tree.name == name:
+            return [g for g in range(model.ngeom) if model.geom_bodyid[g] in tree.bodies]
+    for kind in ("geom", "body"):
+        try:
+            index = system.index(kind, name)
+        except LookupError:
+            continue
+        return [index] if kind == "geom" else [g for g in range(model.ngeom) if model.geom_bodyid[g] == index]
+    return []
+
+
+def _task(scenario: Scenario, system: System) -> Task | None:
+    config = scenario.task
+    if config is None:
+        return None
+    try:
+        site = system.index("site", config.tip)
+    except LookupError as error:
+        raise ScenarioFaults([Fault(str(error.args[0]), ("task", "tip"))]) from error
+    return Task(site, tuple(_AXES[axis] for axis in config.axes), np.array(config.target_m, dtype=np.float64))
+
+
+def _controller(scenario: Scenario, context: ControllerContext) -> PhaseMachine:
+    classes: Mapping[str, Any] = kinds().classes
+    phases, faults = [], []
+    for i, config in enumerate(scenario.phases):
+        kind = config.controller.kind
+        try:
+            controller = classes[kind](config.controller, context)
+        except ScenarioFaults as error:
+            faults += [Fault(f.message, ("phases", i, "controller", *f.path)) for f in error.faults]
+            continue
+        phases.append(Phase(config.name, kind, controller, config.until == "impact", config.for_s))
+    if faults:
+        raise ScenarioFaults(faults)
+    return PhaseMachine(phases)
+
+
+def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
+    """Names of geom pairs that overlap at the start and are neither impact pairs nor ignored."""
+    watch = ContactWatch(assembly.system.mj, assembly.data, assembly.known_pairs)
+    watch.look(0.0)
+    for record in watch.finish(0.0):
+        yield record.geoms[0], record.geoms[1]

@@ -1,0 +1,218 @@
+"""``ffsm``: parsing, exit codes, nothing else. Every import that costs is made where it is needed."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+OK, VIOLATED, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
+_EXIT_CODES = (
+    f"exit codes: {OK} done, {VIOLATED} a conservation law is violated (analyze), {BAD_INPUT} bad input, "
+    f"{RUN_FAILED} the run failed (log kept), {INTERRUPTED} interrupted (log kept)"
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    from ffsm_mj.errors import FfsmError, InputError
+
+    try:
+        return int(options.command(options))
+    except InputError as error:
+        for line in error.lines:
+            _complain(line)
+    except FfsmError as error:
+        _complain(str(error))
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        return INTERRUPTED
+    return BAD_INPUT
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="ffsm", description="Exact impacts for free-floating space manipulators, on MuJoCo.", epilog=_EXIT_CODES
+    )
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    parser.set_defaults(command=lambda options: _version() if options.version else _usage(parser))
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+
+    run = _add(commands, "run", _run, "simulate a scenario and write its run folder")
+    run.add_argument("scenario", nargs="?", help="a scenario file, or the name of a shipped one (see --list)")
+    run.add_argument("--list", action="store_true", help="list the shipped scenarios and exit")
+    _add_overrides(run)
+    run.add_argument("--out", metavar="DIR", help="run folder (default: logs/<scenario>-<UTC time>)")
+    run.add_argument("--force", action="store_true", help="replace a run that DIR already holds")
+    run.add_argument("--no-rerun", action="store_true", help="write no recording for the Rerun viewer")
+
+    check = _add(commands, "check", _check, "validate a scenario without running it")
+    check.add_argument("scenario", help="a scenario file, or the name of a shipped one")
+    _add_overrides(check)
+
+    analyze = _add(commands, "analyze", _analyze, "verify conservation from a run's log alone")
+    _add_run(analyze)
+    analyze.add_argument(
+        "--tolerance",
+        type=_positive,
+        default=None,
+        metavar="TOL",
+        help="a law holds while its residual is at most TOL * (1 + scale), SI units (default: 1e-9)",
+    )
+    analyze.add_argument("--json", action="store_true", help="print summary and laws as JSON")
+
+    view = _add(commands, "view", _view, "open a run in the Rerun viewer")
+    _add_run(view)
+
+    _add(commands, "schema", _schema, "print the JSON Schema of scenario files")
+    return parser
+
+
+def _add(commands: Any, name: str, action: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+    parser.set_defaults(command=action)
+    return parser
+
+
+def _add_overrides(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "-s",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a key, value in YAML, e.g. -s duration_s=5 -s task.target_m='[3, 0.5]' -s phases.1.for_s=4.6",
+    )
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", nargs="?", default="logs/latest", help="run folder or .mcap file (default: logs/latest)")
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    return value
+
+
+def _usage(parser: argparse.ArgumentParser) -> int:
+    parser.print_help()
+    return OK
+
+
+def _version() -> int:
+    from importlib.metadata import version
+
+    _say(f"ffsm-mj {version('ffsm-mj')}")
+    return OK
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.list:
+        return _list()
+    if options.scenario is None:
+        _complain("ffsm run: name a scenario; 'ffsm run --list' shows the shipped ones")
+        return BAD_INPUT
+    from ffsm_mj.progress import progress
+    from ffsm_mj.run_folder import default_folder, link_latest
+    from ffsm_mj.runner import prepare
+
+    prepared = prepare(options.scenario, options.overrides)
+    folder = Path(options.out) if options.out else default_folder(prepared.scenario.name)
+    with progress(prepared.scenario.name) as report:
+        run = prepared.run(out=folder, force=options.force, rerun=False if options.no_rerun else None, report=report)
+    if not options.out:
+        link_latest(folder)
+    from ffsm_mj.text_report import run_report
+
+    _say(run_report(run))
+    where = "" if not options.out else f" {folder}"
+    _say(f"\nfiles in {folder}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
+    _say(f"look at it: ffsm view{where}   verify the log: ffsm analyze{where}")
+    if run.outcome == "completed":
+        return OK
+    _complain(f"{run.outcome}: {run.message}")
+    return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
+
+
+def _list() -> int:
+    from ffsm_mj.shipped import scenario_names, scenario_path
+    from ffsm_mj.yaml_source import read_yaml
+
+    names = scenario_names()
+    width = max(map(len, names))
+    for name in names:
+        _say(f"{name:{width}}  {read_yaml(scenario_path(name)).data.get('description', '')}")
+    return OK
+
+
+def _check(options: argparse.Namespace) -> int:
+    from ffsm_mj.runner import prepare
+
+    for line in prepare(options.scenario, options.overrides).describe():
+        _say(line)
+    return OK
+
+
+def _analyze(options: argparse.Namespace) -> int:
+    from ffsm_mj.analysis import load_run
+    from ffsm_mj.conservation import DEFAULT_TOLERANCE
+    from ffsm_mj.text_report import verification, verification_json
+
+    run = load_run(options.run)
+    tolerance = options.tolerance or DEFAULT_TOLERANCE
+    _say(verification_json(run, tolerance) if options.json else verification(run, tolerance))
+    violated = run.conservative and not all(law.holds for law in run.laws(tolerance))
+    return VIOLATED if violated else OK
+
+
+def _view(options: argparse.Namespace) -> int:
+    import subprocess
+    import tempfile
+
+    from ffsm_mj.analysis import load_run
+    from ffsm_mj.run_folder import RECORDING
+
+    recording = Path(options.run) / RECORDING
+    if recording.is_file():
+        return subprocess.call([sys.executable, "-m", "rerun", str(recording)])
+    from ffsm_mj.recording import write_recording
+
+    with tempfile.TemporaryDirectory(prefix="ffsm-") as folder:
+        made = Path(folder) / RECORDING
+        write_recording(load_run(options.run).log, made)
+        return subprocess.call([sys.executable, "-m", "rerun", str(made)])
+
+
+def _schema(_: argparse.Namespace) -> int:
+    import json
+
+    from ffsm_mj.scenario import scenario_schema
+
+    _say(json.dumps(scenario_schema(), indent=2))
+    return OK
+
+
+def _say(text: str) -> None:
+    """Print; a reader that has gone away ends nothing."""
+    try:
+        print(text, flush=True)
+    except OSError:
+        # Python would complain again when it closes stdout at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+
+
+def _complain(text: str) -> None:
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,27 @@
+"""Base of every configuration model: typed, frozen, no unknown keys, no silent conversions, no NaN."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, model_validator
+
+
+class StrictModel(BaseModel):
+    """Immutable configuration. Sequences are tuples; YAML's and Python's lists are accepted for them."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tuples_for_lists(cls, data: Any) -> Any:
+        """Turn lists into tuples at every level, because strict tuple fields take nothing else."""
+        return _tuples(data)
+
+
+def _tuples(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return tuple(_tuples(item) for item in value)
+    if isinstance(value, dict):
+        return {key: _tuples(item) for key, item in value.items()}
+    return value

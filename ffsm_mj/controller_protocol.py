@@ -1,0 +1,116 @@
+"""What a controller sees and what it returns.
+
+A controller is called once per control period and at once at an impact. It sees the true state through MuJoCo's data and
+writes efforts for the actuators it drives; all others stay off. Limits are the plant's business, not the controller's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ffsm_mj.events import ImpactRecord, PhaseRecord
+from ffsm_mj.model import FloatArray, System
+from ffsm_mj.signals import Signal
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the tip is to do: the site, the world axes that count as output (p = len(axes)) and the target there in m."""
+
+    tip_site: int
+    axes: tuple[int, ...]
+    target_m: FloatArray
+
+
+@dataclass(frozen=True)
+class ControllerContext:
+    """What a controller is built for.
+
+    Attributes:
+        system: The composed model with its index maps.
+        task: The tip's task, or None where the scenario has none.
+        control_period_s: Time between two regular calls in s.
+    """
+
+    system: System
+    task: Task | None
+    control_period_s: float
+
+
+@dataclass(frozen=True)
+class Observation:
+    """State at one instant.
+
+    Attributes:
+        time_s: Simulation time in s.
+        data: MuJoCo data with all derived quantities current; read only.
+        impacts: The impacts that have just happened, empty at a regular tick.
+    """
+
+    time_s: float
+    data: Any
+    impacts: tuple[ImpactRecord, ...] = ()
+
+
+@dataclass
+class Command:
+    """Efforts by actuator of the model.
+
+    Attributes:
+        effort: Force in N or torque in N m at the joint or site that the actuator drives, (nu,).
+        powered: False where the actuator is off: exactly zero effort, whatever its limits, (nu,).
+    """
+
+    effort: FloatArray
+    powered: npt.NDArray[np.bool_]
+
+    @classmethod
+    def off(cls, count: int) -> Command:
+        """Everything unpowered."""
+        return cls(np.zeros(count), np.zeros(count, dtype=np.bool_))
+
+    def clear(self) -> None:
+        """Switch everything off."""
+        self.effort.fill(0.0)
+        self.powered.fill(False)
+
+    def drive(self, actuators: npt.NDArray[np.intp], effort: FloatArray) -> None:
+        """Power some actuators with the given efforts."""
+        self.effort[actuators] = effort
+        self.powered[actuators] = True
+
+
+class Controller(Protocol):
+    """A control law. The class declares what it reports; the instance carries its state."""
+
+    telemetry_signals: ClassVar[tuple[Signal, ...]]
+
+    def start(self, observation: Observation) -> None:
+        """Take over at this state, at the beginning of a phase."""
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Write the efforts for the coming control period into a command that is all off."""
+
+    def telemetry(self) -> Sequence[float]:
+        """Values of ``telemetry_signals`` after the last call."""
+
+
+class TaskController(Protocol):
+    """The controller of a whole run: the phase machine."""
+
+    telemetry_signals: tuple[Signal, ...]
+    phase_index: int
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Like :meth:`Controller.control`."""
+
+    def telemetry(self) -> FloatArray:
+        """Like :meth:`Controller.telemetry`, NaN where a column belongs to another phase."""
+
+    def drain_phases(self) -> list[PhaseRecord]:
+        """Phases begun since the last call, oldest first."""

@@ -1,0 +1,73 @@
+"""One root error; the leaves take data, write the message themselves and list the names that would have been right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+
+class FfsmError(Exception):
+    """Root of every error that ffsm-mj raises on purpose."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing wrong with the input.
+
+    Attributes:
+        message: What is wrong and what is allowed.
+        path: Keys and list positions that lead to it in the scenario, outermost first.
+    """
+
+    message: str
+    path: tuple[str | int, ...] = ()
+
+
+class InputError(FfsmError):
+    """Bad input: a scenario, a model, a file or an argument. One line per fault; the CLI exits with 2."""
+
+    def __init__(self, lines: str | Sequence[str]) -> None:
+        self.lines: tuple[str, ...] = (lines,) if isinstance(lines, str) else tuple(lines)
+        super().__init__("\n".join(self.lines))
+
+
+class ScenarioFaults(FfsmError):
+    """Faults of a scenario by key, before the file and line they stand on are known."""
+
+    def __init__(self, faults: Sequence[Fault]) -> None:
+        self.faults = tuple(faults)
+        super().__init__("\n".join(f.message for f in faults))
+
+
+class LogError(FfsmError):
+    """A log that cannot be read, or holds no run."""
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path = Path(path)
+        super().__init__(f"{path}: {reason}")
+
+
+class LogWriteError(FfsmError):
+    """The log could not be written (full disk, closed pipe); what was flushed before stays readable."""
+
+    def __init__(self, path: Path | str, cause: OSError) -> None:
+        self.path = Path(path)
+        super().__init__(f"{path}: {cause.strerror or cause}")
+
+
+class ControllerError(FfsmError):
+    """A controller raised or returned something that no actuator can follow."""
+
+
+class UnsupportedContactError(FfsmError):
+    """A contact that the impact laws cannot resolve exactly; the run ends rather than guess."""
+
+
+def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
+    """Sentence for a name that is not there: what it was meant to be, and the names that exist."""
+    names = sorted(set(valid))
+    close = get_close_matches(name, names, n=1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    return f"unknown {kind} {name!r}{hint}; allowed: {', '.join(names) if names else f'none, the model has no {kind}'}"

@@ -1,0 +1,17 @@
+"""Exact impacts, usable alone on any MuJoCo model: ``resolve``, ``reflect`` and the paper's own system as the oracle."""
+
+from __future__ import annotations
+
+from ffsm_mj.impact.paper import PaperSolution, solve_paper_system
+from ffsm_mj.impact.resolution import Contact, Impact, ImpactState, contact_jacobian, reflect, resolve
+
+__all__ = [
+    "Contact",
+    "Impact",
+    "ImpactState",
+    "PaperSolution",
+    "contact_jacobian",
+    "reflect",
+    "resolve",
+    "solve_paper_system",
+]

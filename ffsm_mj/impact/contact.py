@@ -1,0 +1,166 @@
+"""Impact pairs: signed gap, normal, contact point and how fast the gap can close.
+
+MuJoCo's contacts are off; ``mj_geomDistance`` is asked for each pair. It is exact for the pairs supported here but its
+witness direction is meaningless at touch, so the normal comes from a shifted query: one geom moved away along the
+estimate, asked again, a few passes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.impact.manifold import extreme_points, touching_set
+from ffsm_mj.model import FloatArray, System
+
+_UNSUPPORTED = {
+    int(mujoco.mjtGeom.mjGEOM_PLANE): "plane",
+    int(mujoco.mjtGeom.mjGEOM_HFIELD): "height field",
+    int(mujoco.mjtGeom.mjGEOM_SDF): "signed distance field",
+}
+FAR = 1e3
+"""Gaps are not told apart beyond this, m."""
+# Stand-off of the shifted query in m, and its passes: each leaves about shift / curvature radius of the error.
+_SHIFT, _PASSES = 1e-2, 4
+# Rotations and accelerations inside a step may exceed what its ends show; the bound keeps this margin.
+_BOUND_MARGIN = 1.1
+
+
+@dataclass(frozen=True)
+class Proximity:
+    """A pair at one instant, in world axes.
+
+    Attributes:
+        gap: Signed distance in m, negative when overlapping.
+        normal: Unit normal from the robot to the object, (3,).
+        points: Where they touch, or would: one point, or the extreme points of an edge or a face, (k, 3).
+        rates: Rate of the gap at each point in m/s, negative when approaching, (k,).
+    """
+
+    gap: float
+    normal: FloatArray
+    points: FloatArray
+    rates: FloatArray
+
+    @property
+    def rate(self) -> float:
+        """Rate at the point that approaches most."""
+        return float(self.rates.min())
+
+
+class ImpactPair:
+    """A geom of the robot and a geom of an object that may hit each other.
+
+    Attributes:
+        robot_geom: Full name of the robot's geom.
+        object_geom: Full name of the object's geom.
+        restitution: Coefficient e of this pair.
+        size: Length in m below which the pair's gap is a simple function of time (half the thinnest extent).
+    """
+
+    def __init__(self, system: System, robot_geom: str, object_geom: str, restitution: float) -> None:
+        """Resolve names and constants.
+
+        Raises:
+            LookupError: An unknown geom, a geom on the wrong side, or a shape without an exact distance.
+        """
+        model = system.mj
+        self._g1, self._g2 = system.index("geom", robot_geom), system.index("geom", object_geom)
+        self.robot_geom, self.object_geom = model.geom(self._g1).name, model.geom(self._g2).name
+        self.robot_body, self.object_body = int(model.geom_bodyid[self._g1]), int(model.geom_bodyid[self._g2])
+        self._check_sides(system)
+        self.restitution = restitution
+        self.size = 0.5 * float(min(model.geom_aabb[self._g1, 3:].min(), model.geom_aabb[self._g2, 3:].min()))
+        self._r1, self._r2 = float(model.geom_rbound[self._g1]), float(model.geom_rbound[self._g2])
+        self._root1, self._root2 = int(model.body_rootid[self.robot_body]), int(model.body_rootid[self.object_body])
+        self._fromto = np.empty(6)
+        self._normal: FloatArray | None = None
+
+    def _check_sides(self, system: System) -> None:
+        model = system.mj
+        for name, body, robot_side in (
+            (self.robot_geom, self.robot_body, True),
+            (self.object_geom, self.object_body, False),
+        ):
+            if (body in system.robot.bodies) != robot_side or system.tree_of_body(body) is None:
+                side = "the robot" if robot_side else "an object"
+                raise LookupError(f"geom {name!r} does not belong to {side}")
+            shape = _UNSUPPORTED.get(int(model.geom_type[model.geom(name).id]))
+            if shape:
+                raise LookupError(f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...)")
+
+    def gap(self, model: Any, data: Any, limit: float) -> float:
+        """Signed distance in m, negative when overlapping; ``limit`` where it is larger than that."""
+        return float(mujoco.mj_geomDistance(model, data, self._g1, self._g2, limit, None))
+
+    def closing_bound(self, data: Any) -> float:
+        """Speed in m/s that the gap cannot change faster than: centres apart, plus spins times bounding radii."""
+        v1, w1 = self._centre_motion(data, self.robot_body, self._root1, self._g1)
+        v2, w2 = self._centre_motion(data, self.object_body, self._root2, self._g2)
+        return _BOUND_MARGIN * (math.dist(v1, v2) + w1 * self._r1 + w2 * self._r2)
+
+    @staticmethod
+    def _centre_motion(data: Any, body: int, root: int, geom: int) -> tuple[tuple[float, float, float], float]:
+        """Velocity of a geom's centre and its angular speed; cvel is (angular, linear) about the tree's centre of mass."""
+        wx, wy, wz, vx, vy, vz = data.cvel[body].tolist()
+        x, y, z = (data.geom_xpos[geom] - data.subtree_com[root]).tolist()
+        velocity = (vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x)
+        return velocity, math.sqrt(wx * wx + wy * wy + wz * wz)
+
+    def proximity(self, model: Any, data: Any) -> Proximity:
+        """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
+        gap = self.gap(model, data, FAR)
+        normal, witness = self._shifted_query(model, data)
+        first, second = extreme_points(model, data, self._g1, normal), extreme_points(model, data, self._g2, -normal)
+        points = witness[None]
+        if min(len(first), len(second)) > 1:
+            touching = touching_set(first, second, normal)
+            points = touching if len(touching) > 1 else points
+        rates = self._velocity(data, self.object_body, self._root2, points)
+        rates -= self._velocity(data, self.robot_body, self._root1, points)
+        return Proximity(gap, normal, points, rates @ normal)
+
+    @staticmethod
+    def _velocity(data: Any, body: int, root: int, points: FloatArray) -> FloatArray:
+        """Velocities of points fixed to a body, (k, 3)."""
+        angular, linear = data.cvel[body][:3], data.cvel[body][3:]
+        return np.asarray(linear + np.cross(angular, points - data.subtree_com[root]))
+
+    def _shifted_query(self, model: Any, data: Any) -> tuple[FloatArray, FloatArray]:
+        """Normal and the midpoint of the witnesses, asked with the object's geom moved clear of the robot's."""
+        centre = data.geom_xpos[self._g2].copy()
+        normal = self._estimate(model, data)
+        shift = _SHIFT
+        try:
+            for _ in range(_PASSES):
+                data.geom_xpos[self._g2] = centre + shift * normal
+                distance = mujoco.mj_geomDistance(model, data, self._g1, self._g2, FAR, self._fromto)
+                if distance <= 0.0:  # overlapping deeper than the shift: move further out
+                    shift *= 4.0
+                    continue
+                normal = _direction(self._fromto)
+        finally:
+            data.geom_xpos[self._g2] = centre
+        self._normal = normal
+        return normal, 0.5 * (self._fromto[:3] + self._fromto[3:] - shift * normal)
+
+    def _estimate(self, model: Any, data: Any) -> FloatArray:
+        """A direction to start from: the last normal, the witnesses when clearly apart, else the centres."""
+        distance = mujoco.mj_geomDistance(model, data, self._g1, self._g2, FAR, self._fromto)
+        if distance > 1e-6:
+            return _direction(self._fromto)
+        if self._normal is not None:
+            return self._normal
+        direction = data.geom_xpos[self._g2] - data.geom_xpos[self._g1]
+        length = float(np.linalg.norm(direction))
+        return np.asarray(direction / length) if length > 0.0 else np.array([1.0, 0.0, 0.0])
+
+
+def _direction(fromto: FloatArray) -> FloatArray:
+    """Unit vector between two witness points; not divided by the distance, which is known less well."""
+    difference = fromto[3:] - fromto[:3]
+    return np.asarray(difference / np.linalg.norm(difference))

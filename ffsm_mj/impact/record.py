@@ -1,0 +1,89 @@
+"""A resolved impact as the log and the ledger want it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.events import ImpactRecord
+from ffsm_mj.impact.contact import ImpactPair, Proximity
+from ffsm_mj.impact.manifold import manifold_name
+from ffsm_mj.impact.resolution import Impact
+from ffsm_mj.model import FloatArray, System
+
+
+def party_energies(system: System, data: Any, impact: Impact) -> FloatArray:
+    """Kinetic energies of (total, robot, objects) before and after, (2, 3), J."""
+    robot, momentum = system.robot.dofs, np.empty(system.mj.nv)
+    out = np.empty((2, 3))
+    for k, state in enumerate((impact.before, impact.after)):
+        mujoco.mj_mulM(system.mj, data, momentum, state.qvel)
+        share = float(0.5 * momentum[robot] @ state.qvel[robot])
+        out[k] = state.kinetic_energy_J, share, state.kinetic_energy_J - share
+    return out
+
+
+def contact_wrench(impact: Impact) -> FloatArray:
+    """Impulse on the objects: force part and moment about the world origin, (6,)."""
+    wrench = np.zeros(6)
+    for contact, impulse in zip(impact.contacts, impact.impulses, strict=True):
+        force = impulse * contact.normal
+        wrench += np.concatenate((force, np.cross(contact.point, force)))
+    return wrench
+
+
+def impact_records(
+    system: System,
+    data: Any,
+    touching: list[tuple[ImpactPair, Proximity]],
+    impact: Impact,
+    energies: FloatArray,
+    event: int,
+    time_s: float,
+) -> tuple[ImpactRecord, ...]:
+    """What the log says of an impact: one record per contact."""
+
+    def by_joint(qvel: Any) -> dict[str, tuple[float, ...]]:
+        return {name: tuple(float(x) for x in qvel[joint.dofs]) for name, joint in system.joints.items()}
+
+    def by_party(values: Any) -> dict[str, tuple[float, ...]]:
+        return {party: (float(value),) for party, value in zip(("total", "robot", "objects"), values, strict=True)}
+
+    change = impact.momentum_change
+    records = []
+    flat = [(pair, near, point) for pair, near in touching for point in near.points]
+    for i, (pair, near, point) in enumerate(flat):
+        vector = impact.impulses[i] * near.normal
+        tree = system.tree_of_body(pair.object_body)
+        arm = point - data.subtree_com[tree.root if tree else 0]
+        records.append(
+            ImpactRecord(
+                event=event,
+                time_s=time_s,
+                robot_geom=pair.robot_geom,
+                object_geom=pair.object_geom,
+                point_m=tuple(point.tolist()),
+                normal=tuple(near.normal.tolist()),
+                manifold=manifold_name(len(near.points)),
+                law="single",
+                restitution=pair.restitution,
+                approach_speed_m_s=float(impact.approach_speeds[i]),
+                separation_speed_m_s=float(impact.separation_speeds[i]),
+                impulse_N_s=float(impact.impulses[i]),
+                angular_impulse_N_m_s=tuple(np.cross(arm, vector).tolist()),
+                gap_m=near.gap,
+                qpos=tuple(data.qpos.tolist()),
+                qvel_before=by_joint(impact.before.qvel),
+                qvel_after=by_joint(impact.after.qvel),
+                energy_before_J=by_party(energies[0]),
+                energy_after_J=by_party(energies[1]),
+                momentum_before={"total": tuple(impact.before.momentum.tolist())},
+                momentum_after={"total": tuple(impact.after.momentum.tolist())},
+                energy_change_J=impact.energy_change_J,
+                linear_momentum_change_N_s=float(np.linalg.norm(change[:3])),
+                angular_momentum_change_N_m_s=float(np.linalg.norm(change[3:])),
+            )
+        )
+    return tuple(records)

@@ -1,0 +1,141 @@
+"""Impulse and velocities after a frictionless impact: momentum and energy resolved at once (paper (15)-(18)).
+
+One contact with normal n and common point p, J_n = n^T (J_object(p) - J_robot(p)), u = J_n qdot < 0: the impulse is
+-(1 + e) u / (J_n M^-1 J_n^T) and qdot+ = qdot- + M^-1 J_n^T impulse. For e = 1 this is the solution of the paper's
+momentum equations (17) and energy equation (18).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from ffsm_mj.dynamics import kinetic_energy, mass_matrix, momentum_matrix
+from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.model import FloatArray
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two bodies touching at a point.
+
+    Attributes:
+        robot_body: Body id of the first body; the impulse on it points along ``-normal``.
+        object_body: Body id of the second body; the impulse on it points along ``normal``.
+        point: Common contact point in world axes, (3,), m.
+        normal: Unit normal from the first body to the second in world axes, (3,).
+        restitution: Coefficient e: 1 elastic, 0 plastic, above 1 super-elastic (the paper's case c).
+    """
+
+    robot_body: int
+    object_body: int
+    point: FloatArray
+    normal: FloatArray
+    restitution: float = 1.0
+
+
+@dataclass(frozen=True)
+class ImpactState:
+    """One side of an impact: generalised velocities (nv,), kinetic energy in J and (P, L about the origin), (6,)."""
+
+    qvel: FloatArray
+    kinetic_energy_J: float
+    momentum: FloatArray
+
+
+@dataclass(frozen=True)
+class Impact:
+    """A resolved impact.
+
+    Attributes:
+        contacts: What touched.
+        impulses: Normal impulse at each contact in N s, >= 0, along the normal on the object.
+        approach_speeds: -u before at each contact in m/s, positive when approaching.
+        separation_speeds: u after at each contact in m/s.
+        before: Velocities, energy and momentum before the impact.
+        after: The same after the impact.
+    """
+
+    contacts: tuple[Contact, ...]
+    impulses: FloatArray
+    approach_speeds: FloatArray
+    separation_speeds: FloatArray
+    before: ImpactState
+    after: ImpactState
+
+    @property
+    def energy_change_J(self) -> float:
+        """Kinetic energy after minus before, <= 0 for e <= 1."""
+        return self.after.kinetic_energy_J - self.before.kinetic_energy_J
+
+    @property
+    def momentum_change(self) -> FloatArray:
+        """(P, L about the origin) of everything, after minus before: rounding."""
+        return self.after.momentum - self.before.momentum
+
+
+def contact_jacobian(model: Any, data: Any, contact: Contact) -> FloatArray:
+    """J_n = n^T (J_object(p) - J_robot(p)), shape (nv,): the normal velocity of the object relative to the robot.
+
+    Both bodies are evaluated at the one common point, so that the impulse pair has no moment and L is exact.
+    """
+    jac_robot, jac_object = np.empty((3, model.nv)), np.empty((3, model.nv))
+    point = np.asarray(contact.point, dtype=np.float64)
+    mujoco.mj_jac(model, data, jac_robot, None, point, contact.robot_body)
+    mujoco.mj_jac(model, data, jac_object, None, point, contact.object_body)
+    row: FloatArray = np.asarray(contact.normal, dtype=np.float64) @ (jac_object - jac_robot)
+    return row
+
+
+def reflect(M: FloatArray, J_n: FloatArray, qvel: FloatArray, restitution: float = 1.0) -> tuple[FloatArray, float]:
+    """The unconditional single-contact map, approaching or not: (qvel after, impulse in N s).
+
+    For e = 1 it is a reflection in the metric of M: applied twice it returns the velocity it was given.
+
+    Raises:
+        ValueError: Nothing can move along the normal (J_n = 0).
+    """
+    u = float(J_n @ qvel)
+    response = cho_solve(cho_factor(M), J_n)
+    inverse_mass = float(J_n @ response)
+    if inverse_mass <= 0.0:
+        raise ValueError("neither body can move along the contact normal")
+    impulse = -(1.0 + restitution) * u / inverse_mass
+    return qvel + response * impulse, impulse
+
+
+def resolve(model: Any, data: Any, contacts: Sequence[Contact]) -> Impact:
+    """Resolve an impact at the configuration and velocity in ``data``; nothing is written to ``data.qvel``.
+
+    Derived quantities in ``data`` are refreshed. A contact that separates already gets no impulse.
+
+    Args:
+        model: Any MuJoCo model, composed by this package or not.
+        data: Its state at the instant of impact.
+        contacts: The touching points.
+
+    Raises:
+        UnsupportedContactError: More than one contact at one instant.
+    """
+    if len(contacts) != 1:
+        raise UnsupportedContactError(f"{len(contacts)} contacts at one instant; one is supported")
+    mujoco.mj_fwdPosition(model, data)
+    M = mass_matrix(model, data)
+    momentum_map = momentum_matrix(model, data, 0)
+    before = np.array(data.qvel)
+    contact = contacts[0]
+    J_n = contact_jacobian(model, data, contact)
+    after, impulse = reflect(M, J_n, before, contact.restitution) if J_n @ before < 0.0 else (before, 0.0)
+    return Impact(
+        contacts=tuple(contacts),
+        impulses=np.array([impulse]),
+        approach_speeds=np.array([-(J_n @ before)]),
+        separation_speeds=np.array([J_n @ after]),
+        before=ImpactState(before, kinetic_energy(M, before), momentum_map @ before),
+        after=ImpactState(after, kinetic_energy(M, after), momentum_map @ after),
+    )

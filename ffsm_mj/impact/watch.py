@@ -1,0 +1,59 @@
+"""Contacts that nobody resolves: pairs that are neither impact pairs nor ignored are watched and reported.
+
+MuJoCo's own broad and narrow phase lists overlapping geoms at the control rate; the list is read and nothing is pushed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import mujoco
+
+from ffsm_mj.events import UnhandledContactRecord
+
+
+class ContactWatch:
+    """Follows overlaps from their first tick to their last."""
+
+    def __init__(self, model: Any, data: Any, known: Iterable[frozenset[int]]) -> None:
+        """Watch all pairs of geoms that MuJoCo would collide, except the known ones."""
+        self._model, self._data = model, data
+        self._known = frozenset(known)
+        self._open: dict[frozenset[int], tuple[float, float]] = {}
+        self._flag = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+
+    def look(self, time_s: float) -> list[UnhandledContactRecord]:
+        """Update at one tick; returns the overlaps that have ended."""
+        model, data = self._model, self._data
+        disabled = model.opt.disableflags
+        model.opt.disableflags = disabled & ~self._flag
+        try:
+            mujoco.mj_collision(model, data)
+        finally:
+            model.opt.disableflags = disabled
+        if not data.ncon and not self._open:
+            return []
+        now: dict[frozenset[int], float] = {}
+        for geoms, distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
+            pair = frozenset(geoms)
+            if distance < 0.0 and pair not in self._known:
+                now[pair] = max(now.get(pair, 0.0), -distance)
+        ended = [self._record(pair, time_s) for pair in self._open.keys() - now.keys()]
+        for pair in self._open.keys() - now.keys():
+            del self._open[pair]
+        for pair, depth in now.items():
+            start, deepest = self._open.get(pair, (time_s, 0.0))
+            self._open[pair] = (start, max(deepest, depth))
+        return ended
+
+    def finish(self, time_s: float) -> list[UnhandledContactRecord]:
+        """Overlaps that last to the end of the run."""
+        records = [self._record(pair, time_s) for pair in self._open]
+        self._open.clear()
+        return records
+
+    def _record(self, pair: frozenset[int], end_s: float) -> UnhandledContactRecord:
+        start, depth = self._open[pair]
+        names = tuple(sorted(self._model.geom(g).name or f"geom {g}" for g in pair))
+        return UnhandledContactRecord(names, start, end_s, depth)

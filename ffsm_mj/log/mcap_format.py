@@ -1,0 +1,252 @@
+"""The bytes of ``run.mcap``, defined once for writer and reader: topics, protobuf schemas and the layout of a sample.
+
+``/ffsm/sample`` nests one message per signal group; every field is a double and always present, so a message is a
+constant template with float64 values at fixed offsets, and a block of rows is encoded by numpy in one go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+import numpy.typing as npt
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
+from ffsm_mj.events import ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.model import FloatArray
+from ffsm_mj.signals import GROUPS, Layout, Signal
+
+SAMPLE_TOPIC = "/ffsm/sample"
+SAMPLE_SCHEMA = "ffsm.Sample"
+RECORD_TOPICS: dict[type, str] = {
+    ImpactRecord: "/ffsm/impact",
+    PhaseRecord: "/ffsm/phase",
+    UnhandledContactRecord: "/ffsm/unhandled_contact",
+    OutcomeRecord: "/ffsm/outcome",
+}
+SIGNALS_METADATA = "ffsm.signals"
+FACTS_METADATA = "ffsm.run"
+SCENARIO_ATTACHMENT = "scenario.yaml"
+
+_Field = descriptor_pb2.FieldDescriptorProto
+_MESSAGE_CLASSES: dict[type[Any], Any] = {}
+_SCALARS = {float: _Field.TYPE_DOUBLE, int: _Field.TYPE_INT64, str: _Field.TYPE_STRING}
+
+
+def nanoseconds(time_s: float) -> int:
+    """Simulation time as MCAP's integer ``log_time``."""
+    return round(time_s * 1e9)
+
+
+def schema_name(record_type: type) -> str:
+    """Protobuf name of an event: ``ffsm.Impact`` for ``ImpactRecord``."""
+    return f"ffsm.{record_type.__name__.removesuffix('Record')}"
+
+
+# --- /ffsm/sample -----------------------------------------------------------------------------------------------------
+
+
+def sample_schema(layout: Layout) -> bytes:
+    """FileDescriptorSet of the sample message of one run."""
+    file = descriptor_pb2.FileDescriptorProto(name="ffsm/sample.proto", package="ffsm", syntax="proto3")
+    sample = descriptor_pb2.DescriptorProto(name="Sample")
+    for number, group in enumerate(_groups(layout), start=1):
+        message = file.message_type.add(name=group.capitalize())
+        for i, signal in enumerate(_members(layout, group), start=1):
+            message.field.add(name=signal.name, number=i, type=_Field.TYPE_DOUBLE, label=_Field.LABEL_OPTIONAL)
+        sample.field.add(
+            name=group,
+            number=number,
+            type=_Field.TYPE_MESSAGE,
+            label=_Field.LABEL_OPTIONAL,
+            type_name=f".ffsm.{group.capitalize()}",
+        )
+    file.message_type.append(sample)
+    return bytes(descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString())
+
+
+def layout_of_schema(schema: bytes, units: Mapping[str, str]) -> Layout:
+    """Columns of a sample message as its schema in a file states them.
+
+    Args:
+        schema: FileDescriptorSet from the file.
+        units: ``unit | description`` by key, from the file's metadata.
+    """
+    file = descriptor_pb2.FileDescriptorSet.FromString(schema).file[0]
+    messages = {message.name: message for message in file.message_type}
+    signals = []
+    for group in messages["Sample"].field:
+        for field in messages[group.type_name.rsplit(".", 1)[-1]].field:
+            unit, _, description = units.get(f"{group.name}.{field.name}", " | ").partition(" | ")
+            signals.append(Signal(group.name, field.name, unit, description))
+    return Layout(tuple(signals))
+
+
+class SampleCodec:
+    """Rows to messages and back, a block at a time."""
+
+    def __init__(self, layout: Layout) -> None:
+        """Build the template of a message and the offsets of its values."""
+        template = bytearray()
+        offsets: list[int] = []
+        for number, group in enumerate(_groups(layout), start=1):
+            body = bytearray()
+            at: list[int] = []
+            for i in range(1, len(_members(layout, group)) + 1):
+                body += _varint(i << 3 | 1)
+                at.append(len(body))
+                body += bytes(8)
+            template += _varint(number << 3 | 2) + _varint(len(body))
+            offsets += [len(template) + offset for offset in at]
+            template += body
+        self._template = np.frombuffer(bytes(template), dtype=np.uint8)
+        self._positions = (np.array(offsets, dtype=np.intp)[:, None] + np.arange(8)).ravel()
+
+    @property
+    def message_size(self) -> int:
+        """Bytes of one message."""
+        return len(self._template)
+
+    def encode(self, rows: FloatArray) -> list[bytes]:
+        """One protobuf message per row."""
+        out = np.tile(self._template, (len(rows), 1))
+        out[:, self._positions] = np.ascontiguousarray(rows, dtype="<f8").view(np.uint8)
+        data, size = out.tobytes(), self.message_size
+        return [data[i : i + size] for i in range(0, len(data), size)]
+
+    def decode(self, messages: list[bytes]) -> FloatArray:
+        """Rows of messages.
+
+        Raises:
+            ValueError: A message has not the layout of its schema.
+        """
+        if any(len(message) != self.message_size for message in messages):
+            raise ValueError("a sample has not the size that its schema implies")
+        raw = np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), self.message_size)
+        fixed = np.ones(self.message_size, dtype=np.bool_)
+        fixed[self._positions] = False
+        if not np.array_equal(raw[:, fixed], np.broadcast_to(self._template[fixed], (len(messages), int(fixed.sum())))):
+            raise ValueError("a sample has not the fields that its schema states")
+        values: npt.NDArray[np.uint8] = np.ascontiguousarray(raw[:, self._positions])
+        return values.view("<f8").astype(np.float64)
+
+
+def _groups(layout: Layout) -> list[str]:
+    present = {signal.group for signal in layout.signals}
+    return [group for group in GROUPS if group in present]
+
+
+def _members(layout: Layout, group: str) -> list[Signal]:
+    return [signal for signal in layout.signals if signal.group == group]
+
+
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+# --- events -----------------------------------------------------------------------------------------------------------
+
+
+def record_schema(record_type: type) -> bytes:
+    """FileDescriptorSet of an event, derived from its dataclass."""
+    file = descriptor_pb2.FileDescriptorProto(
+        name=f"ffsm/{record_type.__name__.lower()}.proto", package="ffsm", syntax="proto3"
+    )
+    message = file.message_type.add(name=schema_name(record_type).removeprefix("ffsm."))
+    hints = get_type_hints(record_type)
+    for number, field in enumerate(fields(record_type), start=1):
+        _add_field(message, field.name, number, hints[field.name])
+    return bytes(descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString())
+
+
+def _add_field(message: Any, name: str, number: int, hint: Any) -> None:
+    """Add a field: scalar, sequence of scalars, or map from names to text or to lists of doubles."""
+    scalar = _SCALARS.get(hint)
+    if scalar is not None:
+        message.field.add(name=name, number=number, type=scalar, label=_Field.LABEL_OPTIONAL)
+        return
+    kind, parts = get_origin(hint), get_args(hint)
+    if kind is tuple:
+        message.field.add(name=name, number=number, type=_SCALARS[parts[0]], label=_Field.LABEL_REPEATED)
+        return
+    entry_name = "".join(part.capitalize() for part in name.split("_")) + "Entry"
+    entry = message.nested_type.add(name=entry_name)
+    entry.options.map_entry = True
+    entry.field.add(name="key", number=1, type=_Field.TYPE_STRING, label=_Field.LABEL_OPTIONAL)
+    path = f".ffsm.{message.name}"
+    if parts[1] is str:
+        entry.field.add(name="value", number=2, type=_Field.TYPE_STRING, label=_Field.LABEL_OPTIONAL)
+    else:
+        if not any(nested.name == "Values" for nested in message.nested_type):
+            values = message.nested_type.add(name="Values")
+            values.field.add(name="values", number=1, type=_Field.TYPE_DOUBLE, label=_Field.LABEL_REPEATED)
+        entry.field.add(
+            name="value",
+            number=2,
+            type=_Field.TYPE_MESSAGE,
+            label=_Field.LABEL_OPTIONAL,
+            type_name=f"{path}.Values",
+        )
+    message.field.add(
+        name=name,
+        number=number,
+        type=_Field.TYPE_MESSAGE,
+        label=_Field.LABEL_REPEATED,
+        type_name=f"{path}.{entry_name}",
+    )
+
+
+def _message_class(record_type: type[Any]) -> Any:
+    if record_type in _MESSAGE_CLASSES:
+        return _MESSAGE_CLASSES[record_type]
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(record_schema(record_type)).file:
+        pool.Add(file)
+    _MESSAGE_CLASSES[record_type] = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema_name(record_type)))
+    return _MESSAGE_CLASSES[record_type]
+
+
+def encode_record(record: Any) -> bytes:
+    """Protobuf bytes of an event."""
+    message = _message_class(type(record))()
+    for name, value in _items(record):
+        if isinstance(value, Mapping):
+            for key, entry in value.items():
+                if isinstance(entry, str):
+                    getattr(message, name)[key] = entry
+                else:
+                    getattr(message, name)[key].values.extend(entry)
+        elif isinstance(value, tuple):
+            getattr(message, name).extend(value)
+        else:
+            setattr(message, name, value)
+    return bytes(message.SerializeToString(deterministic=True))
+
+
+def decode_record(record_type: type, data: bytes) -> Any:
+    """Event of protobuf bytes; inverse of :func:`encode_record`."""
+    message = _message_class(record_type).FromString(data)
+    hints = get_type_hints(record_type)
+    values = {}
+    for field in fields(record_type):
+        value, hint = getattr(message, field.name), hints[field.name]
+        kind = get_origin(hint)
+        if kind is tuple:
+            value = tuple(value)
+        elif kind is not None:
+            text = get_args(hint)[1] is str
+            value = {key: entry if text else tuple(entry.values) for key, entry in value.items()}
+        values[field.name] = value
+    return record_type(**values)
+
+
+def _items(record: Any) -> Iterator[tuple[str, Any]]:
+    for field in fields(record):
+        yield field.name, getattr(record, field.name)

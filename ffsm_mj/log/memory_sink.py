@@ -1,0 +1,86 @@
+"""A run kept in memory, in the form in which the MCAP reader returns one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ffsm_mj.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.log.sink import RunHeader
+from ffsm_mj.model import FloatArray
+
+
+@dataclass(frozen=True)
+class RunLog:
+    """Everything a log holds.
+
+    Attributes:
+        header: Names, scenario, files.
+        rows: One row per control tick, (n, number of signals).
+        impacts: Contacts of all impacts in order.
+        phases: Beginnings of phases in order.
+        unhandled: Contacts that nobody resolved.
+        outcome: How the run ended; None where the log breaks off before.
+    """
+
+    header: RunHeader
+    rows: FloatArray
+    impacts: tuple[ImpactRecord, ...] = ()
+    phases: tuple[PhaseRecord, ...] = ()
+    unhandled: tuple[UnhandledContactRecord, ...] = ()
+    outcome: OutcomeRecord | None = None
+
+
+def run_log(header: RunHeader, rows: FloatArray, events: Sequence[Event], outcome: OutcomeRecord | None) -> RunLog:
+    """Sort events by kind."""
+    return RunLog(
+        header,
+        rows,
+        tuple(event for event in events if isinstance(event, ImpactRecord)),
+        tuple(event for event in events if isinstance(event, PhaseRecord)),
+        tuple(event for event in events if isinstance(event, UnhandledContactRecord)),
+        outcome,
+    )
+
+
+@dataclass
+class MemorySink:
+    """Keeps every row and event."""
+
+    header: RunHeader | None = None
+    blocks: list[FloatArray] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    outcome: OutcomeRecord | None = None
+
+    def open(self, header: RunHeader) -> None:
+        """Begin a run."""
+        self.header = header
+
+    def rows(self, block: FloatArray) -> None:
+        """Keep a copy of a block."""
+        self.blocks.append(block.copy())
+
+    def event(self, event: Event) -> None:
+        """Keep an event."""
+        self.events.append(event)
+
+    def flush(self) -> None:
+        """Nothing to do: memory does not survive a kill."""
+
+    def close(self, outcome: OutcomeRecord | None) -> None:
+        """End the run."""
+        self.outcome = outcome
+
+    def log(self) -> RunLog:
+        """The run so far.
+
+        Raises:
+            ValueError: Nothing was opened.
+        """
+        if self.header is None:
+            raise ValueError("no run was recorded")
+        width = len(self.header.layout.signals)
+        rows = np.concatenate(self.blocks) if self.blocks else np.empty((0, width))
+        return run_log(self.header, rows, self.events, self.outcome)

@@ -1,0 +1,108 @@
+"""The folder that a run leaves: log, recording, inputs that run again, summary."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ffsm_mj.errors import InputError
+from ffsm_mj.log.mcap_sink import McapSink
+from ffsm_mj.log.sink import RunHeader, Sink
+from ffsm_mj.model import System
+
+LOG = "run.mcap"
+PARTIAL_LOG = "run.mcap.partial"
+RECORDING = "run.rrd"
+SCENARIO = "scenario.yaml"
+SUMMARY = "summary.json"
+_OURS = (LOG, PARTIAL_LOG, RECORDING, SCENARIO, SUMMARY)
+
+
+def default_folder(scenario_name: str) -> Path:
+    """``logs/<scenario>-<UTC time>`` below the current folder, with a number behind where that exists."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    base = Path("logs") / f"{scenario_name}-{stamp}"
+    candidates = [base, *(base.with_name(f"{base.name}-{i}") for i in range(2, 1000))]
+    return next(path for path in candidates if not path.exists())
+
+
+def link_latest(folder: Path) -> None:
+    """Point ``logs/latest`` to a folder in ``logs/``; where links are not possible, leave it."""
+    link = folder.parent / "latest"
+    try:
+        temporary = link.with_name(f".latest-{os.getpid()}")
+        temporary.unlink(missing_ok=True)
+        temporary.symlink_to(folder.name, target_is_directory=True)
+        os.replace(temporary, link)
+    except OSError:
+        return
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """A folder for one run."""
+
+    path: Path
+
+    @classmethod
+    def create(cls, path: Path, *, force: bool) -> RunFolder:
+        """Make the folder, or take one that holds no run.
+
+        Raises:
+            InputError: It holds a run and ``force`` is not given, or cannot be made.
+        """
+        held = [name for name in _OURS if (path / name).exists()]
+        if held and not force:
+            raise InputError(f"{path}: holds a run already ({held[0]}); choose another --out, or --force to replace it")
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            for name in held:
+                (path / name).unlink()
+        except OSError as error:
+            raise InputError(f"{path}: cannot be used as a run folder ({error.strerror})") from error
+        return cls(path)
+
+    def write_inputs(self, header: RunHeader) -> None:
+        """Write the resolved scenario and the models it refers to."""
+        (self.path / SCENARIO).write_text(header.scenario_yaml, encoding="utf-8")
+        for name, content in header.files.items():
+            file = self.path / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content)
+
+    def sinks(self, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
+        """The log, and the recording where it is wanted."""
+        sinks: list[Sink] = [McapSink(self.path / LOG)]
+        if with_rerun:
+            from ffsm_mj.log.rerun_sink import RerunSink  # a second to import, for those who want a recording
+
+            sinks.append(RerunSink(self.path / RECORDING, system, view_rate_hz))
+        return sinks
+
+    def write_summary(self, summary: dict[str, Any]) -> None:
+        """Write ``summary.json``; a full disk here loses nothing that the log does not hold."""
+        try:
+            (self.path / SUMMARY).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        except OSError:
+            return
+
+
+def find_log(run: Path) -> Path:
+    """The log of a run given as a folder or as the file itself.
+
+    Raises:
+        InputError: There is none.
+    """
+    if run.is_dir():
+        for name in (LOG, PARTIAL_LOG):
+            if (run / name).is_file():
+                return run / name
+        raise InputError(f"{run}: holds no {LOG}")
+    if not run.is_file():
+        hint = "; run 'ffsm run baseline' first" if run.name == "latest" else ""
+        raise InputError(f"{run}: no such run{hint}")
+    return run

@@ -1,0 +1,248 @@
+"""From a scenario to a finished run, in a straight line: assemble, open the log, simulate, close, summarise."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.analysis import Run
+from ffsm_mj.assembly import Assembly, assemble, unwatched_overlaps
+from ffsm_mj.events import OutcomeRecord
+from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.impact.watch import ContactWatch
+from ffsm_mj.ledger import Ledger
+from ffsm_mj.log.memory_sink import MemorySink
+from ffsm_mj.log.recorder import Recorder
+from ffsm_mj.log.sink import RunHeader, Sink
+from ffsm_mj.row_writer import RowWriter
+from ffsm_mj.run_folder import RunFolder
+from ffsm_mj.scenario import Scenario, load_scenario
+from ffsm_mj.shipped import scenario_path
+from ffsm_mj.signals import PARTIES, build_layout
+from ffsm_mj.simulation import Plant, Settings, Simulation
+from ffsm_mj.yaml_source import write_yaml
+
+_PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
+
+
+def run(
+    scenario: str | Path,
+    overrides: Sequence[str] | Mapping[str, Any] = (),
+    *,
+    out: str | Path | None = None,
+    force: bool = False,
+    rerun: bool | None = None,
+    report: Callable[[float, float], None] | None = None,
+) -> Run:
+    """Simulate a scenario.
+
+    Args:
+        scenario: A path, or the name of a shipped scenario.
+        overrides: ``key=value`` strings as on the command line, or a mapping of dotted keys to values.
+        out: Run folder to write; None keeps the run in memory only.
+        force: Replace a run that ``out`` already holds.
+        rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
+        report: Told (simulation time, duration) in s as the run goes.
+
+    Returns:
+        The run, the same object that :func:`ffsm_mj.load_run` reads from the log.
+
+    Raises:
+        InputError: The scenario or a model is wrong, or the folder holds a run.
+    """
+    if isinstance(overrides, Mapping):
+        overrides = [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
+    prepared = prepare(scenario, overrides)
+    return prepared.run(out=Path(out) if out is not None else None, force=force, rerun=rerun, report=report)
+
+
+def prepare(scenario: str | Path, overrides: Sequence[str] = ()) -> Prepared:
+    """Read, validate and assemble a scenario; nothing is written and nothing moves.
+
+    Raises:
+        InputError: The scenario or a model is wrong.
+    """
+    config, source = load_scenario(scenario_path(scenario), overrides)
+    return Prepared(assemble(config, source))
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scenario that is ready to run, once."""
+
+    assembly: Assembly
+
+    @property
+    def scenario(self) -> Scenario:
+        """The validated scenario."""
+        return self.assembly.scenario
+
+    def run(
+        self,
+        *,
+        out: Path | None = None,
+        force: bool = False,
+        rerun: bool | None = None,
+        report: Callable[[float, float], None] | None = None,
+    ) -> Run:
+        """Simulate; see :func:`run`."""
+        folder = RunFolder.create(out, force=force) if out is not None else None
+        with_rerun = self.scenario.log.rerun if rerun is None else rerun
+        return _simulate(self.assembly, folder, with_rerun=with_rerun, report=report)
+
+    def describe(self) -> list[str]:
+        """Lines that tell a person what would run, and what to know of it."""
+        assembly, system = self.assembly, self.assembly.system
+        pairs = ", ".join(f"{p.robot_geom} - {p.object_geom} (e = {p.restitution:g})" for p in assembly.pairs) or "none"
+        phases = ", ".join(f"{p.name} ({p.controller.kind})" for p in self.scenario.phases)
+        lines = [
+            f"{self.scenario.name}: valid",
+            *(f"  {tree.name}: {len(tree.bodies)} bodies, {tree.dofs.stop - tree.dofs.start} dofs" for tree in system.trees),
+            f"  impact pairs: {pairs}",
+            f"  phases: {phases}",
+            f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
+            f" steps of {self.scenario.time_step_s:g} s",
+        ]
+        lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
+            "conservative: nothing in the models breaks it"
+        ]
+        lines += [f"note: {note}" for note in system.notes]
+        lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
+        return lines
+
+
+def _simulate(
+    assembly: Assembly, folder: RunFolder | None, *, with_rerun: bool, report: Callable[[float, float], None] | None
+) -> Run:
+    config, system = assembly.scenario, assembly.system
+    layout = build_layout(
+        system, assembly.actuation.signals, assembly.controller.telemetry_signals, tip=assembly.task is not None
+    )
+    files = {f"mjcf/{name}/{f.relative(path)}": path.read_bytes() for name, f in system.files.items() for path in f.files}
+    ledger = Ledger(system, assembly.data)
+    header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly, ledger))
+    memory = MemorySink()
+    sinks: list[Sink] = [memory]
+    if folder is not None:
+        folder.write_inputs(header)
+        sinks += folder.sinks(system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
+    plant = Plant(
+        system,
+        assembly.data,
+        assembly.actuation,
+        Detector(system.mj, assembly.data, assembly.pairs),
+        ContactWatch(system.mj, assembly.data, assembly.known_pairs),
+        ledger,
+    )
+    recorder = Recorder(layout, sinks)
+    tip = assembly.task.tip_site if assembly.task else None
+    rows = RowWriter(layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, tip)
+    simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
+    with _interrupts() as interrupted, recorder:
+        recorder.open(header)
+        outcome = simulation.run(interrupted, lambda t: report(t, config.duration_s) if report else None)
+        recorder.outcome = _with_controller(outcome, memory)
+    finished = Run(memory.log())
+    if folder is not None:
+        folder.write_summary(finished.summary())
+    return finished
+
+
+def _settings(config: Scenario) -> Settings:
+    return Settings(
+        time_step_s=config.time_step_s,
+        steps_per_tick=config.steps_per_tick,
+        ticks=config.ticks,
+        stop_on_impact=config.stop_on_impact,
+        rest_speed_m_s=config.impact.rest_speed_m_s,
+        max_impacts_per_second=config.impact.max_impacts_per_second,
+        max_impacts=config.impact.max_impacts,
+    )
+
+
+def _with_controller(outcome: OutcomeRecord, memory: MemorySink) -> OutcomeRecord:
+    """Add what the rows say of the Riccati solver, and the versions that made the run."""
+    log = memory.log()
+    index = log.header.layout.index
+
+    def column(name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+        if name not in index:
+            return np.zeros(1)
+        values = log.rows[:, index[name]]
+        return np.append(values[np.isfinite(values)], 0.0)
+
+    return replace(
+        outcome,
+        riccati_fallbacks=int(column("controller.osdre_riccati_fallback").sum()),
+        worst_riccati_residual=float(column("controller.osdre_riccati_residual").max()),
+        versions=versions(),
+    )
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that shape a result."""
+    return {package: version(package) for package in _PACKAGES}
+
+
+def _resolved_yaml(assembly: Assembly) -> str:
+    """The scenario with every default written out, its models where the run folder keeps them."""
+    data = assembly.scenario.model_dump(mode="json")
+    for name, files in assembly.system.files.items():
+        part = data["robot"] if name == "robot" else data["objects"][name]
+        part["mjcf"] = f"mjcf/{name}/{files.relative(files.main)}"
+    return write_yaml(_without_none(data))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return value if not isinstance(value, list) else [_without_none(item) for item in value]
+
+
+def _facts(assembly: Assembly, ledger: Ledger) -> dict[str, str]:
+    config, task = assembly.scenario, assembly.task
+    facts = {
+        "format_version": "1",
+        "scenario": config.name,
+        "created_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "duration_s": repr(config.duration_s),
+        "conservative": "true" if not assembly.system.faults else "false",
+        "not_conservative": "; ".join(assembly.system.faults),
+    }
+    for party, free in zip(PARTIES, ledger.free, strict=True):
+        facts[f"free_components_{party}"] = " ".join(f"{x:.0f}" for x in free)
+    if task is not None and config.task is not None:
+        facts["task_axes"] = " ".join(config.task.axes)
+        facts["task_target_m"] = " ".join(repr(float(x)) for x in config.task.target_m)
+    return facts | {f"version {name}": text for name, text in versions().items()}
+
+
+@contextmanager
+def _interrupts() -> Iterator[Callable[[], bool]]:
+    """Turn the first Ctrl-C (or SIGTERM) into a flag, so that no half-written state is left; a second one raises."""
+    seen: list[int] = []
+
+    def note(number: int, _: Any) -> None:
+        if seen:
+            raise KeyboardInterrupt
+        seen.append(number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    previous = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(seen)
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -1,0 +1,328 @@
+"""The scenario: everything a run needs, typed, validated and frozen. Units are in the key names, frames in the comments."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
+
+from pydantic import BaseModel, Field, PositiveFloat, PositiveInt, ValidationError, model_validator
+
+from controllers import kinds
+from ffsm_mj.actuation import ActuatorConfig
+from ffsm_mj.config import StrictModel
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.yaml_source import YamlSource, read_yaml
+
+SCHEMA_LINE = "# yaml-language-server: $schema=ffsm.schema.json"
+
+_KINDS = kinds()
+if TYPE_CHECKING:
+    ControllerConfig: TypeAlias = Any
+else:
+    ControllerConfig = Annotated[
+        Union[tuple(cls.Config for cls in _KINDS.classes.values())],  # noqa: UP007 (a union of unknown length)
+        Field(discriminator="kind"),
+    ]
+
+Name = Annotated[str, Field(min_length=1)]
+Axis = Literal["x", "y", "z"]
+JointValue = float | tuple[float, ...]
+
+
+class RobotConfig(StrictModel):
+    """The free-floating manipulator."""
+
+    mjcf: Name
+    """MJCF or URDF file, relative to the scenario; its root body is the base."""
+
+
+class ObjectConfig(StrictModel):
+    """A floating object."""
+
+    mjcf: Name
+    """MJCF or URDF file, relative to the scenario."""
+
+
+class InitialConfig(StrictModel):
+    """State at t = 0. Joints that are not named start at the model's zero, at rest."""
+
+    joints: dict[Name, JointValue] = {}
+    """Coordinates by joint: rad or m; a free joint takes x, y, z in m and a quaternion w, x, y, z."""
+    rates: dict[Name, JointValue] = {}
+    """Rates by joint: rad/s or m/s; a free joint takes velocity in world axes and angular velocity in body axes."""
+
+
+class TaskConfig(StrictModel):
+    """What the arm is to do: bring a site to a point."""
+
+    tip: Name
+    """Site of the robot that is regulated."""
+    axes: Annotated[tuple[Axis, ...], Field(min_length=2, max_length=3)] = ("x", "y", "z")
+    """World axes that count: two for a planar task, three in space."""
+    target_m: tuple[float, ...]
+    """Target of the tip along these axes in world coordinates, m."""
+
+    @model_validator(mode="after")
+    def _one_target_per_axis(self) -> TaskConfig:
+        if len(set(self.axes)) != len(self.axes):
+            raise ValueError("axes must be different")
+        if len(self.target_m) != len(self.axes):
+            raise ValueError(f"target_m has {len(self.target_m)} numbers for {len(self.axes)} axes")
+        return self
+
+
+class ImpactPairConfig(StrictModel):
+    """A geom of the robot and a geom of an object whose contact is resolved."""
+
+    robot_geom: Name
+    object_geom: Name
+    restitution: Annotated[float, Field(ge=0.0)] = 1.0
+    """Coefficient of restitution e: 1 elastic, 0 plastic."""
+    super_elastic: bool = False
+    """Allow e > 1, an impact that gains energy (the paper's case c)."""
+
+    @model_validator(mode="after")
+    def _super_elastic_by_name(self) -> ImpactPairConfig:
+        if self.restitution > 1.0 and not self.super_elastic:
+            raise ValueError("restitution must be in [0, 1]; above 1 only with 'super_elastic: true'")
+        return self
+
+
+class IgnoredPairConfig(StrictModel):
+    """Contacts that are known and left alone."""
+
+    pair: Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)]
+    """Two names, each a geom, a body (all its geoms), or a model: ``robot`` or the name of an object."""
+    reason: Name
+    """Why these contacts do not matter."""
+
+
+class PhaseConfig(StrictModel):
+    """A phase of the task: it ends at the first impact, after a time, or with the run."""
+
+    name: Name
+    until: Literal["impact", "end"] | None = None
+    """``impact``: the first impact after its start; ``end``: the end of the run."""
+    for_s: PositiveFloat | None = None
+    """Duration in s; it ends at the first control tick at or after that."""
+    controller: ControllerConfig
+    """Control law, chosen by ``kind``."""
+
+    @model_validator(mode="after")
+    def _one_end(self) -> PhaseConfig:
+        if (self.until is None) == (self.for_s is None):
+            raise ValueError("a phase needs either 'until' (impact, end) or 'for_s'")
+        return self
+
+
+class ImpactConfig(StrictModel):
+    """Limits of impact resolution."""
+
+    rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 1e-4
+    """An approach slower than this with e < 1 is lasting contact."""
+    max_impacts_per_second: PositiveInt = 100
+    """More impacts of one pair within a second are lasting contact."""
+    max_impacts: PositiveInt = 10_000
+    """The run ends after this many impacts."""
+
+
+class LogConfig(StrictModel):
+    """What is written."""
+
+    rerun: bool = True
+    """Write ``run.rrd`` for the Rerun viewer."""
+    view_rate_hz: PositiveFloat = 50.0
+    """Frames per simulated second in ``run.rrd``."""
+
+
+class Scenario(StrictModel):
+    """One run of one robot and its objects."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    """Name of the run folder and of the log: letters, digits, '.', '_' and '-'."""
+    description: str = ""
+    """One line for ``ffsm run --list``."""
+    duration_s: PositiveFloat
+    """Simulated time, a multiple of the control period, s."""
+    time_step_s: PositiveFloat = 0.001
+    """Integration step of RK4, s."""
+    control_period_s: PositiveFloat = 0.001
+    """Time between two decisions of the controller, a multiple of the time step, s."""
+    conservative: bool = True
+    """Refuse gravity, damping, friction, springs, fluids and other integrators in the models."""
+    stop_on_impact: bool = False
+    """End the run right after the first impact."""
+    robot: RobotConfig
+    objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], ObjectConfig] = {}
+    """Floating objects by name; the name is the prefix of everything in the object's model."""
+    initial: InitialConfig = InitialConfig()
+    actuators: dict[Name, ActuatorConfig] = {}
+    """Limits of the robot's actuators by name; an actuator that is not named is ideal."""
+    task: TaskConfig | None = None
+    impact_pairs: tuple[ImpactPairConfig, ...] = ()
+    ignored_pairs: tuple[IgnoredPairConfig, ...] = ()
+    phases: Annotated[tuple[PhaseConfig, ...], Field(min_length=1)]
+    impact: ImpactConfig = ImpactConfig()
+    log: LogConfig = LogConfig()
+
+    @property
+    def steps_per_tick(self) -> int:
+        """Integration steps in a control period."""
+        return round(self.control_period_s / self.time_step_s)
+
+    @property
+    def ticks(self) -> int:
+        """Control periods in the run."""
+        return round(self.duration_s / self.control_period_s)
+
+
+def _timing_faults(scenario: Scenario) -> list[Fault]:
+    faults = []
+    for key, whole, unit, unit_key in (
+        ("control_period_s", scenario.control_period_s, scenario.time_step_s, "time_step_s"),
+        ("duration_s", scenario.duration_s, scenario.control_period_s, "control_period_s"),
+    ):
+        ratio = whole / unit
+        if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+            nearest = max(1, round(ratio)) * unit
+            faults.append(Fault(f"must be a multiple of {unit_key} ({unit:g} s); the nearest is {nearest:g}", (key,)))
+    return faults
+
+
+def _other_faults(scenario: Scenario) -> list[Fault]:
+    faults = _timing_faults(scenario)
+    for reserved in {"robot", "world"} & set(scenario.objects):
+        faults.append(Fault("this name is taken; choose another", ("objects", reserved)))
+    for i, phase in enumerate(scenario.phases[:-1]):
+        if phase.until == "end":
+            faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
+    return faults
+
+
+def load_scenario(path: Path, overrides: Sequence[str] = ()) -> tuple[Scenario, YamlSource]:
+    """Read and validate a scenario.
+
+    Returns:
+        The scenario and its source, which tells where each key stands.
+
+    Raises:
+        InputError: One line per fault, with file, line and column.
+    """
+    source = read_yaml(path, overrides)
+    try:
+        scenario = Scenario.model_validate(source.data)
+    except ValidationError as error:
+        raise InputError([source.line(_fault(item)) for item in _without_other_members(error)]) from error
+    faults = _other_faults(scenario)
+    if faults:
+        raise located(ScenarioFaults(faults), source)
+    return scenario, source
+
+
+def located(error: ScenarioFaults, source: YamlSource) -> InputError:
+    """The same faults with the places where they stand."""
+    return InputError([source.line(fault) for fault in error.faults])
+
+
+def scenario_schema() -> dict[str, Any]:
+    """JSON Schema of a scenario, for editors."""
+    schema = Scenario.model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["title"] = "ffsm-mj scenario"
+    return schema
+
+
+def _fault(item: Any) -> Fault:
+    """A pydantic error as one of ours: the path without union tags, the message with what is allowed."""
+    kind, message = item["type"], item["msg"]
+    path = _file_path(item["loc"])
+    if kind == "extra_forbidden":
+        return Fault(_unknown_key(item["loc"]), path)
+    if kind == "union_tag_invalid":
+        context = item["ctx"]
+        return Fault(_unknown_kind(context["tag"], context["expected_tags"], path), (*path, "kind"))
+    if kind == "union_tag_not_found":
+        return Fault(
+            "needs a 'kind'; allowed: " + ", ".join(sorted(_KINDS.classes)) if "controller" in path else message, path
+        )
+    if kind == "missing":
+        return Fault("is missing", path)
+    value = item["input"]
+    shown = f", got {json.dumps(value)}" if isinstance(value, str | int | float | bool) else ""
+    text = message.removeprefix("Value error, ").replace("Input should", "should").replace("tuple", "list")
+    return Fault(f"{text}{shown}", path)
+
+
+def _without_other_members(error: ValidationError) -> list[Any]:
+    """Errors with only the best-fitting member of each plain union: one fault, one line."""
+    items: list[Any] = list(error.errors(include_url=False))
+    members: dict[Any, dict[Any, list[Any]]] = {}
+    out: list[Any] = []
+    for item in items:
+        at = next((i for i, part in enumerate(item["loc"]) if part == "float" or "[" in str(part)), None)
+        if at is None:
+            out.append(item)
+        else:
+            members.setdefault(item["loc"][:at], {}).setdefault(item["loc"][at], []).append(item)
+    for choices in members.values():
+        out += max(choices.values(), key=_fit)
+    return out
+
+
+def _fit(errors: list[Any]) -> tuple[int, int]:
+    """How far a union's member got before it failed, and with how few errors."""
+    return max(len(item["loc"]) for item in errors), -len(errors)
+
+
+def _file_path(location: tuple[str | int, ...]) -> tuple[str | int, ...]:
+    """Keys of the file in a pydantic location: union members and tags are no keys."""
+    known = {*_KINDS.classes, "ideal", "torque_speed", "on_off"}
+    out: list[str | int] = []
+    for i, part in enumerate(location):
+        after_union = i > 0 and (location[i - 1] == "controller" or (len(out) >= 2 and out[-2] == "actuators"))
+        if isinstance(part, str) and ((after_union and part in known) or part in ("float", "str") or "[" in part):
+            continue
+        out.append(part)
+    return tuple(out)
+
+
+def _unknown_key(location: tuple[str | int, ...]) -> str:
+    """Message for a key that its model does not have, with those that it has."""
+    model: Any = Scenario
+    for part in location[:-1]:
+        model = _member(model, part)
+    return "unknown key" + (f"; allowed: {', '.join(sorted(model.model_fields))}" if _is_model(model) else "")
+
+
+def _member(node: Any, part: str | int) -> Any:
+    """Model or annotation behind one step of a pydantic location: a field, a list position, a key, or a union's tag."""
+    if _is_model(node):
+        return _unwrap(node.model_fields[part].annotation) if part in node.model_fields else None
+    members = [arg for arg in getattr(node, "__args__", ()) if arg is not type(None)]
+    tagged = {m.model_fields["kind"].annotation.__args__[0]: m for m in members if _is_model(m) and "kind" in m.model_fields}
+    if part in tagged:
+        return tagged[part]
+    models = [_unwrap(member) for member in members if member not in (str, Ellipsis)]
+    return models[-1] if models else None
+
+
+def _unwrap(annotation: Any) -> Any:
+    """An annotation without its metadata and without None."""
+    while getattr(annotation, "__metadata__", None):
+        annotation = annotation.__origin__
+    members = [arg for arg in getattr(annotation, "__args__", ()) if arg is not type(None)]
+    return _unwrap(members[0]) if len(members) == 1 and _is_model(members[0]) else annotation
+
+
+def _is_model(node: Any) -> bool:
+    return isinstance(node, type) and issubclass(node, BaseModel)
+
+
+def _unknown_kind(tag: str, expected: str, path: tuple[str | int, ...]) -> str:
+    allowed = expected.replace("'", "")
+    broken = _KINDS.broken.get(tag) if "controller" in path else None
+    if broken:
+        return f"the plugin for kind {tag!r} cannot be used ({broken}); usable: {allowed}"
+    return f"unknown kind {tag!r}; allowed: {allowed}"

@@ -1,0 +1,39 @@
+"""Where the models and scenarios that come with ffsm-mj lie, in a checkout and in an installed wheel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ffsm_mj.errors import InputError, unknown_name
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def scenarios_dir() -> Path:
+    """Folder of the shipped scenarios; the models lie beside it in ``mjcf/``, so relative paths hold in both layouts."""
+    inside_wheel = _PACKAGE / "scenarios"
+    return inside_wheel if inside_wheel.is_dir() else _PACKAGE.parent / "scenarios"
+
+
+def scenario_names() -> tuple[str, ...]:
+    """Names that ``ffsm run NAME`` accepts, sorted."""
+    return tuple(sorted(path.stem for path in scenarios_dir().glob("*.yaml")))
+
+
+def scenario_path(scenario: str | Path) -> Path:
+    """Path of a scenario given as a path or as the name of a shipped one.
+
+    A string with a separator or a YAML suffix is a path; any other word is a name, unless a file of that name exists.
+
+    Raises:
+        InputError: Neither a file nor a shipped scenario.
+    """
+    path = Path(scenario)
+    if path.is_file():
+        return path
+    text = str(scenario)
+    if path.suffix in (".yaml", ".yml") or "/" in text or path.name != text:
+        raise InputError(f"{text}: no such scenario file")
+    if text not in scenario_names():
+        raise InputError(f"{text}: no such file, and {unknown_name('shipped scenario', text, scenario_names())}")
+    return scenarios_dir() / f"{text}.yaml"

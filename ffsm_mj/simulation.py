@@ -1,0 +1,248 @@
+"""The loop: observe, control, actuate, step, detect, resolve, record. It knows nothing of phases or control laws.
+
+One control tick: the controller sees the current state and decides the efforts, a row is recorded, and the plant moves on
+step by step with the efforts held. A touch inside a step stops the step there, is resolved, and the rest of the step runs.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.actuation import Actuation
+from ffsm_mj.controller_protocol import Command, Observation, TaskController
+from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError
+from ffsm_mj.events import Outcome, OutcomeRecord
+from ffsm_mj.impact.contact import ImpactPair, Proximity
+from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
+from ffsm_mj.impact.resolution import Contact, resolve
+from ffsm_mj.impact.time_of_impact import REST_RATE, Detector
+from ffsm_mj.impact.watch import ContactWatch
+from ffsm_mj.ledger import Ledger
+from ffsm_mj.log.recorder import Recorder
+from ffsm_mj.model import System
+from ffsm_mj.row_writer import RowWriter
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Times and limits of a run; see the scenario's keys of the same names."""
+
+    time_step_s: float
+    steps_per_tick: int
+    ticks: int
+    stop_on_impact: bool
+    rest_speed_m_s: float
+    max_impacts_per_second: int
+    max_impacts: int
+
+
+@dataclass
+class Plant:
+    """Everything that moves, and what watches it."""
+
+    system: System
+    data: Any
+    actuation: Actuation
+    detector: Detector
+    watch: ContactWatch
+    ledger: Ledger
+
+
+class RunEnded(Exception):
+    """The run is over before its time; carries how."""
+
+    def __init__(self, outcome: Outcome, message: str = "") -> None:
+        self.outcome, self.message = outcome, message or outcome.sentence
+        super().__init__(self.message)
+
+
+@dataclass
+class _Progress:
+    time_s: float = 0.0
+    steps: int = 0
+    ticks: int = 0
+    events: int = 0
+    recent: dict[str, deque[float]] = field(default_factory=dict)
+
+
+class Simulation:
+    """One run of a plant under a controller."""
+
+    def __init__(
+        self, plant: Plant, controller: TaskController, rows: RowWriter, recorder: Recorder, settings: Settings
+    ) -> None:
+        """Wire the parts; nothing moves yet."""
+        self._plant, self._controller, self._rows = plant, controller, rows
+        self._recorder, self._settings = recorder, settings
+        self._command = Command.off(int(plant.system.mj.nu))
+        self._done = _Progress()
+        self._warnings: list[str] = []
+
+    def run(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> OutcomeRecord:
+        """Simulate to the end, or to what ends the run before.
+
+        Args:
+            interrupted: Asked at each tick; True ends the run there.
+            report: Told the simulation time at each tick.
+
+        Returns:
+            How it ended, without the facts that only the controller's log knows.
+        """
+        started = time.perf_counter()
+        outcome, message = Outcome.COMPLETED, ""
+        with _collected_warnings(self._warnings):
+            try:
+                self._loop(interrupted, report)
+            except RunEnded as end:
+                outcome, message = end.outcome, end.message if end.outcome != Outcome.COMPLETED else ""
+            except KeyboardInterrupt:
+                outcome, message = Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence
+            except LogWriteError as error:
+                outcome, message = Outcome.WRITE_FAILED, str(error)
+        return OutcomeRecord(
+            outcome=outcome.value,
+            message=message,
+            end_s=self._done.time_s,
+            steps=self._done.steps,
+            wall_s=time.perf_counter() - started,
+            controller_ticks=self._done.ticks,
+            riccati_fallbacks=0,
+            worst_riccati_residual=0.0,
+        )
+
+    def _loop(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> None:
+        settings, data = self._settings, self._plant.data
+        period = settings.time_step_s * settings.steps_per_tick
+        try:
+            for tick in range(settings.ticks):
+                now = tick * period
+                self._decide(Observation(now, data))
+                self._record(now)
+                report(now)
+                if interrupted():
+                    raise RunEnded(Outcome.INTERRUPTED)
+                for _ in range(settings.steps_per_tick):
+                    self._step()
+            self._record(settings.ticks * period)
+        finally:
+            for record in self._plant.watch.finish(self._done.time_s):
+                self._recorder.event(record)
+
+    def _decide(self, observation: Observation) -> None:
+        """Ask the controller and hold what the plant makes of its command."""
+        self._command.clear()
+        try:
+            self._controller.control(observation, self._command)
+            self._plant.actuation.apply(self._command, observation.data)
+        except ControllerError as error:
+            raise RunEnded(Outcome.CONTROLLER_FAILED, str(error)) from error
+        except (ArithmeticError, ValueError, LookupError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
+            message = f"the controller raised {type(error).__name__} at t = {observation.time_s:.6g} s: {error}"
+            raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
+        self._done.ticks += 1
+        # Forces that act now are part of what the row and the ledger read.
+        mujoco.mj_fwdActuation(self._plant.system.mj, observation.data)
+        for phase in self._controller.drain_phases():
+            self._recorder.event(phase)
+
+    def _record(self, time_s: float) -> None:
+        self._rows.fill(self._recorder.row(), time_s)
+        self._recorder.commit()
+        for record in self._plant.watch.look(time_s):
+            self._recorder.event(record)
+
+    def _step(self) -> None:
+        """One integration step, with as many impacts as happen in it."""
+        plant, step_s = self._plant, self._settings.time_step_s
+        end_s, left = (self._done.steps + 1) * step_s, step_s
+        while True:
+            plant.ledger.open()
+            touch = plant.detector.advance(left)
+            plant.ledger.close(left if touch is None else touch)
+            self._check_finite()
+            if touch is None:
+                break
+            left -= touch
+            plant.data.time = self._done.time_s = end_s - left
+            self._impact(end_s - left)
+            if left <= 0.0:
+                break
+        self._done.steps += 1
+        # Multiples of the step, not sums: the clock does not drift.
+        plant.data.time = self._done.time_s = end_s
+
+    def _check_finite(self) -> None:
+        data = self._plant.data
+        if data.warning.number.any() or not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+            message = self._warnings[-1] if self._warnings else "the state is not finite"
+            raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
+
+    def _impact(self, time_s: float) -> None:
+        """Resolve the contacts at this instant, book and record them, and ask the controller at once."""
+        plant, data, model = self._plant, self._plant.data, self._plant.system.mj
+        touching = plant.detector.contacts()
+        self._refuse_lasting(touching, time_s)
+        contacts = [
+            Contact(pair.robot_body, pair.object_body, point, near.normal, pair.restitution)
+            for pair, near in touching
+            for point in near.points
+        ]
+        try:
+            impact = resolve(model, data, contacts)
+        except UnsupportedContactError as error:
+            names = "; ".join(f"{pair.robot_geom} - {pair.object_geom}" for pair, _ in touching)
+            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"at t = {time_s:.6g} s: {error} ({names})") from error
+        energies = party_energies(plant.system, data, impact)
+        data.qvel[:] = impact.after.qvel
+        mujoco.mj_forward(model, data)
+        plant.detector.restart()
+        plant.ledger.impact(energies[1] - energies[0], contact_wrench(impact))
+        records = impact_records(plant.system, data, touching, impact, energies, self._done.events, time_s)
+        self._done.events += 1
+        for record in records:
+            self._recorder.event(record)
+        self._after_impact(Observation(time_s, data, records))
+
+    def _after_impact(self, observation: Observation) -> None:
+        if self._settings.stop_on_impact:
+            self._decide(observation)
+            self._record(observation.time_s)
+            raise RunEnded(Outcome.COMPLETED)
+        if self._done.events >= self._settings.max_impacts:
+            raise RunEnded(Outcome.EVENT_LIMIT, f"{self._done.events} impacts; raise impact.max_impacts to go on")
+        self._decide(observation)
+
+    def _refuse_lasting(self, touching: list[tuple[ImpactPair, Proximity]], time_s: float) -> None:
+        """End the run where a contact lasts: too slow to bounce, or bouncing without end."""
+        settings = self._settings
+        for pair, near in touching:
+            name = f"{pair.robot_geom} - {pair.object_geom}"
+            if pair.restitution < 1.0 and -settings.rest_speed_m_s < near.rate < -REST_RATE:
+                message = f"{name} approaches at {-near.rate:.3g} m/s at t = {time_s:.6g} s with e = {pair.restitution:g}"
+                raise RunEnded(Outcome.LASTING_CONTACT, f"{message}; pushing is not modelled")
+            recent = self._done.recent.setdefault(name, deque())
+            recent.append(time_s)
+            while recent[0] < time_s - 1.0:
+                recent.popleft()
+            if len(recent) > settings.max_impacts_per_second:
+                message = f"{name} hit {len(recent)} times within a second at t = {time_s:.6g} s"
+                raise RunEnded(Outcome.LASTING_CONTACT, f"{message}; pushing is not modelled")
+
+
+@contextmanager
+def _collected_warnings(messages: list[str]) -> Any:
+    """Keep MuJoCo's warnings instead of letting it write MUJOCO_LOG.TXT where the user stands."""
+    previous = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(messages.append)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(previous)

@@ -1,0 +1,147 @@
+"""What a run came to, as text for a terminal."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+
+from ffsm_mj.analysis import Run
+from ffsm_mj.conservation import Law
+from ffsm_mj.events import ImpactRecord
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Aligned columns: text to the left, everything that starts like a number to the right."""
+    cells = [list(head), *(list(row) for row in rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
+    right = [all(row[i][:1] in "0123456789-+." or not row[i] for row in cells[1:]) for i in range(len(head))]
+    lines = []
+    for row in cells:
+        padded = [cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(row, widths, right, strict=True)]
+        lines.append("  " + "  ".join(padded).rstrip())
+    return "\n".join(lines)
+
+
+def run_report(run: Run) -> str:
+    """Outcome, impacts, tip and conservation of a finished run."""
+    parts = [headline(run), impact_table(run.impacts), *_tip_lines(run), *_contact_lines(run)]
+    if run.conservative:
+        parts.append(conservation_table(run.laws()))
+    else:
+        parts.append("not conservative: " + run.log.header.facts.get("not_conservative", ""))
+    return "\n\n".join(part for part in parts if part)
+
+
+def headline(run: Run) -> str:
+    """One line: scenario, outcome, times."""
+    summary = run.summary()
+    line = f"{run.name}: {summary['outcome']}"
+    if summary["message"]:
+        line += f" ({summary['message']})"
+    if run.complete:
+        line += f"; {summary['duration_s']:g} s simulated in {summary['wall_s']:.1f} s"
+        line += f" ({summary['real_time_factor']:.1f} times real time)"
+    else:
+        line += f"; {summary['duration_s']:g} s logged"
+    return line
+
+
+def impact_table(impacts: Sequence[ImpactRecord]) -> str:
+    """One row per contact of every impact; |dT|, |dP| and |dL| are of the whole system."""
+    if not impacts:
+        return "no impact"
+    head = ("impact", "time s", "robot", "object", "e", "approach m/s", "impulse N s", "dT J", "|dP| N s", "|dL| N m s")
+    return table(
+        head,
+        (
+            (
+                str(record.event + 1),
+                f"{record.time_s:.6f}",
+                record.robot_geom,
+                record.object_geom,
+                f"{record.restitution:g}",
+                f"{record.approach_speed_m_s:.6f}",
+                f"{record.impulse_N_s:.6f}",
+                f"{record.energy_change_J:.1e}",
+                f"{record.linear_momentum_change_N_s:.1e}",
+                f"{record.angular_momentum_change_N_m_s:.1e}",
+            )
+            for record in impacts
+        ),
+    )
+
+
+def conservation_table(laws: Sequence[Law]) -> str:
+    """One row per law: worst residual, when, what is allowed, verdict."""
+    if not laws:
+        return "no samples: nothing to verify"
+    return table(
+        ("law", "of", "worst residual", "unit", "at s", "allowed", ""),
+        (
+            (
+                law.name,
+                law.party,
+                f"{law.residual:.1e}",
+                law.unit,
+                f"{law.time_s:.3f}",
+                f"{law.tolerance:.1e}",
+                "holds" if law.holds else "VIOLATED",
+            )
+            for law in laws
+        ),
+    )
+
+
+def _tip_lines(run: Run) -> list[str]:
+    tip = run.summary()["tip"]
+    if tip is None:
+        return []
+    target = ", ".join(f"{x:g}" for x in tip["target_m"])
+    closest = f"smallest error {tip['min_error_m']:.4f} m at {tip['min_error_time_s']:.3f} s"
+    last = f"final error {tip['final_error_m']:.4f} m at {tip['final_speed_m_s']:.4f} m/s"
+    return [f"tip to ({target}) m: {closest}, {last}"]
+
+
+def _contact_lines(run: Run) -> list[str]:
+    if not run.unhandled_contacts:
+        return []
+    head = ("unhandled contact", "and", "from s", "to s", "depth m")
+    rows = (
+        (c.geoms[0], c.geoms[1], f"{c.start_s:.3f}", f"{c.end_s:.3f}", f"{c.max_depth_m:.2e}")
+        for c in run.unhandled_contacts
+    )
+    return [table(head, rows) + "\n  nothing pushed these apart: make them impact pairs, or list them in ignored_pairs"]
+
+
+def verification(run: Run, tolerance: float) -> str:
+    """What ``ffsm analyze`` prints: everything recomputed from the log."""
+    parts = [headline(run), impact_table(run.impacts), *_tip_lines(run), *_contact_lines(run)]
+    laws = run.laws(tolerance)
+    parts.append(conservation_table(laws))
+    if not run.conservative:
+        parts.append("not judged, the run is not conservative: " + run.log.header.facts.get("not_conservative", ""))
+    elif laws:
+        broken = [f"{law.name} of {law.party}" for law in laws if not law.holds]
+        verdict = f"VIOLATED: {', '.join(broken)}" if broken else f"all {len(laws)} laws hold"
+        parts.append(f"{verdict} over {run.time[-1]:g} s ({len(run.time)} samples)")
+    if not run.complete:
+        parts.append("incomplete: the log breaks off before the end of the run")
+    return "\n\n".join(part for part in parts if part)
+
+
+def verification_json(run: Run, tolerance: float) -> str:
+    """The same for scripts."""
+    laws = [
+        {
+            "law": law.name,
+            "of": law.party,
+            "residual": law.residual if math.isfinite(law.residual) else None,
+            "unit": law.unit,
+            "time_s": law.time_s,
+            "tolerance": law.tolerance,
+            "holds": law.holds,
+        }
+        for law in run.laws(tolerance)
+    ]
+    return json.dumps({"summary": run.summary(), "laws": laws, "complete": run.complete}, indent=2, allow_nan=False)
