@@ -133,7 +133,7 @@ def _effort_per_ctrl(system: System) -> FloatArray:
         if not (fixed_gain and no_bias and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE):
             message = f"actuator {model.actuator(i).name!r} is no plain <motor>: its force would not be the command"
             faults.append(Fault(message, ("robot", "mjcf")))
-        on_joint = model.actuator_trntype[i] in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+        on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
         gear[i] = model.actuator_gainprm[i, 0] * (model.actuator_gear[i, 0] if on_joint else 1.0)
     if faults:
         raise ScenarioFaults(faults)

@@ -38,7 +38,7 @@ class Ledger:
         objects_free = np.all(object_free, axis=0) if object_free else np.ones(6, dtype=np.bool_)
         self.free = np.array([robot_free & objects_free, robot_free, objects_free], dtype=np.float64)
         self._external_actuators = _base_actuators(system)
-        self._on_joint = np.asarray(system.mj.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
+        self._on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
         self.energy, self.momentum = np.zeros(3), np.zeros((3, 6))
         self.robot_by_mass_matrix = np.zeros(6)
         self._work = 0.0
@@ -142,15 +142,14 @@ def hermite_midpoint(
     """State half-way through a step, by cubic Hermite interpolation on the configuration manifold.
 
     Returns:
-        (qpos, qvel) at the middle; fourth-order accurate in the duration.
+        (qpos, qvel) at the middle; the configuration is fourth-order accurate in the duration, the velocity third.
     """
+    rotations = _rotations(model)
     chord = np.empty(model.nv)
     mujoco.mj_differentiatePos(model, chord, duration_s, qpos_0, qpos_1)
     end = qvel_1.copy()
     # The chord of a rotation is a rotation vector; its rate at the end is the inverse right Jacobian times omega.
-    for j in np.flatnonzero(model.jnt_type <= mujoco.mjtJoint.mjJNT_BALL):
-        start = model.jnt_dofadr[j] + (3 if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE else 0)
-        part = slice(start, start + 3)
+    for part in rotations:
         theta, omega = chord[part] * duration_s, qvel_1[part]
         turn = np.cross(theta, omega)
         end[part] = omega + 0.5 * turn + np.cross(theta, turn) / 12.0
@@ -158,10 +157,18 @@ def hermite_midpoint(
     qpos = qpos_0.copy()
     mujoco.mj_integratePos(model, qpos, half, duration_s)
     qvel = 1.5 * chord - 0.25 * (qvel_0 + end)
-    for j in np.flatnonzero(model.jnt_type <= mujoco.mjtJoint.mjJNT_BALL):
-        start = model.jnt_dofadr[j] + (3 if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE else 0)
-        part = slice(start, start + 3)
+    for part in rotations:
         theta, rate = half[part] * duration_s, qvel[part]
         turn = np.cross(theta, rate)
         qvel[part] = rate - 0.5 * turn + np.cross(theta, turn) / 6.0
     return qpos, qvel
+
+
+def _rotations(model: Any) -> list[slice]:
+    """The angular part of every free and ball joint in ``qvel``."""
+    parts = []
+    offsets = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
+    for kind, first in zip(model.jnt_type.tolist(), model.jnt_dofadr.tolist(), strict=True):
+        if kind in offsets:
+            parts.append(slice(first + offsets[kind], first + offsets[kind] + 3))
+    return parts

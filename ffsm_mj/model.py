@@ -194,9 +194,32 @@ def _load(path: Path) -> Any:
     if not path.is_file():
         raise InputError(f"{path}: no such model file")
     try:
-        return mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise InputError(_mujoco_line(path, error)) from error
+    _name_all(spec)
+    return spec
+
+
+def _name_all(spec: Any) -> None:
+    """Name what has no name after what it belongs to, because logs, scenarios and errors speak of names."""
+    taken = {element.name for kind in ("bodies", "joints", "geoms", "sites", "actuators") for element in getattr(spec, kind)}
+
+    def name(element: Any, wanted: str) -> None:
+        if not element.name:
+            element.name = next(n for n in (wanted, *(f"{wanted}_{i}" for i in range(2, 10_000))) if n not in taken)
+            taken.add(element.name)
+
+    for body in spec.bodies[1:]:  # the first is the world
+        name(body, "body")
+        for joint in body.joints:
+            name(joint, f"{body.name}_joint")
+    for geom in spec.geoms:
+        name(geom, f"{geom.parent.name}_geom")
+    for site in spec.sites:
+        name(site, f"{site.parent.name}_site")
+    for actuator in spec.actuators:
+        name(actuator, f"{actuator.target or 'actuator'}_motor")
 
 
 def _compile(scene: Any, paths: Iterable[Path]) -> Any:
@@ -247,7 +270,7 @@ def _tree(model: Any, name: str, path: Path) -> Tree:
                 else "Put each in a file of its own"
             )
         )
-    members = tuple(int(i) for i in bodies if model.body_rootid[i] == roots[0])
+    members = tuple(i for i in bodies if model.body_rootid[i] == roots[0])
     joints = tuple(_joint(model, j) for j in range(model.njnt) if model.jnt_bodyid[j] in members)
     base = [joint for joint in joints if joint.body == roots[0]]
     if not base:
@@ -267,11 +290,9 @@ def _tree(model: Any, name: str, path: Path) -> Tree:
 def _joint(model: Any, j: int) -> Joint:
     kind = _JOINT_KINDS[model.jnt_type[j]]
     q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
-    name = model.joint(j).name
-    if not name:
-        body = model.body(model.jnt_bodyid[j]).name
-        raise InputError(f"joint {j} of body {body!r} has no name; give every joint a name, logs and scenarios use it")
-    return Joint(name, kind, slice(q, q + _QPOS_SIZE[kind]), slice(v, v + _DOF_SIZE[kind]), int(model.jnt_bodyid[j]))
+    return Joint(
+        model.joint(j).name, kind, slice(q, q + _QPOS_SIZE[kind]), slice(v, v + _DOF_SIZE[kind]), int(model.jnt_bodyid[j])
+    )
 
 
 def _notes(model: Any) -> tuple[str, ...]:

@@ -267,7 +267,8 @@ def _without_other_members(error: ValidationError) -> list[Any]:
         else:
             members.setdefault(item["loc"][:at], {}).setdefault(item["loc"][at], []).append(item)
     for choices in members.values():
-        out += max(choices.values(), key=_fit)
+        best: list[Any] = max(choices.values(), key=_fit)
+        out += best
     return out
 
 

@@ -1,0 +1,54 @@
+"""Fixtures shared by the suite: the case study, and one baseline run on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.analysis import Run
+from ffsm_mj.model import System, compile_system
+from ffsm_mj.shipped import scenarios_dir
+
+MJCF = scenarios_dir().parent / "mjcf"
+
+# Impact state of the case study (paper, Appendix A, to nine decimals): base x, y, yaw, three joints.
+IMPACT_Q = (5.861471773, -0.338246268, -0.915080772, 1.579750822, 2.951931444, -0.811121967)
+IMPACT_V = (0.120940886, -0.073253284, -0.012543561, 0.013182572, -0.273187717, 0.549455083)
+
+
+@pytest.fixture(scope="session")
+def case_study() -> System:
+    return compile_system(MJCF / "ffsm_3dof.xml", {"object": MJCF / "box_1m.xml"}, time_step_s=1e-3)
+
+
+@pytest.fixture
+def impact_state(case_study):
+    """Data at the case study's impact state."""
+    data = mujoco.MjData(case_study.mj)
+    data.qpos[:6], data.qpos[6:8] = IMPACT_Q, (3.5, -0.5)
+    data.qvel[:6] = IMPACT_V
+    mujoco.mj_forward(case_study.mj, data)
+    return data
+
+
+@pytest.fixture(scope="session")
+def baseline_folder(tmp_path_factory) -> Path:
+    """Folder of one whole baseline run, with the Rerun recording."""
+    folder = tmp_path_factory.mktemp("runs") / "baseline"
+    ffsm_mj.run("baseline", out=folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def baseline(baseline_folder) -> Run:
+    """The baseline as its log tells it: read with the reader that users use."""
+    return ffsm_mj.load_run(baseline_folder)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20240601)

@@ -1,0 +1,71 @@
+"""Small scenes for tests: bodies as MJCF text, scenarios as dictionaries, both written to a folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+HEAD = '<option gravity="0 0 0"/>'
+
+
+def ball(name: str = "ball", *, mass: float = 1.0, radius: float = 0.1, joints: str = "free", extra: str = "") -> str:
+    """MJCF of one sphere; ``joints`` is ``free`` or a string of axes to slide along."""
+    dofs = (
+        '<freejoint name="free"/>'
+        if joints == "free"
+        else "".join(f'<joint name="{a}" type="slide" axis="{_AXIS[a]}"/>' for a in joints)
+    )
+    inertia = 0.4 * mass * radius**2
+    return f"""<mujoco>{HEAD}<worldbody><body name="{name}">
+      <inertial pos="0 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>{dofs}
+      <geom name="{name}" type="sphere" size="{radius}" mass="0"/>
+      <site name="centre"/>{extra}</body></worldbody>
+      <actuator>{_motors(joints)}</actuator></mujoco>"""
+
+
+def box(name: str = "box", *, mass: float = 1.0, half: tuple[float, float, float] = (0.5, 0.5, 0.5)) -> str:
+    """MJCF of one free box of uniform density."""
+    a, b, c = (2 * h for h in half)
+    inertia = [mass / 12 * (y * y + z * z) for y, z in ((b, c), (a, c), (a, b))]
+    return f"""<mujoco>{HEAD}<worldbody><body name="{name}">
+      <inertial pos="0 0 0" mass="{mass}" diaginertia="{inertia[0]} {inertia[1]} {inertia[2]}"/><freejoint name="free"/>
+      <geom name="{name}" type="box" size="{half[0]} {half[1]} {half[2]}" mass="0"/></body></worldbody></mujoco>"""
+
+
+_AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+
+
+def _motors(joints: str) -> str:
+    return "" if joints == "free" else "".join(f'<motor name="push_{a}" joint="{a}"/>' for a in joints)
+
+
+def scene(folder: Path, robot: str, objects: dict[str, str], **scenario: Any) -> Path:
+    """Write models and a scenario; returns the scenario's path. Defaults: 1 s, 1 ms, everything off."""
+    (folder / "robot.xml").write_text(robot)
+    for name, mjcf in objects.items():
+        (folder / f"{name}.xml").write_text(mjcf)
+    data: dict[str, Any] = {
+        "name": "scene",
+        "duration_s": 1.0,
+        "robot": {"mjcf": "robot.xml"},
+        "objects": {name: {"mjcf": f"{name}.xml"} for name in objects},
+        "phases": [{"name": "coast", "until": "end", "controller": {"kind": "off"}}],
+    }
+    path = folder / "scene.yaml"
+    path.write_text(json.dumps(data | scenario))  # JSON is YAML
+    return path
+
+
+def two_balls(folder: Path, *, speed: float = 1.0, gap: float = 0.3, restitution: float = 1.0, **scenario: Any) -> Path:
+    """A sliding ball of 2 kg that hits one of 3 kg at rest, along x, at t = gap / speed."""
+    return scene(
+        folder,
+        ball("ball", mass=2.0, joints="x"),
+        {"target": ball("target", mass=3.0, joints="x")},
+        **{
+            "initial": {"joints": {"target/x": 0.2 + gap}, "rates": {"robot/x": speed}},
+            "impact_pairs": [{"robot_geom": "ball", "object_geom": "target/target", "restitution": restitution}],
+            **scenario,
+        },
+    )

@@ -1,0 +1,143 @@
+"""The command line as a person uses it: exit codes, messages, files."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from ffsm_mj.cli import main
+from tests.scenes import two_balls
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """Every command runs in an empty folder: shipped names work from any directory."""
+    (tmp_path / "cwd").mkdir()
+    monkeypatch.chdir(tmp_path / "cwd")
+
+
+def test_run_writes_the_folder_and_links_latest(tmp_path, capsys):
+    path = two_balls(tmp_path)
+    assert main(["run", str(path), "-s", "duration_s=0.5"]) == 0
+    out = capsys.readouterr().out
+    assert "scene: completed; 0.5 s simulated" in out
+    assert "robot/ball" in out
+    assert "VIOLATED" not in out
+    latest = tmp_path / "cwd" / "logs" / "latest"
+    assert latest.is_symlink()
+    assert {p.name for p in latest.iterdir()} == {"run.mcap", "run.rrd", "scenario.yaml", "summary.json", "mjcf"}
+    assert json.loads((latest / "summary.json").read_text())["scenario"] == "scene"
+    assert main(["analyze"]) == 0
+    assert "all 10 laws hold over 0.5 s (501 samples)" in capsys.readouterr().out
+
+
+def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path, capsys):
+    path = str(two_balls(tmp_path))
+    arguments = ["run", path, "--no-rerun", "--out", "mine"]
+    assert main(arguments) == 0
+    assert main(arguments) == 2
+    assert "mine: holds a run already (run.mcap); choose another --out, or --force" in capsys.readouterr().err
+    assert main([*arguments, "--force"]) == 0
+
+
+def test_analyze_exits_1_when_a_law_is_violated(tmp_path, capsys):
+    assert main(["run", str(two_balls(tmp_path, speed=3.7)), "--no-rerun", "--out", "mine"]) == 0
+    assert main(["analyze", "mine", "--tolerance", "1e-30"]) == 1
+    assert "VIOLATED" in capsys.readouterr().out
+    assert main(["analyze", "mine/run.mcap", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["complete"] is True
+    assert all(law["holds"] for law in report["laws"])
+
+
+def test_a_run_that_fails_exits_3(tmp_path, capsys):
+    path = two_balls(tmp_path, speed=5e-5, gap=1e-5, restitution=0.5)
+    assert main(["run", str(path), "--no-rerun", "--out", "mine"]) == 3
+    captured = capsys.readouterr()
+    assert "lasting_contact" in captured.err
+    assert main(["analyze", "mine"]) == 0
+
+
+def test_a_run_that_dissipates_is_not_judged(tmp_path, capsys):
+    path = two_balls(tmp_path, conservative=False)
+    text = (tmp_path / "target.xml").read_text().replace('type="slide"', 'type="slide" damping="2"')
+    (tmp_path / "target.xml").write_text(text)
+    assert main(["check", str(path)]) == 0
+    assert "breaks conservation: " in capsys.readouterr().out
+    assert main(["run", str(path), "--no-rerun", "--out", "mine"]) == 0
+    assert "not conservative" in capsys.readouterr().out
+    assert main(["analyze", "mine"]) == 0
+    assert "not judged, the run is not conservative" in capsys.readouterr().out
+
+
+def test_check_list_schema_version(capsys):
+    assert main(["check", "baseline"]) == 0
+    assert "conservative: nothing in the models breaks it" in capsys.readouterr().out
+    assert main(["run", "--list"]) == 0
+    assert "section 4.2 of Nekoo" in capsys.readouterr().out
+    assert main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["title"] == "ffsm-mj scenario"
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("ffsm-mj ")
+
+
+@pytest.mark.parametrize("arguments", [["run"], ["run", "nope"], ["analyze", "nope"], ["check", "baseline", "-s", "a=1"]])
+def test_bad_input_exits_2_without_a_traceback(arguments, capsys):
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.strip().splitlines()) == 1
+
+
+def test_bad_options_exit_2(capsys):
+    for arguments in (["analyze", "--tolerance", "-1"], ["fly"], ["run", "--what"]):
+        with pytest.raises(SystemExit) as caught:
+            main(arguments)
+        assert caught.value.code == 2
+    capsys.readouterr()
+
+
+def python(code: str) -> str:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def test_help_imports_nothing_heavy():
+    code = """
+import sys
+from ffsm_mj.cli import main
+try:
+    main(["--help"])
+except SystemExit:
+    pass
+heavy = {"mujoco", "scipy", "rerun", "matplotlib", "pydantic", "numpy", "ruamel", "rich", "google"}
+print("heavy:", sorted(heavy & {name.split(".")[0] for name in sys.modules}))
+"""
+    assert python(code).splitlines()[-1] == "heavy: []"
+
+
+def test_a_run_imports_no_viewer_unless_it_records(tmp_path):
+    path = two_balls(tmp_path, duration_s=0.05)
+    code = f"""
+import sys
+from ffsm_mj.cli import main
+main(["run", {str(path)!r}, "--no-rerun"])
+print("heavy:", sorted({{"rerun", "matplotlib", "rich"}} & {{name.split(".")[0] for name in sys.modules}}))
+"""
+    assert python(code).splitlines()[-1] == "heavy: []"
+
+
+def test_a_closed_stdout_ends_nothing(tmp_path):
+    """``ffsm run ... | head -0``: the run is whole and the exit code is that of the run."""
+    read, write = os.pipe()
+    os.close(read)
+    path = two_balls(tmp_path, duration_s=0.5)
+    command = [sys.executable, "-m", "ffsm_mj.cli", "run", str(path), "--no-rerun", "--out", "piped"]
+    process = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert process.returncode == 0
+    assert process.stderr == ""
+    assert json.loads((tmp_path / "cwd" / "piped" / "summary.json").read_text())["outcome"] == "completed"

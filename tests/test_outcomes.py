@@ -1,0 +1,174 @@
+"""Every way a run can end, each with its log kept and readable."""
+
+from __future__ import annotations
+
+import errno
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.controller_protocol import Command
+from ffsm_mj.errors import ControllerError
+from ffsm_mj.log.mcap_sink import McapSink
+from ffsm_mj.runner import prepare
+from tests.scenes import ball, box, scene, two_balls
+
+
+def run_and_read(path, folder, **kwargs):
+    run = ffsm_mj.run(path, out=folder / "out", rerun=False, **kwargs)
+    read = ffsm_mj.load_run(folder / "out")
+    assert (read.outcome, read.message) == (run.outcome, run.message)
+    return read
+
+
+def test_completed_with_and_without_impacts(tmp_path):
+    assert run_and_read(two_balls(tmp_path), tmp_path).outcome == "completed"
+    run = ffsm_mj.run(two_balls(tmp_path, duration_s=0.1))
+    assert (run.outcome, run.impacts) == ("completed", ())
+
+
+def test_stop_on_impact(tmp_path):
+    run = run_and_read(two_balls(tmp_path, stop_on_impact=True), tmp_path)
+    assert run.outcome == "completed"
+    assert run.time[-1] == run.impacts[0].time_s == pytest.approx(0.3, abs=1e-13)
+    assert run.summary()["duration_s"] == run.time[-1]
+
+
+def test_diverged(tmp_path):
+    """A PD gain far beyond what 10 ms can hold blows up; MuJoCo's own words are kept, its log file is not written."""
+    path = two_balls(
+        tmp_path,
+        impact_pairs=[],
+        duration_s=30.0,
+        time_step_s=0.01,
+        control_period_s=0.01,
+        phases=[{"name": "p", "until": "end", "controller": {"kind": "pd", "joints": ["robot/x"], "kp": 1e6, "kd": 0.0}}],
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome == "diverged"
+    assert "huge value" in run.message
+    assert np.isfinite(run["state.q_robot_x_m"]).all()
+    assert run.time[-1] < 30.0
+    assert not list(tmp_path.rglob("MUJOCO_LOG.TXT"))
+
+
+def test_event_limit(tmp_path):
+    """A ball between two heavy ones bounces until the limit."""
+    path = scene(
+        tmp_path,
+        ball("ball", joints="x"),
+        {n: ball(n, mass=1e6, joints="x") for n in ("left", "right")},
+        duration_s=3.0,
+        initial={"joints": {"left/x": -0.3, "right/x": 0.3}, "rates": {"robot/x": 2.0}},
+        impact_pairs=[{"robot_geom": "robot/ball", "object_geom": f"{n}/{n}"} for n in ("left", "right")],
+        impact={"max_impacts": 7},
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome == "event_limit"
+    assert len(run.impacts) == 7
+    assert "raise impact.max_impacts" in run.message
+
+
+def test_lasting_contact_by_slow_approach(tmp_path):
+    run = run_and_read(two_balls(tmp_path, speed=5e-5, gap=1e-5, restitution=0.5), tmp_path)
+    assert run.outcome == "lasting_contact"
+    assert "pushing is not modelled" in run.message
+
+
+def test_lasting_contact_by_chatter(tmp_path):
+    """A held force pushes the ball onto a heavy one: ever shorter bounces, never silently."""
+    path = two_balls(
+        tmp_path,
+        gap=0.001,
+        duration_s=5.0,
+        initial={"joints": {"target/x": 0.2001}, "rates": {}},
+        phases=[
+            {
+                "name": "push",
+                "until": "end",
+                "controller": {"kind": "pd", "joints": ["robot/x"], "kp": 50.0, "kd": 0.0, "target": [1.0]},
+            }
+        ],
+        impact={"max_impacts_per_second": 20},
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome == "lasting_contact"
+    assert "hit 21 times within a second" in run.message
+
+
+def test_unsupported_contact(tmp_path):
+    """Face on face is four contacts at one instant."""
+    path = scene(
+        tmp_path,
+        box("block"),
+        {"wall": box("wall")},
+        initial={"joints": {"wall/free": [1.5, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/free": [1, 0, 0, 0, 0, 0]}},
+        impact_pairs=[{"robot_geom": "block", "object_geom": "wall/wall"}],
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome == "unsupported_contact"
+    assert "4 contacts at one instant" in run.message
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (ControllerError("no gain"), "no gain"),
+        (ZeroDivisionError("division by zero"), "ZeroDivisionError"),
+        (None, "not finite for robot/push_x"),
+    ],
+)
+def test_controller_failed(tmp_path, fault, words):
+    prepared = prepare(two_balls(tmp_path, gap=5.0))
+
+    def fail(observation, command: Command):
+        if observation.time_s >= 0.2 - 1e-9:
+            if fault is not None:
+                raise fault
+            command.drive(np.array([0]), np.array([np.nan]))
+
+    prepared.assembly.controller._phases[0].controller.control = fail
+    run = prepared.run(out=tmp_path / "out", rerun=False)
+    assert run.outcome == "controller_failed"
+    assert words in run.message
+    assert ffsm_mj.load_run(tmp_path / "out").time[-1] == pytest.approx(0.199)
+
+
+def test_write_failed(tmp_path, monkeypatch):
+    """The disk fills up in mid-run: what was flushed before can be read, and the run says so."""
+    rows = McapSink.rows
+    written = []
+
+    def full(self, block):
+        written.append(len(block))
+        if sum(written) > 2500:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        rows(self, block)
+
+    def wrapped(self, block):
+        from ffsm_mj.errors import LogWriteError
+
+        try:
+            full(self, block)
+        except OSError as error:
+            raise LogWriteError(self._partial, error) from error
+
+    monkeypatch.setattr(McapSink, "rows", wrapped)
+    run = ffsm_mj.run(two_balls(tmp_path, duration_s=5.0), out=tmp_path / "out", rerun=False)
+    assert run.outcome == "write_failed"
+    assert "No space left on device" in run.message
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert len(read.time) > 1000
+
+
+def test_interrupted(tmp_path):
+    """A second Ctrl-C, or one inside a library: the log is closed all the same."""
+
+    def stop(time_s, _):
+        if time_s >= 0.5:
+            raise KeyboardInterrupt
+
+    run = run_and_read(two_balls(tmp_path), tmp_path, report=stop)
+    assert run.outcome == "interrupted"
+    assert run.time[-1] == pytest.approx(0.5)

@@ -1,0 +1,201 @@
+"""Bad input: one clear line each, with the place and what is allowed. Good input: typed, frozen, repeatable."""
+
+from __future__ import annotations
+
+import json
+
+import jsonschema
+import pytest
+from pydantic import ValidationError
+
+from ffsm_mj.assembly import assemble
+from ffsm_mj.errors import InputError
+from ffsm_mj.scenario import Scenario, load_scenario, scenario_schema
+from ffsm_mj.shipped import scenario_names, scenario_path, scenarios_dir
+from ffsm_mj.yaml_source import read_yaml, write_yaml
+from tests.conftest import MJCF
+from tests.scenes import ball, scene
+
+BASELINE = scenario_path("baseline")
+
+
+def faults(*overrides, path=BASELINE):
+    """Lines of the error that a scenario with these overrides makes."""
+    with pytest.raises(InputError) as caught:
+        assemble(*load_scenario(path, overrides))
+    return caught.value.lines
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("foo=1", "foo: unknown key; allowed: actuators, conservative"),
+        ("phases.0.controller.zz=1", "unknown key; allowed: Q, R, joints, kind, parameterization"),
+        ("actuators.motor_1.kk=1", "unknown key; allowed: kind, no_load_speed_rad_s, stall_torque_N_m"),
+        ("duration_s='3'", 'duration_s: should be a valid number, got "3"'),
+        ("duration_s=true", "duration_s: should be a valid number, got true"),
+        ("task.target_m=[1, .nan]", "task.target_m.1: should be a finite number"),
+        ("time_step_s=-0.001", "time_step_s: should be greater than 0"),
+        ("time_step_s=1e-3x", "time_step_s: should be a valid number"),
+        ("duration_s=.inf", "duration_s: should be a finite number"),
+        ("control_period_s=0.0015", "must be a multiple of time_step_s (0.001 s); the nearest is 0.002"),
+        ("duration_s=1.0005", "must be a multiple of control_period_s (0.001 s)"),
+        ("initial.joints.joint_9=1", "unknown joint 'joint_9' (did you mean 'robot/joint_3'?); allowed: object/x"),
+        ("initial.joints.base_x=[1, 2]", "slide joint robot/base_x takes 1 number, got 2"),
+        ("initial.joints.base_x=abc", 'initial.joints.base_x: should be a valid number, got "abc"'),
+        ("task.tip=tup", "unknown site 'tup'; allowed: robot/tip"),
+        ("task.axes=[x, x]", "axes must be different"),
+        ("impact_pairs.0.robot_geom=gripper_1", "unknown geom 'gripper_1' (did you mean 'robot/gripper'?)"),
+        ("impact_pairs.0.robot_geom=box", "geom 'object/box' does not belong to the robot"),
+        ("impact_pairs.0.restitution=1.5", "restitution must be in [0, 1]; above 1 only with 'super_elastic: true'"),
+        ("ignored_pairs.0.pair=[robot, nobody]", "unknown geom, body or model 'nobody'"),
+        ("actuators.motor_9={kind: ideal}", "unknown actuator 'motor_9'"),
+        ("phases.0.controller.kind=lqr", "unknown kind 'lqr'; allowed: off, pd, osdre, free_flying"),
+        ("phases.0.controller={}", "needs a 'kind'"),
+        ("phases.0.controller.joints=[joint_1, elbow]", "phases.0.controller.joints.1: unknown joint 'elbow'"),
+        ("phases.0.controller.joints=[joint_1]", "2 outputs need at least 2 joints, there are 1"),
+        ("phases.0.controller.Q=[0, 1, 1, 1]", "its position block must be regular"),
+        ("phases.0.controller.Q=[1, 1, 1, -1]", "must be positive semidefinite"),
+        ("phases.0.controller.Q=[1, 1, 1]", "must be 4 numbers (a diagonal) or 4 rows of 4"),
+        ("phases.0.controller.R=[1, 0, 1]", "must be positive definite; its smallest eigenvalue is 0"),
+        ("phases.0.for_s=1", "a phase needs either 'until' (impact, end) or 'for_s'"),
+        ("robot.mjcf=nothing.xml", "no such model file"),
+        ("objects.robot={mjcf: ../mjcf/box_1m.xml}", "this name is taken"),
+        ("no_equals_sign", "an override is written key=value"),
+        ("phases.9.name=x", "phases is a list of 3: its positions are 0 to 2"),
+        ("duration_s=[", "the value is malformed YAML"),
+    ],
+)
+def test_one_clear_line(override, expected):
+    (line,) = faults(override)
+    assert line.startswith(("-s " + override, str(BASELINE)))
+    assert expected in line
+
+
+def test_faults_of_a_file_name_line_and_column(tmp_path):
+    text = BASELINE.read_text().replace("../mjcf", str(MJCF)).replace("time_step_s: 0.001", "time_stop_s: 0.001")
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    number = text.splitlines().index("time_stop_s: 0.001") + 1
+    (line,) = faults(path=path)
+    assert line.startswith(f"{path}:{number}:1: time_stop_s: unknown key; allowed: ")
+
+
+def test_overlap_at_the_start():
+    (line,) = faults("initial.joints.object/x=7.2", "initial.joints.object/y=1.2")
+    assert "impact_pairs.0: robot/gripper and object/box overlap by 0.201 m at the start" in line
+
+
+def test_every_fault_has_a_line():
+    assert len(faults("duration_s=-1", "task.tip=3", "log.rerun=1")) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("name: x\nduration_s: [1\n", ":3:1: malformed YAML"),
+        ("name: x\nname: y\n", ':2:1: malformed YAML: found duplicate key "name"'),
+        ("- 1\n", ":1:1: a scenario is a mapping"),
+        ("", ":1:1: a scenario is a mapping"),
+        ("name: \xe4\n".encode("latin-1"), "cannot be read"),
+    ],
+)
+def test_malformed_yaml(tmp_path, text, expected):
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    (line,) = faults(path=path)
+    assert line.startswith(str(path))
+    assert expected in line
+
+
+def test_missing_scenario():
+    with pytest.raises(InputError, match=r"unknown shipped scenario 'basline' \(did you mean 'baseline'"):
+        scenario_path("basline")
+    with pytest.raises(InputError, match="no such scenario file"):
+        scenario_path("nowhere/mine.yaml")
+
+
+def replaced(tmp_path, old, new):
+    """Faults of the baseline with its box's MJCF changed."""
+    text = (MJCF / "box_1m.xml").read_text()
+    assert old in text
+    (tmp_path / "box.xml").write_text(text.replace(old, new))
+    return faults(f"objects.object.mjcf={tmp_path / 'box.xml'}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('gravity="0 0 0"', 'gravity="0 0 -9.81"', "gravity is 0 0 -9.81"),
+        ('<option gravity="0 0 0" integrator="RK4"/>', "", "gravity is 0 0 -9.81"),
+        ('integrator="RK4"', 'integrator="implicitfast"', "integrator IMPLICITFAST leaks momentum"),
+        ('integrator="RK4"', 'integrator="Euler"', "integrator EULER leaks momentum"),
+        ('integrator="RK4"', 'density="1.2"', "density=1.2> makes a fluid"),
+        ('axis="1 0 0"', 'axis="1 0 0" damping="0.5"', "box.xml:8: joint 'x' has damping 0.5"),
+        ('axis="1 0 0"', 'axis="1 0 0" frictionloss="0.5"', "joint 'x' has frictionloss 0.5"),
+        ('axis="1 0 0"', 'axis="1 0 0" stiffness="2"', "joint 'x' has stiffness 2"),
+        ('mass="5"', 'mass="-5"', "mass and inertia of moving bodies must be larger than mjMINVAL"),
+        ('type="slide"', 'type="slode"', "invalid keyword"),
+        ("</worldbody>", "", "XML"),
+        (
+            "</worldbody>",
+            "<body name='b'><freejoint/><geom size='1'/></body></worldbody>",
+            "one tree of moving bodies",
+        ),
+    ],
+)
+def test_models_that_cannot_be_used(tmp_path, old, new, expected):
+    lines = replaced(tmp_path, old, new)
+    assert len(lines) == 1
+    assert str(tmp_path / "box.xml") in lines[0]
+    assert expected in lines[0]
+
+
+def test_dissipation_is_allowed_only_by_name(tmp_path):
+    text = (MJCF / "box_1m.xml").read_text().replace('axis="1 0 0"', 'axis="1 0 0" damping="0.5"')
+    (tmp_path / "box.xml").write_text(text)
+    path = [f"objects.object.mjcf={tmp_path / 'box.xml'}", "conservative=false"]
+    assembly = assemble(*load_scenario(BASELINE, path))
+    assert len(assembly.system.faults) == 1
+
+
+def test_a_robot_without_motors_names_the_cure(tmp_path):
+    path = scene(tmp_path, ball(), {}, task={"tip": "centre", "target_m": [0, 0, 0]})
+    (line,) = faults('phases.0.controller={"kind": "pd", "kp": 1.0, "kd": 1.0}', path=path)
+    assert "the robot has no motor-driven joint; add <motor joint=.../> to its MJCF" in line
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_shipped_scenarios_are_valid_and_point_to_the_schema(name):
+    path = scenario_path(name)
+    assert path.read_text().startswith("# yaml-language-server: $schema=ffsm.schema.json\n")
+    scenario, source = load_scenario(path)
+    assert scenario.name == name
+    assert scenario.description
+    jsonschema.validate(source.data, scenario_schema())
+    assemble(scenario, source)
+
+
+def test_committed_schema_is_current():
+    assert json.loads((scenarios_dir() / "ffsm.schema.json").read_text()) == scenario_schema()
+
+
+def test_schema_describes_units_and_refuses_unknown_keys():
+    schema = scenario_schema()
+    assert schema["properties"]["time_step_s"]["description"] == "Integration step of RK4, s."
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(read_yaml(BASELINE, ["foo=1"]).data, schema)
+
+
+def test_scenarios_are_frozen():
+    scenario, _ = load_scenario(BASELINE)
+    with pytest.raises(ValidationError):
+        scenario.duration_s = 1.0  # type: ignore[misc]
+
+
+def test_yaml_round_trip(tmp_path):
+    scenario, source = load_scenario(BASELINE)
+    (tmp_path / "again.yaml").write_text(write_yaml(source.data))
+    again, _ = load_scenario(tmp_path / "again.yaml")
+    assert again == scenario
+    assert Scenario.model_validate(source.data) == scenario
