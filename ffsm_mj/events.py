@@ -42,6 +42,7 @@ class ImpactRecord:
     """One contact of an impact; contacts at one instant share ``event`` and the states before and after.
 
     Vectors are in world axes; ``normal`` points from the robot to the object; momenta are (P, L about the origin).
+    ``jammed`` is 1 where bodies were squeezed without clearance: no elastic answer exists and energy was lost.
     """
 
     event: int
@@ -52,6 +53,7 @@ class ImpactRecord:
     normal: tuple[float, ...]
     manifold: str
     law: str
+    jammed: int
     restitution: float
     approach_speed_m_s: float
     separation_speed_m_s: float

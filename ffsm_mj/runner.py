@@ -167,6 +167,7 @@ def _settings(config: Scenario) -> Settings:
         rest_speed_m_s=config.impact.rest_speed_m_s,
         max_impacts_per_second=config.impact.max_impacts_per_second,
         max_impacts=config.impact.max_impacts,
+        law=config.impact.law,
     )
 
 

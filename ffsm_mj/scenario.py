@@ -118,8 +118,10 @@ class PhaseConfig(StrictModel):
 
 
 class ImpactConfig(StrictModel):
-    """Limits of impact resolution."""
+    """Law and limits of impact resolution."""
 
+    law: Literal["blend", "poisson", "newton"] = "blend"
+    """What rules where several contacts meet at one instant; a single contact is the same under all."""
     rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 1e-4
     """An approach slower than this with e < 1 is lasting contact."""
     max_impacts_per_second: PositiveInt = 100
@@ -279,7 +281,7 @@ def _fit(errors: list[Any]) -> tuple[int, int]:
 
 def _file_path(location: tuple[str | int, ...]) -> tuple[str | int, ...]:
     """Keys of the file in a pydantic location: union members and tags are no keys."""
-    known = {*_KINDS.classes, "ideal", "torque_speed", "on_off"}
+    known = {*_KINDS.classes, "ideal", "torque_speed", "reaction_wheel", "on_off"}
     out: list[str | int] = []
     for i, part in enumerate(location):
         after_union = i > 0 and (location[i - 1] == "controller" or (len(out) >= 2 and out[-2] == "actuators"))

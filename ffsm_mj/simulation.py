@@ -42,6 +42,7 @@ class Settings:
     rest_speed_m_s: float
     max_impacts_per_second: int
     max_impacts: int
+    law: str
 
 
 @dataclass
@@ -141,7 +142,7 @@ class Simulation:
         self._command.clear()
         try:
             self._controller.control(observation, self._command)
-            self._plant.actuation.apply(self._command, observation.data)
+            self._plant.actuation.apply(self._command, observation.data, observation.time_s)
         except ControllerError as error:
             raise RunEnded(Outcome.CONTROLLER_FAILED, str(error)) from error
         except (ArithmeticError, ValueError, LookupError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
@@ -167,6 +168,7 @@ class Simulation:
             plant.ledger.open()
             touch = plant.detector.advance(left)
             plant.ledger.close(left if touch is None else touch)
+            plant.actuation.elapse(left if touch is None else touch)
             self._check_finite()
             if touch is None:
                 break
@@ -196,8 +198,8 @@ class Simulation:
             for point in near.points
         ]
         try:
-            impact = resolve(model, data, contacts)
-        except UnsupportedContactError as error:
+            impact = resolve(model, data, contacts, self._settings.law)
+        except (UnsupportedContactError, ValueError) as error:
             names = "; ".join(f"{pair.robot_geom} - {pair.object_geom}" for pair, _ in touching)
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"at t = {time_s:.6g} s: {error} ({names})") from error
         energies = party_energies(plant.system, data, impact)
@@ -224,8 +226,10 @@ class Simulation:
         """End the run where a contact lasts: too slow to bounce, or bouncing without end."""
         settings = self._settings
         for pair, near in touching:
+            if near.rate >= -REST_RATE:
+                continue
             name = f"{pair.robot_geom} - {pair.object_geom}"
-            if pair.restitution < 1.0 and -settings.rest_speed_m_s < near.rate < -REST_RATE:
+            if pair.restitution < 1.0 and near.rate > -settings.rest_speed_m_s:
                 message = f"{name} approaches at {-near.rate:.3g} m/s at t = {time_s:.6g} s with e = {pair.restitution:g}"
                 raise RunEnded(Outcome.LASTING_CONTACT, f"{message}; pushing is not modelled")
             recent = self._done.recent.setdefault(name, deque())

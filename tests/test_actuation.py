@@ -28,7 +28,7 @@ def plant(case_study):
         mujoco.mj_forward(case_study.mj, data)
         command = Command.off(case_study.mj.nu)
         command.effort[i], command.powered[i] = effort, powered
-        actuation.apply(command, data)
+        actuation.apply(command, data, 0.0)
         return float(data.ctrl[i])
 
     return apply
@@ -86,7 +86,7 @@ def test_effort_is_at_the_joint_whatever_the_gear(tmp_path):
     actuation = Actuation(system, {"m": MOTOR})
     command = Command.off(1)
     command.drive(np.array([0]), np.array([100.0]))
-    actuation.apply(command, data)
+    actuation.apply(command, data, 0.0)
     mujoco.mj_fwdActuation(system.mj, data)
     assert data.qfrc_actuator[6] == pytest.approx(7.0, rel=1e-14)
     assert actuation.applied[0] == pytest.approx(7.0, rel=1e-14)
@@ -99,7 +99,7 @@ def test_mjcf_ranges_are_kept(tmp_path):
     actuation = Actuation(system, {})
     command = Command.off(1)
     command.drive(np.array([0]), np.array([-50.0]))
-    actuation.apply(command, data)
+    actuation.apply(command, data, 0.0)
     assert actuation.applied[0] == -2.0
     assert (actuation.lower[0], actuation.upper[0]) == (-2.0, 6.0)
 

@@ -153,7 +153,18 @@ def test_equal_spheres_exchange_normal_velocity_and_keep_spin():
     np.testing.assert_allclose(impact.after.qvel, expected, atol=1e-14)
 
 
-def test_several_contacts_are_refused_by_name(case_study, impact_state):
-    contact = tip_contact(case_study, 4.0, -0.3)
-    with pytest.raises(UnsupportedContactError, match="2 contacts at one instant"):
+def test_super_elastic_is_for_one_contact(case_study, impact_state):
+    """E > 1 gains energy by the formula; several such contacts at once have no law."""
+    contact = tip_contact(case_study, 4.0, -0.3, e=1.2)
+    impact = resolve(case_study.mj, impact_state, [contact])
+    assert impact.energy_change_J > 0.0
+    assert impact.separation_speeds[0] == pytest.approx(1.2 * impact.approach_speeds[0], rel=1e-12)
+    with pytest.raises(UnsupportedContactError, match="one contact at a time"):
         resolve(case_study.mj, impact_state, [contact, contact])
+
+
+def test_bad_arguments_are_named(case_study, impact_state):
+    with pytest.raises(ValueError, match="unknown impact law 'guess'; allowed: blend, poisson, newton"):
+        resolve(case_study.mj, impact_state, [tip_contact(case_study, 4.0, -0.3)], "guess")
+    with pytest.raises(ValueError, match="at least one contact"):
+        resolve(case_study.mj, impact_state, [])

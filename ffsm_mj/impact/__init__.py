@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from ffsm_mj.impact.paper import PaperSolution, solve_paper_system
-from ffsm_mj.impact.resolution import Contact, Impact, ImpactState, contact_jacobian, reflect, resolve
+from ffsm_mj.impact.resolution import Contact, Impact, ImpactState, compare_laws, contact_jacobian, reflect, resolve
 
 __all__ = [
     "Contact",
     "Impact",
     "ImpactState",
     "PaperSolution",
+    "compare_laws",
     "contact_jacobian",
     "reflect",
     "resolve",

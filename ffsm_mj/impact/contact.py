@@ -1,8 +1,8 @@
 """Impact pairs: signed gap, normal, contact point and how fast the gap can close.
 
-MuJoCo's contacts are off; ``mj_geomDistance`` is asked for each pair. It is exact for the pairs supported here but its
-witness direction is meaningless at touch, so the normal comes from a shifted query: one geom moved away along the
-estimate, asked again, a few passes.
+MuJoCo's contacts are off; ``mj_geomDistance`` is asked for each pair. Its witness direction is meaningless at touch, so a
+normal starts from a shifted query (one geom moved away along the estimate, asked again, a few passes) and is then
+polished on the geoms' support functions, which also give the gap to rounding.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.impact.manifold import extreme_points, touching_set
+from ffsm_mj.impact.manifold import PARALLEL, extreme_points, touching_set
+from ffsm_mj.impact.normal import polished, separation
 from ffsm_mj.model import FloatArray, System
 
 _UNSUPPORTED = {
@@ -24,8 +25,8 @@ _UNSUPPORTED = {
 }
 FAR = 1e3
 """Gaps are not told apart beyond this, m."""
-# Stand-off of the shifted query in m, and its passes: each leaves about shift / curvature radius of the error.
-_SHIFT, _PASSES = 1e-2, 4
+# Stand-off of the shifted query in m, and its passes: each leaves shift / (shift + curvature radius) of the error.
+_SHIFT, _PASSES = 1e-2, 3
 # Rotations and accelerations inside a step may exceed what its ends show; the bound keeps this margin.
 _BOUND_MARGIN = 1.1
 
@@ -86,12 +87,12 @@ class ImpactPair:
             (self.robot_geom, self.robot_body, True),
             (self.object_geom, self.object_body, False),
         ):
-            if (body in system.robot.bodies) != robot_side or system.tree_of_body(body) is None:
-                side = "the robot" if robot_side else "an object"
-                raise LookupError(f"geom {name!r} does not belong to {side}")
             shape = _UNSUPPORTED.get(int(model.geom_type[model.geom(name).id]))
             if shape:
                 raise LookupError(f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...)")
+            if (body in system.robot.bodies) != robot_side or system.tree_of_body(body) is None:
+                side = "the robot" if robot_side else "an object"
+                raise LookupError(f"geom {name!r} does not belong to {side}")
 
     def gap(self, model: Any, data: Any, limit: float) -> float:
         """Signed distance in m, negative when overlapping; ``limit`` where it is larger than that."""
@@ -113,16 +114,20 @@ class ImpactPair:
 
     def proximity(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
-        gap = self.gap(model, data, FAR)
-        normal, witness = self._shifted_query(model, data)
-        first, second = extreme_points(model, data, self._g1, normal), extreme_points(model, data, self._g2, -normal)
-        points = witness[None]
-        if min(len(first), len(second)) > 1:
-            touching = touching_set(first, second, normal)
-            points = touching if len(touching) > 1 else points
+
+        def first(direction: FloatArray, width: float) -> FloatArray:
+            return extreme_points(model, data, self._g1, direction, width)
+
+        def second(direction: FloatArray, width: float) -> FloatArray:
+            return extreme_points(model, data, self._g2, direction, width)
+
+        estimate, witness = self._shifted_query(model, data)
+        normal = self._normal = polished(first, second, estimate)
+        points = touching_set(first(normal, PARALLEL), second(-normal, PARALLEL), normal)
+        points = points if len(points) else witness[None]
         rates = self._velocity(data, self.object_body, self._root2, points)
         rates -= self._velocity(data, self.robot_body, self._root1, points)
-        return Proximity(gap, normal, points, rates @ normal)
+        return Proximity(separation(first, second, normal), normal, points, rates @ normal)
 
     @staticmethod
     def _velocity(data: Any, body: int, root: int, points: FloatArray) -> FloatArray:
@@ -145,7 +150,6 @@ class ImpactPair:
                 normal = _direction(self._fromto)
         finally:
             data.geom_xpos[self._g2] = centre
-        self._normal = normal
         return normal, 0.5 * (self._fromto[:3] + self._fromto[3:] - shift * normal)
 
     def _estimate(self, model: Any, data: Any) -> FloatArray:

@@ -2,7 +2,7 @@
 
 One contact with normal n and common point p, J_n = n^T (J_object(p) - J_robot(p)), u = J_n qdot < 0: the impulse is
 -(1 + e) u / (J_n M^-1 J_n^T) and qdot+ = qdot- + M^-1 J_n^T impulse. For e = 1 this is the solution of the paper's
-momentum equations (17) and energy equation (18).
+momentum equations (17) and energy equation (18). Several contacts at one instant go by a law of :mod:`ffsm_mj.impact.laws`.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ffsm_mj.dynamics import kinetic_energy, mass_matrix, momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.impact.laws import LAWS
 from ffsm_mj.model import FloatArray
 
 
@@ -59,6 +60,8 @@ class Impact:
         separation_speeds: u after at each contact in m/s.
         before: Velocities, energy and momentum before the impact.
         after: The same after the impact.
+        law: Law that made the result.
+        jammed: Bodies squeezed without clearance: no elastic answer exists, energy was lost.
     """
 
     contacts: tuple[Contact, ...]
@@ -67,6 +70,8 @@ class Impact:
     separation_speeds: FloatArray
     before: ImpactState
     after: ImpactState
+    law: str
+    jammed: bool
 
     @property
     def energy_change_J(self) -> float:
@@ -109,33 +114,74 @@ def reflect(M: FloatArray, J_n: FloatArray, qvel: FloatArray, restitution: float
     return qvel + response * impulse, impulse
 
 
-def resolve(model: Any, data: Any, contacts: Sequence[Contact]) -> Impact:
+def resolve(model: Any, data: Any, contacts: Sequence[Contact], law: str = "blend") -> Impact:
     """Resolve an impact at the configuration and velocity in ``data``; nothing is written to ``data.qvel``.
 
-    Derived quantities in ``data`` are refreshed. A contact that separates already gets no impulse.
+    Derived quantities in ``data`` are refreshed. Contacts that do not approach get no impulse unless others push them.
 
     Args:
         model: Any MuJoCo model, composed by this package or not.
         data: Its state at the instant of impact.
-        contacts: The touching points.
+        contacts: All touching points.
+        law: What rules where several contacts meet: ``blend``, ``poisson`` or ``newton``; see :mod:`ffsm_mj.impact.laws`.
 
     Raises:
-        UnsupportedContactError: More than one contact at one instant.
+        UnsupportedContactError: The law does not cover these contacts.
+        ValueError: No contacts, an unknown law, or a contact between bodies that cannot move along its normal.
     """
-    if len(contacts) != 1:
-        raise UnsupportedContactError(f"{len(contacts)} contacts at one instant; one is supported")
+    if law not in LAWS:
+        raise ValueError(f"unknown impact law {law!r}; allowed: {', '.join(LAWS)}")
+    if not contacts:
+        raise ValueError("an impact needs at least one contact")
     mujoco.mj_fwdPosition(model, data)
     M = mass_matrix(model, data)
     momentum_map = momentum_matrix(model, data, 0)
     before = np.array(data.qvel)
-    contact = contacts[0]
-    J_n = contact_jacobian(model, data, contact)
-    after, impulse = reflect(M, J_n, before, contact.restitution) if J_n @ before < 0.0 else (before, 0.0)
+    J = np.stack([contact_jacobian(model, data, contact) for contact in contacts])
+    e = np.array([contact.restitution for contact in contacts])
+    after, impulses, jammed = _velocities(M, J, before, e, law)
     return Impact(
         contacts=tuple(contacts),
-        impulses=np.array([impulse]),
-        approach_speeds=np.array([-(J_n @ before)]),
-        separation_speeds=np.array([J_n @ after]),
+        impulses=impulses,
+        approach_speeds=-(J @ before),
+        separation_speeds=J @ after,
         before=ImpactState(before, kinetic_energy(M, before), momentum_map @ before),
         after=ImpactState(after, kinetic_energy(M, after), momentum_map @ after),
+        law=law,
+        jammed=jammed,
     )
+
+
+def _velocities(
+    M: FloatArray, J: FloatArray, qvel: FloatArray, e: FloatArray, law: str
+) -> tuple[FloatArray, FloatArray, bool]:
+    """Velocities after, impulses, and whether the bodies are jammed."""
+    if len(J) == 1:
+        if J[0] @ qvel >= 0.0:
+            return qvel, np.zeros(1), False
+        after, impulse = reflect(M, J[0], qvel, float(e[0]))
+        return after, np.array([impulse]), False
+    if e.max() > 1.0:
+        raise UnsupportedContactError("super-elastic impacts (e > 1) are for one contact at a time")
+    L = np.linalg.cholesky(M)
+    A = solve_triangular(L, J.T, lower=True).T
+    if np.any(np.linalg.norm(A, axis=1) == 0.0):
+        raise ValueError("neither body can move along the contact normal")
+    result = LAWS[law](A, L.T @ qvel, e)
+    # The change, not the state, is brought back from mass-weighted velocities: what nothing pushes stays as it was.
+    change = solve_triangular(L, A.T @ result.impulses, lower=True, trans="T")
+    return qvel + change, result.impulses, result.jammed
+
+
+def compare_laws(model: Any, data: Any, contacts: Sequence[Contact]) -> dict[str, Impact | str]:
+    """The same impact under every law, or why a law does not cover it.
+
+    Where the answers differ the outcome is a modelling choice, which the laws make differently.
+    """
+    out: dict[str, Impact | str] = {}
+    for law in LAWS:
+        try:
+            out[law] = resolve(model, data, contacts, law)
+        except UnsupportedContactError as error:
+            out[law] = str(error)
+    return out

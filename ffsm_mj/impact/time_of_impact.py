@@ -22,6 +22,8 @@ GAP_TOLERANCE = 1e-9
 REST_RATE = 1e-12
 """Gap rates within this of zero in m/s are rounding: neither approaching nor separating."""
 _ROOT_GAP = 1e-14
+# MuJoCo's distance is trusted to this in m; closer pairs are asked exactly.
+_NEAR = 1e-7
 _ROOT_ITERATIONS = 100
 _MAX_HALVINGS = 48
 
@@ -107,8 +109,9 @@ class Detector:
     def contacts(self) -> list[tuple[ImpactPair, Proximity]]:
         """All pairs in contact at the state in ``data``."""
         model, data = self._model, self._data
-        close = [pair for pair in self._pairs if pair.gap(model, data, 1.0) <= GAP_TOLERANCE]
-        return [(pair, pair.proximity(model, data)) for pair in close]
+        close = [pair for pair in self._pairs if pair.gap(model, data, 1.0) <= _NEAR]
+        near = [(pair, pair.proximity(model, data)) for pair in close]
+        return [(pair, proximity) for pair, proximity in near if proximity.gap <= GAP_TOLERANCE]
 
     def _edge(self, time: float) -> _Edge:
         model, data = self._model, self._data
@@ -117,20 +120,26 @@ class Detector:
         return _Edge(time, gaps, bounds)
 
     def _touching_now(self, i: int) -> bool:
-        if self._start.gaps[i] > GAP_TOLERANCE:
+        if self._start.gaps[i] > _NEAR:
             return False
-        return self._pairs[i].proximity(self._model, self._data).rate < -REST_RATE
+        near = self._pairs[i].proximity(self._model, self._data)
+        return near.gap <= GAP_TOLERANCE and near.rate < -REST_RATE
 
     @staticmethod
     def _clear(a: _Edge, b: _Edge) -> bool:
         """No gap that starts and ends like this can have reached zero in between, at the bounded rate."""
         span = b.time - a.time
-        return all(ga + gb > max(va, vb) * span for ga, gb, va, vb in zip(a.gaps, b.gaps, a.bounds, b.bounds, strict=True))
+        return all(
+            ga + gb - 2.0 * _NEAR > max(va, vb) * span
+            for ga, gb, va, vb in zip(a.gaps, b.gaps, a.bounds, b.bounds, strict=True)
+        )
 
     def _first_touch(self, a: _Edge, b: _Edge, depth: int) -> float | None:
         """Earliest touch in an interval, halving it until each pair that may touch moves simply."""
         span = b.time - a.time
-        open_pairs = [i for i in range(len(self._pairs)) if a.gaps[i] + b.gaps[i] <= max(a.bounds[i], b.bounds[i]) * span]
+        open_pairs = [
+            i for i in range(len(self._pairs)) if a.gaps[i] + b.gaps[i] - 2.0 * _NEAR <= max(a.bounds[i], b.bounds[i]) * span
+        ]
         if not open_pairs:
             return None
         simple = all(max(a.bounds[i], b.bounds[i]) * span <= self._pairs[i].size for i in open_pairs)
