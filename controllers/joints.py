@@ -29,20 +29,24 @@ def driven_joints(system: System, names: Sequence[str] | None, key: str = "joint
         ScenarioFaults: A joint is unknown, no part of the robot, or has no motor.
     """
     motors = _motors(system)
+    key_given = names is not None
     base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
     if names is None:
         names = [joint.name for joint in system.robot.joints if joint.name in motors and joint.dofs.start not in base]
+    robot = [joint.name for joint in system.robot.joints]
     faults, found = [], []
     for i, name in enumerate(names):
         try:
             joint = system.joint(name)
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), (key, i)))
+        except LookupError:
+            faults.append(Fault(unknown_name("joint of the robot", name, robot), (key, i)))
             continue
         if joint.name not in motors:
             faults.append(Fault(unknown_name("motor-driven joint", name, motors), (key, i)))
         found.append(joint)
-    if not found and not faults:
+    if not names and key_given:
+        faults.append(Fault("must name at least one joint, or be left out", (key,)))
+    elif not found and not faults:
         faults.append(Fault("the robot has no motor-driven joint; add <motor joint=.../> to its MJCF", (key,)))
     if faults:
         raise ScenarioFaults(faults)

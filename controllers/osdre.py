@@ -7,10 +7,11 @@ figures were made with the other. ``output_stack`` depends on where the world's 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
+from pydantic import Field
 
 from controllers.joints import driven_joints
 from controllers.riccati import RiccatiError, solve_care
@@ -36,6 +37,8 @@ class OsdreConfig(StrictModel):
     """Weight of the torques, positive definite: one number per joint for a diagonal, or rows."""
     parameterization: Literal["output_stack", "velocity"] = "output_stack"
     """Lower block of A: ``output_stack`` d z^+ (the paper's runs), ``velocity`` [0, d ydot^+] (the paper's print)."""
+    null_space_damping: Annotated[float, Field(ge=0.0)] = 0.0
+    """Damping of motions of a redundant arm that do not move the output, N m s/rad; the output does not feel it."""
 
 
 class Osdre:
@@ -73,6 +76,7 @@ class Osdre:
             raise ScenarioFaults([Fault(f"{p} outputs need at least {p} joints, there are {len(self._a)}", ("joints",))])
         self._Q = _state_weight(config.Q, p)
         self._R_inverse = np.linalg.inv(_input_weight(config.R, len(self._a)))
+        self._damping = config.null_space_damping
         self._whole_stack = config.parameterization == "output_stack"
         self._jacp, self._jac_dot = np.empty((3, self._model.nv)), np.empty((3, self._model.nv))
         self._M = np.empty((self._model.nv, self._model.nv))
@@ -106,6 +110,9 @@ class Osdre:
             raise ControllerError(f"OSDRE at t = {observation.time_s:.6g} s: {error}") from error
         error_stack = np.concatenate((y - self._task.target_m, y_dot))
         u = -self._R_inverse @ (B_lower.T @ (solution.K[p:] @ error_stack))
+        if self._damping > 0.0:
+            brake = self._damping * data.qvel[self._joints.dofs]
+            u -= brake - np.linalg.pinv(B_lower) @ (B_lower @ brake)
         command.drive(self._joints.actuators, u)
         smallest = float(np.linalg.svd(B_lower, compute_uv=False)[-1])
         distance = float(np.linalg.norm(error_stack[:p]))

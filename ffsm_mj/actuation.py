@@ -50,7 +50,7 @@ class ReactionWheelConfig(StrictModel):
 class OnOffConfig(StrictModel):
     """A thruster that is off or fully on, in the direction asked for (paper, section 4.4).
 
-    With ``release_N`` below ``threshold_N`` it is a Schmitt trigger. A site's thruster whose ctrlrange starts at 0 pushes only.
+    With ``release_N`` below ``threshold_N`` it is a Schmitt trigger. A thruster whose ctrlrange starts at 0 pushes only.
     """
 
     kind: Literal["on_off"]

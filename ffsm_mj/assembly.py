@@ -23,6 +23,7 @@ from ffsm_mj.model import Joint, System, compile_system
 from ffsm_mj.scenario import JointValue, Scenario, located
 from ffsm_mj.yaml_source import YamlSource
 
+_HUGE = 1e10
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -84,7 +85,8 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
     for key, mjcf in models.items():
         path = Path(os.path.normpath(folder / mjcf))
         if not path.is_file():
-            faults.append(Fault(f"no such model file {path}", (*key.split("."), "mjcf")))
+            what = "is a folder, not a model file:" if path.is_dir() else "no such model file"
+            faults.append(Fault(f"{what} {path}", (*key.split("."), "mjcf")))
         paths[key.split(".")[-1]] = path
     if faults:
         raise located(ScenarioFaults(faults), source)
@@ -120,9 +122,11 @@ def _set_joint(joint: Joint, key: str, value: JointValue, target: Any) -> str:
     size = part.stop - part.start
     if len(numbers) != size:
         return f"{joint.kind} joint {joint.name} takes {size} number{'s' if size > 1 else ''}, got {len(numbers)}"
+    if np.any(np.abs(numbers) > _HUGE):
+        return f"must stay below {_HUGE:g}, the largest value that MuJoCo takes for a state"
     if key == "joints" and joint.kind in ("free", "ball"):
         length = np.linalg.norm(numbers[-4:])
-        if abs(length - 1.0) > 1e-6:
+        if abs(length - 1.0) > 1e-3:
             return f"the quaternion (w, x, y, z) must have length 1, it has {length:.6g}"
         numbers[-4:] /= length
     target[part] = numbers
@@ -148,6 +152,21 @@ def _impact_pairs(scenario: Scenario, system: System) -> tuple[ImpactPair, ...]:
     return tuple(pairs)
 
 
+def _refuse_contradictions(pairs: tuple[ImpactPair, ...], ignored: set[frozenset[int]]) -> None:
+    """A pair is resolved once, or ignored; not both."""
+    faults: list[Fault] = []
+    seen: set[tuple[str, str]] = set()
+    for i, pair in enumerate(pairs):
+        name = f"{pair.robot_geom} - {pair.object_geom}"
+        if (pair.robot_geom, pair.object_geom) in seen:
+            faults.append(Fault(f"{name} is listed twice", ("impact_pairs", i)))
+        if pair.geoms in ignored:
+            faults.append(Fault(f"{name} is also in ignored_pairs", ("impact_pairs", i)))
+        seen.add((pair.robot_geom, pair.object_geom))
+    if faults:
+        raise ScenarioFaults(faults)
+
+
 def _refuse_overlap(system: System, data: Any, pairs: tuple[ImpactPair, ...]) -> None:
     faults = []
     for i, pair in enumerate(pairs):
@@ -160,7 +179,7 @@ def _refuse_overlap(system: System, data: Any, pairs: tuple[ImpactPair, ...]) ->
 
 
 def _known_pairs(scenario: Scenario, system: System, pairs: tuple[ImpactPair, ...]) -> frozenset[frozenset[int]]:
-    known = {frozenset((system.index("geom", p.robot_geom), system.index("geom", p.object_geom))) for p in pairs}
+    known: set[frozenset[int]] = set()
     faults = []
     for i, config in enumerate(scenario.ignored_pairs):
         sides = []
@@ -173,7 +192,8 @@ def _known_pairs(scenario: Scenario, system: System, pairs: tuple[ImpactPair, ..
         known |= {frozenset((a, b)) for a in sides[0] for b in sides[1]}
     if faults:
         raise ScenarioFaults(faults)
-    return frozenset(known)
+    _refuse_contradictions(pairs, known)
+    return frozenset(known | {pair.geoms for pair in pairs})
 
 
 def _geoms_of(system: System, name: str) -> list[int]:

@@ -94,7 +94,10 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is not a positive number")
     return value
@@ -165,6 +168,11 @@ def _analyze(options: argparse.Namespace) -> int:
     from ffsm_mj.text_report import verification, verification_json
 
     run = load_run(options.run)
+    if not len(run.time):
+        _complain(f"{options.run}: the log holds no sample, there is nothing to verify")
+        return BAD_INPUT
+    if not options.json:
+        _say(f"{Path(options.run).resolve()}\n")
     tolerance = options.tolerance or DEFAULT_TOLERANCE
     _say(verification_json(run, tolerance) if options.json else verification(run, tolerance))
     violated = run.conservative and not all(law.holds for law in run.laws(tolerance))
@@ -172,7 +180,6 @@ def _analyze(options: argparse.Namespace) -> int:
 
 
 def _view(options: argparse.Namespace) -> int:
-    import subprocess
     import tempfile
 
     from ffsm_mj.analysis import load_run
@@ -180,13 +187,24 @@ def _view(options: argparse.Namespace) -> int:
 
     recording = Path(options.run) / RECORDING
     if recording.is_file():
-        return subprocess.call([sys.executable, "-m", "rerun", str(recording)])
+        return _open_viewer(recording)
     from ffsm_mj.recording import write_recording
 
     with tempfile.TemporaryDirectory(prefix="ffsm-") as folder:
         made = Path(folder) / RECORDING
         write_recording(load_run(options.run).log, made)
-        return subprocess.call([sys.executable, "-m", "rerun", str(made)])
+        return _open_viewer(made)
+
+
+def _open_viewer(recording: Path) -> int:
+    import subprocess
+
+    if subprocess.call([sys.executable, "-m", "rerun", str(recording)]) == 0:
+        return OK
+    _complain(
+        f"the Rerun viewer did not open {recording}; it needs a display, the recording opens on any machine that has one"
+    )
+    return RUN_FAILED
 
 
 def _schema(_: argparse.Namespace) -> int:

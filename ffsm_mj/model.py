@@ -197,8 +197,28 @@ def _load(path: Path) -> Any:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise InputError(_mujoco_line(path, error)) from error
+    if path.suffix.lower() == ".urdf":
+        _complete_urdf(spec)
     _name_all(spec)
     return spec
+
+
+def _complete_urdf(spec: Any) -> None:
+    """Give a URDF what it has no words for: a floating root, a motor on each joint, a site on each link.
+
+    The free joint is named ``base``, a motor ``<joint>_motor``, a site like its link.
+    """
+    spec.compiler.fusestatic = False  # a fixed tool frame stays a body, and so does the root
+    root = spec.worldbody.first_body()
+    if root is not None and not root.joints:
+        root.add_freejoint(name="base")
+    for body in spec.bodies[1:]:
+        body.add_site(name=body.name)
+    for joint in spec.joints:
+        if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            motor = spec.add_actuator(name=f"{joint.name}_motor", target=joint.name)
+            motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+            motor.set_to_motor()
 
 
 def _name_all(spec: Any) -> None:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, PositiveFloat, PositiveInt, ValidationErr
 from controllers import kinds
 from ffsm_mj.actuation import ActuatorConfig
 from ffsm_mj.config import StrictModel
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.yaml_source import YamlSource, read_yaml
 
 SCHEMA_LINE = "# yaml-language-server: $schema=ffsm.schema.json"
@@ -197,6 +197,12 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
     faults = _timing_faults(scenario)
     for reserved in {"robot", "world"} & set(scenario.objects):
         faults.append(Fault("this name is taken; choose another", ("objects", reserved)))
+    names = [phase.name for phase in scenario.phases]
+    for i, phase in enumerate(scenario.phases):
+        if phase.name in names[:i]:
+            faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
+        if phase.until == "impact" and not scenario.impact_pairs:
+            faults.append(Fault("cannot end: the scenario has no impact_pairs", ("phases", i, "until")))
     for i, phase in enumerate(scenario.phases[:-1]):
         if phase.until == "end":
             faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
@@ -236,6 +242,19 @@ def scenario_schema() -> dict[str, Any]:
     return schema
 
 
+_PLAIN_WORDS = (
+    ("Value error, ", ""),
+    ("Input should", "should"),
+    ("String should match pattern", "must be written like"),
+    ("Tuple should", "should"),
+    (" after validation", ""),
+    ("a valid dictionary or instance of", "a mapping of keys, see"),
+    ("a valid dictionary", "a mapping of keys"),
+    ("valid tuple", "list"),
+    ("tuple", "list"),
+)
+
+
 def _fault(item: Any) -> Fault:
     """A pydantic error as one of ours: the path without union tags, the message with what is allowed."""
     kind, message = item["type"], item["msg"]
@@ -251,10 +270,11 @@ def _fault(item: Any) -> Fault:
         )
     if kind == "missing":
         return Fault("is missing", path)
+    for technical, plain in _PLAIN_WORDS:
+        message = message.replace(technical, plain)
     value = item["input"]
     shown = f", got {json.dumps(value)}" if isinstance(value, str | int | float | bool) else ""
-    text = message.removeprefix("Value error, ").replace("Input should", "should").replace("tuple", "list")
-    return Fault(f"{text}{shown}", path)
+    return Fault(f"{message}{shown}", path)
 
 
 def _without_other_members(error: ValidationError) -> list[Any]:
@@ -263,7 +283,7 @@ def _without_other_members(error: ValidationError) -> list[Any]:
     members: dict[Any, dict[Any, list[Any]]] = {}
     out: list[Any] = []
     for item in items:
-        at = next((i for i, part in enumerate(item["loc"]) if part == "float" or "[" in str(part)), None)
+        at = next((i for i, part in enumerate(item["loc"]) if _is_union_member(part)), None)
         if at is None:
             out.append(item)
         else:
@@ -274,9 +294,10 @@ def _without_other_members(error: ValidationError) -> list[Any]:
     return out
 
 
-def _fit(errors: list[Any]) -> tuple[int, int]:
-    """How far a union's member got before it failed, and with how few errors."""
-    return max(len(item["loc"]) for item in errors), -len(errors)
+def _fit(errors: list[Any]) -> tuple[int, bool, int]:
+    """How far a union's member got before it failed, whether its shape was right, and with how few errors."""
+    wrong_shape = any(item["type"] in ("tuple_type", "literal_error") for item in errors)
+    return max(len(item["loc"]) for item in errors), not wrong_shape, -len(errors)
 
 
 def _file_path(location: tuple[str | int, ...]) -> tuple[str | int, ...]:
@@ -285,10 +306,15 @@ def _file_path(location: tuple[str | int, ...]) -> tuple[str | int, ...]:
     out: list[str | int] = []
     for i, part in enumerate(location):
         after_union = i > 0 and (location[i - 1] == "controller" or (len(out) >= 2 and out[-2] == "actuators"))
-        if isinstance(part, str) and ((after_union and part in known) or part in ("float", "str") or "[" in part):
+        if isinstance(part, str) and ((after_union and part in known) or _is_union_member(part)):
             continue
         out.append(part)
     return tuple(out)
+
+
+def _is_union_member(part: str | int) -> bool:
+    """Whether a step of a pydantic location names a member of a plain union rather than a key."""
+    return part in ("float", "str") or str(part).startswith(("constrained-", "literal[", "tuple["))
 
 
 def _unknown_key(location: tuple[str | int, ...]) -> str:
@@ -296,7 +322,9 @@ def _unknown_key(location: tuple[str | int, ...]) -> str:
     model: Any = Scenario
     for part in location[:-1]:
         model = _member(model, part)
-    return "unknown key" + (f"; allowed: {', '.join(sorted(model.model_fields))}" if _is_model(model) else "")
+    if not _is_model(model):
+        return "unknown key"
+    return unknown_name("key", str(location[-1]), model.model_fields).replace(f"key {location[-1]!r}", "key", 1)
 
 
 def _member(node: Any, part: str | int) -> Any:

@@ -166,7 +166,10 @@ class Simulation:
         end_s, left = (self._done.steps + 1) * step_s, step_s
         while True:
             plant.ledger.open()
-            touch = plant.detector.advance(left)
+            try:
+                touch = plant.detector.advance(left)
+            except UnsupportedContactError as error:
+                raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
             plant.ledger.close(left if touch is None else touch)
             plant.actuation.elapse(left if touch is None else touch)
             self._check_finite()
@@ -191,6 +194,9 @@ class Simulation:
         """Resolve the contacts at this instant, book and record them, and ask the controller at once."""
         plant, data, model = self._plant, self._plant.data, self._plant.system.mj
         touching = plant.detector.contacts()
+        if not any(near.rate < -REST_RATE for _, near in touching):
+            plant.detector.restart()
+            return
         self._refuse_lasting(touching, time_s)
         contacts = [
             Contact(pair.robot_body, pair.object_body, point, near.normal, pair.restitution)

@@ -96,7 +96,7 @@ def _impact(record: ImpactRecord) -> dict[str, Any]:
 
 
 def _phases(log: RunLog, end_s: float) -> list[dict[str, Any]]:
-    ends = [phase.start_s for phase in log.phases[1:]] + [end_s]
+    ends = [phase.start_s for phase in log.phases[1:]] + [end_s] * bool(log.phases)
     return [
         {"name": phase.name, "start_s": phase.start_s, "end_s": end, "controller": phase.controller}
         for phase, end in zip(log.phases, ends, strict=True)

@@ -10,6 +10,11 @@ from ffsm_mj.analysis import Run
 from ffsm_mj.conservation import Law
 from ffsm_mj.events import ImpactRecord
 
+_STEP_HINT = (
+    "\n  what RK4 itself leaves falls with the fourth power of the step: try half the time_step_s, or state what you accept"
+    " with 'ffsm analyze --tolerance'"
+)
+
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Aligned columns: text to the left, everything that starts like a number to the right."""
@@ -25,9 +30,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def run_report(run: Run) -> str:
     """Outcome, impacts, tip and conservation of a finished run."""
-    parts = [headline(run), impact_table(run.impacts), *_tip_lines(run), *_contact_lines(run)]
+    parts = [headline(run), impact_table(run.impacts), *_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
     if run.conservative:
-        parts.append(conservation_table(run.laws()))
+        laws = run.laws()
+        parts.append(conservation_table(laws) + ("" if all(law.holds for law in laws) else _STEP_HINT))
     else:
         parts.append("not conservative: " + run.log.header.facts.get("not_conservative", ""))
     return "\n\n".join(part for part in parts if part)
@@ -93,6 +99,13 @@ def conservation_table(laws: Sequence[Law]) -> str:
     )
 
 
+def _phase_lines(run: Run) -> list[str]:
+    """Phases that the scenario has and the run did not reach."""
+    reached = {phase.name for phase in run.phases}
+    missed = [name for name in run.log.header.facts.get("phases", "").split("\n") if name and name not in reached]
+    return [f"phases not reached: {', '.join(missed)}"] if missed else []
+
+
 def _tip_lines(run: Run) -> list[str]:
     tip = run.summary()["tip"]
     if tip is None:
@@ -116,7 +129,7 @@ def _contact_lines(run: Run) -> list[str]:
 
 def verification(run: Run, tolerance: float) -> str:
     """What ``ffsm analyze`` prints: everything recomputed from the log."""
-    parts = [headline(run), impact_table(run.impacts), *_tip_lines(run), *_contact_lines(run)]
+    parts = [headline(run), impact_table(run.impacts), *_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
     laws = run.laws(tolerance)
     parts.append(conservation_table(laws))
     if not run.conservative:
@@ -124,7 +137,7 @@ def verification(run: Run, tolerance: float) -> str:
     elif laws:
         broken = [f"{law.name} of {law.party}" for law in laws if not law.holds]
         verdict = f"VIOLATED: {', '.join(broken)}" if broken else f"all {len(laws)} laws hold"
-        parts.append(f"{verdict} over {run.time[-1]:g} s ({len(run.time)} samples)")
+        parts.append(f"{verdict} over {run.time[-1]:g} s ({len(run.time)} samples)" + (_STEP_HINT if broken else ""))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
     return "\n\n".join(part for part in parts if part)

@@ -118,16 +118,19 @@ def _apply(source: YamlSource, override: str) -> None:
         value = _plain(YAML(typ="rt").load(text))
     except YAMLError as error:
         raise InputError(f"-s {override}: the value is malformed YAML") from error
-    path = tuple(int(part) if part.isdigit() else part for part in key.strip().split("."))
+    parts = key.strip().split(".")
+    path: tuple[str | int, ...] = ()
     node = source.data
-    for depth, part in enumerate(path):
-        last = depth == len(path) - 1
+    for depth, name in enumerate(parts):
+        last = depth == len(parts) - 1
+        part: str | int = int(name) if isinstance(node, list) and name.isdigit() else name
+        path += (part,)
         if isinstance(node, list):
             if not isinstance(part, int) or part >= len(node):
-                where = ".".join(map(str, path[:depth]))
+                where = ".".join(parts[:depth])
                 raise InputError(f"-s {override}: {where} is a list of {len(node)}: its positions are 0 to {len(node) - 1}")
         elif not isinstance(node, dict):
-            raise InputError(f"-s {override}: {'.'.join(map(str, path[:depth]))} is a single value and has no {part!r}")
+            raise InputError(f"-s {override}: {'.'.join(parts[:depth])} is a single value and has no {part!r}")
         elif not last and part not in node:
             node[part] = {}
         if last:

@@ -133,8 +133,10 @@ FREE_FLYING = {
     "phases.1.for_s": 4.6,
     "phases.1.controller": {
         "kind": "free_flying",
-        "thrusters": {"joints": ["base_x", "base_y"], "kp": 50.0, "kd": 37.5},
-        "wheel": {"joints": ["base_yaw"], "kp": 200.0, "kd": 150.0},
-        "arm": {"joints": ["joint_1", "joint_2", "joint_3"], "kp": 150.0, "kd": 112.5},
+        "thrusters": ["thruster_x", "thruster_y"],
+        "wheels": ["wheel"],
+        "translation": {"kp": 50.0, "kd": 37.5},
+        "rotation": {"kp": 200.0, "kd": 150.0},
+        "arm": {"kp": 150.0, "kd": 112.5},
     },
 }

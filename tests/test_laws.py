@@ -117,12 +117,14 @@ def checked(law, A, w, e):
 
 
 @pytest.mark.parametrize("law", ["blend", "poisson"])
+@pytest.mark.slow
 def test_random_problems_with_a_restitution_per_contact(law, rng):
     for _ in range(2000):
         A, w = random_problem(rng)
         checked(law, A, w, rng.uniform(0, 1, len(A)))
 
 
+@pytest.mark.slow
 def test_random_elastic_problems_conserve_energy(rng):
     """E = 1: |dT| < 1e-10 T unless jammed; jammed only where a direction is squeezed from both sides."""
     jams = 0

@@ -122,7 +122,7 @@ def test_a_truncated_log_gives_what_comes_before(finished, tmp_path, share):
     data = (folder / "run.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: int(len(data) * share)])
     if share < 0.3:  # before the first chunk there is nothing to be had
-        with pytest.raises(LogError, match=r"cut\.mcap: .*breaks off before|broken off before"):
+        with pytest.raises(LogError, match=r"cut\.mcap: .*breaks off"):
             ffsm_mj.load_run(tmp_path / "cut.mcap")
         return
     read = ffsm_mj.load_run(tmp_path / "cut.mcap")

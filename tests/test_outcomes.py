@@ -53,6 +53,23 @@ def test_diverged(tmp_path):
     assert not list(tmp_path.rglob("MUJOCO_LOG.TXT"))
 
 
+@pytest.mark.parametrize("rate", [1e9, 1e7])
+def test_absurd_speeds_end_the_run_and_never_hang(tmp_path, rate):
+    """A closing speed that no sub-step can follow, or that is not finite: one clear line, soon."""
+    path = scene(
+        tmp_path,
+        ball("ball", radius=0.001, joints="xy"),
+        {"target": ball("target", radius=0.001, joints="xy")},
+        initial={"joints": {"target/x": 1e3, "target/y": 0.5}, "rates": {"robot/x": rate}},
+        duration_s=0.01,
+        impact_pairs=[{"robot_geom": "ball", "object_geom": "target/target"}],
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome in ("diverged", "completed")
+    assert run.impacts == ()
+    assert "\n" not in run.message
+
+
 def test_event_limit(tmp_path):
     """A ball between two heavy ones bounces until the limit."""
     path = scene(

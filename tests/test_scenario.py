@@ -30,7 +30,7 @@ def faults(*overrides, path=BASELINE):
     ("override", "expected"),
     [
         ("foo=1", "foo: unknown key; allowed: actuators, conservative"),
-        ("phases.0.controller.zz=1", "unknown key; allowed: Q, R, joints, kind, parameterization"),
+        ("phases.0.controller.zz=1", "unknown key; allowed: Q, R, joints, kind, null_space_damping, parameterization"),
         ("actuators.motor_1.kk=1", "unknown key; allowed: kind, no_load_speed_rad_s, stall_torque_N_m"),
         ("duration_s='3'", 'duration_s: should be a valid number, got "3"'),
         ("duration_s=true", "duration_s: should be a valid number, got true"),
@@ -52,7 +52,7 @@ def faults(*overrides, path=BASELINE):
         ("actuators.motor_9={kind: ideal}", "unknown actuator 'motor_9'"),
         ("phases.0.controller.kind=lqr", "unknown kind 'lqr'; allowed: off, pd, osdre, free_flying"),
         ("phases.0.controller={}", "needs a 'kind'"),
-        ("phases.0.controller.joints=[joint_1, elbow]", "phases.0.controller.joints.1: unknown joint 'elbow'"),
+        ("phases.0.controller.joints=[joint_1, elbow]", "phases.0.controller.joints.1: unknown joint of the robot 'elbow'"),
         ("phases.0.controller.joints=[joint_1]", "2 outputs need at least 2 joints, there are 1"),
         ("phases.0.controller.Q=[0, 1, 1, 1]", "its position block must be regular"),
         ("phases.0.controller.Q=[1, 1, 1, -1]", "must be positive semidefinite"),
@@ -64,6 +64,19 @@ def faults(*overrides, path=BASELINE):
         ("no_equals_sign", "an override is written key=value"),
         ("phases.9.name=x", "phases is a list of 3: its positions are 0 to 2"),
         ("duration_s=[", "the value is malformed YAML"),
+        ("duration=3", "duration: unknown key (did you mean 'duration_s'?)"),
+        ("phases.2.name=approach", "another phase has the name 'approach'"),
+        ("impact_pairs=[]", "phases.0.until: cannot end: the scenario has no impact_pairs"),
+        ("ignored_pairs.0.pair=[gripper, box]", "robot/gripper - object/box is also in ignored_pairs"),
+        ("phases.0.controller.joints=[]", "must name at least one joint, or be left out"),
+        (
+            "phases.1.controller={kind: pd, kp: -1, kd: 1}",
+            "phases.1.controller.kp: should be greater than or equal to 0, got -1",
+        ),
+        ("initial.rates.joint_1=1e300", "must stay below 1e+10"),
+        ("objects=3", "objects: should be a mapping of keys, got 3"),
+        ("phases=[]", "phases: should have at least 1 item"),
+        ("robot.mjcf=.", "is a folder, not a model file"),
     ],
 )
 def test_one_clear_line(override, expected):
@@ -78,7 +91,18 @@ def test_faults_of_a_file_name_line_and_column(tmp_path):
     path.write_text(text)
     number = text.splitlines().index("time_stop_s: 0.001") + 1
     (line,) = faults(path=path)
-    assert line.startswith(f"{path}:{number}:1: time_stop_s: unknown key; allowed: ")
+    assert line.startswith(f"{path}:{number}:1: time_stop_s: unknown key (did you mean 'time_step_s'?); allowed: ")
+
+
+def test_an_impact_pair_is_listed_once():
+    pair = "{robot_geom: gripper, object_geom: box}"
+    (line,) = faults(f"impact_pairs=[{pair}, {pair}]")
+    assert "robot/gripper - object/box is listed twice" in line
+
+
+def test_joints_that_look_like_numbers_can_be_overridden():
+    (line,) = faults("initial.joints.2=0.5")
+    assert "unknown joint '2'" in line
 
 
 def test_overlap_at_the_start():

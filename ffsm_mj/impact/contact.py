@@ -60,6 +60,7 @@ class ImpactPair:
         robot_geom: Full name of the robot's geom.
         object_geom: Full name of the object's geom.
         restitution: Coefficient e of this pair.
+        geoms: Ids of both geoms.
         size: Length in m below which the pair's gap is a simple function of time (half the thinnest extent).
     """
 
@@ -73,6 +74,7 @@ class ImpactPair:
         self._g1, self._g2 = system.index("geom", robot_geom), system.index("geom", object_geom)
         self.robot_geom, self.object_geom = model.geom(self._g1).name, model.geom(self._g2).name
         self.robot_body, self.object_body = int(model.geom_bodyid[self._g1]), int(model.geom_bodyid[self._g2])
+        self.geoms = frozenset((self._g1, self._g2))
         self._check_sides(system)
         self.restitution = restitution
         self.size = 0.5 * float(min(model.geom_aabb[self._g1, 3:].min(), model.geom_aabb[self._g2, 3:].min()))

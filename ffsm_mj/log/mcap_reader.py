@@ -88,9 +88,9 @@ class _Contents:
         """
         facts = self.metadata.get(form.FACTS_METADATA)
         if facts is None:
-            raise LogError(path, "not a log of ffsm-mj, or broken off before it began")
+            raise LogError(path, "not a log of ffsm-mj, or it breaks off before it begins")
         if self.sample_schema is None:
-            raise LogError(path, "the log breaks off before its first sample")
+            raise LogError(path, "the log breaks off, or is damaged, before its first sample")
         layout = form.layout_of_schema(self.sample_schema, self.metadata.get(form.SIGNALS_METADATA, {}))
         try:
             rows = form.SampleCodec(layout).decode(self.samples) if self.samples else np.empty((0, len(layout.signals)))

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 
 from ffsm_mj.model import FloatArray, System
+from ffsm_mj.signals import identifier
 
 # MuJoCo's own viewer draws groups 0 to 2; contact-only geoms live in higher ones.
 _DRAWN_GROUPS = 3
@@ -16,7 +17,8 @@ _DRAWN_GROUPS = 3
 
 def body_path(system: System, body: int) -> str:
     """Entity of a body: ``world/robot/base``. Bodies are not nested, their poses are in the world frame."""
-    return f"world/{system.mj.body(body).name}"
+    tree, _, name = system.mj.body(body).name.partition("/")
+    return f"world/{identifier(tree)}/{identifier(name)}"
 
 
 def moving_bodies(system: System) -> list[int]:
@@ -35,7 +37,7 @@ def log_shapes(recording: rr.RecordingStream, system: System) -> None:
         if shape is not None:
             name = (model.geom(geom).name or f"geom_{geom}").rsplit("/", 1)[-1]
             parent = body_path(system, body) if body else "world/static"
-            recording.log(f"{parent}/{name}", shape, static=True)
+            recording.log(f"{parent}/{identifier(name)}", shape, static=True)
 
 
 def poses(system: System, scratch: Any, qpos_rows: FloatArray) -> tuple[FloatArray, FloatArray]:
