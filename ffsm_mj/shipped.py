@@ -32,7 +32,7 @@ def scenario_path(scenario: str | Path) -> Path:
     if path.is_file():
         return path
     text = str(scenario)
-    if path.is_dir():
+    if path.is_dir() and text not in scenario_names():
         raise InputError(f"{text}: is a folder; name the scenario file in it")
     if path.suffix in (".yaml", ".yml") or "/" in text or path.name != text:
         raise InputError(f"{text}: no such scenario file")

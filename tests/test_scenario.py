@@ -135,6 +135,8 @@ def test_malformed_yaml(tmp_path, text, expected):
 def test_missing_scenario():
     with pytest.raises(InputError, match=r"unknown shipped scenario 'basline' \(did you mean 'baseline'"):
         scenario_path("basline")
+    with pytest.raises(InputError, match="is a folder; name the scenario file in it"):
+        scenario_path(MJCF)
     with pytest.raises(InputError, match="no such scenario file"):
         scenario_path("nowhere/mine.yaml")
 
