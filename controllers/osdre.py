@@ -14,10 +14,9 @@ import numpy as np
 from pydantic import Field
 
 from controllers.joints import driven_joints
-from controllers.riccati import RiccatiError, solve_care
+from controllers.riccati import PlanarRiccati, RiccatiError, solve_care
 from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
-from ffsm_mj.dynamics import ReducedModel, reduced_model
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
 from ffsm_mj.model import FloatArray
 from ffsm_mj.signals import Signal
@@ -65,25 +64,28 @@ class Osdre:
         system, self._task = context.system, context.task
         self._model = system.mj
         self._joints = driven_joints(system, config.joints)
-        robot = system.robot.dofs
-        self._robot = robot
-        self._a = self._joints.dofs - robot.start
-        self._b = np.setdiff1d(np.arange(robot.stop - robot.start), self._a)
-        self._axes = list(self._task.axes)
+        self._axes = np.array(self._task.axes)
+        self._target = self._task.target_m.tolist()
         self._tip_body = int(self._model.site_bodyid[self._task.tip_site])
         p = len(self._axes)
-        if p > len(self._a):
-            raise ScenarioFaults([Fault(f"{p} outputs need at least {p} joints, there are {len(self._a)}", ("joints",))])
+        if p > len(self._joints.dofs):
+            raise ScenarioFaults(
+                [Fault(f"{p} outputs need at least {p} joints, there are {len(self._joints.dofs)}", ("joints",))]
+            )
         self._Q = _state_weight(config.Q, p)
-        self._R_inverse = np.linalg.inv(_input_weight(config.R, len(self._a)))
+        self._R_inverse = np.linalg.inv(_input_weight(config.R, len(self._joints.dofs)))
         self._damping = config.null_space_damping
         self._whole_stack = config.parameterization == "output_stack"
-        self._jacp, self._jac_dot = np.empty((3, self._model.nv)), np.empty((3, self._model.nv))
-        self._M = np.empty((self._model.nv, self._model.nv))
-        self._report = (np.nan,) * len(self.telemetry_signals)
+        nv = self._model.nv
+        self._jacp, self._jac_dot = np.empty((3, nv)), np.empty((3, nv))
+        self._J, self._W, self._bias = np.empty((p, nv)), np.empty((p, nv)), np.empty(nv)
+        self._planar = PlanarRiccati(self._Q) if p == 2 else None
+        self._report: tuple[float, ...] = (np.nan,) * len(self.telemetry_signals)
 
-    def start(self, observation: Observation) -> None:
-        """The law has no memory."""
+    def start(self, observation: Observation) -> None:  # noqa: ARG002
+        """The law has no memory; the Riccati solver starts cold."""
+        if self._planar is not None:
+            self._planar.forget()
 
     def control(self, observation: Observation, command: Command) -> None:
         """Command u = -R^-1 B^T K [y - y_d; ydot], paper (32).
@@ -92,44 +94,74 @@ class Osdre:
             ControllerError: The Riccati equation has no stabilising solution at this state.
         """
         data = observation.data
-        p = len(self._axes)
-        reduced, y, y_dot = self._output_dynamics(data)
-        z = np.concatenate((y, y_dot))
-        B_lower = np.linalg.solve(reduced.M_c, reduced.alpha.T).T  # alpha M_c^-1, M_c symmetric
-        A = np.zeros((2 * p, 2 * p))
-        A[:p, p:] = np.eye(p)
-        if self._whole_stack:
-            A[p:] = np.outer(reduced.drift, _pseudo_inverse(z))
-        else:
-            A[p:, p:] = np.outer(reduced.drift, _pseudo_inverse(y_dot))
-        S = np.zeros((2 * p, 2 * p))
-        S[p:, p:] = B_lower @ self._R_inverse @ B_lower.T
+        B_lower, drift, y, y_dot = self._output_dynamics(data)
         try:
-            solution = solve_care(A, S, self._Q)
+            if self._planar is not None:
+                u = self._planar_law(self._planar, B_lower, drift, y, y_dot)
+            else:
+                u = self._law(B_lower, drift, y, y_dot)
         except RiccatiError as error:
             raise ControllerError(f"OSDRE at t = {observation.time_s:.6g} s: {error}") from error
-        error_stack = np.concatenate((y - self._task.target_m, y_dot))
-        u = -self._R_inverse @ (B_lower.T @ (solution.K[p:] @ error_stack))
         if self._damping > 0.0:
             brake = self._damping * data.qvel[self._joints.dofs]
             u -= brake - np.linalg.pinv(B_lower) @ (B_lower @ brake)
         command.drive(self._joints.actuators, u)
-        smallest = float(np.linalg.svd(B_lower, compute_uv=False)[-1])
-        distance = float(np.linalg.norm(error_stack[:p]))
-        self._report = (distance, solution.residual, float(solution.fallback), smallest)
 
-    def _output_dynamics(self, data: Any) -> tuple[ReducedModel, FloatArray, FloatArray]:
-        """Reduced model, output y and its rate at the current state."""
-        model, robot, axes, site = self._model, self._robot, self._axes, self._task.tip_site
+    def _output_dynamics(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """(alpha M_c^-1, drift d, y, ydot) at the current state: ydd = d + alpha M_c^-1 u.
+
+        With the rows W = J M^-1 of the whole robot, alpha M_c^-1 is their part on the driven joints and d = Jdot qdot - W c:
+        the elimination of the other dofs (22), done by MuJoCo's factorisation of M.
+        """
+        model, site, axes = self._model, self._task.tip_site, self._axes
+        point = data.site_xpos[site]
         mujoco.mj_jacSite(model, data, self._jacp, None, site)
-        point = np.array(data.site_xpos[site])
         mujoco.mj_jacDot(model, data, self._jac_dot, None, point, self._tip_body)
-        mujoco.mj_fullM(model, data, self._M)
-        qvel = data.qvel[robot]
-        J = self._jacp[axes][:, robot]
-        bias = data.qfrc_bias[robot] - data.qfrc_passive[robot]
-        Jdot_qdot = self._jac_dot[axes][:, robot] @ qvel
-        return reduced_model(self._M[robot, robot], bias, J, Jdot_qdot, self._a, self._b), point[axes], J @ qvel
+        self._jacp.take(axes, axis=0, out=self._J)
+        mujoco.mj_solveM(model, data, self._W, self._J)
+        np.subtract(data.qfrc_bias, data.qfrc_passive, out=self._bias)
+        qvel = data.qvel
+        drift = self._jac_dot[axes] @ qvel - self._W @ self._bias
+        return self._W[:, self._joints.dofs], drift, point[axes], self._J @ qvel
+
+    def _planar_law(
+        self, riccati: PlanarRiccati, B_lower: FloatArray, drift: FloatArray, y: FloatArray, y_dot: FloatArray
+    ) -> FloatArray:
+        """The law for two outputs, in floats."""
+        y0, y1 = y.tolist()
+        v0, v1 = y_dot.tolist()
+        d0, d1 = drift.tolist()
+        speed = v0 * v0 + v1 * v1
+        square = y0 * y0 + y1 * y1 + speed if self._whole_stack else speed
+        scale = 1.0 / square if square > 0.0 else 0.0
+        a0, a1 = (d0 * scale, d1 * scale) if self._whole_stack else (0.0, 0.0)
+        A21 = (a0 * y0, a0 * y1, a1 * y0, a1 * y1)
+        b0, b1 = d0 * scale, d1 * scale
+        A22 = (b0 * v0, b0 * v1, b1 * v0, b1 * v1)
+        BR = B_lower @ self._R_inverse
+        (s0, s1), (_, s3) = (BR @ B_lower.T).tolist()
+        P2, P3, residual, fallback = riccati.solve(A21, A22, (s0, s1, s1, s3))
+        e0, e1 = y0 - self._target[0], y1 - self._target[1]
+        w0 = P2[0] * e0 + P2[2] * e1 + P3[0] * v0 + P3[1] * v1
+        w1 = P2[1] * e0 + P2[3] * e1 + P3[2] * v0 + P3[3] * v1
+        self._report = ((e0 * e0 + e1 * e1) ** 0.5, residual, float(fallback), _smallest_singular_value(B_lower))
+        return np.asarray(BR.T @ (-w0, -w1))
+
+    def _law(self, B_lower: FloatArray, drift: FloatArray, y: FloatArray, y_dot: FloatArray) -> FloatArray:
+        """The law for any number of outputs."""
+        p = len(y)
+        A, S = np.zeros((2 * p, 2 * p)), np.zeros((2 * p, 2 * p))
+        A[:p, p:] = np.eye(p)
+        if self._whole_stack:
+            A[p:] = np.outer(drift, _pseudo_inverse(np.concatenate((y, y_dot))))
+        else:
+            A[p:, p:] = np.outer(drift, _pseudo_inverse(y_dot))
+        S[p:, p:] = B_lower @ self._R_inverse @ B_lower.T
+        solution = solve_care(A, S, self._Q)
+        error = y - self._task.target_m
+        smallest = float(np.linalg.svd(B_lower, compute_uv=False)[-1])
+        self._report = (float(np.linalg.norm(error)), solution.residual, float(solution.fallback), smallest)
+        return np.asarray(-self._R_inverse @ (B_lower.T @ (solution.K[p:] @ np.concatenate((error, y_dot)))))
 
     def telemetry(self) -> Sequence[float]:
         """Error, Riccati residual, fallback, smallest gain of the last tick."""
@@ -140,6 +172,14 @@ def _pseudo_inverse(v: FloatArray) -> FloatArray:
     """v^+ = v^T / |v|^2, zero at zero."""
     square = float(v @ v)
     return v / square if square > 0.0 else np.zeros_like(v)
+
+
+def _smallest_singular_value(B: FloatArray) -> float:
+    """Smaller singular value of a matrix of two rows: det / largest keeps its digits where it is small."""
+    (a, b), (_, d) = (B @ B.T).tolist()
+    half = 0.5 * (a + d)
+    largest = half + (max(half * half - (a * d - b * b), 0.0)) ** 0.5
+    return (max(a * d - b * b, 0.0) / largest) ** 0.5 if largest > 0.0 else 0.0
 
 
 def _matrix(weight: Weight, size: int, key: str, of: str) -> FloatArray:

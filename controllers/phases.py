@@ -47,6 +47,7 @@ class PhaseMachine:
         self.telemetry_signals = tuple(signals.values())
         column = {key: i for i, key in enumerate(signals)}
         self._columns = [[column[s.key] for s in phase.controller.telemetry_signals] for phase in self._phases]
+        self._reports = [np.full(len(signals), np.nan) for _ in self._phases]
         self.phase_index = -1
         self._start_s = 0.0
         self._begun: list[PhaseRecord] = []
@@ -78,8 +79,11 @@ class PhaseMachine:
 
     def telemetry(self) -> FloatArray:
         """Report of the current phase's controller; NaN in the columns of the others."""
-        values = np.full(len(self.telemetry_signals), np.nan)
-        values[self._columns[self.phase_index]] = self._phases[self.phase_index].controller.telemetry()
+        values = self._reports[self.phase_index]
+        columns = self._columns[self.phase_index]
+        if columns:
+            for column, value in zip(columns, self._phases[self.phase_index].controller.telemetry(), strict=True):
+                values[column] = value
         return values
 
     def drain_phases(self) -> list[PhaseRecord]:

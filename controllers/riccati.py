@@ -1,7 +1,8 @@
 """The continuous algebraic Riccati equation (33): A^T K + K A + Q - K B R^-1 B^T K = 0.
 
-The loop solves it from the stable eigenvectors of the Hamiltonian, which takes a tenth of SciPy's Schur method for matrices
-this small; every solution is verified, and SciPy takes over where the verification fails.
+For two outputs the loop solves it by :mod:`controllers.riccati_planar`, warm-started from the tick before and verified; for
+three, and wherever the verification fails, from the stable eigenvectors of the Hamiltonian, polished by a Newton-Kleinman
+step; where that is not good enough SciPy's Schur method takes over.
 """
 
 from __future__ import annotations
@@ -10,10 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.riccati_planar import Matrix, PlanarWeight, newton
 from ffsm_mj.model import FloatArray
 
-# The residual of SciPy's solution is about 1e-13 on the case study; eigenvectors lose a few digits near repeated roots.
-_ACCEPTED_RESIDUAL = 1e-9
+ACCEPTED_RESIDUAL = 1e-13
+"""Relative residual at which a solution counts as exact to rounding."""
+# What the robust methods may leave near singular poses.
+_TOLERATED_RESIDUAL = 1e-9
 
 
 class RiccatiError(ArithmeticError):
@@ -42,11 +46,55 @@ def solve_care(A: FloatArray, S: FloatArray, Q: FloatArray) -> RiccatiSolution:
     """
     K = _from_eigenvectors(A, S, Q)
     if K is not None:
+        K = _polished(A, S, Q, K)
         residual = relative_residual(A, S, Q, K)
-        if residual <= _ACCEPTED_RESIDUAL:
+        if residual <= _TOLERATED_RESIDUAL:
             return RiccatiSolution(K, residual, fallback=False)
-    K = _from_scipy(A, S, Q)
+    K = _polished(A, S, Q, _from_scipy(A, S, Q))
     return RiccatiSolution(K, relative_residual(A, S, Q, K), fallback=True)
+
+
+class PlanarRiccati:
+    """The equation of two outputs from tick to tick."""
+
+    def __init__(self, Q: FloatArray) -> None:
+        """Take the state weight apart."""
+        self._Q = Q
+        self._weight = PlanarWeight(_flat(Q[:2, :2]), _flat(Q[:2, 2:]), _flat(Q[2:, 2:]))
+        self.forget()
+
+    def forget(self) -> None:
+        """Start cold at the next tick."""
+        self._last: tuple[Matrix, Matrix] | None = None
+
+    def solve(self, A21: Matrix, A22: Matrix, S: Matrix) -> tuple[Matrix, Matrix, float, bool]:
+        """P2, P3, relative residual, and whether the warm start failed and a robust method was needed.
+
+        Raises:
+            RiccatiError: No method finds a stabilising solution.
+        """
+        warm = self._last
+        if warm is not None:
+            solution = newton(A21, A22, S, self._weight, warm)
+            if solution is not None and solution.residual <= ACCEPTED_RESIDUAL:
+                self._last = solution.P2, solution.P3
+                return solution.P2, solution.P3, solution.residual, False
+        robust = self._robust(A21, A22, S)
+        P2, P3 = _flat(robust.K[:2, 2:]), _flat(robust.K[2:, 2:])
+        self._last = P2, P3
+        return P2, P3, robust.residual, warm is not None
+
+    def _robust(self, A21: Matrix, A22: Matrix, S: Matrix) -> RiccatiSolution:
+        A, wide = np.zeros((4, 4)), np.zeros((4, 4))
+        A[:2, 2:] = np.eye(2)
+        A[2:, :2], A[2:, 2:] = np.reshape(A21, (2, 2)), np.reshape(A22, (2, 2))
+        wide[2:, 2:] = np.reshape(S, (2, 2))
+        return solve_care(A, wide, self._Q)
+
+
+def _flat(block: FloatArray) -> Matrix:
+    a, b, c, d = np.ravel(block).tolist()
+    return a, b, c, d
 
 
 def relative_residual(A: FloatArray, S: FloatArray, Q: FloatArray, K: FloatArray) -> float:
@@ -71,6 +119,19 @@ def _from_eigenvectors(A: FloatArray, S: FloatArray, Q: FloatArray) -> FloatArra
     except np.linalg.LinAlgError:
         return None
     return np.asarray(0.5 * (K + K.T))
+
+
+def _polished(A: FloatArray, S: FloatArray, Q: FloatArray, K: FloatArray) -> FloatArray:
+    """One Newton-Kleinman step, kept where it lowers the residual."""
+    n = len(A)
+    closed = A - S @ K
+    operator = np.kron(closed.T, np.eye(n)) + np.kron(np.eye(n), closed.T)
+    try:
+        better = np.linalg.solve(operator, -(Q + K @ S @ K).ravel()).reshape(n, n)
+    except np.linalg.LinAlgError:
+        return K
+    better = 0.5 * (better + better.T)
+    return better if relative_residual(A, S, Q, better) < relative_residual(A, S, Q, K) else K
 
 
 def _from_scipy(A: FloatArray, S: FloatArray, Q: FloatArray) -> FloatArray:

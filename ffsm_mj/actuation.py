@@ -6,7 +6,9 @@ A command is decided once per control tick and held.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import mujoco
@@ -74,6 +76,59 @@ AnyActuator = IdealConfig | TorqueSpeedConfig | ReactionWheelConfig | OnOffConfi
 ActuatorConfig = Annotated[AnyActuator, Field(discriminator="kind")]
 
 
+@dataclass
+class _Limits:
+    """What one actuator can do, and what its on-off valve remembers."""
+
+    gear: float
+    low: float
+    high: float
+    stall: float = math.inf
+    slope: float = 0.0
+    saturation: float = math.inf
+    on_off: bool = False
+    force: float = 0.0
+    threshold: float = 0.0
+    release: float = 0.0
+    min_on_s: float = 0.0
+    firing: float = 0.0
+    lit_at_s: float = 0.0
+
+    def configure(self, config: AnyActuator) -> None:
+        """Take the limits of a scenario."""
+        if isinstance(config, TorqueSpeedConfig):
+            self.stall = config.stall_torque_N_m
+            self.slope = config.stall_torque_N_m / config.no_load_speed_rad_s
+        elif isinstance(config, ReactionWheelConfig):
+            self.stall, self.saturation = config.max_torque_N_m, config.max_speed_rad_s
+        elif isinstance(config, OnOffConfig):
+            self.on_off = True
+            self.force = self.stall = config.force_N
+            self.threshold, self.min_on_s = config.threshold_N, config.min_on_time_s
+            self.release = config.threshold_N if config.release_N is None else config.release_N
+
+    def bounds(self, speed: float) -> tuple[float, float]:
+        """Least and greatest effort while powered, at a speed."""
+        drag = self.slope * speed
+        lower = max(-self.stall - drag, self.low) if speed > -self.saturation else 0.0
+        upper = min(self.stall - drag, self.high) if speed < self.saturation else 0.0
+        return lower, upper
+
+    def fire(self, wanted: float, lower: float, upper: float, time_s: float) -> float:
+        """Force of the valve: kept on above the release and for its shortest time, lit above the threshold."""
+        size = abs(wanted)
+        sign = math.copysign(1.0, wanted)
+        stays = self.firing == sign and size >= self.release and size > 0.0
+        held = self.firing != 0.0 and time_s - self.lit_at_s < self.min_on_s - 1e-12
+        firing = self.firing if stays or held else sign if size > self.threshold else 0.0
+        if not lower <= firing * self.force <= upper:
+            firing = 0.0  # one that only pushes never fires backwards
+        if firing not in (0.0, self.firing):
+            self.lit_at_s = time_s
+        self.firing = firing
+        return firing * self.force
+
+
 class Actuation:
     """Limits of all actuators, as arrays.
 
@@ -92,90 +147,68 @@ class Actuation:
         model = system.mj
         self.names = system.names("actuator")
         self._gear = _effort_per_ctrl(system)
-        count = int(model.nu)
-        self._stall, self._slope = np.full(count, np.inf), np.zeros(count)
-        self._on_off = np.zeros(count, dtype=np.bool_)
-        self._force, self._threshold, self._release = np.zeros(count), np.zeros(count), np.zeros(count)
-        self._min_on, self._saturation = np.zeros(count), np.full(count, np.inf)
-        self._firing, self._lit_at = np.zeros(count), np.zeros(count)
-        self._range = _mjcf_range(model, self._gear)
+        bounds = _mjcf_range(model, self._gear)
+        self._limits = [_Limits(*values) for values in zip(self._gear.tolist(), *bounds.tolist(), strict=True)]
         faults = []
         for name, config in configs.items():
             try:
-                self._limit(system.index("actuator", name), config)
+                self._limits[system.index("actuator", name)].configure(config)
             except LookupError as error:
                 faults.append(Fault(str(error.args[0]), ("actuators", name)))
         if faults:
             raise ScenarioFaults(faults)
-        self._counted = np.flatnonzero(self._on_off)
-        self.on_time_s, self.impulse_N_s = np.zeros(count), np.zeros(count)
+        # One row per actuator: command, applied, lower, upper.
+        self._table = np.zeros((len(self.names), 4))
+        self.applied = self._table[:, 1]
+        self._counted = np.flatnonzero([limits.on_off for limits in self._limits])
+        self._valves = [limits for limits in self._limits if limits.on_off]
+        self._valves_open = False
+        self.on_time_s, self.impulse_N_s = np.zeros(len(self.names)), np.zeros(len(self.names))
         self.signals = _signals(system, self._counted)
-        self.applied, self.command = np.zeros(count), np.zeros(count)
-        self.lower, self.upper = np.full(count, -np.inf), np.full(count, np.inf)
-
-    def _limit(self, index: int, config: AnyActuator) -> None:
-        if isinstance(config, TorqueSpeedConfig):
-            self._stall[index] = config.stall_torque_N_m
-            self._slope[index] = config.stall_torque_N_m / config.no_load_speed_rad_s
-        elif isinstance(config, ReactionWheelConfig):
-            self._stall[index], self._saturation[index] = config.max_torque_N_m, config.max_speed_rad_s
-        elif isinstance(config, OnOffConfig):
-            self._on_off[index] = True
-            self._force[index], self._threshold[index] = config.force_N, config.threshold_N
-            self._release[index] = config.threshold_N if config.release_N is None else config.release_N
-            self._min_on[index], self._stall[index] = config.min_on_time_s, config.force_N
 
     def apply(self, command: Command, data: Any, time_s: float) -> None:
         """Turn a command into ``data.ctrl`` and hold it.
 
+        In floats: for the few actuators of a robot that is several times faster than arrays.
+
         Raises:
             ControllerError: A powered effort is not finite.
         """
-        if not np.all(np.isfinite(command.effort[command.powered])):
-            bad = [name for name, effort in zip(self.names, command.effort, strict=True) if not np.isfinite(effort)]
-            raise ControllerError(f"the controller commands an effort that is not finite for {', '.join(bad)}")
-        self._bounds(data.actuator_velocity / self._gear)
-        np.copyto(self.command, np.where(command.powered, command.effort, 0.0))
-        wanted = self.command
-        if len(self._counted):
-            self._fire(command.powered, time_s)
-            wanted = np.where(self._on_off, self._firing * self._force, self.command)
-        np.copyto(self.applied, np.where(command.powered, np.clip(wanted, self.lower, self.upper), 0.0))
-        data.ctrl[:] = self.applied / self._gear
-
-    def _bounds(self, speed: FloatArray) -> None:
-        """Least and greatest effort of powered actuators at these speeds."""
-        drag = self._slope * speed
-        np.maximum(-self._stall - drag, self._range[0], out=self.lower)
-        np.minimum(self._stall - drag, self._range[1], out=self.upper)
-        self.upper[speed >= self._saturation] = 0.0
-        self.lower[speed <= -self._saturation] = 0.0
-
-    def _fire(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
-        """Decide which on-off actuators fire, and in which direction (+1, -1, 0)."""
-        size, sign = np.abs(self.command), np.sign(self.command)
-        lit = self._firing != 0.0
-        stays = lit & (sign == self._firing) & (size >= self._release) & (size > 0.0)
-        held = lit & (time_s - self._lit_at < self._min_on - 1e-12)
-        firing = np.where(stays | held, self._firing, np.where(size > self._threshold, sign, 0.0))
-        # One that only pushes never fires backwards.
-        firing = np.where(powered & (firing * self._force <= self.upper) & (firing * self._force >= self.lower), firing, 0.0)
-        self._lit_at[(firing != self._firing) & (firing != 0.0)] = time_s
-        self._firing = firing
+        efforts, powered = command.effort.tolist(), command.powered.tolist()
+        velocities = data.actuator_velocity.tolist()
+        out: list[tuple[float, float, float, float]] = []
+        for i, limits in enumerate(self._limits):
+            lower, upper = limits.bounds(velocities[i] / limits.gear)
+            wanted = applied = efforts[i] if powered[i] else 0.0
+            if powered[i]:
+                if not math.isfinite(wanted):
+                    raise ControllerError(f"the controller commands an effort that is not finite for {self.names[i]}")
+                if limits.on_off:
+                    applied = limits.fire(wanted, lower, upper, time_s)
+                applied = min(max(applied, lower), upper)
+            elif limits.on_off:
+                limits.firing = 0.0
+            out.append((wanted, applied, lower, upper))
+        if out:
+            self._table[:] = out
+        self._valves_open = any(limits.firing for limits in self._valves)
+        np.divide(self.applied, self._gear, out=data.ctrl)
 
     def elapse(self, duration_s: float) -> None:
         """Count on-times and impulses of the on-off actuators over a time with the efforts held."""
+        if not self._valves_open:
+            return
         counted = self._counted
         self.on_time_s[counted] += duration_s * (self.applied[counted] != 0.0)
         self.impulse_N_s[counted] += duration_s * np.abs(self.applied[counted])
 
     def fill(self, row: FloatArray) -> None:
         """Write commands, applied efforts, bounds, on-times and impulses into the actuator columns of a row."""
-        efforts = 4 * len(self.names)
-        row[0:efforts:4], row[1:efforts:4] = self.command, self.applied
-        row[2:efforts:4], row[3:efforts:4] = self.lower, self.upper
-        row[efforts::2] = self.on_time_s[self._counted]
-        row[efforts + 1 :: 2] = self.impulse_N_s[self._counted]
+        efforts = self._table.size
+        row[:efforts] = self._table.ravel()
+        if len(self._counted):
+            row[efforts::2] = self.on_time_s[self._counted]
+            row[efforts + 1 :: 2] = self.impulse_N_s[self._counted]
 
 
 def _effort_per_ctrl(system: System) -> FloatArray:

@@ -84,6 +84,43 @@ def base_wrench(jacobian: FloatArray, generalized: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(jacobian.T, generalized, rcond=None)[0], dtype=np.float64)
 
 
+class BaseMomentum:
+    """Momentum of a tree (P, L about the origin) from the base rows of M qdot, paper (8)-(9), every tick.
+
+    Where the base joints' twists are orthonormal at the base frame's origin (a free joint; slides and hinges along
+    orthogonal axes through it) their transpose inverts them; other bases take :func:`base_wrench`.
+    """
+
+    def __init__(self, system: System, tree: Tree) -> None:
+        """Look whether the base is of the simple kind, in a few configurations."""
+        self._model, self._tree = system.mj, tree
+        self._jacp, self._jacr = np.empty((3, system.mj.nv)), np.empty((3, system.mj.nv))
+        data = mujoco.MjData(system.mj)
+        rng = np.random.default_rng(1)
+        self._orthonormal = True
+        for _ in range(4):
+            mujoco.mj_integratePos(system.mj, data.qpos, rng.uniform(-1.0, 1.0, system.mj.nv), 1.0)
+            mujoco.mj_kinematics(system.mj, data)
+            mujoco.mj_comPos(system.mj, data)
+            twists = np.vstack(self._jacobians(data))
+            self._orthonormal &= np.allclose(twists.T @ twists, np.eye(twists.shape[1]), rtol=0.0, atol=1e-12)
+
+    def _jacobians(self, data: Any) -> tuple[FloatArray, FloatArray]:
+        mujoco.mj_jacBody(self._model, data, self._jacp, self._jacr, self._tree.root)
+        return self._jacp[:, self._tree.base_dofs], self._jacr[:, self._tree.base_dofs]
+
+    def momentum(self, data: Any, h: FloatArray) -> FloatArray:
+        """(P, L about the origin) on the components that the base leaves free, from h = M qdot; the others are arbitrary."""
+        own = h[self._tree.base_dofs]
+        if not self._orthonormal:
+            return base_wrench(base_jacobian(self._model, data, self._tree), own)
+        linear, angular = self._jacobians(data)
+        px, py, pz = (linear @ own).tolist()
+        lx, ly, lz = (angular @ own).tolist()
+        x, y, z = data.xpos[self._tree.root].tolist()
+        return np.array((px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px))
+
+
 def free_components(system: System, tree: Tree) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Which of (P_x, P_y, P_z, L_x, L_y, L_z) about the origin a tree's base joints leave free, shape (6,).
 

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.dynamics import base_jacobian, base_wrench, body_momenta, free_components, generalized_momentum
+from ffsm_mj.dynamics import BaseMomentum, base_jacobian, base_wrench, body_momenta, free_components
 from ffsm_mj.model import FloatArray, System
 
 # Columns of ledger rows, see signals._ledger_signals: work, impact energy x3, external, contact, residuals.
@@ -37,48 +37,63 @@ class Ledger:
         object_free = [free_components(system, tree) for tree in system.objects]
         objects_free = np.all(object_free, axis=0) if object_free else np.ones(6, dtype=np.bool_)
         self.free = np.array([robot_free & objects_free, robot_free, objects_free], dtype=np.float64)
-        self._external_actuators = _base_actuators(system)
-        self._on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        self._external_actuators = np.flatnonzero(_base_actuators(system)).tolist()
+        self._on_joint = (np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)).astype(np.float64)
         self.energy, self.momentum = np.zeros(3), np.zeros((3, 6))
         self.robot_by_mass_matrix = np.zeros(6)
-        self._work = 0.0
-        self._impact_energy = np.zeros(3)
-        self._external, self._contact = np.zeros(6), np.zeros(6)
+        self._base = BaseMomentum(system, system.robot)
+        self._h = np.empty(system.mj.nv)
+        # Work, impact energy of the parties, external impulse on the robot, contact impulse on the objects.
+        self._accounts = np.zeros(1 + 3 + 6 + 6)
+        self._working = self._pushed = False
         self.measure()
-        self._energy_0, self._momentum_0 = self.energy.copy(), self.momentum.copy()
+        self._energy_0, self._momentum_0 = self.energy.tolist(), self.momentum.copy()
+        self._expected = self._momentum_0.copy()
 
     def measure(self) -> None:
         """Read energy and momenta off the current state."""
         model, data, robot = self._model, self._data, self._system.robot
         mujoco.mj_subtreeVel(model, data)
-        h = generalized_momentum(model, data)
-        self.energy[0] = 0.5 * (h @ data.qvel)
-        self.energy[1] = 0.5 * (h[robot.dofs] @ data.qvel[robot.dofs])
-        self.energy[2] = self.energy[0] - self.energy[1]
+        h, qvel = self._h, data.qvel
+        mujoco.mj_mulM(model, data, h, qvel)
+        total, own = 0.5 * float(h @ qvel), 0.5 * float(h[robot.dofs] @ qvel[robot.dofs])
+        self.energy[:] = total, own, total - own
         self.momentum[1] = body_momenta(model, data, robot.root)
-        self.momentum[2] = sum((body_momenta(model, data, tree.root) for tree in self._system.objects), np.zeros(6))
-        self.momentum[0] = self.momentum[1] + self.momentum[2]
-        self.robot_by_mass_matrix = base_wrench(base_jacobian(model, data, robot), h[robot.base_dofs])
+        self.momentum[2] = 0.0
+        for tree in self._system.objects:
+            self.momentum[2] += body_momenta(model, data, tree.root)
+        np.add(self.momentum[1], self.momentum[2], out=self.momentum[0])
+        self.robot_by_mass_matrix[:] = self._base.momentum(data, h)
 
     def open(self) -> None:
-        """Remember the state at the start of a (sub-)step."""
+        """Remember the state at the start of a (sub-)step, as far as the efforts held in it need it."""
         data = self._data
-        self._qpos, self._qvel = data.qpos.copy(), data.qvel.copy()
-        self._length, self._ctrl = data.actuator_length.copy(), data.ctrl.copy()
+        ctrl = data.ctrl.tolist()
+        self._working = any(ctrl)
+        self._pushed = self._working and any(ctrl[i] for i in self._external_actuators)
+        if self._working:
+            self._length = data.actuator_length.copy()
+        if self._pushed:
+            self._qpos, self._qvel, self._ctrl = data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()
 
     def close(self, duration_s: float) -> None:
         """Book the work and impulse of the efforts held since ``open``; the state in ``data`` is the end of the step."""
-        if not self._ctrl.any():
+        if not self._working:
             return
         data = self._data
-        force = data.actuator_force
-        self._work += float(force[self._on_joint] @ (data.actuator_length - self._length)[self._on_joint])
-        if not self._ctrl[self._external_actuators].any():
+        self._accounts[0] += (data.actuator_force * self._on_joint) @ (data.actuator_length - self._length)
+        if not self._pushed:
             return
         start, middle, end = self._rates_of_external(duration_s)
-        mean = (start + 4.0 * middle + end) / 6.0
-        self._external += duration_s * mean[:6]
-        self._work += duration_s * float(mean[6])
+        mean = duration_s / 6.0 * (start + 4.0 * middle + end)
+        self._accounts[4:10] += mean[:6]
+        self._accounts[0] += mean[6]
+        self._expect()
+
+    def _expect(self) -> None:
+        """Momenta that the books explain."""
+        external, contact = self._accounts[4:10], self._accounts[10:16]
+        self._expected = self._momentum_0 + np.stack((external, external - contact, contact))
 
     def _rates_of_external(self, duration_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(Wrench about the origin, power of site actuators) at the start, the Hermite midpoint and the end of a step."""
@@ -94,7 +109,7 @@ class Ledger:
             mujoco.mj_fwdActuation(model, scratch)
             robot = self._system.robot
             wrench = base_wrench(base_jacobian(model, scratch, robot), scratch.qfrc_actuator[robot.base_dofs])
-            power = (scratch.actuator_force * scratch.actuator_velocity)[~self._on_joint].sum()
+            power = (scratch.actuator_force * scratch.actuator_velocity) @ (1.0 - self._on_joint)
             rates.append(np.append(wrench, power))
         return rates[0], rates[1], rates[2]
 
@@ -105,24 +120,28 @@ class Ledger:
             energy_change: Kinetic energy gained by (total, robot, objects), J.
             contact_impulse: Impulse on the objects (force part, moment about the origin), (6,).
         """
-        self._impact_energy += energy_change
-        self._contact += contact_impulse
+        self._accounts[1:4] += energy_change
+        self._accounts[10:16] += contact_impulse
+        self._expect()
 
     def residuals(self) -> tuple[FloatArray, FloatArray]:
         """What the books do not explain at the last ``measure``: energies (3,) and momenta (3, 6)."""
-        work = np.array([self._work, self._work, 0.0])
-        energy = self.energy - self._energy_0 - work - self._impact_energy
-        booked = np.stack((self._external, self._external - self._contact, self._contact))
-        return energy, (self.momentum - self._momentum_0 - booked) * self.free
+        row = np.empty(_ROW_SIZE)
+        self.fill(row)
+        return row[16:19], row[19:].reshape(3, 6)
 
     def fill(self, row: FloatArray) -> None:
         """Write the ledger columns of a row."""
-        energy, momentum = self.residuals()
-        row[0] = self._work
-        row[1:4] = self._impact_energy
-        row[4:10], row[10:16] = self._external, self._contact
-        row[16:19] = energy
-        row[19:_ROW_SIZE] = momentum.ravel()
+        accounts = self._accounts
+        row[:16] = accounts
+        work, total, robot, objects = accounts[:4].tolist()
+        now, before = self.energy.tolist(), self._energy_0
+        row[16:19] = (
+            now[0] - before[0] - work - total,
+            now[1] - before[1] - work - robot,
+            now[2] - before[2] - objects,
+        )
+        row[19:_ROW_SIZE] = ((self.momentum - self._expected) * self.free).ravel()
 
 
 def _base_actuators(system: System) -> npt.NDArray[np.bool_]:

@@ -6,6 +6,7 @@ step by step with the efforts held. A touch inside a step stops the step there, 
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -149,8 +150,6 @@ class Simulation:
             message = f"the controller raised {type(error).__name__} at t = {observation.time_s:.6g} s: {error}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
         self._done.ticks += 1
-        # Forces that act now are part of what the row and the ledger read.
-        mujoco.mj_fwdActuation(self._plant.system.mj, observation.data)
         for phase in self._controller.drain_phases():
             self._recorder.event(phase)
 
@@ -185,8 +184,7 @@ class Simulation:
         plant.data.time = self._done.time_s = end_s
 
     def _check_finite(self) -> None:
-        data = self._plant.data
-        if data.warning.number.any() or not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+        if self._warnings or not math.isfinite(self._plant.detector.kinetic_energy_J):
             message = self._warnings[-1] if self._warnings else "the state is not finite"
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are
 
 from controllers.osdre import Osdre, OsdreConfig
-from controllers.riccati import relative_residual, solve_care
+from controllers.riccati import PlanarRiccati, relative_residual, solve_care
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, Task
 
 WEIGHTS = {"Q": (1.0, 1.0, 0.5, 0.5), "R": (1.0, 1.0, 1.0)}
@@ -70,11 +70,13 @@ def test_factorisation_reproduces_the_output_dynamics(case_study, state, kind, m
     """A z + B u = zdot with MuJoCo's own acceleration, for both parameterizations and any momentum."""
     seen = {}
 
-    def keep(A, S, Q):
-        seen["A"] = A
-        return solve_care(A, S, Q)
+    solve = PlanarRiccati.solve
 
-    monkeypatch.setattr("controllers.osdre.solve_care", keep)
+    def keep(self, A21, A22, S):
+        seen["A"] = np.block([[np.zeros((2, 2)), np.eye(2)], [np.reshape(A21, (2, 2)), np.reshape(A22, (2, 2))]])
+        return solve(self, A21, A22, S)
+
+    monkeypatch.setattr(PlanarRiccati, "solve", keep)
     command = command_at(case_study, law(case_study, parameterization=kind), *state)
     model = case_study.mj
     data = mujoco.MjData(model)

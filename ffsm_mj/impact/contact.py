@@ -114,6 +114,18 @@ class ImpactPair:
         velocity = (vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x)
         return velocity, math.sqrt(wx * wx + wy * wy + wz * wz)
 
+    def reach_per_root_energy(self, model: Any, data: Any) -> float:
+        """Bound on the closing speed over sqrt(2 T), T the kinetic energy of everything, in any configuration.
+
+        A rigid group of mass m and least moment of inertia I has |v| <= sqrt(2 T / m) and |w| <= sqrt(2 T / I); a point of a
+        geom is at most its distance from the group's mass centre plus its bounding radius away from that centre.
+        """
+        parts = (
+            _speed_per_root_energy(model, data, self._g1, self._r1),
+            _speed_per_root_energy(model, data, self._g2, self._r2),
+        )
+        return math.hypot(*parts)
+
     def proximity(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
 
@@ -170,3 +182,17 @@ def _direction(fromto: FloatArray) -> FloatArray:
     """Unit vector between two witness points; not divided by the distance, which is known less well."""
     difference = fromto[3:] - fromto[:3]
     return np.asarray(difference / np.linalg.norm(difference))
+
+
+def _speed_per_root_energy(model: Any, data: Any, geom: int, radius: float) -> float:
+    """Greatest speed of a geom's points over sqrt(2 T)."""
+    group = np.flatnonzero(model.body_weldid == model.body_weldid[model.geom_bodyid[geom]])
+    masses, centres = model.body_mass[group], data.xipos[group]
+    mass = float(masses.sum())
+    centre = masses @ centres / mass
+    inertia = np.zeros((3, 3))
+    for body, m, c in zip(group, masses, centres - centre, strict=True):
+        axes = data.ximat[body].reshape(3, 3)
+        inertia += axes @ np.diag(model.body_inertia[body]) @ axes.T + m * ((c @ c) * np.eye(3) - np.outer(c, c))
+    arm = float(np.linalg.norm(data.geom_xpos[geom] - centre)) + radius
+    return 1.0 / math.sqrt(mass) + arm / math.sqrt(float(np.linalg.eigvalsh(inertia)[0]))

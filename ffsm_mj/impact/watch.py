@@ -32,13 +32,9 @@ class ContactWatch:
             mujoco.mj_collision(model, data)
         finally:
             model.opt.disableflags = disabled
-        if not data.ncon and not self._open:
+        now = self._unknown_overlaps() if data.ncon else {}
+        if not now and not self._open:
             return []
-        now: dict[frozenset[int], float] = {}
-        for geoms, distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
-            pair = frozenset(geoms)
-            if distance < 0.0 and pair not in self._known:
-                now[pair] = max(now.get(pair, 0.0), -distance)
         ended = [self._record(pair, time_s) for pair in self._open.keys() - now.keys()]
         for pair in self._open.keys() - now.keys():
             del self._open[pair]
@@ -46,6 +42,18 @@ class ContactWatch:
             start, deepest = self._open.get(pair, (time_s, 0.0))
             self._open[pair] = (start, max(deepest, depth))
         return ended
+
+    def _unknown_overlaps(self) -> dict[frozenset[int], float]:
+        """Depth by pair of what overlaps now and is not known."""
+        contact = self._data.contact
+        pairs = [frozenset(geoms) for geoms in contact.geom.tolist()]
+        if self._known.issuperset(pairs):
+            return {}
+        depths: dict[frozenset[int], float] = {}
+        for pair, distance in zip(pairs, contact.dist.tolist(), strict=True):
+            if distance < 0.0 and pair not in self._known:
+                depths[pair] = max(depths.get(pair, 0.0), -distance)
+        return depths
 
     def finish(self, time_s: float) -> list[UnhandledContactRecord]:
         """Overlaps that last to the end of the run."""

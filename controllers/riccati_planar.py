@@ -1,0 +1,150 @@
+"""The Riccati equation of two outputs, in plain floats: ten times faster than any linear-algebra call on 4 x 4 matrices.
+
+With A = [[0, I], [A21, A22]], B = [0; B2], S = B2 R^-1 B2^T and K = [[P1, P2], [P2^T, P3]] only P2 and P3 are needed. A
+Newton-Kleinman step solves a Lyapunov equation for them with F = A21 - S P2^T and G = A22 - S P3: its blocks give
+X2 = (t J - W1 / 2) F^-1 with one free scalar t (J the rotation by 90 degrees), a 2 x 2 Lyapunov equation for X3 in closed
+form, affine in t, and t from the symmetry of X1. Matrices are flat tuples (a, b, c, d) by rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+Matrix = tuple[float, float, float, float]
+
+_ITERATIONS = 12
+# Newton's error after a step is of the order of that step squared: a step of 1e-8 leaves rounding.
+_CONVERGED = 1e-8
+
+
+class PlanarWeight(NamedTuple):
+    """Blocks of the 4 x 4 state weight Q: position, coupling, rate."""
+
+    position: Matrix
+    coupling: Matrix
+    rate: Matrix
+
+
+@dataclass(frozen=True)
+class PlanarSolution:
+    """P2 and P3 of the solution, and its residual relative to the largest term."""
+
+    P2: Matrix
+    P3: Matrix
+    residual: float
+
+
+def newton(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, start: tuple[Matrix, Matrix]) -> PlanarSolution | None:
+    """Iterate from a start until what is left is rounding; None where that leads nowhere.
+
+    The result is verified to be the stabilising solution, which is unique: a start too far away can lead to another.
+    """
+    P2, P3 = start
+    for _ in range(_ITERATIONS):
+        try:
+            X2, X3 = _step(A21, A22, S, Q, P2, P3)
+        except ZeroDivisionError:
+            return None
+        a, b, c, d = X2
+        p, q, _, r = X3
+        e, f, g, h = P2
+        s, t, _, u = P3
+        change = abs(a - e) + abs(b - f) + abs(c - g) + abs(d - h) + abs(p - s) + abs(q - t) + abs(r - u)
+        P2, P3 = X2, X3
+        if change <= _CONVERGED * (abs(a) + abs(b) + abs(c) + abs(d) + abs(p) + abs(q) + abs(r)):
+            break
+    else:
+        return None
+    if not _stable(A21, A22, S, P2, P3):
+        return None
+    return PlanarSolution(P2, P3, residual(A21, A22, S, Q, P2, P3))
+
+
+def _step(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, P2: Matrix, P3: Matrix) -> tuple[Matrix, Matrix]:
+    """One Newton-Kleinman step."""
+    s0, s1, _, s3 = S
+    a, b, c, d = P2
+    p0, p1, _, p3 = P3
+    # S P2^T, S P3; F, G.
+    m0, m1, m2, m3 = s0 * a + s1 * b, s0 * c + s1 * d, s1 * a + s3 * b, s1 * c + s3 * d
+    n0, n1, n2, n3 = s0 * p0 + s1 * p1, s0 * p1 + s1 * p3, s1 * p0 + s3 * p1, s1 * p1 + s3 * p3
+    f0, f1, f2, f3 = A21[0] - m0, A21[1] - m1, A21[2] - m2, A21[3] - m3
+    g0, g1, g2, g3 = A22[0] - n0, A22[1] - n1, A22[2] - n2, A22[3] - n3
+    q1, q2, q3 = Q
+    # W1 = Q1 + P2 S P2^T, antisymmetric part of W2 = Q12 + P2 S P3, W3 = Q3 + P3 S P3.
+    w0, w1, w3 = q1[0] + a * m0 + b * m2, q1[1] + a * m1 + b * m3, q1[3] + c * m1 + d * m3
+    skew = q2[1] + a * n1 + b * n3 - (q2[2] + c * n0 + d * n2)
+    z0, z1, z3 = q3[0] + p0 * n0 + p1 * n2, q3[1] + p0 * n1 + p1 * n3, q3[3] + p1 * n1 + p3 * n3
+    # U = -W1 F^-1 / 2, V = J F^-1.
+    det = f0 * f3 - f1 * f2
+    r = 1.0 / det
+    h = -0.5 * r
+    u0, u1 = h * (w0 * f3 - w1 * f2), h * (w1 * f0 - w0 * f1)
+    u2, u3 = h * (w1 * f3 - w3 * f2), h * (w3 * f0 - w1 * f1)
+    v0, v1, v2, v3 = -f2 * r, f0 * r, -f3 * r, f1 * r
+    # X3 = Xa + t Xb of G^T X + X G = -(W3 + X2 + X2^T).
+    x0, x1, x3 = _lyapunov(g0, g1, g2, g3, z0 + 2.0 * u0, z1 + u1 + u2, z3 + 2.0 * u3)
+    y0, y1, y3 = _lyapunov(g0, g1, g2, g3, 2.0 * v0, v1 + v2, 2.0 * v3)
+    # Antisymmetric part of W2 + F^T X3 + X2 G vanishes.
+    fixed = skew + f0 * x1 + f2 * x3 - f1 * x0 - f3 * x1 + u0 * g1 + u1 * g3 - u2 * g0 - u3 * g2
+    slope = f0 * y1 + f2 * y3 - f1 * y0 - f3 * y1 + v0 * g1 + v1 * g3 - v2 * g0 - v3 * g2
+    t = -fixed / slope
+    off = x1 + t * y1
+    return (u0 + t * v0, u1 + t * v1, u2 + t * v2, u3 + t * v3), (x0 + t * y0, off, off, x3 + t * y3)
+
+
+def _lyapunov(g0: float, g1: float, g2: float, g3: float, n0: float, n1: float, n3: float) -> tuple[float, float, float]:
+    """X of G^T X + X G = -N for symmetric N: X = -(N + adj(G)^T N adj(G) / det G) / (2 tr G)."""
+    r = 1.0 / (g0 * g3 - g1 * g2)
+    h = -0.5 / (g0 + g3)
+    # N adj(G) with adj(G) = [[g3, -g1], [-g2, g0]].
+    k0, k1, k2, k3 = n0 * g3 - n1 * g2, n1 * g0 - n0 * g1, n1 * g3 - n3 * g2, n3 * g0 - n1 * g1
+    return (
+        h * (n0 + r * (g3 * k0 - g2 * k2)),
+        h * (n1 + r * (g3 * k1 - g2 * k3)),
+        h * (n3 + r * (g0 * k3 - g1 * k1)),
+    )
+
+
+def _stable(A21: Matrix, A22: Matrix, S: Matrix, P2: Matrix, P3: Matrix) -> bool:
+    """Routh-Hurwitz test of the closed loop det(s^2 I - s G - F); false for NaN too."""
+    s0, s1, _, s3 = S
+    f0, f1 = A21[0] - s0 * P2[0] - s1 * P2[1], A21[1] - s0 * P2[2] - s1 * P2[3]
+    f2, f3 = A21[2] - s1 * P2[0] - s3 * P2[1], A21[3] - s1 * P2[2] - s3 * P2[3]
+    g0, g1 = A22[0] - s0 * P3[0] - s1 * P3[2], A22[1] - s0 * P3[1] - s1 * P3[3]
+    g2, g3 = A22[2] - s1 * P3[0] - s3 * P3[2], A22[3] - s1 * P3[1] - s3 * P3[3]
+    a = -(g0 + g3)
+    b = g0 * g3 - g1 * g2 - f0 - f3
+    c = g0 * f3 + g3 * f0 - g1 * f2 - g2 * f1
+    d = f0 * f3 - f1 * f2
+    return a > 0.0 and b > 0.0 and c > 0.0 and d > 0.0 and a * b * c - c * c - a * a * d > 0.0
+
+
+def residual(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, P2: Matrix, P3: Matrix) -> float:
+    """Largest entry of the equation's blocks over the largest of their terms; P1 is what makes the coupling block zero."""
+    s0, s1, _, s3 = S
+    a, b, c, d = P2
+    p0, p1, _, p3 = P3
+    q1, q2, q3 = Q
+    m0, m1, m2, m3 = s0 * a + s1 * b, s0 * c + s1 * d, s1 * a + s3 * b, s1 * c + s3 * d
+    n0, n1, n2, n3 = s0 * p0 + s1 * p1, s0 * p1 + s1 * p3, s1 * p0 + s3 * p1, s1 * p1 + s3 * p3
+    e0, e1, e2, e3 = A21
+    h0, h1, h2, h3 = A22
+    k0, k1, k3 = a * m0 + b * m2, a * m1 + b * m3, c * m1 + d * m3
+    l0, l1, l3 = p0 * n0 + p1 * n2, p0 * n1 + p1 * n3, p1 * n1 + p3 * n3
+    top = (
+        2.0 * (a * e0 + b * e2) + q1[0] - k0,
+        a * e1 + b * e3 + c * e0 + d * e2 + q1[1] - k1,
+        2.0 * (c * e1 + d * e3) + q1[3] - k3,
+    )
+    bottom = (
+        2.0 * (a + p0 * h0 + p1 * h2) + q3[0] - l0,
+        b + c + p0 * h1 + p1 * h3 + h0 * p1 + h2 * p3 + q3[1] - l1,
+        2.0 * (d + p1 * h1 + p3 * h3) + q3[3] - l3,
+    )
+    j1 = q2[1] + e0 * p1 + e2 * p3 + a * h1 + b * h3 - a * n1 - b * n3
+    j2 = q2[2] + e1 * p0 + e3 * p1 + c * h0 + d * h2 - c * n0 - d * n2
+    worst = max(*map(abs, top), *map(abs, bottom), abs(j1 - j2))
+    scale = max(abs(k0), abs(k3), abs(l0), abs(l3), abs(q1[0]), abs(q1[3]), abs(q3[0]), abs(q3[3]))
+    return worst / scale
