@@ -145,7 +145,7 @@ class Osdre:
         w0 = P2[0] * e0 + P2[2] * e1 + P3[0] * v0 + P3[1] * v1
         w1 = P2[1] * e0 + P2[3] * e1 + P3[2] * v0 + P3[3] * v1
         self._report = ((e0 * e0 + e1 * e1) ** 0.5, residual, float(fallback), _smallest_singular_value(B_lower))
-        return np.asarray(BR.T @ (-w0, -w1))
+        return np.asarray(BR[0] * -w0 - BR[1] * w1)
 
     def _law(self, B_lower: FloatArray, drift: FloatArray, y: FloatArray, y_dot: FloatArray) -> FloatArray:
         """The law for any number of outputs."""

@@ -8,14 +8,16 @@ form, affine in t, and t from the symmetry of X1. Matrices are flat tuples (a, b
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 Matrix = tuple[float, float, float, float]
 
 _ITERATIONS = 12
-# Newton's error after a step is of the order of that step squared: a step of 1e-8 leaves rounding.
-_CONVERGED = 1e-8
+# Newton's error after a step is of the order of that step squared: once steps are small the residual is worth a look.
+_NEARLY = 1e-6
+_ROUNDING = 2e-15
 
 
 class PlanarWeight(NamedTuple):
@@ -35,12 +37,34 @@ class PlanarSolution:
     residual: float
 
 
+def principal_axes(S: Matrix) -> tuple[tuple[float, float], Matrix]:
+    """(cosine, sine) of twice the angle to the principal axes of a symmetric matrix, and the matrix along them."""
+    mean, difference, coupling = 0.5 * (S[0] + S[3]), 0.5 * (S[0] - S[3]), S[1]
+    radius = math.hypot(difference, coupling)
+    if radius == 0.0:
+        return (1.0, 0.0), S
+    largest = mean + radius
+    smallest = (S[0] * S[3] - coupling * coupling) / largest
+    return (difference / radius, coupling / radius), (largest, 0.0, 0.0, smallest)
+
+
+def turned(M: Matrix, axes: tuple[float, float]) -> Matrix:
+    """V^T M V for the rotation V to some axes: trace and antisymmetric part stay, the rest turns by twice the angle."""
+    a, b, c, d = M
+    mean, odd = 0.5 * (a + d), 0.5 * (b - c)
+    p, q = 0.5 * (a - d), 0.5 * (b + c)
+    cosine, sine = axes
+    p, q = p * cosine + q * sine, q * cosine - p * sine
+    return mean + p, q + odd, q - odd, mean - p
+
+
 def newton(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, start: tuple[Matrix, Matrix]) -> PlanarSolution | None:
     """Iterate from a start until what is left is rounding; None where that leads nowhere.
 
     The result is verified to be the stabilising solution, which is unique: a start too far away can lead to another.
     """
     P2, P3 = start
+    left = math.inf
     for _ in range(_ITERATIONS):
         try:
             X2, X3 = _step(A21, A22, S, Q, P2, P3)
@@ -52,13 +76,27 @@ def newton(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, start: tuple[Ma
         s, t, _, u = P3
         change = abs(a - e) + abs(b - f) + abs(c - g) + abs(d - h) + abs(p - s) + abs(q - t) + abs(r - u)
         P2, P3 = X2, X3
-        if change <= _CONVERGED * (abs(a) + abs(b) + abs(c) + abs(d) + abs(p) + abs(q) + abs(r)):
-            break
-    else:
+        if change <= _NEARLY * (abs(a) + abs(b) + abs(c) + abs(d) + abs(p) + abs(q) + abs(r)):
+            before, left = left, residual(A21, A22, S, Q, P2, P3)
+            if left <= _ROUNDING or left > 0.5 * before:
+                break
+    if left == math.inf or not _stable(A21, A22, S, P2, P3):
         return None
-    if not _stable(A21, A22, S, P2, P3):
-        return None
-    return PlanarSolution(P2, P3, residual(A21, A22, S, Q, P2, P3))
+    return PlanarSolution(P2, P3, left)
+
+
+def extrapolated(
+    first: tuple[Matrix, Matrix], second: tuple[Matrix, Matrix], third: tuple[Matrix, Matrix]
+) -> tuple[Matrix, Matrix]:
+    """The fourth of four values at equal intervals, if they lie on a parabola."""
+    (a0, a1, a2, a3), (p0, p1, _, p3) = first
+    (b0, b1, b2, b3), (q0, q1, _, q3) = second
+    (c0, c1, c2, c3), (r0, r1, _, r3) = third
+    off = p1 + 3.0 * (r1 - q1)
+    return (
+        (a0 + 3.0 * (c0 - b0), a1 + 3.0 * (c1 - b1), a2 + 3.0 * (c2 - b2), a3 + 3.0 * (c3 - b3)),
+        (p0 + 3.0 * (r0 - q0), off, off, p3 + 3.0 * (r3 - q3)),
+    )
 
 
 def _step(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, P2: Matrix, P3: Matrix) -> tuple[Matrix, Matrix]:
@@ -122,7 +160,7 @@ def _stable(A21: Matrix, A22: Matrix, S: Matrix, P2: Matrix, P3: Matrix) -> bool
 
 
 def residual(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, P2: Matrix, P3: Matrix) -> float:
-    """Largest entry of the equation's blocks over the largest of their terms; P1 is what makes the coupling block zero."""
+    """Largest entry of the equation's blocks over the largest of their terms."""
     s0, s1, _, s3 = S
     a, b, c, d = P2
     p0, p1, _, p3 = P3
@@ -133,18 +171,19 @@ def residual(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, P2: Matrix, P
     h0, h1, h2, h3 = A22
     k0, k1, k3 = a * m0 + b * m2, a * m1 + b * m3, c * m1 + d * m3
     l0, l1, l3 = p0 * n0 + p1 * n2, p0 * n1 + p1 * n3, p1 * n1 + p3 * n3
-    top = (
-        2.0 * (a * e0 + b * e2) + q1[0] - k0,
-        a * e1 + b * e3 + c * e0 + d * e2 + q1[1] - k1,
-        2.0 * (c * e1 + d * e3) + q1[3] - k3,
-    )
-    bottom = (
-        2.0 * (a + p0 * h0 + p1 * h2) + q3[0] - l0,
-        b + c + p0 * h1 + p1 * h3 + h0 * p1 + h2 * p3 + q3[1] - l1,
-        2.0 * (d + p1 * h1 + p3 * h3) + q3[3] - l3,
-    )
+    t0, t1, t3 = a * e0 + b * e2, a * e1 + b * e3 + c * e0 + d * e2, c * e1 + d * e3
+    o0, o1, o3 = a + p0 * h0 + p1 * h2, b + c + p0 * h1 + p1 * h3 + h0 * p1 + h2 * p3, d + p1 * h1 + p3 * h3
+    # P1 is minus the rest of the coupling block; what is left of the equation there is its antisymmetric part.
     j1 = q2[1] + e0 * p1 + e2 * p3 + a * h1 + b * h3 - a * n1 - b * n3
     j2 = q2[2] + e1 * p0 + e3 * p1 + c * h0 + d * h2 - c * n0 - d * n2
-    worst = max(*map(abs, top), *map(abs, bottom), abs(j1 - j2))
-    scale = max(abs(k0), abs(k3), abs(l0), abs(l3), abs(q1[0]), abs(q1[3]), abs(q3[0]), abs(q3[3]))
-    return worst / scale
+    worst = max(
+        abs(2.0 * t0 + q1[0] - k0),
+        abs(t1 + q1[1] - k1),
+        abs(2.0 * t3 + q1[3] - k3),
+        abs(2.0 * o0 + q3[0] - l0),
+        abs(o1 + q3[1] - l1),
+        abs(2.0 * o3 + q3[3] - l3),
+        abs(j1 - j2),
+    )
+    largest = max(k0, k3, l0, l3, q1[0], q1[3], q3[0], q3[3], abs(t0), abs(t1), abs(t3), abs(o0), abs(o1), abs(o3), abs(j1))
+    return worst / largest

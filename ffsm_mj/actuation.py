@@ -93,6 +93,9 @@ class _Limits:
     min_on_s: float = 0.0
     firing: float = 0.0
     lit_at_s: float = 0.0
+    constant: bool = False
+    least: float = -math.inf
+    greatest: float = math.inf
 
     def configure(self, config: AnyActuator) -> None:
         """Take the limits of a scenario."""
@@ -109,10 +112,17 @@ class _Limits:
 
     def bounds(self, speed: float) -> tuple[float, float]:
         """Least and greatest effort while powered, at a speed."""
+        if self.constant:
+            return self.least, self.greatest
         drag = self.slope * speed
         lower = max(-self.stall - drag, self.low) if speed > -self.saturation else 0.0
         upper = min(self.stall - drag, self.high) if speed < self.saturation else 0.0
         return lower, upper
+
+    def settle(self) -> None:
+        """Note whether the bounds depend on the speed."""
+        self.constant = self.slope == 0.0 and self.saturation == math.inf
+        self.least, self.greatest = max(-self.stall, self.low), min(self.stall, self.high)
 
     def fire(self, wanted: float, lower: float, upper: float, time_s: float) -> float:
         """Force of the valve: kept on above the release and for its shortest time, lit above the threshold."""
@@ -157,9 +167,11 @@ class Actuation:
                 faults.append(Fault(str(error.args[0]), ("actuators", name)))
         if faults:
             raise ScenarioFaults(faults)
+        for limits in self._limits:
+            limits.settle()
         # One row per actuator: command, applied, lower, upper.
-        self._table = np.zeros((len(self.names), 4))
-        self.applied = self._table[:, 1]
+        self._flat = np.zeros(4 * len(self.names))
+        self.applied = self._flat[1::4]
         self._counted = np.flatnonzero([limits.on_off for limits in self._limits])
         self._valves = [limits for limits in self._limits if limits.on_off]
         self._valves_open = False
@@ -176,7 +188,7 @@ class Actuation:
         """
         efforts, powered = command.effort.tolist(), command.powered.tolist()
         velocities = data.actuator_velocity.tolist()
-        out: list[tuple[float, float, float, float]] = []
+        out: list[float] = []
         for i, limits in enumerate(self._limits):
             lower, upper = limits.bounds(velocities[i] / limits.gear)
             wanted = applied = efforts[i] if powered[i] else 0.0
@@ -188,9 +200,8 @@ class Actuation:
                 applied = min(max(applied, lower), upper)
             elif limits.on_off:
                 limits.firing = 0.0
-            out.append((wanted, applied, lower, upper))
-        if out:
-            self._table[:] = out
+            out += (wanted, applied, lower, upper)
+        self._flat[:] = out
         self._valves_open = any(limits.firing for limits in self._valves)
         np.divide(self.applied, self._gear, out=data.ctrl)
 
@@ -204,8 +215,8 @@ class Actuation:
 
     def fill(self, row: FloatArray) -> None:
         """Write commands, applied efforts, bounds, on-times and impulses into the actuator columns of a row."""
-        efforts = self._table.size
-        row[:efforts] = self._table.ravel()
+        efforts = self._flat.size
+        row[:efforts] = self._flat
         if len(self._counted):
             row[efforts::2] = self.on_time_s[self._counted]
             row[efforts + 1 :: 2] = self.impulse_N_s[self._counted]

@@ -51,8 +51,8 @@ def momentum_matrix(model: Any, data: Any, body: int) -> FloatArray:
     return np.vstack((linear, angular + skew(data.subtree_com[body]) @ linear))
 
 
-def body_momenta(model: Any, data: Any, root: int) -> FloatArray:
-    """Momentum (P, L about the world origin) of a subtree, summed body by body, shape (6,).
+def body_momenta(model: Any, data: Any, root: int) -> tuple[float, float, float, float, float, float]:
+    """Momentum (P, L about the world origin) of a subtree, summed body by body.
 
     ``mj_subtreeVel`` must have run on this state.
     """
@@ -61,7 +61,7 @@ def body_momenta(model: Any, data: Any, root: int) -> FloatArray:
     x, y, z = data.subtree_com[root].tolist()
     lx, ly, lz = data.subtree_angmom[root].tolist()
     px, py, pz = mass * vx, mass * vy, mass * vz
-    return np.array((px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px))
+    return px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px
 
 
 def base_jacobian(model: Any, data: Any, tree: Tree) -> FloatArray:
@@ -109,7 +109,7 @@ class BaseMomentum:
         mujoco.mj_jacBody(self._model, data, self._jacp, self._jacr, self._tree.root)
         return self._jacp[:, self._tree.base_dofs], self._jacr[:, self._tree.base_dofs]
 
-    def momentum(self, data: Any, h: FloatArray) -> FloatArray:
+    def momentum(self, data: Any, h: FloatArray) -> FloatArray | tuple[float, ...]:
         """(P, L about the origin) on the components that the base leaves free, from h = M qdot; the others are arbitrary."""
         own = h[self._tree.base_dofs]
         if not self._orthonormal:
@@ -118,7 +118,7 @@ class BaseMomentum:
         px, py, pz = (linear @ own).tolist()
         lx, ly, lz = (angular @ own).tolist()
         x, y, z = data.xpos[self._tree.root].tolist()
-        return np.array((px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px))
+        return px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px
 
 
 def free_components(system: System, tree: Tree) -> np.ndarray[Any, np.dtype[np.bool_]]:

@@ -59,9 +59,8 @@ class Ledger:
         total, own = 0.5 * float(h @ qvel), 0.5 * float(h[robot.dofs] @ qvel[robot.dofs])
         self.energy[:] = total, own, total - own
         self.momentum[1] = body_momenta(model, data, robot.root)
-        self.momentum[2] = 0.0
-        for tree in self._system.objects:
-            self.momentum[2] += body_momenta(model, data, tree.root)
+        parts = [body_momenta(model, data, tree.root) for tree in self._system.objects]
+        self.momentum[2] = parts[0] if len(parts) == 1 else np.sum(parts, axis=0) if parts else 0.0
         np.add(self.momentum[1], self.momentum[2], out=self.momentum[0])
         self.robot_by_mass_matrix[:] = self._base.momentum(data, h)
 

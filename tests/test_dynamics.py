@@ -53,7 +53,7 @@ def test_momentum_three_ways(which, request, rng):
         data = random_state(system, rng)
         h = generalized_momentum(system.mj, data)
         for tree in system.trees:
-            bodies = body_momenta(system.mj, data, tree.root)
+            bodies = np.array(body_momenta(system.mj, data, tree.root))
             tolerance = 1e-13 * (1 + np.abs(bodies).max()) * 10
             np.testing.assert_allclose(momentum_matrix(system.mj, data, tree.root) @ data.qvel, bodies, atol=tolerance)
             rows = base_wrench(base_jacobian(system.mj, data, tree), h[tree.base_dofs])

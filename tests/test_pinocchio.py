@@ -130,7 +130,7 @@ def test_pinocchio_agrees(system, rng):
 
         momentum = pin.computeCentroidalMomentum(reference, other, q, v)
         total = np.concatenate((momentum.linear, momentum.angular + np.cross(other.com[0], momentum.linear)))
-        parts = [body_momenta(model, data, tree.root) for tree in system.trees]
+        parts = [np.array(body_momenta(model, data, tree.root)) for tree in system.trees]
         close(sum(parts), total, scale=max(np.abs(part).max() for part in parts))
         # The robot alone: what its base rows of M qdot say, on the components that are free.
         robot = system.robot
