@@ -49,10 +49,16 @@ def solve_care(A: FloatArray, S: FloatArray, Q: FloatArray) -> RiccatiSolution:
     if K is not None:
         K = _polished(A, S, Q, K)
         residual = relative_residual(A, S, Q, K)
-        if residual <= _TOLERATED_RESIDUAL:
+        if residual <= _TOLERATED_RESIDUAL and _stabilises(A, S, K):
             return RiccatiSolution(K, residual, fallback=False)
     K = _polished(A, S, Q, _from_scipy(A, S, Q))
+    if not _stabilises(A, S, K):
+        raise RiccatiError("the Riccati equation has no stabilising solution here")
     return RiccatiSolution(K, relative_residual(A, S, Q, K), fallback=True)
+
+
+def _stabilises(A: FloatArray, S: FloatArray, K: FloatArray) -> bool:
+    return bool(np.all(np.isfinite(K)) and np.linalg.eigvals(A - S @ K).real.max() < 0.0)
 
 
 class PlanarRiccati:
@@ -77,19 +83,24 @@ class PlanarRiccati:
         history = self._history
         # Along the principal axes of S nothing cancels, however near the pose is to a singular one.
         axes, principal = principal_axes(S)
+        back = (axes[0], -axes[1])
+        position, coupling, rate = self._weight
+        Q = PlanarWeight(turned(position, axes), turned(coupling, axes), turned(rate, axes))
+        along = (turned(A21, axes), turned(A22, axes), principal, Q)
         if history:
-            position, coupling, rate = self._weight
-            Q = PlanarWeight(turned(position, axes), turned(coupling, axes), turned(rate, axes))
-            solution = newton(turned(A21, axes), turned(A22, axes), principal, Q, self._guess())
+            solution = newton(*along, self._guess())
             if solution is not None and solution.residual <= ACCEPTED_RESIDUAL:
                 history.append((solution.P2, solution.P3))
                 del history[:-_REMEMBERED]
-                back = (axes[0], -axes[1])
                 return turned(solution.P2, back), turned(solution.P3, back), solution.residual, False
         robust = self._robust(A21, A22, S)
         P2, P3 = _flat(robust.K[:2, 2:]), _flat(robust.K[2:, 2:])
         self._history = [(turned(P2, axes), turned(P3, axes))]
-        return P2, P3, robust.residual, bool(history)
+        solution = newton(*along, self._history[0])
+        if solution is None or solution.residual > robust.residual:
+            return P2, P3, robust.residual, bool(history)
+        self._history = [(solution.P2, solution.P3)]
+        return turned(solution.P2, back), turned(solution.P3, back), solution.residual, bool(history)
 
     def _guess(self) -> tuple[Matrix, Matrix]:
         """Where the solution is heading: the quadratic through the last three ticks, which mostly saves two iterations."""

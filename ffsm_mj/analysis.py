@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -80,12 +82,12 @@ class Run:
     @property
     def outcome(self) -> str:
         """How it ended; ``incomplete`` where the log breaks off."""
-        return str(self.summary()["outcome"])
+        return str(self._summary["outcome"])
 
     @property
     def message(self) -> str:
         """What there is to say of the outcome."""
-        return str(self.summary()["message"])
+        return str(self._summary["message"])
 
     @property
     def conservative(self) -> bool:
@@ -106,6 +108,10 @@ class Run:
 
     def summary(self) -> dict[str, Any]:
         """Content of ``summary.json``."""
+        return deepcopy(self._summary)
+
+    @cached_property
+    def _summary(self) -> dict[str, Any]:
         return summarise(self.log)
 
 

@@ -51,17 +51,38 @@ def momentum_matrix(model: Any, data: Any, body: int) -> FloatArray:
     return np.vstack((linear, angular + skew(data.subtree_com[body]) @ linear))
 
 
+class BodyMomenta:
+    """Momentum (P, L about the world origin) of a subtree, summed body by body, every tick.
+
+    Holds views of MuJoCo's arrays, because looking them up costs more than the sums. ``mj_subtreeVel`` must have run on the
+    state.
+    """
+
+    def __init__(self, model: Any, data: Any, root: int) -> None:
+        """Bind to one subtree of one ``data``."""
+        self._mass = float(model.body_subtreemass[root])
+        self._velocity, self._centre, self._spin = (
+            data.subtree_linvel[root],
+            data.subtree_com[root],
+            data.subtree_angmom[root],
+        )
+
+    def __call__(self) -> tuple[float, float, float, float, float, float]:
+        """(P, L) now."""
+        mass = self._mass
+        vx, vy, vz = self._velocity.tolist()
+        x, y, z = self._centre.tolist()
+        lx, ly, lz = self._spin.tolist()
+        px, py, pz = mass * vx, mass * vy, mass * vz
+        return px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px
+
+
 def body_momenta(model: Any, data: Any, root: int) -> tuple[float, float, float, float, float, float]:
     """Momentum (P, L about the world origin) of a subtree, summed body by body.
 
     ``mj_subtreeVel`` must have run on this state.
     """
-    mass = float(model.body_subtreemass[root])
-    vx, vy, vz = data.subtree_linvel[root].tolist()
-    x, y, z = data.subtree_com[root].tolist()
-    lx, ly, lz = data.subtree_angmom[root].tolist()
-    px, py, pz = mass * vx, mass * vy, mass * vz
-    return px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px
+    return BodyMomenta(model, data, root)()
 
 
 def base_jacobian(model: Any, data: Any, tree: Tree) -> FloatArray:
@@ -95,6 +116,7 @@ class BaseMomentum:
         """Look whether the base is of the simple kind, in a few configurations."""
         self._model, self._tree = system.mj, tree
         self._jacp, self._jacr = np.empty((3, system.mj.nv)), np.empty((3, system.mj.nv))
+        self._linear, self._angular = self._jacp[:, tree.base_dofs], self._jacr[:, tree.base_dofs]
         data = mujoco.MjData(system.mj)
         rng = np.random.default_rng(1)
         self._orthonormal = True
@@ -102,21 +124,18 @@ class BaseMomentum:
             mujoco.mj_integratePos(system.mj, data.qpos, rng.uniform(-1.0, 1.0, system.mj.nv), 1.0)
             mujoco.mj_kinematics(system.mj, data)
             mujoco.mj_comPos(system.mj, data)
-            twists = np.vstack(self._jacobians(data))
+            mujoco.mj_jacBody(system.mj, data, self._jacp, self._jacr, tree.root)
+            twists = np.vstack((self._linear, self._angular))
             self._orthonormal &= np.allclose(twists.T @ twists, np.eye(twists.shape[1]), rtol=0.0, atol=1e-12)
-
-    def _jacobians(self, data: Any) -> tuple[FloatArray, FloatArray]:
-        mujoco.mj_jacBody(self._model, data, self._jacp, self._jacr, self._tree.root)
-        return self._jacp[:, self._tree.base_dofs], self._jacr[:, self._tree.base_dofs]
 
     def momentum(self, data: Any, h: FloatArray) -> FloatArray | tuple[float, ...]:
         """(P, L about the origin) on the components that the base leaves free, from h = M qdot; the others are arbitrary."""
         own = h[self._tree.base_dofs]
         if not self._orthonormal:
             return base_wrench(base_jacobian(self._model, data, self._tree), own)
-        linear, angular = self._jacobians(data)
-        px, py, pz = (linear @ own).tolist()
-        lx, ly, lz = (angular @ own).tolist()
+        mujoco.mj_jacBody(self._model, data, self._jacp, self._jacr, self._tree.root)
+        px, py, pz = (self._linear @ own).tolist()
+        lx, ly, lz = (self._angular @ own).tolist()
         x, y, z = data.xpos[self._tree.root].tolist()
         return px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px
 

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.dynamics import BaseMomentum, base_jacobian, base_wrench, body_momenta, free_components
+from ffsm_mj.dynamics import BaseMomentum, BodyMomenta, base_jacobian, base_wrench, free_components
 from ffsm_mj.model import FloatArray, System
 
 # Columns of ledger rows, see signals._ledger_signals: work, impact energy x3, external, contact, residuals.
@@ -42,6 +42,9 @@ class Ledger:
         self.energy, self.momentum = np.zeros(3), np.zeros((3, 6))
         self.robot_by_mass_matrix = np.zeros(6)
         self._base = BaseMomentum(system, system.robot)
+        self._of_robot = BodyMomenta(system.mj, data, system.robot.root)
+        self._of_objects = [BodyMomenta(system.mj, data, tree.root) for tree in system.objects]
+        self._rates = data.qvel
         self._h = np.empty(system.mj.nv)
         # Work, impact energy of the parties, external impulse on the robot, contact impulse on the objects.
         self._accounts = np.zeros(1 + 3 + 6 + 6)
@@ -54,14 +57,15 @@ class Ledger:
         """Read energy and momenta off the current state."""
         model, data, robot = self._model, self._data, self._system.robot
         mujoco.mj_subtreeVel(model, data)
-        h, qvel = self._h, data.qvel
+        h, qvel = self._h, self._rates
         mujoco.mj_mulM(model, data, h, qvel)
         total, own = 0.5 * float(h @ qvel), 0.5 * float(h[robot.dofs] @ qvel[robot.dofs])
         self.energy[:] = total, own, total - own
-        self.momentum[1] = body_momenta(model, data, robot.root)
-        parts = [body_momenta(model, data, tree.root) for tree in self._system.objects]
-        self.momentum[2] = parts[0] if len(parts) == 1 else np.sum(parts, axis=0) if parts else 0.0
-        np.add(self.momentum[1], self.momentum[2], out=self.momentum[0])
+        whole, of_robot, of_objects = self.momentum
+        of_robot[:] = self._of_robot()
+        parts = [momenta() for momenta in self._of_objects]
+        of_objects[:] = parts[0] if len(parts) == 1 else np.sum(parts, axis=0) if parts else 0.0
+        np.add(of_robot, of_objects, out=whole)
         self.robot_by_mass_matrix[:] = self._base.momentum(data, h)
 
     def open(self) -> None:

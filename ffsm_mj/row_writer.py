@@ -42,21 +42,26 @@ class RowWriter:
         self._efforts = slice(self._books.stop, self._books.stop + groups.count("actuators"))
         self._report = slice(self._efforts.stop, self._efforts.stop + groups.count("controller"))
         self._tip_velocity = np.empty(6)
+        # Views of MuJoCo's and the ledger's arrays: looking them up costs as much as copying them.
+        self._qpos, self._qvel = data.qpos, data.qvel
+        self._tip_position = data.site_xpos[tip_site] if tip_site is not None else None
+        self._momenta = ledger.momentum.reshape(-1)
 
     def fill(self, row: FloatArray, time_s: float) -> None:
         """Write the state at a tick and the efforts decided at it. Derived quantities must be current."""
         data = self._data
         self._ledger.measure()
         row[0] = time_s
-        row[self._q], row[self._v] = data.qpos, data.qvel
+        row[self._q] = self._qpos
+        row[self._v] = self._qvel
         if self._site is not None:
             mujoco.mj_objectVelocity(
                 self._model, data, mujoco.mjtObj.mjOBJ_SITE, self._site, self._tip_velocity, 0
             )  # (angular, linear) in world axes
             tip = row[self._tip]
-            tip[:3], tip[3:] = data.site_xpos[self._site], self._tip_velocity[3:]
+            tip[:3], tip[3:] = self._tip_position, self._tip_velocity[3:]
         row[self._energy] = self._ledger.energy
-        row[self._momentum] = self._ledger.momentum.ravel()
+        row[self._momentum] = self._momenta
         row[self._second] = self._ledger.robot_by_mass_matrix
         self._ledger.fill(row[self._books])
         self._actuation.fill(row[self._efforts])

@@ -125,7 +125,7 @@ def test_a_run_imports_no_viewer_unless_it_records(tmp_path):
 import sys
 from ffsm_mj.cli import main
 main(["run", {str(path)!r}, "--no-rerun"])
-print("heavy:", sorted({{"rerun", "matplotlib", "rich"}} & {{name.split(".")[0] for name in sys.modules}}))
+print("heavy:", sorted({{"rerun", "matplotlib", "rich", "scipy"}} & {{name.split(".")[0] for name in sys.modules}}))
 """
     assert python(code).splitlines()[-1] == "heavy: []"
 

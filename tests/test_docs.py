@@ -31,7 +31,17 @@ def test_reading_the_log_as_the_user_guide_does(tmp_path, capsys, monkeypatch):
     assert len(capsys.readouterr().out.splitlines()) == 11
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/user-guide.md", "docs/derivations.md", "docs/own-controller.md"])
+@pytest.mark.parametrize(
+    "page",
+    [
+        "README.md",
+        "docs/user-guide.md",
+        "docs/derivations.md",
+        "docs/own-controller.md",
+        "docs/own-robot.md",
+        "docs/performance.md",
+    ],
+)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", (ROOT / page).read_text()):
         assert target.startswith("http") or (ROOT / page).parent.joinpath(target).exists(), target

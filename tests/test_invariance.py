@@ -153,10 +153,14 @@ def hardware(tmp_path_factory):
 
 @pytest.mark.slow
 def test_body_fixed_thrusters_stop_the_robot(hardware):
-    """After the pause the robot keeps less than two shortest pulses (5 N for 20 ms) of its 1.2 N s, whatever its yaw."""
+    """After the pause at most one shortest pulse of a pair is left on each axis, of the 1.2 N s that the hit gave.
+
+    On-off thrusters end in a limit cycle whose phase depends on the last digit of everything before; its size does not: two
+    jets of 5 N for 20 ms make 0.2 N s.
+    """
     k = int(np.argmax(hardware["phase.index"] == 2))
     left = np.hypot(hardware["momentum.robot_P_x_N_s"][k], hardware["momentum.robot_P_y_N_s"][k])
-    assert left < 2 * 5.0 * 0.02
+    assert left < np.sqrt(2) * 2 * 5.0 * 0.02
     assert hardware.impacts[0].impulse_N_s > 1.0
     assert all(law.holds for law in hardware.laws())
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ffsm_mj.dynamics import kinetic_energy, mass_matrix, momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
@@ -106,7 +105,7 @@ def reflect(M: FloatArray, J_n: FloatArray, qvel: FloatArray, restitution: float
         ValueError: Nothing can move along the normal (J_n = 0).
     """
     u = float(J_n @ qvel)
-    response = cho_solve(cho_factor(M), J_n)
+    response = np.linalg.solve(M, J_n)
     inverse_mass = float(J_n @ response)
     if inverse_mass <= 0.0:
         raise ValueError("neither body can move along the contact normal")
@@ -164,12 +163,12 @@ def _velocities(
     if e.max() > 1.0:
         raise UnsupportedContactError("super-elastic impacts (e > 1) are for one contact at a time")
     L = np.linalg.cholesky(M)
-    A = solve_triangular(L, J.T, lower=True).T
+    A = np.linalg.solve(L, J.T).T
     if np.any(np.linalg.norm(A, axis=1) == 0.0):
         raise ValueError("neither body can move along the contact normal")
     result = LAWS[law](A, L.T @ qvel, e)
     # The change, not the state, is brought back from mass-weighted velocities: what nothing pushes stays as it was.
-    change = solve_triangular(L, A.T @ result.impulses, lower=True, trans="T")
+    change = np.linalg.solve(L.T, A.T @ result.impulses)
     return qvel + change, result.impulses, result.jammed
 
 

@@ -6,9 +6,11 @@ MuJoCo's own broad and narrow phase lists overlapping geoms at the control rate;
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import combinations
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from ffsm_mj.events import UnhandledContactRecord
 
@@ -22,6 +24,26 @@ class ContactWatch:
         self._known = frozenset(known)
         self._open: dict[frozenset[int], tuple[float, float]] = {}
         self._flag = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        self._filter_known_trees()
+
+    def _filter_known_trees(self) -> None:
+        """Let MuJoCo's own filter skip a tree's contacts with itself where all of them are known.
+
+        An arm that lies across its own body would be listed tick after tick. Only models with the default bits are touched.
+        """
+        model = self._model
+        touchable = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+        if not (np.all(model.geom_contype[touchable] == 1) and np.all(model.geom_conaffinity[touchable] == 1)):
+            return
+        roots = model.body_rootid[model.geom_bodyid]
+        for bit, root in enumerate(np.unique(roots[touchable])[:30], start=1):
+            geoms = touchable[roots[touchable] == root]
+            if all(frozenset(pair) in self._known for pair in combinations(geoms.tolist(), 2)):
+                # Its own bit marks it, and it answers to every bit but its own.
+                model.geom_contype[geoms] = 1 << bit
+                model.geom_conaffinity[geoms] = 0x7FFFFFFF & ~(1 << bit)
+            else:
+                model.geom_contype[geoms] = model.geom_conaffinity[geoms] = 0x7FFFFFFF
 
     def look(self, time_s: float) -> list[UnhandledContactRecord]:
         """Update at one tick; returns the overlaps that have ended."""

@@ -1,0 +1,172 @@
+"""Speed as ratios within one run: bare MuJoCo, detection, the whole baseline, its logs, the Riccati solvers, a cold process.
+
+``uv run python benchmarks/run.py`` prints medians and spread over interleaved repeats; ``--repeats 3`` is quicker. "Bare" is
+the Python loop of ``mj_step`` on the baseline's model (RK4, 1 ms, contacts on) for 30 s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+import ffsm_mj
+from controllers.riccati import PlanarRiccati, solve_care
+from ffsm_mj.impact.contact import ImpactPair
+from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.runner import prepare
+
+STEPS = 30_000
+PAIRS = ("gripper", "link_1", "link_2", "link_3", "base")
+
+
+def fresh(*, contacts: bool):
+    """Model and data of the baseline at its start."""
+    assembly = prepare("baseline").assembly
+    bit = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    model = assembly.system.mj
+    model.opt.disableflags = model.opt.disableflags & ~bit if contacts else model.opt.disableflags | bit
+    return assembly, model, assembly.data
+
+
+def bare(*, contacts: bool) -> float:
+    """30 s of mj_step in a Python loop, the arm moving."""
+    _, model, data = fresh(contacts=contacts)
+    data.qvel[3:6] = 0.1
+    start = time.perf_counter()
+    for _ in range(STEPS):
+        mujoco.mj_step(model, data)
+    return time.perf_counter() - start
+
+
+def forwarded(*, pairs: tuple[str, ...]) -> float:
+    """30 s of step and forward, contacts off, with so many pairs watched (none: the same loop without detection)."""
+    assembly, model, data = fresh(contacts=False)
+    data.qvel[3:6] = 0.1
+    data.qpos[6] = -6.0  # out of reach: nothing is resolved here, so nothing may touch
+    mujoco.mj_forward(model, data)
+    watched = [ImpactPair(assembly.system, name, "object/box", 1.0) for name in pairs]
+    detector = Detector(model, data, watched)
+    start = time.perf_counter()
+    if watched:
+        for _ in range(STEPS):
+            detector.advance(0.001)
+    else:
+        for _ in range(STEPS):
+            mujoco.mj_step(model, data)
+            mujoco.mj_forward(model, data)
+    return time.perf_counter() - start
+
+
+def whole(*, out: bool, rerun: bool) -> float:
+    """The baseline with everything on; in memory, with MCAP, with MCAP and Rerun. Imports and set-up are excluded."""
+    with tempfile.TemporaryDirectory() as folder:
+        prepared = prepare("baseline")
+        start = time.perf_counter()
+        prepared.run(out=Path(folder) / "run" if out else None, rerun=rerun)
+        return time.perf_counter() - start
+
+
+def riccati(solver: str) -> float:
+    """Seconds per solution along a smooth path of problems, warm-started where the solver can."""
+    rng = np.random.default_rng(0)
+    first, second = rng.normal(size=(2, 2, 4)), rng.normal(size=(2, 2, 4))
+    left, right = rng.normal(size=(2, 3)), rng.normal(size=(2, 3))
+    Q, count = np.diag([1.0, 1.0, 0.5, 0.5]), 500
+    planar, total = PlanarRiccati(Q), 0.0
+    for k in range(count):
+        A, S = np.zeros((4, 4)), np.zeros((4, 4))
+        angle = 0.001 * k
+        A[:2, 2:], A[2:] = np.eye(2), np.cos(angle) * first[0] + np.sin(angle) * second[0]
+        B2 = np.cos(angle) * left + np.sin(angle) * right
+        S[2:, 2:] = B2 @ B2.T
+        flat = [tuple(block.ravel().tolist()) for block in (A[2:, :2], A[2:, 2:], S[2:, 2:])]
+        start = time.perf_counter()
+        if solver == "structured":
+            planar.solve(*flat)
+        elif solver == "eigenvectors":
+            solve_care(A, S, Q)
+        else:
+            scipy_care(A, np.vstack((np.zeros((2, 3)), B2)), Q)
+        total += time.perf_counter() - start
+    return total / count
+
+
+def scipy_care(A, B, Q):
+    """SciPy's Schur method, the oracle."""
+    from scipy.linalg import solve_continuous_are
+
+    return solve_continuous_are(A, B, Q, np.eye(B.shape[1]))
+
+
+def cold(code: str) -> float:
+    """A whole process from prompt to exit."""
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-c", code], check=True, cwd=folder, stdout=subprocess.DEVNULL)
+        return time.perf_counter() - start
+
+
+BARE_PROCESS = f"""
+import mujoco
+model = mujoco.MjModel.from_xml_path({str(Path(ffsm_mj.__file__).parent.parent / "mjcf" / "ffsm_3dof.xml")!r})
+model.opt.timestep = 0.001
+data = mujoco.MjData(model)
+data.qvel[3:6] = 0.1
+for _ in range({STEPS}):
+    mujoco.mj_step(model, data)
+"""
+RUN_PROCESS = 'from ffsm_mj.cli import main; main(["run", "baseline", "--no-rerun"])'
+HELP_PROCESS = 'from ffsm_mj.cli import main\ntry: main(["--help"])\nexcept SystemExit: pass'
+
+ROWS: dict[str, tuple[Callable[[], float], str]] = {
+    "bare loop, contacts on": (lambda: bare(contacts=True), "bare loop, contacts on"),
+    "bare loop, contacts off": (lambda: bare(contacts=False), "bare loop, contacts on"),
+    "step and forward, no detection": (lambda: forwarded(pairs=()), "step and forward, no detection"),
+    "detection of five pairs": (lambda: forwarded(pairs=PAIRS), "step and forward, no detection"),
+    "baseline, log in memory": (lambda: whole(out=False, rerun=False), "bare loop, contacts on"),
+    "baseline, MCAP": (lambda: whole(out=True, rerun=False), "bare loop, contacts on"),
+    "baseline, MCAP and Rerun": (lambda: whole(out=True, rerun=True), "bare loop, contacts on"),
+    "Riccati, structured": (lambda: riccati("structured"), "Riccati, SciPy"),
+    "Riccati, eigenvectors": (lambda: riccati("eigenvectors"), "Riccati, SciPy"),
+    "Riccati, SciPy": (lambda: riccati("scipy"), "Riccati, SciPy"),
+    "cold process, bare loop": (lambda: cold(BARE_PROCESS), "cold process, bare loop"),
+    "cold process, ffsm run": (lambda: cold(RUN_PROCESS), "cold process, bare loop"),
+    "interpreter alone": (lambda: cold("pass"), "interpreter alone"),
+    "ffsm --help": (lambda: cold(HELP_PROCESS), "interpreter alone"),
+}
+
+
+def main() -> None:
+    """Run every row in turn, several times, and print medians, spread and ratios to each row's reference."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=5)
+    repeats = parser.parse_args().repeats
+    import rerun  # noqa: F401 (its import is not part of writing)
+
+    for row, _ in ROWS.values():
+        row()
+    times: dict[str, list[float]] = {name: [] for name in ROWS}
+    for _ in range(repeats):
+        for name, (row, _) in ROWS.items():
+            times[name].append(row())
+    print(f"{'':32}{'median':>12}{'min':>12}{'max':>12}{'ratio':>8}  to")
+    for name, (_, reference) in ROWS.items():
+        ratio = statistics.median(a / b for a, b in zip(times[name], times[reference], strict=True))
+        values = [
+            f"{x:.3f} s" if x > 1e-2 else f"{1e6 * x:.1f} us"
+            for x in (statistics.median(times[name]), min(times[name]), max(times[name]))
+        ]
+        print(f"{name:32}" + "".join(f"{v:>12}" for v in values) + f"{ratio:8.2f}  {reference}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+"""The structured Riccati solver against 40 digits, against SciPy in the loop, and its guards."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_are
+
+import ffsm_mj
+from controllers.riccati import ACCEPTED_RESIDUAL, PlanarRiccati, RiccatiError
+from controllers.riccati_planar import PlanarWeight, newton, principal_axes, turned
+
+
+def flat(block):
+    return tuple(np.ravel(block).tolist())
+
+
+def problem(rng, ratio):
+    """(A21, A22, B2, Q) with sigma_min(B2) / sigma_max(B2) = ratio; Q full or diagonal."""
+    scale = rng.choice([0.1, 1.0, 3.0])
+    A21, A22 = scale * rng.normal(size=(2, 2)), scale * rng.normal(size=(2, 2))
+    left, _ = np.linalg.qr(rng.normal(size=(2, 2)))
+    right, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    B2 = left @ np.hstack((np.diag([1.0, ratio]), np.zeros((2, 1)))) @ right
+    root = rng.normal(size=(4, 4))
+    Q = root @ root.T + 0.1 * np.eye(4) if rng.integers(2) else np.diag([1.0, 1.0, 0.5, 0.5])
+    return A21, A22, B2, Q
+
+
+def wide(A21, A22, B2):
+    A = np.zeros((4, 4))
+    A[:2, 2:], A[2:, :2], A[2:, 2:] = np.eye(2), A21, A22
+    return A, np.vstack((np.zeros((2, 3)), B2))
+
+
+def exact(A, S, Q, start):
+    """Newton-Kleinman in 40 digits from a start that is good to a few."""
+    with mp.workdps(40):
+        A, S, Q, K = (mp.matrix(np.asarray(M, dtype=float).tolist()) for M in (A, S, Q, start))
+        for _ in range(6):
+            closed, W = A - S * K, -(Q + K * S * K)
+            operator = mp.zeros(16)
+            for i in range(4):
+                for j in range(4):
+                    for k in range(4):
+                        operator[4 * i + j, 4 * k + j] += closed[k, i]
+                        operator[4 * i + j, 4 * i + k] += closed[k, j]
+            x = mp.lu_solve(operator, mp.matrix([W[i, j] for i in range(4) for j in range(4)]))
+            K = mp.matrix(4, 4)
+            for i in range(4):
+                for j in range(4):
+                    K[i, j] = x[4 * i + j]
+        return np.array([[float(K[i, j]) for j in range(4)] for i in range(4)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [1.0, 0.1, 0.01])
+def test_against_forty_digits(ratio, rng):
+    """1e-12 relative down to sigma_min / sigma_max = 1e-2; S is squared there, 1e-16 / 1e-4 is what doubles allow."""
+    for _ in range(8):
+        A21, A22, B2, Q = problem(rng, ratio)
+        A, B = wide(A21, A22, B2)
+        start = solve_continuous_are(A, B, Q, np.eye(3))
+        S = B2 @ B2.T
+        K = exact(A, np.pad(S, ((2, 0), (2, 0))), Q, start)
+        solver = PlanarRiccati(Q)
+        args = (flat(A21), flat(A22), flat(S))
+        solver.solve(*args)
+        P2, P3, residual, fallback = solver.solve(*args)
+        assert not fallback
+        assert residual <= ACCEPTED_RESIDUAL
+        error = max(np.abs(np.reshape(P2, (2, 2)) - K[:2, 2:]).max(), np.abs(np.reshape(P3, (2, 2)) - K[2:, 2:]).max())
+        assert error <= 1e-12 * np.abs(K).max()
+
+
+def test_every_accepted_solution_is_stabilising_and_exact(rng):
+    """Thousands of warm starts, near-singular ones too: residual at rounding and stable, or a counted fallback."""
+    fallbacks = 0
+    for _ in range(1500):
+        A21, A22, B2, Q = problem(rng, 10.0 ** rng.uniform(-4, 0))
+        solver = PlanarRiccati(Q)
+        solver.solve(flat(A21), flat(A22), flat(B2 @ B2.T))
+        A21 = A21 + 1e-3 * rng.normal(size=(2, 2))  # a tick later
+        B2 = B2 + 1e-3 * rng.normal(size=(2, 3))
+        S = B2 @ B2.T
+        P2, P3, residual, fallback = solver.solve(flat(A21), flat(A22), flat(S))
+        fallbacks += fallback
+        if not fallback:
+            assert residual <= ACCEPTED_RESIDUAL
+        A, _ = wide(A21, A22, B2)
+        lower = S @ np.hstack((np.reshape(P2, (2, 2)).T, np.reshape(P3, (2, 2))))
+        A[2:] -= lower
+        assert np.linalg.eigvals(A).real.max() < 0.0
+    assert fallbacks < 75
+
+
+def test_a_start_that_leads_elsewhere_is_refused(rng):
+    """Newton from a destabilising start finds another solution, or none: the stability test must say no."""
+    refused = 0
+    for _ in range(200):
+        A21, A22, B2, Q = problem(rng, 0.3)
+        weight = PlanarWeight(flat(Q[:2, :2]), flat(Q[:2, 2:]), flat(Q[2:, 2:]))
+        start = (flat(-5.0 * np.eye(2)), flat(-5.0 * np.eye(2)))
+        solution = newton(flat(A21), flat(A22), flat(B2 @ B2.T), weight, start)
+        if solution is None:
+            refused += 1
+            continue
+        A, B = wide(A21, A22, B2)
+        expected = solve_continuous_are(A, B, Q, np.eye(3))
+        np.testing.assert_allclose(np.reshape(solution.P3, (2, 2)), expected[2:, 2:], rtol=1e-7)
+    assert refused > 100
+
+
+def test_fallback_is_counted_and_gives_the_same(rng):
+    """After a jump the warm start is useless: the robust method answers, and the report says so."""
+    A21, A22, B2, Q = problem(rng, 0.5)
+    solver = PlanarRiccati(Q)
+    args = (flat(A21), flat(A22), flat(B2 @ B2.T))
+    P2, P3, _, first = solver.solve(*args)
+    assert not first  # a cold start is no fallback
+    solver._history = [(flat(-50.0 * np.eye(2)), flat(-50.0 * np.eye(2)))]
+    again = solver.solve(*args)
+    assert again[3]
+    np.testing.assert_allclose(again[0], P2, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(again[1], P3, rtol=1e-10, atol=1e-12)
+
+
+def test_no_solution_is_an_error():
+    solver = PlanarRiccati(np.diag([1.0, 1.0, 0.5, 0.5]))
+    with pytest.raises(RiccatiError):
+        solver.solve((1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0))
+
+
+def test_principal_axes(rng):
+    for _ in range(50):
+        root = rng.normal(size=(2, 2))
+        S = root @ root.T
+        axes, principal = principal_axes(flat(S))
+        np.testing.assert_allclose(np.reshape(turned(flat(S), axes), (2, 2)), np.reshape(principal, (2, 2)), atol=1e-14)
+        np.testing.assert_allclose(sorted([principal[0], principal[3]]), np.linalg.eigvalsh(S), atol=1e-14)
+        M = flat(rng.normal(size=(2, 2)))
+        np.testing.assert_allclose(turned(turned(M, axes), (axes[0], -axes[1])), M, atol=1e-15)
+
+
+@pytest.mark.slow
+def test_baseline_with_scipy_in_the_loop(baseline, monkeypatch):
+    """The whole run with the oracle at every tick: the same impact and the same end to 1e-6 m."""
+
+    def by_scipy(self, A21, A22, S):
+        A, _ = wide(np.reshape(A21, (2, 2)), np.reshape(A22, (2, 2)), np.zeros((2, 3)))
+        values, vectors = np.linalg.eigh(np.reshape(S, (2, 2)))
+        B = np.vstack((np.zeros((2, 2)), vectors * np.sqrt(values)))
+        K = solve_continuous_are(A, B, self._Q, np.eye(2))
+        return flat(K[:2, 2:]), flat(K[2:, 2:]), 0.0, False
+
+    monkeypatch.setattr(PlanarRiccati, "solve", by_scipy)
+    run = ffsm_mj.run("baseline")
+    assert run.impacts[0].time_s == pytest.approx(baseline.impacts[0].time_s, abs=1e-9)
+    ours, theirs = baseline.summary(), run.summary()
+    assert ours["tip"]["final_error_m"] == pytest.approx(theirs["tip"]["final_error_m"], abs=1e-6)
+    assert ours["tip"]["min_error_m"] == pytest.approx(theirs["tip"]["min_error_m"], abs=1e-6)
+    assert ours["controller"]["worst_riccati_residual"] <= 1e-13
