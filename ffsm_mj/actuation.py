@@ -73,6 +73,7 @@ class OnOffConfig(StrictModel):
 
 
 AnyActuator = IdealConfig | TorqueSpeedConfig | ReactionWheelConfig | OnOffConfig
+ACTUATOR_KINDS = ("ideal", "torque_speed", "reaction_wheel", "on_off")
 ActuatorConfig = Annotated[AnyActuator, Field(discriminator="kind")]
 
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from ffsm_mj.conservative import authored_integrator, model_faults, spec_faults
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model_files import ModelFiles, model_files
+from ffsm_mj.model_source import load_spec, mujoco_line
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -155,7 +156,7 @@ def compile_system(robot: Path, objects: Mapping[str, Path], *, time_step_s: flo
     files: dict[str, ModelFiles] = {}
     faults: list[str] = []
     for name, path in {"robot": robot, **objects}.items():
-        spec = _load(path)
+        spec = load_spec(path)
         files[name] = model_files(path)
         faults += spec_faults(spec, path)
         _take_options(scene, spec, conservative=conservative)
@@ -190,73 +191,16 @@ def _empty_scene(time_step_s: float) -> Any:
     return scene
 
 
-def _load(path: Path) -> Any:
-    if not path.is_file():
-        raise InputError(f"{path}: no such model file")
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise InputError(_mujoco_line(path, error)) from error
-    if path.suffix.lower() == ".urdf":
-        _complete_urdf(spec)
-    _name_all(spec)
-    return spec
-
-
-def _complete_urdf(spec: Any) -> None:
-    """Give a URDF what it has no words for: a floating root, a motor on each joint, a site on each link.
-
-    The free joint is named ``base``, a motor ``<joint>_motor``, a site like its link.
-    """
-    spec.compiler.fusestatic = False  # a fixed tool frame stays a body, and so does the root
-    root = spec.worldbody.first_body()
-    if root is not None and not root.joints:
-        root.add_freejoint(name="base")
-    for body in spec.bodies[1:]:
-        body.add_site(name=body.name)
-    for joint in spec.joints:
-        if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-            motor = spec.add_actuator(name=f"{joint.name}_motor", target=joint.name)
-            motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
-            motor.set_to_motor()
-
-
-def _name_all(spec: Any) -> None:
-    """Name what has no name after what it belongs to, because logs, scenarios and errors speak of names."""
-    taken = {element.name for kind in ("bodies", "joints", "geoms", "sites", "actuators") for element in getattr(spec, kind)}
-
-    def name(element: Any, wanted: str) -> None:
-        if not element.name:
-            element.name = next(n for n in (wanted, *(f"{wanted}_{i}" for i in range(2, 10_000))) if n not in taken)
-            taken.add(element.name)
-
-    for body in spec.bodies[1:]:  # the first is the world
-        name(body, "body")
-        for joint in body.joints:
-            name(joint, f"{body.name}_joint")
-    for geom in spec.geoms:
-        name(geom, f"{geom.parent.name}_geom")
-    for site in spec.sites:
-        name(site, f"{site.parent.name}_site")
-    for actuator in spec.actuators:
-        name(actuator, f"{actuator.target or 'actuator'}_motor")
-
-
 def _compile(scene: Any, paths: Iterable[Path]) -> Any:
     try:
         return scene.compile()
     except ValueError as error:
         for path in paths:  # the scene's message names no file: ask each model alone
             try:
-                _load(path).compile()
+                load_spec(path).compile()
             except ValueError as own:
-                raise InputError(_mujoco_line(path, own)) from own
+                raise InputError(mujoco_line(path, own)) from own
         raise InputError(" ".join(str(error).split())) from error
-
-
-def _mujoco_line(path: Path, error: ValueError) -> str:
-    """MuJoCo's own message on one line, with the file in front."""
-    return f"{path}: {' '.join(str(error).split())}"
 
 
 def _take_options(scene: Any, spec: Any, *, conservative: bool) -> None:

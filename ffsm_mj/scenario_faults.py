@@ -1,0 +1,152 @@
+"""What pydantic finds wrong with a scenario, in plain words: the key as the file has it, what is wrong, what is allowed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from ffsm_mj.errors import Fault, unknown_name
+
+KeyPath = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class KindNames:
+    """What a message needs to know of the configuration.
+
+    Attributes:
+        model: The root configuration model.
+        controllers: Kinds of controllers.
+        actuators: Kinds of actuators.
+        broken: Why a plugin's kind cannot be used.
+    """
+
+    model: type[BaseModel]
+    controllers: Collection[str]
+    actuators: Collection[str]
+    broken: Mapping[str, str]
+
+
+def plain_faults(error: ValidationError, names: KindNames) -> list[Fault]:
+    """One fault per thing that is wrong."""
+    return [_fault(item, names) for item in _without_other_members(error)]
+
+
+_PLAIN_WORDS = (
+    ("Value error, ", ""),
+    ("Input should", "should"),
+    ("String should match pattern", "must be written like"),
+    ("Tuple should", "should"),
+    (" after validation", ""),
+    ("a valid dictionary or instance of", "a mapping of keys, see"),
+    ("a valid dictionary", "a mapping of keys"),
+    ("valid tuple", "list"),
+    ("tuple", "list"),
+)
+
+
+def _fault(item: Any, names: KindNames) -> Fault:
+    """A pydantic error as one of ours: the path without union tags, the message with what is allowed."""
+    kind, message = item["type"], item["msg"]
+    path = _file_path(item["loc"], names)
+    if kind == "extra_forbidden":
+        return Fault(_unknown_key(names.model, item["loc"]), path)
+    if kind == "union_tag_invalid":
+        context = item["ctx"]
+        return Fault(_unknown_kind(context["tag"], context["expected_tags"], path, names), (*path, "kind"))
+    if kind == "union_tag_not_found":
+        return Fault(
+            "needs a 'kind'; allowed: " + ", ".join(sorted(names.controllers)) if "controller" in path else message, path
+        )
+    if kind == "missing":
+        return Fault("is missing", path)
+    for technical, plain in _PLAIN_WORDS:
+        message = message.replace(technical, plain)
+    value = item["input"]
+    shown = f", got {json.dumps(value)}" if isinstance(value, str | int | float | bool) else ""
+    return Fault(f"{message}{shown}", path)
+
+
+def _without_other_members(error: ValidationError) -> list[Any]:
+    """Errors with only the best-fitting member of each plain union: one fault, one line."""
+    items: list[Any] = list(error.errors(include_url=False))
+    members: dict[Any, dict[Any, list[Any]]] = {}
+    out: list[Any] = []
+    for item in items:
+        at = next((i for i, part in enumerate(item["loc"]) if _is_union_member(part)), None)
+        if at is None:
+            out.append(item)
+        else:
+            members.setdefault(item["loc"][:at], {}).setdefault(item["loc"][at], []).append(item)
+    for choices in members.values():
+        best: list[Any] = max(choices.values(), key=_fit)
+        out += best
+    return out
+
+
+def _fit(errors: list[Any]) -> tuple[int, bool, int]:
+    """How far a union's member got before it failed, whether its shape was right, and with how few errors."""
+    wrong_shape = any(item["type"] in ("tuple_type", "literal_error") for item in errors)
+    return max(len(item["loc"]) for item in errors), not wrong_shape, -len(errors)
+
+
+def _file_path(location: KeyPath, names: KindNames) -> KeyPath:
+    """Keys of the file in a pydantic location: union members and tags are no keys."""
+    known = {*names.controllers, *names.actuators}
+    out: list[str | int] = []
+    for i, part in enumerate(location):
+        after_union = i > 0 and (location[i - 1] == "controller" or (len(out) >= 2 and out[-2] == "actuators"))
+        if isinstance(part, str) and ((after_union and part in known) or _is_union_member(part)):
+            continue
+        out.append(part)
+    return tuple(out)
+
+
+def _is_union_member(part: str | int) -> bool:
+    """Whether a step of a pydantic location names a member of a plain union rather than a key."""
+    return part in ("float", "str") or str(part).startswith(("constrained-", "literal[", "tuple["))
+
+
+def _unknown_key(model: Any, location: KeyPath) -> str:
+    """Message for a key that its model does not have, with those that it has."""
+    for part in location[:-1]:
+        model = _member(model, part)
+    if not _is_model(model):
+        return "unknown key"
+    return unknown_name("key", str(location[-1]), model.model_fields).replace(f"key {location[-1]!r}", "key", 1)
+
+
+def _member(node: Any, part: str | int) -> Any:
+    """Model or annotation behind one step of a pydantic location: a field, a list position, a key, or a union's tag."""
+    if _is_model(node):
+        return _unwrap(node.model_fields[part].annotation) if part in node.model_fields else None
+    members = [arg for arg in getattr(node, "__args__", ()) if arg is not type(None)]
+    tagged = {m.model_fields["kind"].annotation.__args__[0]: m for m in members if _is_model(m) and "kind" in m.model_fields}
+    if part in tagged:
+        return tagged[part]
+    models = [_unwrap(member) for member in members if member not in (str, Ellipsis)]
+    return models[-1] if models else None
+
+
+def _unwrap(annotation: Any) -> Any:
+    """An annotation without its metadata and without None."""
+    while getattr(annotation, "__metadata__", None):
+        annotation = annotation.__origin__
+    members = [arg for arg in getattr(annotation, "__args__", ()) if arg is not type(None)]
+    return _unwrap(members[0]) if len(members) == 1 and _is_model(members[0]) else annotation
+
+
+def _is_model(node: Any) -> bool:
+    return isinstance(node, type) and issubclass(node, BaseModel)
+
+
+def _unknown_kind(tag: str, expected: str, path: KeyPath, names: KindNames) -> str:
+    allowed = expected.replace("'", "")
+    broken = names.broken.get(tag) if "controller" in path else None
+    if broken:
+        return f"the plugin for kind {tag!r} cannot be used ({broken}); usable: {allowed}"
+    return f"unknown kind {tag!r}; allowed: {allowed}"
