@@ -66,6 +66,7 @@ class Osdre:
         self._joints = driven_joints(system, config.joints)
         self._axes = _slice_if_contiguous(np.array(self._task.axes))
         self._dofs = _slice_if_contiguous(self._joints.dofs)
+        self._actuators = _slice_if_contiguous(self._joints.actuators)
         self._target = self._task.target_m.tolist()
         self._tip_body = int(self._model.site_bodyid[self._task.tip_site])
         p = len(self._task.axes)
@@ -106,7 +107,7 @@ class Osdre:
         if self._damping > 0.0:
             brake = self._damping * data.qvel[self._joints.dofs]
             u -= brake - np.linalg.pinv(B_lower) @ (B_lower @ brake)
-        command.drive(self._joints.actuators, u)
+        command.drive(self._actuators, u)
 
     def _output_dynamics(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """(alpha M_c^-1, drift d, y, ydot) at the current state: ydd = d + alpha M_c^-1 u.

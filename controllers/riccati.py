@@ -68,6 +68,7 @@ class PlanarRiccati:
         """Take the state weight apart."""
         self._Q = Q
         self._weight = PlanarWeight(_flat(Q[:2, :2]), _flat(Q[:2, 2:]), _flat(Q[2:, 2:]))
+        self._isotropic = all((a, b, c) == (d, 0.0, 0.0) for a, b, c, d in self._weight)
         self.forget()
 
     def forget(self) -> None:
@@ -84,8 +85,9 @@ class PlanarRiccati:
         # Along the principal axes of S nothing cancels, however near the pose is to a singular one.
         axes, principal = principal_axes(S)
         back = (axes[0], -axes[1])
-        position, coupling, rate = self._weight
-        Q = PlanarWeight(turned(position, axes), turned(coupling, axes), turned(rate, axes))
+        Q = self._weight
+        if not self._isotropic:
+            Q = PlanarWeight(turned(Q.position, axes), turned(Q.coupling, axes), turned(Q.rate, axes))
         along = (turned(A21, axes), turned(A22, axes), principal, Q)
         if history:
             solution = newton(*along, self._guess())

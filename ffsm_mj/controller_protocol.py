@@ -42,7 +42,7 @@ class ControllerContext:
     control_period_s: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Observation:
     """State at one instant.
 
@@ -79,8 +79,8 @@ class Command:
         self.effort.fill(0.0)
         self.powered.fill(False)
 
-    def drive(self, actuators: npt.NDArray[np.intp], effort: FloatArray) -> None:
-        """Power some actuators with the given efforts."""
+    def drive(self, actuators: npt.NDArray[np.intp] | slice, effort: FloatArray) -> None:
+        """Power some actuators, by their ids or a slice of them, with the given efforts."""
         self.effort[actuators] = effort
         self.powered[actuators] = True
 

@@ -44,7 +44,8 @@ class Ledger:
         self._base = BaseMomentum(system, system.robot)
         self._of_robot = BodyMomenta(system.mj, data, system.robot.root)
         self._of_objects = [BodyMomenta(system.mj, data, tree.root) for tree in system.objects]
-        self._rates = data.qvel
+        # Views: looking MuJoCo's arrays up costs more than reading them.
+        self._rates, self._held = data.qvel, data.ctrl
         self._h = np.empty(system.mj.nv)
         # Work, impact energy of the parties, external impulse on the robot, contact impulse on the objects.
         self._accounts = np.zeros(1 + 3 + 6 + 6)
@@ -71,7 +72,7 @@ class Ledger:
     def open(self) -> None:
         """Remember the state at the start of a (sub-)step, as far as the efforts held in it need it."""
         data = self._data
-        ctrl = data.ctrl.tolist()
+        ctrl = self._held.tolist()
         self._working = any(ctrl)
         self._pushed = self._working and any(ctrl[i] for i in self._external_actuators)
         if self._working:
