@@ -23,13 +23,6 @@ def mass_matrix(model: Any, data: Any) -> FloatArray:
     return M
 
 
-def generalized_momentum(model: Any, data: Any) -> FloatArray:
-    """M(q) qdot, shape (nv,), without forming M."""
-    momentum = np.empty(model.nv)
-    mujoco.mj_mulM(model, data, momentum, data.qvel)
-    return momentum
-
-
 def kinetic_energy(M: FloatArray, qvel: FloatArray) -> float:
     """T = qdot^T M qdot / 2 in J."""
     return float(0.5 * qvel @ (M @ qvel))
@@ -75,14 +68,6 @@ class BodyMomenta:
         lx, ly, lz = self._spin.tolist()
         px, py, pz = mass * vx, mass * vy, mass * vz
         return px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px
-
-
-def body_momenta(model: Any, data: Any, root: int) -> tuple[float, float, float, float, float, float]:
-    """Momentum (P, L about the world origin) of a subtree, summed body by body.
-
-    ``mj_subtreeVel`` must have run on this state.
-    """
-    return BodyMomenta(model, data, root)()
 
 
 def base_jacobian(model: Any, data: Any, tree: Tree) -> FloatArray:

@@ -15,8 +15,6 @@ from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.scenario_faults import KindNames, plain_faults
 from ffsm_mj.yaml_source import YamlSource, read_yaml
 
-SCHEMA_LINE = "# yaml-language-server: $schema=ffsm.schema.json"
-
 _KINDS = kinds()
 if TYPE_CHECKING:
     ControllerConfig: TypeAlias = Any
