@@ -19,7 +19,8 @@ import mujoco
 import numpy as np
 
 import ffsm_mj
-from controllers.riccati import PlanarRiccati, solve_care
+from controllers.riccati import BlockRiccati, PlanarRiccati, solve_care
+from ffsm_mj.compiled import COMPILED
 from ffsm_mj.impact.contact import ImpactPair
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.runner import prepare
@@ -73,6 +74,25 @@ def whole(*, out: bool, rerun: bool) -> float:
         start = time.perf_counter()
         prepared.run(out=Path(folder) / "run" if out else None, rerun=rerun)
         return time.perf_counter() - start
+
+
+def three_outputs(solver: str) -> float:
+    """Seconds per solution for three outputs along a smooth path."""
+    rng = np.random.default_rng(0)
+    ends = [rng.normal(size=(2, 3, k)) for k in (3, 3, 4)]
+    Q, count, total = np.diag([1.0] * 3 + [0.5] * 3), 300, 0.0
+    blocks = BlockRiccati(Q)
+    for k in range(count):
+        A21, A22, B2 = (np.cos(0.001 * k) * first + np.sin(0.001 * k) * second for first, second in ends)
+        A = np.block([[np.zeros((3, 3)), np.eye(3)], [A21, A22]])
+        B = np.vstack((np.zeros_like(B2), B2))
+        start = time.perf_counter()
+        if solver == "blocks":
+            blocks.solve(A21, A22, B2 @ B2.T)
+        else:
+            scipy_care(A, B, Q)
+        total += time.perf_counter() - start
+    return total / count
 
 
 def riccati(solver: str) -> float:
@@ -138,6 +158,8 @@ ROWS: dict[str, tuple[Callable[[], float], str]] = {
     "Riccati, structured": (lambda: riccati("structured"), "Riccati, SciPy"),
     "Riccati, eigenvectors": (lambda: riccati("eigenvectors"), "Riccati, SciPy"),
     "Riccati, SciPy": (lambda: riccati("scipy"), "Riccati, SciPy"),
+    "Riccati, 3 outputs, blocks": (lambda: three_outputs("blocks"), "Riccati, 3 outputs, SciPy"),
+    "Riccati, 3 outputs, SciPy": (lambda: three_outputs("scipy"), "Riccati, 3 outputs, SciPy"),
     "cold process, bare loop": (lambda: cold(BARE_PROCESS), "cold process, bare loop"),
     "cold process, ffsm run": (lambda: cold(RUN_PROCESS), "cold process, bare loop"),
     "interpreter alone": (lambda: cold("pass"), "interpreter alone"),
@@ -151,6 +173,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     repeats = parser.parse_args().repeats
     import rerun  # noqa: F401 (its import is not part of writing)
+
+    print("compiled with numba" if COMPILED else "plain Python (uv run --extra fast ... compiles)")
 
     for row, _ in ROWS.values():
         row()

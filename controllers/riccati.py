@@ -1,24 +1,26 @@
 """The continuous algebraic Riccati equation (33): A^T K + K A + Q - K B R^-1 B^T K = 0.
 
-For two outputs the loop solves it by :mod:`controllers.riccati_planar`, warm-started from the tick before and verified; for
-three, and wherever the verification fails, from the stable eigenvectors of the Hamiltonian, polished by a Newton-Kleinman
-step; where that is not good enough SciPy's Schur method takes over.
+In the loop it is solved by Newton-Kleinman steps that use the structure of A and B, warm-started from the ticks before and
+verified: in floats for two outputs (:mod:`controllers.riccati_planar`), in small arrays for any other number
+(:mod:`controllers.riccati_blocks`). Where the verification fails the stable eigenvectors of the Hamiltonian, polished, take
+over; where that is not good enough, SciPy's Schur method.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.riccati_planar import Matrix, PlanarWeight, extrapolated, newton, principal_axes, turned
+from controllers.riccati_blocks import BlockNewton
+from controllers.riccati_planar import Blocks, Matrix, follow, principal_axes, turned
 from ffsm_mj.model import FloatArray
 
 ACCEPTED_RESIDUAL = 1e-13
 """Relative residual at which a solution counts as exact to rounding."""
 # What the robust methods may leave near singular poses.
 _TOLERATED_RESIDUAL = 1e-9
-_REMEMBERED = 3
 
 
 class RiccatiError(ArithmeticError):
@@ -67,13 +69,13 @@ class PlanarRiccati:
     def __init__(self, Q: FloatArray) -> None:
         """Take the state weight apart."""
         self._Q = Q
-        self._weight = PlanarWeight(_flat(Q[:2, :2]), _flat(Q[:2, 2:]), _flat(Q[2:, 2:]))
-        self._isotropic = all((a, b, c) == (d, 0.0, 0.0) for a, b, c, d in self._weight)
+        self._weight = (_flat(Q[:2, :2]), _flat(Q[:2, 2:]), _flat(Q[2:, 2:]))
         self.forget()
 
     def forget(self) -> None:
         """Start cold at the next tick."""
-        self._history: list[tuple[Matrix, Matrix]] = []
+        # The last three solutions along the principal axes of S, the oldest first.
+        self._history: tuple[Blocks, Blocks, Blocks] | None = None
 
     def solve(self, A21: Matrix, A22: Matrix, S: Matrix) -> tuple[Matrix, Matrix, float, bool]:
         """P2, P3, relative residual, and whether the warm start failed and a robust method was needed.
@@ -82,40 +84,78 @@ class PlanarRiccati:
             RiccatiError: No method finds a stabilising solution.
         """
         history = self._history
-        # Along the principal axes of S nothing cancels, however near the pose is to a singular one.
-        axes, principal = principal_axes(S)
-        back = (axes[0], -axes[1])
-        Q = self._weight
-        if not self._isotropic:
-            Q = PlanarWeight(turned(Q.position, axes), turned(Q.coupling, axes), turned(Q.rate, axes))
-        along = (turned(A21, axes), turned(A22, axes), principal, Q)
-        if history:
-            solution = newton(*along, self._guess())
-            if solution is not None and solution.residual <= ACCEPTED_RESIDUAL:
-                history.append((solution.P2, solution.P3))
-                del history[:-_REMEMBERED]
-                return turned(solution.P2, back), turned(solution.P3, back), solution.residual, False
+        if history is not None:
+            blocks, along, residual = self._followed(A21, A22, S, history)
+            if residual <= ACCEPTED_RESIDUAL:
+                self._history = history[1], history[2], along
+                return *blocks, residual, False
         robust = self._robust(A21, A22, S)
-        P2, P3 = _flat(robust.K[:2, 2:]), _flat(robust.K[2:, 2:])
-        self._history = [(turned(P2, axes), turned(P3, axes))]
-        solution = newton(*along, self._history[0])
-        if solution is None or solution.residual > robust.residual:
-            return P2, P3, robust.residual, bool(history)
-        self._history = [(solution.P2, solution.P3)]
-        return turned(solution.P2, back), turned(solution.P3, back), solution.residual, bool(history)
+        axes, _ = principal_axes(S)
+        rough = _flat(robust.K[:2, 2:]), _flat(robust.K[2:, 2:])
+        start = turned(rough[0], axes), turned(rough[1], axes)
+        blocks, along, residual = self._followed(A21, A22, S, (start, start, start))
+        if not residual <= robust.residual:
+            blocks, along, residual = rough, start, robust.residual
+        self._history = along, along, along
+        return *blocks, residual, history is not None
 
-    def _guess(self) -> tuple[Matrix, Matrix]:
-        """Where the solution is heading: the quadratic through the last three ticks, which mostly saves two iterations."""
-        if len(self._history) < _REMEMBERED:
-            return self._history[-1]
-        return extrapolated(*self._history)
+    def _followed(
+        self, A21: Matrix, A22: Matrix, S: Matrix, history: tuple[Blocks, Blocks, Blocks]
+    ) -> tuple[Blocks, Blocks, float]:
+        try:
+            return follow(A21, A22, S, self._weight, *history)
+        except ZeroDivisionError:
+            return history[2], history[2], math.inf
 
     def _robust(self, A21: Matrix, A22: Matrix, S: Matrix) -> RiccatiSolution:
-        A, wide = np.zeros((4, 4)), np.zeros((4, 4))
-        A[:2, 2:] = np.eye(2)
-        A[2:, :2], A[2:, 2:] = np.reshape(A21, (2, 2)), np.reshape(A22, (2, 2))
-        wide[2:, 2:] = np.reshape(S, (2, 2))
-        return solve_care(A, wide, self._Q)
+        return solve_care(*_wide(np.reshape(A21, (2, 2)), np.reshape(A22, (2, 2)), np.reshape(S, (2, 2))), self._Q)
+
+
+class BlockRiccati:
+    """The equation of any number of outputs p from tick to tick."""
+
+    def __init__(self, Q: FloatArray) -> None:
+        """Take the state weight, (2 p, 2 p)."""
+        self._Q, self._newton = Q, BlockNewton(Q)
+        self.forget()
+
+    def forget(self) -> None:
+        """Start cold at the next tick."""
+        self._history: tuple[FloatArray, FloatArray, FloatArray] | None = None
+
+    def solve(self, A21: FloatArray, A22: FloatArray, S: FloatArray) -> tuple[FloatArray, float, bool]:
+        """[P2^T, P3] (p, 2 p), relative residual, and whether the warm start failed and a robust method was needed.
+
+        Raises:
+            RiccatiError: No method finds a stabilising solution.
+        """
+        history, p = self._history, len(S)
+        A, wide = _wide(A21, A22, S)
+        if history is not None:
+            first, second, third = history
+            K = self._newton.solve(A21, A22, S, first + 3.0 * (third - second))
+            if K is not None:
+                residual = relative_residual(A, wide, self._Q, K)
+                if residual <= ACCEPTED_RESIDUAL and _stabilises(A, wide, K):
+                    self._history = second, third, K[p:]
+                    return K[p:], residual, False
+        robust = solve_care(A, wide, self._Q)
+        K, residual = robust.K, robust.residual
+        better = self._newton.solve(A21, A22, S, K[p:])
+        if better is not None and _stabilises(A, wide, better):
+            left = relative_residual(A, wide, self._Q, better)
+            K, residual = (better, left) if left < residual else (K, residual)
+        self._history = K[p:], K[p:], K[p:]
+        return K[p:], residual, history is not None
+
+
+def _wide(A21: FloatArray, A22: FloatArray, S: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A and B R^-1 B^T of the output stack from their lower blocks."""
+    p = len(S)
+    A, wide = np.zeros((2 * p, 2 * p)), np.zeros((2 * p, 2 * p))
+    A[:p, p:] = np.eye(p)
+    A[p:, :p], A[p:, p:], wide[p:, p:] = A21, A22, S
+    return A, wide
 
 
 def _flat(block: FloatArray) -> Matrix:

@@ -9,8 +9,8 @@ form, affine in t, and t from the symmetry of X1. Matrices are flat tuples (a, b
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+
+from ffsm_mj.compiled import compiled
 
 Matrix = tuple[float, float, float, float]
 
@@ -20,23 +20,13 @@ _NEARLY = 1e-6
 _ROUNDING = 2e-15
 
 
-class PlanarWeight(NamedTuple):
-    """Blocks of the 4 x 4 state weight Q: position, coupling, rate."""
-
-    position: Matrix
-    coupling: Matrix
-    rate: Matrix
+Weight = tuple[Matrix, Matrix, Matrix]
+"""Blocks of the 4 x 4 state weight Q: position, coupling, rate."""
+Blocks = tuple[Matrix, Matrix]
+"""P2 and P3 of a solution."""
 
 
-@dataclass(frozen=True)
-class PlanarSolution:
-    """P2 and P3 of the solution, and its residual relative to the largest term."""
-
-    P2: Matrix
-    P3: Matrix
-    residual: float
-
-
+@compiled
 def principal_axes(S: Matrix) -> tuple[tuple[float, float], Matrix]:
     """(cosine, sine) of twice the angle to the principal axes of a symmetric matrix, and the matrix along them."""
     mean, difference, coupling = 0.5 * (S[0] + S[3]), 0.5 * (S[0] - S[3]), S[1]
@@ -48,6 +38,7 @@ def principal_axes(S: Matrix) -> tuple[tuple[float, float], Matrix]:
     return (difference / radius, coupling / radius), (largest, 0.0, 0.0, smallest)
 
 
+@compiled
 def turned(M: Matrix, axes: tuple[float, float]) -> Matrix:
     """V^T M V for the rotation V to some axes: trace and antisymmetric part stay, the rest turns by twice the angle."""
     a, b, c, d = M
@@ -58,36 +49,39 @@ def turned(M: Matrix, axes: tuple[float, float]) -> Matrix:
     return mean + p, q + odd, q - odd, mean - p
 
 
-def newton(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, start: tuple[Matrix, Matrix]) -> PlanarSolution | None:
-    """Iterate from a start until what is left is rounding; None where that leads nowhere.
+@compiled
+def newton(A21: Matrix, A22: Matrix, S: Matrix, Q: Weight, start: Blocks) -> tuple[Blocks, float]:
+    """Iterate from a start until what is left is rounding.
 
     The result is verified to be the stabilising solution, which is unique: a start too far away can lead to another.
+
+    Returns:
+        The solution, and its residual relative to the largest term: infinite where the iteration leads nowhere.
+
+    Raises:
+        ZeroDivisionError: A step is not defined.
     """
     P2, P3 = start
     left = math.inf
     for _ in range(_ITERATIONS):
-        try:
-            X2, X3 = _step(A21, A22, S, Q, P2, P3)
-        except ZeroDivisionError:
-            return None
+        X2, X3 = _step(A21, A22, S, Q, P2, P3)
         a, b, c, d = X2
-        p, q, _, r = X3
+        p, q, _q, r = X3
         e, f, g, h = P2
-        s, t, _, u = P3
+        s, t, _t, u = P3
         change = abs(a - e) + abs(b - f) + abs(c - g) + abs(d - h) + abs(p - s) + abs(q - t) + abs(r - u)
         P2, P3 = X2, X3
         if change <= _NEARLY * (abs(a) + abs(b) + abs(c) + abs(d) + abs(p) + abs(q) + abs(r)):
             before, left = left, residual(A21, A22, S, Q, P2, P3)
             if left <= _ROUNDING or left > 0.5 * before:
                 break
-    if left == math.inf or not _stable(A21, A22, S, P2, P3):
-        return None
-    return PlanarSolution(P2, P3, left)
+    if not _stable(A21, A22, S, P2, P3):
+        left = math.inf
+    return (P2, P3), left
 
 
-def extrapolated(
-    first: tuple[Matrix, Matrix], second: tuple[Matrix, Matrix], third: tuple[Matrix, Matrix]
-) -> tuple[Matrix, Matrix]:
+@compiled
+def extrapolated(first: Blocks, second: Blocks, third: Blocks) -> Blocks:
     """The fourth of four values at equal intervals, if they lie on a parabola."""
     (a0, a1, a2, a3), (p0, p1, _, p3) = first
     (b0, b1, b2, b3), (q0, q1, _, q3) = second
@@ -99,7 +93,38 @@ def extrapolated(
     )
 
 
-def _step(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, P2: Matrix, P3: Matrix) -> tuple[Matrix, Matrix]:
+@compiled
+def follow(
+    A21: Matrix, A22: Matrix, S: Matrix, Q: Weight, first: Blocks, second: Blocks, third: Blocks
+) -> tuple[Blocks, Blocks, float]:
+    """Solve from where the last three solutions were heading.
+
+    Args:
+        A21: Lower left block of A.
+        A22: Lower right block of A.
+        S: B2 R^-1 B2^T.
+        Q: State weight.
+        first: The oldest of the last three solutions, along the principal axes of S at its time.
+        second: The next.
+        third: The last.
+
+    Returns:
+        The solution; the same along the principal axes of S, where nothing cancels however near the pose is to a singular
+        one; and its residual, see :func:`newton`.
+
+    Raises:
+        ZeroDivisionError: A step is not defined.
+    """
+    axes, principal = principal_axes(S)
+    weight = (turned(Q[0], axes), turned(Q[1], axes), turned(Q[2], axes))
+    start = extrapolated(first, second, third)
+    along, left = newton(turned(A21, axes), turned(A22, axes), principal, weight, start)
+    back = (axes[0], -axes[1])
+    return (turned(along[0], back), turned(along[1], back)), along, left
+
+
+@compiled
+def _step(A21: Matrix, A22: Matrix, S: Matrix, Q: Weight, P2: Matrix, P3: Matrix) -> tuple[Matrix, Matrix]:
     """One Newton-Kleinman step."""
     s0, s1, _, s3 = S
     a, b, c, d = P2
@@ -132,6 +157,7 @@ def _step(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, P2: Matrix, P3: 
     return (u0 + t * v0, u1 + t * v1, u2 + t * v2, u3 + t * v3), (x0 + t * y0, off, off, x3 + t * y3)
 
 
+@compiled
 def _lyapunov(g0: float, g1: float, g2: float, g3: float, n0: float, n1: float, n3: float) -> tuple[float, float, float]:
     """X of G^T X + X G = -N for symmetric N: X = -(N + adj(G)^T N adj(G) / det G) / (2 tr G)."""
     r = 1.0 / (g0 * g3 - g1 * g2)
@@ -145,6 +171,7 @@ def _lyapunov(g0: float, g1: float, g2: float, g3: float, n0: float, n1: float, 
     )
 
 
+@compiled
 def _stable(A21: Matrix, A22: Matrix, S: Matrix, P2: Matrix, P3: Matrix) -> bool:
     """Routh-Hurwitz test of the closed loop det(s^2 I - s G - F); false for NaN too."""
     s0, s1, _, s3 = S
@@ -159,7 +186,8 @@ def _stable(A21: Matrix, A22: Matrix, S: Matrix, P2: Matrix, P3: Matrix) -> bool
     return a > 0.0 and b > 0.0 and c > 0.0 and d > 0.0 and a * b * c - c * c - a * a * d > 0.0
 
 
-def residual(A21: Matrix, A22: Matrix, S: Matrix, Q: PlanarWeight, P2: Matrix, P3: Matrix) -> float:
+@compiled
+def residual(A21: Matrix, A22: Matrix, S: Matrix, Q: Weight, P2: Matrix, P3: Matrix) -> float:
     """Largest entry of the equation's blocks over the largest of their terms."""
     s0, s1, _, s3 = S
     a, b, c, d = P2

@@ -113,8 +113,6 @@ class _Limits:
 
     def bounds(self, speed: float) -> tuple[float, float]:
         """Least and greatest effort while powered, at a speed."""
-        if self.constant:
-            return self.least, self.greatest
         drag = self.slope * speed
         lower = max(-self.stall - drag, self.low) if speed > -self.saturation else 0.0
         upper = min(self.stall - drag, self.high) if speed < self.saturation else 0.0
@@ -171,7 +169,9 @@ class Actuation:
         for limits in self._limits:
             limits.settle()
         # One row per actuator: command, applied, lower, upper.
+        self._rest = [x for limits in self._limits for x in (0.0, 0.0, limits.least, limits.greatest)]
         self._flat = np.zeros(4 * len(self.names))
+        self._data: Any = None
         self.applied = self._flat[1::4]
         self._counted = np.flatnonzero([limits.on_off for limits in self._limits])
         self._valves = [limits for limits in self._limits if limits.on_off]
@@ -187,24 +187,28 @@ class Actuation:
         Raises:
             ControllerError: A powered effort is not finite.
         """
+        if data is not self._data:
+            self._data, self._velocity, self._ctrl = data, data.actuator_velocity, data.ctrl
         efforts, powered = command.effort.tolist(), command.powered.tolist()
-        velocities = data.actuator_velocity.tolist()
-        out: list[float] = []
+        velocities, out = self._velocity.tolist(), self._rest.copy()
         for i, limits in enumerate(self._limits):
-            lower, upper = limits.bounds(velocities[i] / limits.gear)
-            wanted = applied = efforts[i] if powered[i] else 0.0
-            if powered[i]:
-                if not math.isfinite(wanted):
-                    raise ControllerError(f"the controller commands an effort that is not finite for {self.names[i]}")
-                if limits.on_off:
-                    applied = limits.fire(wanted, lower, upper, time_s)
-                applied = min(max(applied, lower), upper)
+            on, lower, upper = powered[i], limits.least, limits.greatest
+            if not limits.constant:
+                lower, upper = out[4 * i + 2 : 4 * i + 4] = limits.bounds(velocities[i] / limits.gear)
+            if on:
+                out[4 * i], out[4 * i + 1] = self._delivered(i, efforts[i], lower, upper, time_s)
             elif limits.on_off:
                 limits.firing = 0.0
-            out += (wanted, applied, lower, upper)
         self._flat[:] = out
-        self._valves_open = any(limits.firing for limits in self._valves)
-        np.divide(self.applied, self._gear, out=data.ctrl)
+        self._valves_open = any(limits.firing for limits in self._valves) if self._valves else False
+        np.divide(self.applied, self._gear, self._ctrl)
+
+    def _delivered(self, i: int, wanted: float, lower: float, upper: float, time_s: float) -> tuple[float, float]:
+        """What is asked of a powered actuator, and what it gives."""
+        if not math.isfinite(wanted):
+            raise ControllerError(f"the controller commands an effort that is not finite for {self.names[i]}")
+        applied = self._limits[i].fire(wanted, lower, upper, time_s) if self._limits[i].on_off else wanted
+        return wanted, min(max(applied, lower), upper)
 
     def elapse(self, duration_s: float) -> None:
         """Count on-times and impulses of the on-off actuators over a time with the efforts held."""

@@ -44,30 +44,17 @@ def momentum_matrix(model: Any, data: Any, body: int) -> FloatArray:
     return np.vstack((linear, angular + skew(data.subtree_com[body]) @ linear))
 
 
-class BodyMomenta:
-    """Momentum (P, L about the world origin) of a subtree, summed body by body, every tick.
+def subtree_momenta(mass: float, velocity: FloatArray, centre: FloatArray, spin: FloatArray) -> FloatArray:
+    """Momentum (P, L about the world origin) of a subtree, summed body by body, shape (..., 6).
 
-    Holds views of MuJoCo's arrays, because looking them up costs more than the sums. ``mj_subtreeVel`` must have run on the
-    state.
+    Args:
+        mass: Mass of the subtree, kg.
+        velocity: Velocity of its mass centre from ``mj_subtreeVel``, (..., 3).
+        centre: Its mass centre, (..., 3).
+        spin: Angular momentum about that centre from ``mj_subtreeVel``, (..., 3).
     """
-
-    def __init__(self, model: Any, data: Any, root: int) -> None:
-        """Bind to one subtree of one ``data``."""
-        self._mass = float(model.body_subtreemass[root])
-        self._velocity, self._centre, self._spin = (
-            data.subtree_linvel[root],
-            data.subtree_com[root],
-            data.subtree_angmom[root],
-        )
-
-    def __call__(self) -> tuple[float, float, float, float, float, float]:
-        """(P, L) now."""
-        mass = self._mass
-        vx, vy, vz = self._velocity.tolist()
-        x, y, z = self._centre.tolist()
-        lx, ly, lz = self._spin.tolist()
-        px, py, pz = mass * vx, mass * vy, mass * vz
-        return px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px
+    linear = mass * velocity
+    return np.concatenate((linear, spin + np.cross(centre, linear)), axis=-1)
 
 
 def base_jacobian(model: Any, data: Any, tree: Tree) -> FloatArray:
@@ -91,7 +78,7 @@ def base_wrench(jacobian: FloatArray, generalized: FloatArray) -> FloatArray:
 
 
 class BaseMomentum:
-    """Momentum of a tree (P, L about the origin) from the base rows of M qdot, paper (8)-(9), every tick.
+    """Momentum of a tree (P, L about the origin) from the base rows of M qdot, paper (8)-(9), for many states at once.
 
     Where the base joints' twists are orthonormal at the base frame's origin (a free joint; slides and hinges along
     orthogonal axes through it) their transpose inverts them; other bases take :func:`base_wrench`.
@@ -99,30 +86,37 @@ class BaseMomentum:
 
     def __init__(self, system: System, tree: Tree) -> None:
         """Look whether the base is of the simple kind, in a few configurations."""
-        self._model, self._tree = system.mj, tree
-        self._jacp, self._jacr = np.empty((3, system.mj.nv)), np.empty((3, system.mj.nv))
-        self._linear, self._angular = self._jacp[:, tree.base_dofs], self._jacr[:, tree.base_dofs]
-        data = mujoco.MjData(system.mj)
+        self._base = tree.base_dofs
+        model, data = system.mj, mujoco.MjData(system.mj)
+        jacp, jacr = np.empty((3, model.nv)), np.empty((3, model.nv))
         rng = np.random.default_rng(1)
         self._orthonormal = True
         for _ in range(4):
-            mujoco.mj_integratePos(system.mj, data.qpos, rng.uniform(-1.0, 1.0, system.mj.nv), 1.0)
-            mujoco.mj_kinematics(system.mj, data)
-            mujoco.mj_comPos(system.mj, data)
-            mujoco.mj_jacBody(system.mj, data, self._jacp, self._jacr, tree.root)
-            twists = np.vstack((self._linear, self._angular))
+            mujoco.mj_integratePos(model, data.qpos, rng.uniform(-1.0, 1.0, model.nv), 1.0)
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_jacBody(model, data, jacp, jacr, tree.root)
+            twists = np.vstack((jacp, jacr))[:, self._base]
             self._orthonormal &= np.allclose(twists.T @ twists, np.eye(twists.shape[1]), rtol=0.0, atol=1e-12)
 
-    def momentum(self, data: Any, h: FloatArray) -> FloatArray | tuple[float, ...]:
-        """(P, L about the origin) on the components that the base leaves free, from h = M qdot; the others are arbitrary."""
-        own = h[self._tree.base_dofs]
-        if not self._orthonormal:
-            return base_wrench(base_jacobian(self._model, data, self._tree), own)
-        mujoco.mj_jacBody(self._model, data, self._jacp, self._jacr, self._tree.root)
-        px, py, pz = (self._linear @ own).tolist()
-        lx, ly, lz = (self._angular @ own).tolist()
-        x, y, z = data.xpos[self._tree.root].tolist()
-        return px, py, pz, lx + y * pz - z * py, ly + z * px - x * pz, lz + x * py - y * px
+    def momenta(self, jacp: FloatArray, jacr: FloatArray, position: FloatArray, h: FloatArray) -> FloatArray:
+        """(P, L about the origin) on the components that the base leaves free; the others are arbitrary.
+
+        Args:
+            jacp: Translational Jacobians of the tree's root body, (n, 3, nv).
+            jacr: Rotational Jacobians of it, (n, 3, nv).
+            position: Positions of its frame, (n, 3).
+            h: Generalised momenta M qdot, (n, nv).
+
+        Returns:
+            Momenta, (n, 6).
+        """
+        linear, angular, own = jacp[..., self._base], jacr[..., self._base], h[:, self._base]
+        if self._orthonormal:
+            P = np.einsum("nij,nj->ni", linear, own)
+            return np.concatenate((P, np.einsum("nij,nj->ni", angular, own) + np.cross(position, P)), axis=1)
+        jacobians = (np.vstack((v + skew(x) @ w, w)) for v, w, x in zip(linear, angular, position, strict=True))
+        return np.array([base_wrench(jacobian, p) for jacobian, p in zip(jacobians, own, strict=True)])
 
 
 def free_components(system: System, tree: Tree) -> np.ndarray[Any, np.dtype[np.bool_]]:

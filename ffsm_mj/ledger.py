@@ -12,25 +12,26 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.dynamics import BaseMomentum, BodyMomenta, base_jacobian, base_wrench, free_components
+from ffsm_mj.dynamics import BaseMomentum, base_jacobian, base_wrench, free_components, subtree_momenta
 from ffsm_mj.model import FloatArray, System
 
-# Columns of ledger rows, see signals._ledger_signals: work, impact energy x3, external, contact, residuals.
-_ROW_SIZE = 1 + 3 + 6 + 6 + 3 + 18
+# Columns of the table, in the order of the log (see signals): what is measured, the accounts, what they leave unexplained.
+ENERGY, MOMENTUM, BY_MASS_MATRIX, ACCOUNTS = slice(0, 3), slice(3, 21), slice(21, 27), slice(27, 43)
+ENERGY_RESIDUAL, MOMENTUM_RESIDUAL = slice(43, 46), slice(46, 64)
+COLUMNS = 64
 
 
 class Ledger:
-    """Books of one run. ``open`` before each (sub-)step, ``close`` after it, ``impact`` at each impact.
+    """Books of one run. ``open`` before each (sub-)step, ``close`` after it, ``impact`` at each impact, ``note`` at a tick.
+
+    A note copies what MuJoCo knows of the state; energies, momenta and residuals of many notes are worked out at once.
 
     Attributes:
-        energy: Kinetic energy of (total, robot, objects) at the last ``measure``, J.
-        momentum: Momentum (P, L about the origin) of the same, (3, 6).
-        free: Which components of (P, L about the origin) the base joints of the same leave free, 1 or 0, (3, 6).
-        robot_by_mass_matrix: Momentum of the robot from the base rows of M qdot, (6,).
+        free: Which of (P, L about the origin) the base joints of (total, robot, objects) leave free, 1 or 0, (3, 6).
     """
 
-    def __init__(self, system: System, data: Any) -> None:
-        """Start the books at the state in ``data`` (kinematics current)."""
+    def __init__(self, system: System, data: Any, *, notes: int = 1) -> None:
+        """Start the books at the state in ``data`` (all derived quantities current), with room for so many notes."""
         self._system, self._model, self._data = system, system.mj, data
         self._scratch = mujoco.MjData(system.mj)
         robot_free = free_components(system, system.robot)
@@ -39,65 +40,76 @@ class Ledger:
         self.free = np.array([robot_free & objects_free, robot_free, objects_free], dtype=np.float64)
         self._external_actuators = np.flatnonzero(_base_actuators(system)).tolist()
         self._on_joint = (np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)).astype(np.float64)
-        self.energy, self.momentum = np.zeros(3), np.zeros((3, 6))
-        self.robot_by_mass_matrix = np.zeros(6)
         self._base = BaseMomentum(system, system.robot)
-        self._of_robot = BodyMomenta(system.mj, data, system.robot.root)
-        self._of_objects = [BodyMomenta(system.mj, data, tree.root) for tree in system.objects]
         # Views: looking MuJoCo's arrays up costs more than reading them.
-        self._rates, self._held = data.qvel, data.ctrl
-        self._h = np.empty(system.mj.nv)
+        self._held, self._length, self._force = data.ctrl, data.actuator_length, data.actuator_force
         # Work, impact energy of the parties, external impulse on the robot, contact impulse on the objects.
         self._accounts = np.zeros(1 + 3 + 6 + 6)
         self._working = self._pushed = False
-        self.measure()
-        self._energy_0, self._momentum_0 = self.energy.tolist(), self.momentum.copy()
-        self._expected = self._momentum_0.copy()
+        self._notes = _Notes(system, data, notes)
+        h = np.empty(system.mj.nv)
+        mujoco.mj_mulM(system.mj, data, h, data.qvel)
+        self._energy_0, self._momentum_0 = np.zeros(3), np.zeros((3, 6))
+        self.note(h)
+        start = self.table()[0]
+        self._energy_0, self._momentum_0 = start[ENERGY], start[MOMENTUM].reshape(3, 6)
 
-    def measure(self) -> None:
-        """Read energy and momenta off the current state."""
-        model, data, robot = self._model, self._data, self._system.robot
-        mujoco.mj_subtreeVel(model, data)
-        h, qvel = self._h, self._rates
-        mujoco.mj_mulM(model, data, h, qvel)
-        total, own = 0.5 * float(h @ qvel), 0.5 * float(h[robot.dofs] @ qvel[robot.dofs])
-        self.energy[:] = total, own, total - own
-        whole, of_robot, of_objects = self.momentum
-        of_robot[:] = self._of_robot()
-        parts = [momenta() for momenta in self._of_objects]
-        of_objects[:] = parts[0] if len(parts) == 1 else np.sum(parts, axis=0) if parts else 0.0
-        np.add(of_robot, of_objects, out=whole)
-        self.robot_by_mass_matrix[:] = self._base.momentum(data, h)
+    def note(self, h: FloatArray) -> None:
+        """Keep the state in ``data`` and the accounts; h is M qdot there, (nv,)."""
+        notes = self._notes
+        line = notes.used
+        mujoco.mj_subtreeVel(self._model, self._data)
+        mujoco.mj_jacBody(self._model, self._data, notes.jacp[line], notes.jacr[line], self._system.robot.root)
+        notes.velocity[line], notes.centre[line], notes.spin[line] = notes.live
+        notes.position[line] = notes.live_position
+        notes.h[line], notes.rates[line], notes.accounts[line] = h, notes.live_rates, self._accounts
+        notes.used = line + 1
+
+    def table(self) -> FloatArray:
+        """Energies, momenta, accounts and residuals of all notes since the last table, (n, COLUMNS); uses the notes up."""
+        notes, robot = self._notes, self._system.robot
+        used, notes.used = slice(0, notes.used), 0
+        table = np.empty((used.stop, COLUMNS))
+        h, rates, accounts = notes.h[used], notes.rates[used], notes.accounts[used]
+        powers = h * rates
+        total, own = 0.5 * powers.sum(axis=1), 0.5 * powers[:, robot.dofs].sum(axis=1)
+        energy = np.stack((total, own, total - own), axis=1)
+        of_robot = notes.momenta(robot.root, used)
+        of_objects = sum((notes.momenta(tree.root, used) for tree in self._system.objects), np.zeros((used.stop, 6)))
+        momentum = np.stack((of_robot + of_objects, of_robot, of_objects), axis=1)
+        external, contact = accounts[:, 4:10], accounts[:, 10:16]
+        explained = np.stack((external, external - contact, contact), axis=1)
+        work, gained = accounts[:, :1] * (1.0, 1.0, 0.0), accounts[:, 1:4]
+        table[:, ENERGY], table[:, MOMENTUM] = energy, momentum.reshape(-1, 18)
+        table[:, BY_MASS_MATRIX] = self._base.momenta(notes.jacp[used], notes.jacr[used], notes.position[used], h)
+        table[:, ACCOUNTS] = accounts
+        table[:, ENERGY_RESIDUAL] = energy - self._energy_0 - work - gained
+        table[:, MOMENTUM_RESIDUAL] = ((momentum - self._momentum_0 - explained) * self.free).reshape(-1, 18)
+        return table
 
     def open(self) -> None:
         """Remember the state at the start of a (sub-)step, as far as the efforts held in it need it."""
-        data = self._data
         ctrl = self._held.tolist()
         self._working = any(ctrl)
-        self._pushed = self._working and any(ctrl[i] for i in self._external_actuators)
-        if self._working:
-            self._length = data.actuator_length.copy()
+        if not self._working:
+            return
+        self._length_0 = self._length.copy()
+        self._pushed = any(ctrl[i] for i in self._external_actuators)
         if self._pushed:
+            data = self._data
             self._qpos, self._qvel, self._ctrl = data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()
 
     def close(self, duration_s: float) -> None:
         """Book the work and impulse of the efforts held since ``open``; the state in ``data`` is the end of the step."""
         if not self._working:
             return
-        data = self._data
-        self._accounts[0] += (data.actuator_force * self._on_joint) @ (data.actuator_length - self._length)
+        self._accounts[0] += (self._force * self._on_joint).dot(self._length - self._length_0)
         if not self._pushed:
             return
         start, middle, end = self._rates_of_external(duration_s)
         mean = duration_s / 6.0 * (start + 4.0 * middle + end)
         self._accounts[4:10] += mean[:6]
         self._accounts[0] += mean[6]
-        self._expect()
-
-    def _expect(self) -> None:
-        """Momenta that the books explain."""
-        external, contact = self._accounts[4:10], self._accounts[10:16]
-        self._expected = self._momentum_0 + np.stack((external, external - contact, contact))
 
     def _rates_of_external(self, duration_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(Wrench about the origin, power of site actuators) at the start, the Hermite midpoint and the end of a step."""
@@ -126,26 +138,25 @@ class Ledger:
         """
         self._accounts[1:4] += energy_change
         self._accounts[10:16] += contact_impulse
-        self._expect()
 
-    def residuals(self) -> tuple[FloatArray, FloatArray]:
-        """What the books do not explain at the last ``measure``: energies (3,) and momenta (3, 6)."""
-        row = np.empty(_ROW_SIZE)
-        self.fill(row)
-        return row[16:19], row[19:].reshape(3, 6)
 
-    def fill(self, row: FloatArray) -> None:
-        """Write the ledger columns of a row."""
-        accounts = self._accounts
-        row[:16] = accounts
-        work, total, robot, objects = accounts[:4].tolist()
-        now, before = self.energy.tolist(), self._energy_0
-        row[16:19] = (
-            now[0] - before[0] - work - total,
-            now[1] - before[1] - work - robot,
-            now[2] - before[2] - objects,
-        )
-        row[19:_ROW_SIZE] = ((self.momentum - self._expected) * self.free).ravel()
+class _Notes:
+    """Copies of MuJoCo's arrays at so many states, and views of where they are copied from."""
+
+    def __init__(self, system: System, data: Any, count: int) -> None:
+        model = system.mj
+        self.used, self._mass = 0, model.body_subtreemass
+        self.velocity, self.centre, self.spin = (np.empty((count, model.nbody, 3)) for _ in range(3))
+        self.jacp, self.jacr = np.empty((count, 3, model.nv)), np.empty((count, 3, model.nv))
+        self.position, self.accounts = np.empty((count, 3)), np.empty((count, 16))
+        self.h, self.rates = np.empty((count, model.nv)), np.empty((count, model.nv))
+        self.live = data.subtree_linvel, data.subtree_com, data.subtree_angmom
+        self.live_position, self.live_rates = data.xpos[system.robot.root], data.qvel
+
+    def momenta(self, root: int, used: slice) -> FloatArray:
+        """Momenta of the subtree of a body at the states noted, (n, 6)."""
+        at = (used, root)
+        return subtree_momenta(float(self._mass[root]), self.velocity[at], self.centre[at], self.spin[at])
 
 
 def _base_actuators(system: System) -> npt.NDArray[np.bool_]:

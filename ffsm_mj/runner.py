@@ -22,7 +22,7 @@ from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.impact.watch import ContactWatch
 from ffsm_mj.ledger import Ledger
 from ffsm_mj.log.memory_sink import MemorySink
-from ffsm_mj.log.recorder import Recorder
+from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.log.sink import RunHeader, Sink
 from ffsm_mj.row_writer import RowWriter
 from ffsm_mj.run_folder import RunFolder
@@ -129,7 +129,7 @@ def _simulate(
         system, assembly.actuation.signals, assembly.controller.telemetry_signals, tip=assembly.task is not None
     )
     files = {f"mjcf/{name}/{f.relative(path)}": path.read_bytes() for name, f in system.files.items() for path in f.files}
-    ledger = Ledger(system, assembly.data)
+    ledger = Ledger(system, assembly.data, notes=BLOCK_ROWS)
     header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly, ledger))
     memory = MemorySink()
     sinks: list[Sink] = [memory]
@@ -144,9 +144,9 @@ def _simulate(
         ContactWatch(system.mj, assembly.data, assembly.known_pairs),
         ledger,
     )
-    recorder = Recorder(layout, sinks)
     tip = assembly.task.tip_site if assembly.task else None
     rows = RowWriter(layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, tip)
+    recorder = Recorder(layout, sinks, rows.complete)
     simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
     with _interrupts() as interrupted, recorder:
         recorder.open(header)

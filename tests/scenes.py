@@ -6,6 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import mujoco
+
+from ffsm_mj.dynamics import subtree_momenta
+
 HEAD = '<option gravity="0 0 0"/>'
 
 
@@ -38,6 +42,14 @@ _AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 def _motors(joints: str) -> str:
     return "" if joints == "free" else "".join(f'<motor name="push_{a}" joint="{a}"/>' for a in joints)
+
+
+def of_subtree(model, data, root):
+    """(P, L about the origin) of the subtree of a body, summed body by body."""
+    mujoco.mj_subtreeVel(model, data)
+    return subtree_momenta(
+        model.body_subtreemass[root], data.subtree_linvel[root], data.subtree_com[root], data.subtree_angmom[root]
+    )
 
 
 def scene(folder: Path, robot: str, objects: dict[str, str], **scenario: Any) -> Path:

@@ -102,7 +102,10 @@ def test_bad_options_exit_2(capsys):
 
 
 def python(code: str) -> str:
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    """What a fresh interpreter prints; uncompiled, because numba brings SciPy with it."""
+    environment = os.environ | {"FFSM_COMPILED": "0"}
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.strip()
 
 
 def test_help_imports_nothing_heavy():

@@ -8,8 +8,8 @@ import pytest
 from scipy.linalg import solve_continuous_are
 
 import ffsm_mj
-from controllers.riccati import ACCEPTED_RESIDUAL, PlanarRiccati, RiccatiError
-from controllers.riccati_planar import PlanarWeight, newton, principal_axes, turned
+from controllers.riccati import ACCEPTED_RESIDUAL, BlockRiccati, PlanarRiccati, RiccatiError
+from controllers.riccati_planar import newton, principal_axes, turned
 
 
 def flat(block):
@@ -100,15 +100,15 @@ def test_a_start_that_leads_elsewhere_is_refused(rng):
     refused = 0
     for _ in range(200):
         A21, A22, B2, Q = problem(rng, 0.3)
-        weight = PlanarWeight(flat(Q[:2, :2]), flat(Q[:2, 2:]), flat(Q[2:, 2:]))
+        weight = (flat(Q[:2, :2]), flat(Q[:2, 2:]), flat(Q[2:, 2:]))
         start = (flat(-5.0 * np.eye(2)), flat(-5.0 * np.eye(2)))
-        solution = newton(flat(A21), flat(A22), flat(B2 @ B2.T), weight, start)
-        if solution is None:
+        (_, P3), residual = newton(flat(A21), flat(A22), flat(B2 @ B2.T), weight, start)
+        if residual == np.inf:
             refused += 1
             continue
         A, B = wide(A21, A22, B2)
         expected = solve_continuous_are(A, B, Q, np.eye(3))
-        np.testing.assert_allclose(np.reshape(solution.P3, (2, 2)), expected[2:, 2:], rtol=1e-7)
+        np.testing.assert_allclose(np.reshape(P3, (2, 2)), expected[2:, 2:], rtol=1e-7)
     assert refused > 100
 
 
@@ -119,7 +119,7 @@ def test_fallback_is_counted_and_gives_the_same(rng):
     args = (flat(A21), flat(A22), flat(B2 @ B2.T))
     P2, P3, _, first = solver.solve(*args)
     assert not first  # a cold start is no fallback
-    solver._history = [(flat(-50.0 * np.eye(2)), flat(-50.0 * np.eye(2)))]
+    solver._history = 3 * ((flat(-50.0 * np.eye(2)), flat(-50.0 * np.eye(2))),)
     again = solver.solve(*args)
     assert again[3]
     np.testing.assert_allclose(again[0], P2, rtol=1e-10, atol=1e-12)
@@ -141,6 +141,46 @@ def test_principal_axes(rng):
         np.testing.assert_allclose(sorted([principal[0], principal[3]]), np.linalg.eigvalsh(S), atol=1e-14)
         M = flat(rng.normal(size=(2, 2)))
         np.testing.assert_allclose(turned(turned(M, axes), (axes[0], -axes[1])), M, atol=1e-15)
+
+
+@pytest.mark.parametrize("p", [1, 2, 3, 4])
+def test_any_number_of_outputs(p, rng):
+    """Along a smooth path of problems: residual at rounding, stable, SciPy's solution, and hardly a fallback."""
+    ends = [rng.normal(size=(2, p, k)) for k in (p, p, p + 1)]
+    Q, solver, fallbacks = np.diag(rng.uniform(0.3, 1.0, 2 * p)), None, 0
+    solver = BlockRiccati(Q)
+    for tick in range(200):
+        angle = 0.002 * tick
+        A21, A22, B2 = (np.cos(angle) * first + np.sin(angle) * second for first, second in ends)
+        S = B2 @ B2.T
+        K_lower, residual, fallback = solver.solve(A21, A22, S)
+        fallbacks += fallback
+        A = np.zeros((2 * p, 2 * p))
+        A[:p, p:], A[p:, :p], A[p:, p:] = np.eye(p), A21, A22
+        B = np.vstack((np.zeros_like(B2), B2))
+        assert residual <= (1e-9 if fallback else ACCEPTED_RESIDUAL)
+        assert np.linalg.eigvals(A - B @ B2.T @ K_lower).real.max() < 0.0
+        if tick % 20 == 0:
+            expected = solve_continuous_are(A, B, Q, np.eye(p + 1))[p:]
+            np.testing.assert_allclose(K_lower, expected, atol=1e-9 * np.abs(expected).max() * np.linalg.cond(B2) ** 2)
+    assert fallbacks <= 2
+
+
+def test_three_outputs_answer_after_a_jump(rng):
+    """A warm start from elsewhere is refused or led back: the answer is the stabilising one, and a refusal is counted."""
+    Q, refused = np.eye(6), 0
+    for _ in range(50):
+        solver = BlockRiccati(Q)
+        solver.solve(rng.normal(size=(3, 3)), rng.normal(size=(3, 3)), np.eye(3))
+        A21, A22, B2 = rng.normal(size=(3, 3)), rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+        solver._history = 3 * (-5.0 * np.hstack((np.eye(3), np.eye(3))),)
+        K_lower, _, fallback = solver.solve(A21, A22, B2 @ B2.T)
+        refused += fallback
+        A = np.zeros((6, 6))
+        A[:3, 3:], A[3:, :3], A[3:, 3:] = np.eye(3), A21, A22
+        A[3:] -= B2 @ B2.T @ K_lower
+        assert np.linalg.eigvals(A).real.max() < 0.0
+    assert refused > 25
 
 
 @pytest.mark.slow

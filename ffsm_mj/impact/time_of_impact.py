@@ -26,6 +26,8 @@ REST_RATE = 1e-12
 _ROOT_GAP = 1e-14
 # MuJoCo's distance is trusted to this in m; closer pairs are asked exactly.
 _NEAR = 1e-7
+# As a number: the bindings take four times as long to look an enumeration up.
+_WHOLE_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _ROOT_ITERATIONS = 100
 # Energy inside a step may exceed that at its ends.
 _BOUND_MARGIN = 1.1
@@ -40,11 +42,11 @@ class StepPath:
     def __init__(self, model: Any, data: Any) -> None:
         """Wrap model and data; the model's own time step is restored after every move."""
         self._model, self._data, self._usual = model, data, model.opt.timestep
-        self._state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+        self._state = np.empty(mujoco.mj_stateSize(model, _WHOLE_STATE))
 
     def begin(self) -> None:
         """Start a new path at the state in ``data``."""
-        mujoco.mj_getState(self._model, self._data, self._state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_getState(self._model, self._data, self._state, _WHOLE_STATE)
 
     def run(self, duration_s: float) -> None:
         """Integrate from the state in ``data`` and refresh all derived quantities."""
@@ -57,7 +59,7 @@ class StepPath:
 
     def move_to(self, time_s: float) -> None:
         """Put ``data`` at a time since the start of the path."""
-        mujoco.mj_setState(self._model, self._data, self._state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_setState(self._model, self._data, self._state, _WHOLE_STATE)
         if time_s > 0.0:
             self.run(time_s)
         else:
@@ -91,6 +93,7 @@ class Detector:
 
     Attributes:
         kinetic_energy_J: Of everything, at the state in ``data``.
+        momentum: Generalised momentum M qdot there, (nv,).
     """
 
     def __init__(self, model: Any, data: Any, pairs: Sequence[ImpactPair]) -> None:
@@ -98,14 +101,19 @@ class Detector:
         self._model, self._data, self._pairs = model, data, tuple(pairs)
         self._path = StepPath(model, data)
         self._reach = [pair.reach_per_root_energy(model, data) for pair in self._pairs]
-        self._momentum = np.empty(model.nv)
+        self.momentum, self._rates = np.empty(model.nv), data.qvel
         self.restart()
 
     def restart(self) -> None:
         """Look again after velocities were changed at one instant."""
         self.kinetic_energy_J = self._energy()
-        # What each pair is apart for certain.
-        self._clearance = [pair.gap(self._model, self._data, FAR) - _NEAR for pair in self._pairs]
+        # How far sqrt(2 T) dt has gone since, and how far it must go before each pair can have touched.
+        self._travelled = 0.0
+        self._safe = [
+            (pair.gap(self._model, self._data, FAR) - _NEAR) / reach
+            for pair, reach in zip(self._pairs, self._reach, strict=True)
+        ]
+        self._safe_for_all = min(self._safe, default=math.inf)
 
     def advance(self, duration_s: float) -> float | None:
         """Integrate for a time, or until a pair touches while approaching.
@@ -118,7 +126,7 @@ class Detector:
         """
         path = self._path
         path.begin()
-        if self._touching_now():
+        if self._safe_for_all <= self._travelled and self._touching_now():
             return 0.0
         path.run(duration_s)
         before, self.kinetic_energy_J = self.kinetic_energy_J, self._energy()
@@ -138,19 +146,23 @@ class Detector:
         return touch
 
     def _energy(self) -> float:
-        mujoco.mj_mulM(self._model, self._data, self._momentum, self._data.qvel)
-        return 0.5 * float(self._momentum @ self._data.qvel)
+        mujoco.mj_mulM(self._model, self._data, self.momentum, self._rates)
+        return 0.5 * float(self.momentum.dot(self._rates))
 
     def _surely_clear(self, travel: float) -> bool:
         """Whether no pair can have touched in a step, given how far sqrt(2 T) went in it; distances are asked as needed."""
-        for i, reach in enumerate(self._reach):
-            left = self._clearance[i] - reach * travel
-            if left <= 0.0:
-                apart = self._pairs[i].gap(self._model, self._data, FAR) - _NEAR
-                if self._clearance[i] + apart <= reach * travel or apart <= 0.0:
-                    return False
-                left = apart
-            self._clearance[i] = left
+        before = self._travelled
+        self._travelled += travel
+        if self._travelled < self._safe_for_all:
+            return True
+        for i, (pair, reach) in enumerate(zip(self._pairs, self._reach, strict=True)):
+            if self._travelled < self._safe[i]:
+                continue
+            apart = pair.gap(self._model, self._data, FAR) - _NEAR
+            if apart <= 0.0 or reach * (self._safe[i] - before) + apart <= reach * travel:
+                return False
+            self._safe[i] = self._travelled + apart / reach
+        self._safe_for_all = min(self._safe)
         return True
 
     def contacts(self) -> list[tuple[ImpactPair, Proximity]]:
@@ -168,8 +180,8 @@ class Detector:
 
     def _touching_now(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
-        for pair, clearance in zip(self._pairs, self._clearance, strict=True):
-            if clearance <= 0.0:
+        for pair, safe in zip(self._pairs, self._safe, strict=True):
+            if safe <= self._travelled:
                 near = pair.proximity(self._model, self._data)
                 if near.gap <= GAP_TOLERANCE and near.rate < -REST_RATE:
                     return True

@@ -5,6 +5,7 @@ MuJoCo's own broad and narrow phase lists overlapping geoms at the control rate;
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable
 from itertools import combinations
 from typing import Any
@@ -20,10 +21,11 @@ class ContactWatch:
 
     def __init__(self, model: Any, data: Any, known: Iterable[frozenset[int]]) -> None:
         """Watch all pairs of geoms that MuJoCo would collide, except the known ones."""
-        self._model, self._data = model, data
+        # A model of its own, with contacts on and filters as they suit it: the run's model is left alone.
+        self._model, self._data = copy.copy(model), data
+        self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self._known = frozenset(known)
         self._open: dict[frozenset[int], tuple[float, float]] = {}
-        self._flag = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self._filter_known_trees()
 
     def _filter_known_trees(self) -> None:
@@ -47,14 +49,8 @@ class ContactWatch:
 
     def look(self, time_s: float) -> list[UnhandledContactRecord]:
         """Update at one tick; returns the overlaps that have ended."""
-        model, data = self._model, self._data
-        disabled = model.opt.disableflags
-        model.opt.disableflags = disabled & ~self._flag
-        try:
-            mujoco.mj_collision(model, data)
-        finally:
-            model.opt.disableflags = disabled
-        now = self._unknown_overlaps() if data.ncon else {}
+        mujoco.mj_collision(self._model, self._data)
+        now = self._unknown_overlaps() if self._data.ncon else {}
         if not now and not self._open:
             return []
         ended = [self._record(pair, time_s) for pair in self._open.keys() - now.keys()]

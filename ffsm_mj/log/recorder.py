@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 
 import numpy as np
@@ -13,17 +13,24 @@ from ffsm_mj.log.sink import RunHeader, Sink
 from ffsm_mj.model import FloatArray
 from ffsm_mj.signals import Layout
 
-_BLOCK_ROWS = 1000
+BLOCK_ROWS = 1000
+"""Rows that are passed on together."""
 _FLUSH_PERIOD_S = 1.0
 
 
 class Recorder:
     """Hands out the next row to fill and passes full blocks on. A context manager: leaving it closes every sink."""
 
-    def __init__(self, layout: Layout, sinks: Sequence[Sink]) -> None:
-        """Prepare an empty block."""
-        self._sinks = tuple(sinks)
-        self._block = np.zeros((_BLOCK_ROWS, len(layout.signals)))
+    def __init__(self, layout: Layout, sinks: Sequence[Sink], complete: Callable[[FloatArray], None]) -> None:
+        """Prepare an empty block.
+
+        Args:
+            layout: Columns of a row.
+            sinks: Where rows and events go.
+            complete: Fills in what is worked out for a block of rows at once, just before it is passed on.
+        """
+        self._sinks, self._complete = tuple(sinks), complete
+        self._block = np.zeros((BLOCK_ROWS, len(layout.signals)))
         self._used = 0
         self._next_flush = time.monotonic() + _FLUSH_PERIOD_S
         self.outcome: OutcomeRecord | None = None
@@ -35,12 +42,12 @@ class Recorder:
 
     def row(self) -> FloatArray:
         """The next row, to be filled by the caller and then passed to :meth:`commit`."""
-        return np.asarray(self._block[self._used])
+        return self._block[self._used]  # type: ignore[no-any-return]
 
     def commit(self) -> None:
         """The row handed out last is complete."""
         self._used += 1
-        if self._used == _BLOCK_ROWS:
+        if self._used == BLOCK_ROWS:
             self._pass_on()
         if time.monotonic() >= self._next_flush:
             self.flush()
@@ -62,6 +69,7 @@ class Recorder:
     def _pass_on(self) -> None:
         block, self._used = self._block[: self._used], 0
         if len(block):
+            self._complete(block)
             for sink in self._sinks:
                 sink.rows(block)
 
