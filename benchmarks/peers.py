@@ -149,11 +149,8 @@ ENGINES: dict[str, tuple[str, Callable[[], Timed]]] = {
 }
 
 
-def main() -> None:
-    """Run the engines in turn, several times."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeats", type=int, default=5)
-    repeats = parser.parse_args().repeats
+def report(repeats: int) -> None:
+    """Run the engines that are installed in turn, several times, and print their table."""
     exact = reference()
     times: dict[str, list[float]] = {}
     errors: dict[str, float] = {}
@@ -164,13 +161,15 @@ def main() -> None:
             seconds, end = engine()
             times.setdefault(name, []).append(seconds)
             errors[name] = float(np.abs(end - exact).max())
-    print(f"{'30 s at 1 ms':32}{'median':>10}{'ratio':>8}{'error':>12}")
+    print(f"{'30 s of free flight at 1 ms':32}{'median':>12}{'error':>24}{'ratio':>8}  to")
     for name, values in times.items():
         ratio = statistics.median(a / b for a, b in zip(values, times[REFERENCE], strict=True))
-        print(f"{name:32}{statistics.median(values):>8.3f} s{ratio:>8.2f}{errors[name]:>12.1e}")
+        print(f"{name:32}{statistics.median(values):>10.3f} s{errors[name]:>22.1e} m{ratio:>8.2f}  {REFERENCE}")
     for name in ENGINES.keys() - times.keys():
         print(f"{name}: not installed (uv run --extra peers ...)")
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=5)
+    report(parser.parse_args().repeats)

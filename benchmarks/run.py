@@ -1,6 +1,7 @@
 """Speed as ratios within one run: bare MuJoCo, detection, the whole baseline, its logs, the Riccati solvers, a cold process.
 
-``uv run python benchmarks/run.py`` prints medians and spread over interleaved repeats; ``--repeats 3`` is quicker. "Bare" is
+``uv run --extra peers python benchmarks/run.py`` prints medians and spread over interleaved repeats; without the extra the
+other engines are left out; ``--repeats 3`` is quicker. "Bare" is
 the Python loop of ``mj_step`` on the baseline's model (RK4, 1 ms, contacts on) for 30 s.
 """
 
@@ -13,13 +14,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import mujoco
 import numpy as np
+import peers
 
 import ffsm_mj
 from controllers.riccati import BlockRiccati, PlanarRiccati, solve_care
+from controllers.riccati_planar import principal_axes, turned
 from ffsm_mj.compiled import COMPILED
 from ffsm_mj.impact.contact import ImpactPair
 from ffsm_mj.impact.time_of_impact import Detector
@@ -108,10 +112,11 @@ def riccati(solver: str) -> float:
         A[:2, 2:], A[2:] = np.eye(2), np.cos(angle) * first[0] + np.sin(angle) * second[0]
         B2 = np.cos(angle) * left + np.sin(angle) * right
         S[2:, 2:] = B2 @ B2.T
-        flat = [tuple(block.ravel().tolist()) for block in (A[2:, :2], A[2:, 2:], S[2:, 2:])]
+        values, axes = principal_axes(*S[2:, 2:].ravel()[[0, 1, 3]].tolist())
+        lower = [turned(tuple(block.ravel().tolist()), axes) for block in (A[2:, :2], A[2:, 2:])]
         start = time.perf_counter()
         if solver == "structured":
-            planar.solve(*flat)
+            planar.solve(*lower, values, axes)
         elif solver == "eigenvectors":
             solve_care(A, S, Q)
         else:
@@ -190,6 +195,9 @@ def main() -> None:
             for x in (statistics.median(times[name]), min(times[name]), max(times[name]))
         ]
         print(f"{name:32}" + "".join(f"{v:>12}" for v in values) + f"{ratio:8.2f}  {reference}")
+    if find_spec("pinocchio"):  # it gives the reference solution
+        print()
+        peers.report(repeats)
 
 
 if __name__ == "__main__":

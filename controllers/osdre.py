@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from controllers.joints import driven_joints
-from controllers.osdre_planar import tip_state
+from controllers.osdre_planar import feedback, tip_state
 from controllers.riccati import BlockRiccati, PlanarRiccati, RiccatiError
 from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
@@ -85,9 +85,10 @@ class Osdre:
         # The rows of the output: a view where its axes are contiguous, filled at each tick where they are not.
         self._contiguous = axes == tuple(range(axes[0], axes[0] + p))
         self._J = self._jacp[axes[0] : axes[0] + p] if self._contiguous else np.empty((p, nv))
-        # A product with this picks the driven joints, faster than an index does.
-        self._driven = np.eye(nv)[:, self._joints.dofs].copy()
-        self._driven_R = self._driven @ np.linalg.inv(_input_weight(config.R, len(self._joints.dofs)))
+        # Products with these pick the driven joints, faster than an index does.
+        self._driven = np.eye(nv)[self._joints.dofs]
+        self._driven_R = np.linalg.inv(_input_weight(config.R, len(self._joints.dofs))) @ self._driven
+        self._both = np.vstack((self._driven, self._driven_R))
         self._data: Any = None
         self._planar = PlanarRiccati(Q) if p == 2 else None
         self._blocks = BlockRiccati(Q)
@@ -113,7 +114,7 @@ class Osdre:
         except RiccatiError as error:
             raise ControllerError(f"OSDRE at t = {observation.time_s:.6g} s: {error}") from error
         if self._damping > 0.0:
-            B_lower, brake = self._W @ self._driven, self._damping * self._qvel[self._joints.dofs]
+            B_lower, brake = self._W @ self._driven.T, self._damping * self._qvel[self._joints.dofs]
             u -= brake - np.linalg.pinv(B_lower) @ (B_lower @ brake)
         command.drive(self._actuators, u)
 
@@ -144,22 +145,18 @@ class Osdre:
             force,
             self._qvel,
             self._point,
-            self._driven,
-            self._driven_R,
+            self._both,
             self._plane,
             self._target,
             self._whole_stack,
         )
-        P2, P3, residual, fallback = riccati.solve(tip.A21, tip.A22, tip.S)
-        (e0, e1), (v0, v1) = tip.error, tip.y_dot
-        w0 = P2[0] * e0 + P2[2] * e1 + P3[0] * v0 + P3[1] * v1
-        w1 = P2[1] * e0 + P2[3] * e1 + P3[2] * v0 + P3[3] * v1
-        self._report = (math.hypot(e0, e1), residual, float(fallback), tip.smallest_gain)
-        return self._W.dot(self._driven_R).T.dot((-w0, -w1))  # type: ignore[no-any-return]
+        blocks, residual, fallback = riccati.solve(tip.A21, tip.A22, tip.S, tip.axes)
+        self._report = (math.hypot(*tip.error), residual, float(fallback), tip.smallest_gain)
+        return tip.gain.dot(feedback(blocks, tip.error, tip.y_dot, tip.axes))  # type: ignore[no-any-return]
 
     def _law(self) -> FloatArray:
         """The law for any number of outputs."""
-        B_lower, BR, axes = self._W.dot(self._driven), self._W.dot(self._driven_R), self._axes
+        B_lower, BR, axes = self._W.dot(self._driven.T), self._W.dot(self._driven_R.T), self._axes
         y, y_dot = self._point[axes], self._J.dot(self._qvel)
         drift = self._jac_dot[axes].dot(self._qvel) - self._W.dot(self._qfrc_bias - self._qfrc_passive)
         A21, A22 = np.zeros((len(y), len(y))), np.outer(drift, y_dot)

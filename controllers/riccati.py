@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.riccati_blocks import BlockNewton
-from controllers.riccati_planar import Blocks, Matrix, follow, principal_axes, turned
+from controllers.riccati_planar import Blocks, Matrix, Pair, Weight, follow, turned
 from ffsm_mj.model import FloatArray
 
 ACCEPTED_RESIDUAL = 1e-13
@@ -64,51 +64,61 @@ def _stabilises(A: FloatArray, S: FloatArray, K: FloatArray) -> bool:
 
 
 class PlanarRiccati:
-    """The equation of two outputs from tick to tick."""
+    """The equation of two outputs from tick to tick, along the principal axes of S."""
 
     def __init__(self, Q: FloatArray) -> None:
         """Take the state weight apart."""
-        self._Q = Q
         self._weight = (_flat(Q[:2, :2]), _flat(Q[:2, 2:]), _flat(Q[2:, 2:]))
+        self._isotropic = all((a, b, c) == (d, 0.0, 0.0) for a, b, c, d in self._weight)
         self.forget()
 
     def forget(self) -> None:
         """Start cold at the next tick."""
-        # The last three solutions along the principal axes of S, the oldest first.
+        # The last three solutions, the oldest first, each along the axes of its time.
         self._history: tuple[Blocks, Blocks, Blocks] | None = None
 
-    def solve(self, A21: Matrix, A22: Matrix, S: Matrix) -> tuple[Matrix, Matrix, float, bool]:
-        """P2, P3, relative residual, and whether the warm start failed and a robust method was needed.
+    def solve(self, A21: Matrix, A22: Matrix, S: Pair, axes: Pair) -> tuple[Blocks, float, bool]:
+        """Stabilising solution.
+
+        Args:
+            A21: Lower left block of A along the principal axes of S.
+            A22: Lower right block of A along them.
+            S: Eigenvalues of S.
+            axes: (cosine, sine) of the angle to the first axis.
+
+        Returns:
+            P2 and P3 along the axes, relative residual, and whether the warm start failed and a robust method was needed.
 
         Raises:
             RiccatiError: No method finds a stabilising solution.
         """
-        history = self._history
+        Q, history = self._weight, self._history
+        if not self._isotropic:
+            Q = (turned(Q[0], axes), turned(Q[1], axes), turned(Q[2], axes))
         if history is not None:
-            blocks, along, residual = self._followed(A21, A22, S, history)
+            blocks, residual = _followed(A21, A22, S, Q, history)
             if residual <= ACCEPTED_RESIDUAL:
-                self._history = history[1], history[2], along
-                return *blocks, residual, False
-        robust = self._robust(A21, A22, S)
-        axes, _ = principal_axes(S)
+                self._history = history[1], history[2], blocks
+                return blocks, residual, False
+        robust = _robust(A21, A22, S, Q)
         rough = _flat(robust.K[:2, 2:]), _flat(robust.K[2:, 2:])
-        start = turned(rough[0], axes), turned(rough[1], axes)
-        blocks, along, residual = self._followed(A21, A22, S, (start, start, start))
+        blocks, residual = _followed(A21, A22, S, Q, (rough, rough, rough))
         if not residual <= robust.residual:
-            blocks, along, residual = rough, start, robust.residual
-        self._history = along, along, along
-        return *blocks, residual, history is not None
+            blocks, residual = rough, robust.residual
+        self._history = blocks, blocks, blocks
+        return blocks, residual, history is not None
 
-    def _followed(
-        self, A21: Matrix, A22: Matrix, S: Matrix, history: tuple[Blocks, Blocks, Blocks]
-    ) -> tuple[Blocks, Blocks, float]:
-        try:
-            return follow(A21, A22, S, self._weight, *history)
-        except ZeroDivisionError:
-            return history[2], history[2], math.inf
 
-    def _robust(self, A21: Matrix, A22: Matrix, S: Matrix) -> RiccatiSolution:
-        return solve_care(*_wide(np.reshape(A21, (2, 2)), np.reshape(A22, (2, 2)), np.reshape(S, (2, 2))), self._Q)
+def _followed(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, history: tuple[Blocks, Blocks, Blocks]) -> tuple[Blocks, float]:
+    try:
+        return follow(A21, A22, S, Q, *history)
+    except ZeroDivisionError:
+        return history[2], math.inf
+
+
+def _robust(A21: Matrix, A22: Matrix, S: Pair, Q: Weight) -> RiccatiSolution:
+    A21_, A22_, Q1, Q12, Q3 = (np.reshape(block, (2, 2)) for block in (A21, A22, *Q))
+    return solve_care(*_wide(A21_, A22_, np.diag(S)), np.block([[Q1, Q12], [Q12.T, Q3]]))
 
 
 class BlockRiccati:

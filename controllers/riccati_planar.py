@@ -1,9 +1,10 @@
 """The Riccati equation of two outputs, in plain floats: ten times faster than any linear-algebra call on 4 x 4 matrices.
 
-With A = [[0, I], [A21, A22]], B = [0; B2], S = B2 R^-1 B2^T and K = [[P1, P2], [P2^T, P3]] only P2 and P3 are needed. A
+With A = [[0, I], [A21, A22]], B = [0; B2], S = B2 R^-1 B2^T and K = [[P1, P2], [P2^T, P3]] only P2 and P3 are needed. All
+blocks are taken along the principal axes of S, where nothing cancels however near the pose is to a singular one. A
 Newton-Kleinman step solves a Lyapunov equation for them with F = A21 - S P2^T and G = A22 - S P3: its blocks give
 X2 = (t J - W1 / 2) F^-1 with one free scalar t (J the rotation by 90 degrees), a 2 x 2 Lyapunov equation for X3 in closed
-form, affine in t, and t from the symmetry of X1. Matrices are flat tuples (a, b, c, d) by rows.
+form, affine in t, and t from the symmetry of X1. Matrices are flat tuples (a, b, c, d) by rows; S is its two eigenvalues.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 
 from ffsm_mj.compiled import compiled
 
+Pair = tuple[float, float]
 Matrix = tuple[float, float, float, float]
 
 _ITERATIONS = 12
@@ -27,30 +29,35 @@ Blocks = tuple[Matrix, Matrix]
 
 
 @compiled
-def principal_axes(S: Matrix) -> tuple[tuple[float, float], Matrix]:
-    """(cosine, sine) of twice the angle to the principal axes of a symmetric matrix, and the matrix along them."""
-    mean, difference, coupling = 0.5 * (S[0] + S[3]), 0.5 * (S[0] - S[3]), S[1]
-    radius = math.hypot(difference, coupling)
+def principal_axes(s0: float, s1: float, s3: float) -> tuple[Pair, Pair]:
+    """Eigenvalues of [[s0, s1], [s1, s3]], the larger one first, and (cosine, sine) of the angle to its axis."""
+    mean, difference = 0.5 * (s0 + s3), 0.5 * (s0 - s3)
+    radius = math.sqrt(difference * difference + s1 * s1)
     if radius == 0.0:
-        return (1.0, 0.0), S
+        return (s0, s3), (1.0, 0.0)
     largest = mean + radius
-    smallest = (S[0] * S[3] - coupling * coupling) / largest
-    return (difference / radius, coupling / radius), (largest, 0.0, 0.0, smallest)
+    double_cosine, double_sine = difference / radius, s1 / radius
+    if double_cosine >= 0.0:
+        cosine = math.sqrt(0.5 * (1.0 + double_cosine))
+        sine = 0.5 * double_sine / cosine
+    else:
+        sine = math.copysign(math.sqrt(0.5 * (1.0 - double_cosine)), double_sine)
+        cosine = 0.5 * double_sine / sine
+    return (largest, (s0 * s3 - s1 * s1) / largest), (cosine, sine)
 
 
-@compiled
-def turned(M: Matrix, axes: tuple[float, float]) -> Matrix:
+def turned(M: Matrix, axes: Pair) -> Matrix:
     """V^T M V for the rotation V to some axes: trace and antisymmetric part stay, the rest turns by twice the angle."""
     a, b, c, d = M
+    cosine, sine = axes[0] * axes[0] - axes[1] * axes[1], 2.0 * axes[0] * axes[1]
     mean, odd = 0.5 * (a + d), 0.5 * (b - c)
     p, q = 0.5 * (a - d), 0.5 * (b + c)
-    cosine, sine = axes
     p, q = p * cosine + q * sine, q * cosine - p * sine
     return mean + p, q + odd, q - odd, mean - p
 
 
 @compiled
-def newton(A21: Matrix, A22: Matrix, S: Matrix, Q: Weight, start: Blocks) -> tuple[Blocks, float]:
+def newton(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, start: Blocks) -> tuple[Blocks, float]:
     """Iterate from a start until what is left is rounding.
 
     The result is verified to be the stabilising solution, which is unique: a start too far away can lead to another.
@@ -95,43 +102,21 @@ def extrapolated(first: Blocks, second: Blocks, third: Blocks) -> Blocks:
 
 @compiled
 def follow(
-    A21: Matrix, A22: Matrix, S: Matrix, Q: Weight, first: Blocks, second: Blocks, third: Blocks
-) -> tuple[Blocks, Blocks, float]:
-    """Solve from where the last three solutions were heading.
-
-    Args:
-        A21: Lower left block of A.
-        A22: Lower right block of A.
-        S: B2 R^-1 B2^T.
-        Q: State weight.
-        first: The oldest of the last three solutions, along the principal axes of S at its time.
-        second: The next.
-        third: The last.
-
-    Returns:
-        The solution; the same along the principal axes of S, where nothing cancels however near the pose is to a singular
-        one; and its residual, see :func:`newton`.
-
-    Raises:
-        ZeroDivisionError: A step is not defined.
-    """
-    axes, principal = principal_axes(S)
-    weight = (turned(Q[0], axes), turned(Q[1], axes), turned(Q[2], axes))
-    start = extrapolated(first, second, third)
-    along, left = newton(turned(A21, axes), turned(A22, axes), principal, weight, start)
-    back = (axes[0], -axes[1])
-    return (turned(along[0], back), turned(along[1], back)), along, left
+    A21: Matrix, A22: Matrix, S: Pair, Q: Weight, first: Blocks, second: Blocks, third: Blocks
+) -> tuple[Blocks, float]:
+    """Solve from where the last three solutions, the oldest first, were heading; see :func:`newton`."""
+    return newton(A21, A22, S, Q, extrapolated(first, second, third))
 
 
 @compiled
-def _step(A21: Matrix, A22: Matrix, S: Matrix, Q: Weight, P2: Matrix, P3: Matrix) -> tuple[Matrix, Matrix]:
+def _step(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, P2: Matrix, P3: Matrix) -> tuple[Matrix, Matrix]:
     """One Newton-Kleinman step."""
-    s0, s1, _, s3 = S
+    s0, s3 = S
     a, b, c, d = P2
     p0, p1, _, p3 = P3
     # S P2^T, S P3; F, G.
-    m0, m1, m2, m3 = s0 * a + s1 * b, s0 * c + s1 * d, s1 * a + s3 * b, s1 * c + s3 * d
-    n0, n1, n2, n3 = s0 * p0 + s1 * p1, s0 * p1 + s1 * p3, s1 * p0 + s3 * p1, s1 * p1 + s3 * p3
+    m0, m1, m2, m3 = s0 * a, s0 * c, s3 * b, s3 * d
+    n0, n1, n2, n3 = s0 * p0, s0 * p1, s3 * p1, s3 * p3
     f0, f1, f2, f3 = A21[0] - m0, A21[1] - m1, A21[2] - m2, A21[3] - m3
     g0, g1, g2, g3 = A22[0] - n0, A22[1] - n1, A22[2] - n2, A22[3] - n3
     q1, q2, q3 = Q
@@ -172,13 +157,11 @@ def _lyapunov(g0: float, g1: float, g2: float, g3: float, n0: float, n1: float, 
 
 
 @compiled
-def _stable(A21: Matrix, A22: Matrix, S: Matrix, P2: Matrix, P3: Matrix) -> bool:
+def _stable(A21: Matrix, A22: Matrix, S: Pair, P2: Matrix, P3: Matrix) -> bool:
     """Routh-Hurwitz test of the closed loop det(s^2 I - s G - F); false for NaN too."""
-    s0, s1, _, s3 = S
-    f0, f1 = A21[0] - s0 * P2[0] - s1 * P2[1], A21[1] - s0 * P2[2] - s1 * P2[3]
-    f2, f3 = A21[2] - s1 * P2[0] - s3 * P2[1], A21[3] - s1 * P2[2] - s3 * P2[3]
-    g0, g1 = A22[0] - s0 * P3[0] - s1 * P3[2], A22[1] - s0 * P3[1] - s1 * P3[3]
-    g2, g3 = A22[2] - s1 * P3[0] - s3 * P3[2], A22[3] - s1 * P3[1] - s3 * P3[3]
+    s0, s3 = S
+    f0, f1, f2, f3 = A21[0] - s0 * P2[0], A21[1] - s0 * P2[2], A21[2] - s3 * P2[1], A21[3] - s3 * P2[3]
+    g0, g1, g2, g3 = A22[0] - s0 * P3[0], A22[1] - s0 * P3[1], A22[2] - s3 * P3[2], A22[3] - s3 * P3[3]
     a = -(g0 + g3)
     b = g0 * g3 - g1 * g2 - f0 - f3
     c = g0 * f3 + g3 * f0 - g1 * f2 - g2 * f1
@@ -187,14 +170,14 @@ def _stable(A21: Matrix, A22: Matrix, S: Matrix, P2: Matrix, P3: Matrix) -> bool
 
 
 @compiled
-def residual(A21: Matrix, A22: Matrix, S: Matrix, Q: Weight, P2: Matrix, P3: Matrix) -> float:
+def residual(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, P2: Matrix, P3: Matrix) -> float:
     """Largest entry of the equation's blocks over the largest of their terms."""
-    s0, s1, _, s3 = S
+    s0, s3 = S
     a, b, c, d = P2
     p0, p1, _, p3 = P3
     q1, q2, q3 = Q
-    m0, m1, m2, m3 = s0 * a + s1 * b, s0 * c + s1 * d, s1 * a + s3 * b, s1 * c + s3 * d
-    n0, n1, n2, n3 = s0 * p0 + s1 * p1, s0 * p1 + s1 * p3, s1 * p0 + s3 * p1, s1 * p1 + s3 * p3
+    m0, m1, m2, m3 = s0 * a, s0 * c, s3 * b, s3 * d
+    n0, n1, n2, n3 = s0 * p0, s0 * p1, s3 * p1, s3 * p3
     e0, e1, e2, e3 = A21
     h0, h1, h2, h3 = A22
     k0, k1, k3 = a * m0 + b * m2, a * m1 + b * m3, c * m1 + d * m3

@@ -79,24 +79,14 @@ ActuatorConfig = Annotated[AnyActuator, Field(discriminator="kind")]
 
 @dataclass
 class _Limits:
-    """What one actuator can do, and what its on-off valve remembers."""
+    """What one actuator can do."""
 
-    gear: float
     low: float
     high: float
     stall: float = math.inf
     slope: float = 0.0
     saturation: float = math.inf
-    on_off: bool = False
-    force: float = 0.0
-    threshold: float = 0.0
-    release: float = 0.0
-    min_on_s: float = 0.0
-    firing: float = 0.0
-    lit_at_s: float = 0.0
-    constant: bool = False
-    least: float = -math.inf
-    greatest: float = math.inf
+    valve: _Valve | None = None
 
     def configure(self, config: AnyActuator) -> None:
         """Take the limits of a scenario."""
@@ -106,36 +96,34 @@ class _Limits:
         elif isinstance(config, ReactionWheelConfig):
             self.stall, self.saturation = config.max_torque_N_m, config.max_speed_rad_s
         elif isinstance(config, OnOffConfig):
-            self.on_off = True
-            self.force = self.stall = config.force_N
-            self.threshold, self.min_on_s = config.threshold_N, config.min_on_time_s
-            self.release = config.threshold_N if config.release_N is None else config.release_N
+            self.stall, self.valve = config.force_N, _Valve(config)
 
-    def bounds(self, speed: float) -> tuple[float, float]:
-        """Least and greatest effort while powered, at a speed."""
-        drag = self.slope * speed
-        lower = max(-self.stall - drag, self.low) if speed > -self.saturation else 0.0
-        upper = min(self.stall - drag, self.high) if speed < self.saturation else 0.0
-        return lower, upper
 
-    def settle(self) -> None:
-        """Note whether the bounds depend on the speed."""
-        self.constant = self.slope == 0.0 and self.saturation == math.inf
-        self.least, self.greatest = max(-self.stall, self.low), min(self.stall, self.high)
+class _Valve:
+    """An on-off thruster's valve, and what it remembers.
+
+    Attributes:
+        firing: Direction in which it fires, 1 or -1, or 0 while it is shut.
+    """
+
+    def __init__(self, config: OnOffConfig) -> None:
+        self._force, self._threshold, self._min_on_s = config.force_N, config.threshold_N, config.min_on_time_s
+        self._release = config.threshold_N if config.release_N is None else config.release_N
+        self.firing, self._lit_at_s = 0.0, 0.0
 
     def fire(self, wanted: float, lower: float, upper: float, time_s: float) -> float:
         """Force of the valve: kept on above the release and for its shortest time, lit above the threshold."""
         size = abs(wanted)
         sign = math.copysign(1.0, wanted)
-        stays = self.firing == sign and size >= self.release and size > 0.0
-        held = self.firing != 0.0 and time_s - self.lit_at_s < self.min_on_s - 1e-12
-        firing = self.firing if stays or held else sign if size > self.threshold else 0.0
-        if not lower <= firing * self.force <= upper:
+        stays = self.firing == sign and size >= self._release and size > 0.0
+        held = self.firing != 0.0 and time_s - self._lit_at_s < self._min_on_s - 1e-12
+        firing = self.firing if stays or held else sign if size > self._threshold else 0.0
+        if not lower <= firing * self._force <= upper:
             firing = 0.0  # one that only pushes never fires backwards
         if firing not in (0.0, self.firing):
-            self.lit_at_s = time_s
+            self._lit_at_s = time_s
         self.firing = firing
-        return firing * self.force
+        return firing * self._force
 
 
 class Actuation:
@@ -153,62 +141,78 @@ class Actuation:
         Raises:
             ScenarioFaults: An unknown actuator, or one that MJCF does not define as a plain motor.
         """
-        model = system.mj
         self.names = system.names("actuator")
         self._gear = _effort_per_ctrl(system)
-        bounds = _mjcf_range(model, self._gear)
-        self._limits = [_Limits(*values) for values in zip(self._gear.tolist(), *bounds.tolist(), strict=True)]
+        limits = [_Limits(*ends) for ends in zip(*_mjcf_range(system.mj, self._gear).tolist(), strict=True)]
         faults = []
         for name, config in configs.items():
             try:
-                self._limits[system.index("actuator", name)].configure(config)
+                limits[system.index("actuator", name)].configure(config)
             except LookupError as error:
                 faults.append(Fault(str(error.args[0]), ("actuators", name)))
         if faults:
             raise ScenarioFaults(faults)
-        for limits in self._limits:
-            limits.settle()
+        self._low, self._high = np.array([one.low for one in limits]), np.array([one.high for one in limits])
+        self._stall = np.array([one.stall for one in limits])
+        self._reverse_stall = -self._stall
+        self._slope = np.array([one.slope for one in limits]) / self._gear
+        self._wheels = [(i, one.saturation) for i, one in enumerate(limits) if one.saturation < math.inf]
+        self._valves = [(i, one.valve) for i, one in enumerate(limits) if one.valve is not None]
         # One row per actuator: command, applied, lower, upper.
-        self._rest = [x for limits in self._limits for x in (0.0, 0.0, limits.least, limits.greatest)]
         self._flat = np.zeros(4 * len(self.names))
-        self._data: Any = None
-        self.applied = self._flat[1::4]
-        self._counted = np.flatnonzero([limits.on_off for limits in self._limits])
-        self._valves = [limits for limits in self._limits if limits.on_off]
+        self._wanted, self.applied, self._lower, self._upper = (self._flat[k::4] for k in range(4))
+        self._drag, self._ones = np.empty(len(self.names)), np.ones(len(self.names))
+        self._counted = np.array([i for i, _ in self._valves], dtype=np.intp)
         self._valves_open = False
         self.on_time_s, self.impulse_N_s = np.zeros(len(self.names)), np.zeros(len(self.names))
         self.signals = _signals(system, self._counted)
+        self._data: Any = None
 
     def apply(self, command: Command, data: Any, time_s: float) -> None:
         """Turn a command into ``data.ctrl`` and hold it.
-
-        In floats: for the few actuators of a robot that is several times faster than arrays.
 
         Raises:
             ControllerError: A powered effort is not finite.
         """
         if data is not self._data:
             self._data, self._velocity, self._ctrl = data, data.actuator_velocity, data.ctrl
-        efforts, powered = command.effort.tolist(), command.powered.tolist()
-        velocities, out = self._velocity.tolist(), self._rest.copy()
-        for i, limits in enumerate(self._limits):
-            on, lower, upper = powered[i], limits.least, limits.greatest
-            if not limits.constant:
-                lower, upper = out[4 * i + 2 : 4 * i + 4] = limits.bounds(velocities[i] / limits.gear)
-            if on:
-                out[4 * i], out[4 * i + 1] = self._delivered(i, efforts[i], lower, upper, time_s)
-            elif limits.on_off:
-                limits.firing = 0.0
-        self._flat[:] = out
-        self._valves_open = any(limits.firing for limits in self._valves) if self._valves else False
-        np.divide(self.applied, self._gear, self._ctrl)
+        wanted, applied, lower, upper, powered = self._wanted, self.applied, self._lower, self._upper, command.powered
+        np.multiply(command.effort, powered, wanted)
+        if not math.isfinite(wanted.dot(self._ones)):
+            wanted[~powered] = 0.0  # what an unpowered actuator is asked for does not matter
+            names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(wanted)))
+            if names:
+                raise ControllerError(f"the controller commands an effort that is not finite for {names}")
+        # The torque-speed line shifts both bounds; without a slope they stay where they are.
+        drag = np.multiply(self._velocity, self._slope, self._drag)
+        np.maximum(self._reverse_stall - drag, self._low, out=lower)
+        np.minimum(self._stall - drag, self._high, out=upper)
+        for i, saturation in self._wheels:
+            self._saturate(i, saturation)
+        np.minimum(np.maximum(wanted, lower), upper, out=applied)
+        np.multiply(applied, powered, applied)
+        if self._valves:
+            self._switch(powered, time_s)
+        np.divide(applied, self._gear, self._ctrl)
 
-    def _delivered(self, i: int, wanted: float, lower: float, upper: float, time_s: float) -> tuple[float, float]:
-        """What is asked of a powered actuator, and what it gives."""
-        if not math.isfinite(wanted):
-            raise ControllerError(f"the controller commands an effort that is not finite for {self.names[i]}")
-        applied = self._limits[i].fire(wanted, lower, upper, time_s) if self._limits[i].on_off else wanted
-        return wanted, min(max(applied, lower), upper)
+    def _saturate(self, i: int, saturation: float) -> None:
+        """No torque that would speed a wheel up beyond its greatest speed."""
+        speed = self._velocity[i] / self._gear[i]
+        if speed <= -saturation:
+            self._lower[i] = 0.0
+        if speed >= saturation:
+            self._upper[i] = 0.0
+
+    def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
+        """Open and shut the valves of the on-off actuators."""
+        self._valves_open = False
+        for i, valve in self._valves:
+            if powered[i]:
+                lower, upper = float(self._lower[i]), float(self._upper[i])
+                self.applied[i] = valve.fire(float(self._wanted[i]), lower, upper, time_s)
+            else:
+                valve.firing = 0.0
+            self._valves_open |= valve.firing != 0.0
 
     def elapse(self, duration_s: float) -> None:
         """Count on-times and impulses of the on-off actuators over a time with the efforts held."""

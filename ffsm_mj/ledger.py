@@ -39,7 +39,8 @@ class Ledger:
         objects_free = np.all(object_free, axis=0) if object_free else np.ones(6, dtype=np.bool_)
         self.free = np.array([robot_free & objects_free, robot_free, objects_free], dtype=np.float64)
         self._external_actuators = np.flatnonzero(_base_actuators(system)).tolist()
-        self._on_joint = (np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)).astype(np.float64)
+        on_joint = (np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)).astype(np.float64)
+        self._on_joint, self._all_on_joints = on_joint, bool(on_joint.all())
         self._base = BaseMomentum(system, system.robot)
         # Views: looking MuJoCo's arrays up costs more than reading them.
         self._held, self._length, self._force = data.ctrl, data.actuator_length, data.actuator_force
@@ -94,7 +95,7 @@ class Ledger:
         if not self._working:
             return
         self._length_0 = self._length.copy()
-        self._pushed = any(ctrl[i] for i in self._external_actuators)
+        self._pushed = any(map(ctrl.__getitem__, self._external_actuators))
         if self._pushed:
             data = self._data
             self._qpos, self._qvel, self._ctrl = data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()
@@ -103,7 +104,8 @@ class Ledger:
         """Book the work and impulse of the efforts held since ``open``; the state in ``data`` is the end of the step."""
         if not self._working:
             return
-        self._accounts[0] += (self._force * self._on_joint).dot(self._length - self._length_0)
+        force = self._force if self._all_on_joints else self._force * self._on_joint
+        self._accounts[0] += force.dot(self._length - self._length_0)
         if not self._pushed:
             return
         start, middle, end = self._rates_of_external(duration_s)

@@ -11,6 +11,7 @@ from scipy.linalg import solve_continuous_are
 
 from controllers.osdre import Osdre, OsdreConfig
 from controllers.riccati import PlanarRiccati, relative_residual, solve_care
+from controllers.riccati_planar import turned
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, Task
 
 WEIGHTS = {"Q": (1.0, 1.0, 0.5, 0.5), "R": (1.0, 1.0, 1.0)}
@@ -72,9 +73,11 @@ def test_factorisation_reproduces_the_output_dynamics(case_study, state, kind, m
 
     solve = PlanarRiccati.solve
 
-    def keep(self, A21, A22, S):
-        seen["A"] = np.block([[np.zeros((2, 2)), np.eye(2)], [np.reshape(A21, (2, 2)), np.reshape(A22, (2, 2))]])
-        return solve(self, A21, A22, S)
+    def keep(self, A21, A22, S, axes):
+        back = (axes[0], -axes[1])
+        lower = [np.reshape(turned(block, back), (2, 2)) for block in (A21, A22)]
+        seen["A"] = np.block([[np.zeros((2, 2)), np.eye(2)], lower])
+        return solve(self, A21, A22, S, axes)
 
     monkeypatch.setattr(PlanarRiccati, "solve", keep)
     command = command_at(case_study, law(case_study, parameterization=kind), *state)

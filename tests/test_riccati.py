@@ -28,6 +28,20 @@ def problem(rng, ratio):
     return A21, A22, B2, Q
 
 
+def along(A21, A22, S):
+    """A problem as the solver takes it: along the principal axes of S."""
+    values, axes = principal_axes(S[0, 0], S[0, 1], S[1, 1])
+    return turned(flat(A21), axes), turned(flat(A22), axes), values, axes
+
+
+def solved(solver, A21, A22, S):
+    """P2 and P3 on the outputs' own axes, residual, fallback."""
+    problem = along(A21, A22, S)
+    blocks, residual, fallback = solver.solve(*problem)
+    back = (problem[-1][0], -problem[-1][1])
+    return *(np.reshape(turned(block, back), (2, 2)) for block in blocks), residual, fallback
+
+
 def wide(A21, A22, B2):
     A = np.zeros((4, 4))
     A[:2, 2:], A[2:, :2], A[2:, 2:] = np.eye(2), A21, A22
@@ -65,12 +79,11 @@ def test_against_forty_digits(ratio, rng):
         S = B2 @ B2.T
         K = exact(A, np.pad(S, ((2, 0), (2, 0))), Q, start)
         solver = PlanarRiccati(Q)
-        args = (flat(A21), flat(A22), flat(S))
-        solver.solve(*args)
-        P2, P3, residual, fallback = solver.solve(*args)
+        solved(solver, A21, A22, S)
+        P2, P3, residual, fallback = solved(solver, A21, A22, S)
         assert not fallback
         assert residual <= ACCEPTED_RESIDUAL
-        error = max(np.abs(np.reshape(P2, (2, 2)) - K[:2, 2:]).max(), np.abs(np.reshape(P3, (2, 2)) - K[2:, 2:]).max())
+        error = max(np.abs(P2 - K[:2, 2:]).max(), np.abs(P3 - K[2:, 2:]).max())
         assert error <= 1e-12 * np.abs(K).max()
 
 
@@ -80,16 +93,16 @@ def test_every_accepted_solution_is_stabilising_and_exact(rng):
     for _ in range(1500):
         A21, A22, B2, Q = problem(rng, 10.0 ** rng.uniform(-4, 0))
         solver = PlanarRiccati(Q)
-        solver.solve(flat(A21), flat(A22), flat(B2 @ B2.T))
+        solved(solver, A21, A22, B2 @ B2.T)
         A21 = A21 + 1e-3 * rng.normal(size=(2, 2))  # a tick later
         B2 = B2 + 1e-3 * rng.normal(size=(2, 3))
         S = B2 @ B2.T
-        P2, P3, residual, fallback = solver.solve(flat(A21), flat(A22), flat(S))
+        P2, P3, residual, fallback = solved(solver, A21, A22, S)
         fallbacks += fallback
         if not fallback:
             assert residual <= ACCEPTED_RESIDUAL
         A, _ = wide(A21, A22, B2)
-        lower = S @ np.hstack((np.reshape(P2, (2, 2)).T, np.reshape(P3, (2, 2))))
+        lower = S @ np.hstack((P2.T, P3))
         A[2:] -= lower
         assert np.linalg.eigvals(A).real.max() < 0.0
     assert fallbacks < 75
@@ -100,15 +113,17 @@ def test_a_start_that_leads_elsewhere_is_refused(rng):
     refused = 0
     for _ in range(200):
         A21, A22, B2, Q = problem(rng, 0.3)
-        weight = (flat(Q[:2, :2]), flat(Q[:2, 2:]), flat(Q[2:, 2:]))
+        values, axes = principal_axes(*(B2 @ B2.T).ravel()[[0, 1, 3]])
+        weight = tuple(turned(flat(block), axes) for block in (Q[:2, :2], Q[:2, 2:], Q[2:, 2:]))
         start = (flat(-5.0 * np.eye(2)), flat(-5.0 * np.eye(2)))
-        (_, P3), residual = newton(flat(A21), flat(A22), flat(B2 @ B2.T), weight, start)
+        (_, P3), residual = newton(turned(flat(A21), axes), turned(flat(A22), axes), values, weight, start)
         if residual == np.inf:
             refused += 1
             continue
         A, B = wide(A21, A22, B2)
         expected = solve_continuous_are(A, B, Q, np.eye(3))
-        np.testing.assert_allclose(np.reshape(P3, (2, 2)), expected[2:, 2:], rtol=1e-7)
+        P3 = np.reshape(turned(P3, (axes[0], -axes[1])), (2, 2))
+        np.testing.assert_allclose(P3, expected[2:, 2:], rtol=1e-7)
     assert refused > 100
 
 
@@ -116,11 +131,11 @@ def test_fallback_is_counted_and_gives_the_same(rng):
     """After a jump the warm start is useless: the robust method answers, and the report says so."""
     A21, A22, B2, Q = problem(rng, 0.5)
     solver = PlanarRiccati(Q)
-    args = (flat(A21), flat(A22), flat(B2 @ B2.T))
-    P2, P3, _, first = solver.solve(*args)
+    S = B2 @ B2.T
+    P2, P3, _, first = solved(solver, A21, A22, S)
     assert not first  # a cold start is no fallback
     solver._history = 3 * ((flat(-50.0 * np.eye(2)), flat(-50.0 * np.eye(2))),)
-    again = solver.solve(*args)
+    again = solved(solver, A21, A22, S)
     assert again[3]
     np.testing.assert_allclose(again[0], P2, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(again[1], P3, rtol=1e-10, atol=1e-12)
@@ -129,16 +144,16 @@ def test_fallback_is_counted_and_gives_the_same(rng):
 def test_no_solution_is_an_error():
     solver = PlanarRiccati(np.diag([1.0, 1.0, 0.5, 0.5]))
     with pytest.raises(RiccatiError):
-        solver.solve((1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0))
+        solved(solver, np.eye(2), np.eye(2), np.zeros((2, 2)))
 
 
 def test_principal_axes(rng):
     for _ in range(50):
         root = rng.normal(size=(2, 2))
         S = root @ root.T
-        axes, principal = principal_axes(flat(S))
-        np.testing.assert_allclose(np.reshape(turned(flat(S), axes), (2, 2)), np.reshape(principal, (2, 2)), atol=1e-14)
-        np.testing.assert_allclose(sorted([principal[0], principal[3]]), np.linalg.eigvalsh(S), atol=1e-14)
+        values, axes = principal_axes(S[0, 0], S[0, 1], S[1, 1])
+        np.testing.assert_allclose(np.reshape(turned(flat(S), axes), (2, 2)), np.diag(values), atol=1e-14)
+        np.testing.assert_allclose(values[::-1], np.linalg.eigvalsh(S), atol=1e-14)
         M = flat(rng.normal(size=(2, 2)))
         np.testing.assert_allclose(turned(turned(M, axes), (axes[0], -axes[1])), M, atol=1e-15)
 
@@ -187,12 +202,13 @@ def test_three_outputs_answer_after_a_jump(rng):
 def test_baseline_with_scipy_in_the_loop(baseline, monkeypatch):
     """The whole run with the oracle at every tick: the same impact and the same end to 1e-6 m."""
 
-    def by_scipy(self, A21, A22, S):
+    def by_scipy(_self, A21, A22, S, _axes):
         A, _ = wide(np.reshape(A21, (2, 2)), np.reshape(A22, (2, 2)), np.zeros((2, 3)))
-        values, vectors = np.linalg.eigh(np.reshape(S, (2, 2)))
-        B = np.vstack((np.zeros((2, 2)), vectors * np.sqrt(values)))
-        K = solve_continuous_are(A, B, self._Q, np.eye(2))
-        return flat(K[:2, 2:]), flat(K[2:, 2:]), 0.0, False
+        B = np.vstack((np.zeros((2, 2)), np.diag(np.sqrt(S))))
+        K = solve_continuous_are(
+            A, B, np.diag([1.0, 1.0, 0.5, 0.5]), np.eye(2)
+        )  # the baseline's Q, which no rotation changes
+        return (flat(K[:2, 2:]), flat(K[2:, 2:])), 0.0, False
 
     monkeypatch.setattr(PlanarRiccati, "solve", by_scipy)
     run = ffsm_mj.run("baseline")
