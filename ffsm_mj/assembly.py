@@ -78,15 +78,15 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
     Raises:
         InputError: A file is missing or malformed, or a model is not what a free-floating system needs.
     """
-    folder = source.path.parent
     paths: dict[str, Path] = {}
     faults = []
     models = {"robot": scenario.robot.mjcf} | {f"objects.{k}": v.mjcf for k, v in scenario.objects.items()}
     for key, mjcf in models.items():
-        path = Path(os.path.normpath(folder / mjcf))
+        keys = (*key.split("."), "mjcf")
+        path = Path(os.path.normpath(source.folder(keys) / mjcf))
         if not path.is_file():
             what = "is a folder, not a model file:" if path.is_dir() else "no such model file"
-            faults.append(Fault(f"{what} {path}", (*key.split("."), "mjcf")))
+            faults.append(Fault(f"{what} {path}", keys))
         paths[key.split(".")[-1]] = path
     if faults:
         raise located(ScenarioFaults(faults), source)

@@ -210,7 +210,7 @@ def _open_viewer(recording: Path) -> int:
 def _schema(_: argparse.Namespace) -> int:
     import json
 
-    from ffsm_mj.scenario import scenario_schema
+    from ffsm_mj.scenario_schema import scenario_schema
 
     _say(json.dumps(scenario_schema(), indent=2))
     return OK

@@ -33,14 +33,14 @@ class RobotConfig(StrictModel):
     """The free-floating manipulator."""
 
     mjcf: Name
-    """MJCF or URDF file, relative to the scenario; its root body is the base."""
+    """MJCF or URDF file, relative to the scenario file that names it; its root body is the base."""
 
 
 class ObjectConfig(StrictModel):
     """A floating object."""
 
     mjcf: Name
-    """MJCF or URDF file, relative to the scenario."""
+    """MJCF or URDF file, relative to the scenario file that names it."""
 
 
 class InitialConfig(StrictModel):
@@ -140,6 +140,8 @@ class LogConfig(StrictModel):
 class Scenario(StrictModel):
     """One run of one robot and its objects."""
 
+    extends: Name | None = None
+    """Scenario that this one changes: a YAML file relative to this one, or the name of a shipped scenario."""
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     """Name of the run folder and of the log: letters, digits, '.', '_' and '-'."""
     description: str = ""
@@ -193,6 +195,8 @@ def _timing_faults(scenario: Scenario) -> list[Fault]:
 
 def _other_faults(scenario: Scenario) -> list[Fault]:
     faults = _timing_faults(scenario)
+    if scenario.extends is not None:
+        faults.append(Fault("can only stand in a scenario file", ("extends",)))
     for reserved in {"robot", "world"} & set(scenario.objects):
         faults.append(Fault("this name is taken; choose another", ("objects", reserved)))
     names = [phase.name for phase in scenario.phases]
@@ -231,11 +235,3 @@ def load_scenario(path: Path, overrides: Sequence[str] = ()) -> tuple[Scenario, 
 def located(error: ScenarioFaults, source: YamlSource) -> InputError:
     """The same faults with the places where they stand."""
     return InputError([source.line(fault) for fault in error.faults])
-
-
-def scenario_schema() -> dict[str, Any]:
-    """JSON Schema of a scenario, for editors."""
-    schema = Scenario.model_json_schema()
-    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
-    schema["title"] = "ffsm-mj scenario"
-    return schema

@@ -1,4 +1,4 @@
-"""A YAML file as plain data, with the line and column of every key; overrides merged in. YAML ends here."""
+"""A scenario file as plain data that knows where each key stands; overrides merged in. YAML ends here."""
 
 from __future__ import annotations
 
@@ -9,26 +9,25 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.error import YAMLError
 
 from ffsm_mj.errors import Fault, InputError
-
-KeyPath = tuple[str | int, ...]
+from ffsm_mj.inheritance import read_inherited
+from ffsm_mj.yaml_node import KeyPath, Node, plain_value
 
 
 @dataclass
 class YamlSource:
-    """Data of one file and where it came from.
+    """Data of a scenario and where it came from.
 
     Attributes:
         path: The file as the user named it.
-        data: Plain dicts, lists and scalars, overrides included.
+        data: Plain dicts, lists and scalars: the file's own, what it inherits, the overrides.
     """
 
     path: Path
     data: Any
-    _document: Any = None
+    _root: Node
     _overrides: dict[KeyPath, str] = field(default_factory=dict)
 
     def line(self, fault: Fault) -> str:
@@ -39,42 +38,25 @@ class YamlSource:
             shared = min(len(path), len(fault.path))
             if shared and path[:shared] == fault.path[:shared]:
                 return f"-s {text}: {label}{fault.message}"
-        line, column = self._position(fault.path)
-        return f"{self.path}:{line}:{column}: {label}{fault.message}"
+        return f"{self._root.find(fault.path).place}: {label}{fault.message}"
 
-    def _position(self, path: KeyPath) -> tuple[int, int]:
-        """Line and column, from 1, of the deepest key of the path that the file holds."""
-        node, where = self._document, (0, 0)
-        for part in path:
-            if isinstance(node, CommentedMap) and part in node:
-                where = node.lc.key(part)
-            elif isinstance(node, CommentedSeq) and isinstance(part, int) and part < len(node):
-                where = node.lc.item(part)
-            else:
-                break
-            node = node[part]
-        return where[0] + 1, where[1] + 1
+    def folder(self, path: KeyPath) -> Path:
+        """Folder of the file that states a key; an override states it as the file that the user named."""
+        if any(path[: len(override)] == override for override in self._overrides):
+            return self.path.parent
+        return self._root.find(path).place.path.parent
 
 
 def read_yaml(path: Path, overrides: Sequence[str] = ()) -> YamlSource:
-    """Read a YAML 1.2 file and apply ``key.to.value=yaml`` overrides; numbers in a key are list positions.
+    """Read a scenario with what it extends, and apply ``key.to.value=yaml`` overrides.
+
+    Numbers in an override's key are list positions.
 
     Raises:
-        InputError: The file cannot be read or parsed, is no mapping, or an override has no place in it.
+        InputError: A file cannot be read or parsed, is no mapping, or an override has no place in it.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
-    try:
-        document = YAML(typ="rt").load(text)
-    except MarkedYAMLError as error:
-        raise InputError(_parse_line(path, error)) from error
-    except YAMLError as error:
-        raise InputError(f"{path}: {' '.join(str(error).split())}") from error
-    if not isinstance(document, CommentedMap):
-        raise InputError(f"{path}:1:1: a scenario is a mapping of keys to values; see 'ffsm schema'")
-    source = YamlSource(path, _plain(document), document)
+    root = read_inherited(path)
+    source = YamlSource(path, root.plain(), root)
     for override in overrides:
         _apply(source, override)
     return source
@@ -91,31 +73,12 @@ def write_yaml(data: Any) -> str:
     return out.getvalue()
 
 
-def _parse_line(path: Path, error: MarkedYAMLError) -> str:
-    mark = error.problem_mark or error.context_mark
-    where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark is not None else str(path)
-    problem = " ".join((error.problem or error.context or "not YAML").split())
-    return f"{where}: malformed YAML: {problem}"
-
-
-def _plain(node: Any) -> Any:
-    """Drop ruamel's own types: comments, anchors, formatting."""
-    if isinstance(node, dict):
-        return {_plain(key): _plain(value) for key, value in node.items()}
-    if isinstance(node, list):
-        return [_plain(item) for item in node]
-    for base in (bool, int, float, str):
-        if isinstance(node, base):
-            return base(node)
-    return node
-
-
 def _apply(source: YamlSource, override: str) -> None:
     key, equals, text = override.partition("=")
     if not equals or not key.strip():
         raise InputError(f"-s {override}: an override is written key=value, e.g. -s task.target_m='[3, 0]'")
     try:
-        value = _plain(YAML(typ="rt").load(text))
+        value = plain_value(text)
     except YAMLError as error:
         raise InputError(f"-s {override}: the value is malformed YAML") from error
     parts = key.strip().split(".")

@@ -120,23 +120,10 @@ def test_free_flying_pause_finishes_the_task():
     The momentum that the on-off thrusters leave is a matter of chatter: at most one tick of thrust, 50 N for 1 ms, on each
     axis. That much on 12 kg moves the whole robot by less than 0.05 m in the rest of the run, which the arm makes up for.
     """
-    run = ffsm_mj.run("baseline", FREE_FLYING)
+    run = ffsm_mj.run("free-flying")
     after = run["phase.index"] == 2
     assert run.summary()["tip"]["final_error_m"] < 0.5e-3
     for axis in "xy":
         assert np.abs(run[f"momentum.robot_P_{axis}_N_s"][after]).max() <= 0.05 * (1 + 1e-9)
     # The thrusters' impulse is external and booked: the laws hold through it all.
     assert max(law.residual for law in run.laws()) < 1e-9
-
-
-FREE_FLYING = {
-    "phases.1.for_s": 4.6,
-    "phases.1.controller": {
-        "kind": "free_flying",
-        "thrusters": ["thruster_x", "thruster_y"],
-        "wheels": ["wheel"],
-        "translation": {"kp": 50.0, "kd": 37.5},
-        "rotation": {"kp": 200.0, "kd": 150.0},
-        "arm": {"kp": 150.0, "kd": 112.5},
-    },
-}

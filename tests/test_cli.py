@@ -78,7 +78,7 @@ def test_check_list_schema_version(capsys):
     assert main(["check", "baseline"]) == 0
     assert "conservative: nothing in the models breaks it" in capsys.readouterr().out
     assert main(["run", "--list"]) == 0
-    assert "section 4.2 of Nekoo" in capsys.readouterr().out
+    assert "Nekoo, Sharf & Ollero 2024, 4.2" in capsys.readouterr().out
     assert main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out)["title"] == "ffsm-mj scenario"
     assert main(["--version"]) == 0

@@ -10,7 +10,8 @@ from pydantic import ValidationError
 
 from ffsm_mj.assembly import assemble
 from ffsm_mj.errors import InputError
-from ffsm_mj.scenario import Scenario, load_scenario, scenario_schema
+from ffsm_mj.scenario import Scenario, load_scenario
+from ffsm_mj.scenario_schema import scenario_schema
 from ffsm_mj.shipped import scenario_names, scenario_path, scenarios_dir
 from ffsm_mj.yaml_source import read_yaml, write_yaml
 from tests.conftest import MJCF
@@ -208,7 +209,7 @@ def test_committed_schema_is_current():
 
 def test_schema_describes_units_and_refuses_unknown_keys():
     schema = scenario_schema()
-    assert schema["properties"]["time_step_s"]["description"] == "Integration step of RK4, s."
+    assert schema["$defs"]["Scenario"]["properties"]["time_step_s"]["description"] == "Integration step of RK4, s."
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(read_yaml(BASELINE, ["foo=1"]).data, schema)
 
