@@ -80,6 +80,11 @@ class Run:
         return self.log.outcome is not None
 
     @property
+    def damage(self) -> str:
+        """What of the log could not be read, in a sentence; empty where it is whole up to its end."""
+        return self.log.damage
+
+    @property
     def outcome(self) -> str:
         """How it ended; ``incomplete`` where the log breaks off."""
         return str(self._summary["outcome"])

@@ -76,7 +76,7 @@ class RunFolder:
 
     def sinks(self, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
         """The log, and the recording where it is wanted."""
-        sinks: list[Sink] = [McapSink(self.path / LOG)]
+        sinks: list[Sink] = [McapSink(self.path / LOG, system, view_rate_hz)]
         if with_rerun:
             from ffsm_mj.log.rerun_sink import RerunSink  # a second to import, for those who want a recording
 

@@ -140,6 +140,8 @@ def verification(run: Run, tolerance: float) -> str:
         parts.append(f"{verdict} over {run.time[-1]:g} s ({len(run.time)} samples)" + (_STEP_HINT if broken else ""))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
+    if run.damage:
+        parts.append(f"damaged: {run.damage}")
     return "\n\n".join(part for part in parts if part)
 
 
@@ -157,4 +159,6 @@ def verification_json(run: Run, tolerance: float) -> str:
         }
         for law in run.laws(tolerance)
     ]
-    return json.dumps({"summary": run.summary(), "laws": laws, "complete": run.complete}, indent=2, allow_nan=False)
+    return json.dumps(
+        {"summary": run.summary(), "laws": laws, "complete": run.complete, "damage": run.damage}, indent=2, allow_nan=False
+    )

@@ -67,6 +67,11 @@ def sample_schema(layout: Layout) -> bytes:
     return bytes(descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString())
 
 
+def signals_metadata(layout: Layout) -> dict[str, str]:
+    """``unit | description`` of every column by key."""
+    return {signal.key: f"{signal.unit} | {signal.description}" for signal in layout.signals}
+
+
 def layout_of_schema(schema: bytes, units: Mapping[str, str]) -> Layout:
     """Columns of a sample message as its schema in a file states them.
 
@@ -95,13 +100,16 @@ class SampleCodec:
             body = bytearray()
             at: list[int] = []
             for i in range(1, len(_members(layout, group)) + 1):
-                body += _varint(i << 3 | 1)
+                body += varint(i << 3 | 1)
                 at.append(len(body))
                 body += bytes(8)
-            template += _varint(number << 3 | 2) + _varint(len(body))
+            template += varint(number << 3 | 2) + varint(len(body))
             offsets += [len(template) + offset for offset in at]
             template += body
         self._template = np.frombuffer(bytes(template), dtype=np.uint8)
+        names = [f"f{i}" for i in range(len(offsets))]
+        formats = ["<f8"] * len(offsets)
+        self._record = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(template)})
         self._positions = (np.array(offsets, dtype=np.intp)[:, None] + np.arange(8)).ravel()
 
     @property
@@ -109,12 +117,13 @@ class SampleCodec:
         """Bytes of one message."""
         return len(self._template)
 
-    def encode(self, rows: FloatArray) -> list[bytes]:
-        """One protobuf message per row."""
+    def encode(self, rows: FloatArray) -> npt.NDArray[np.uint8]:
+        """One protobuf message per row, (n, bytes of one)."""
         out = np.tile(self._template, (len(rows), 1))
-        out[:, self._positions] = np.ascontiguousarray(rows, dtype="<f8").view(np.uint8)
-        data, size = out.tobytes(), self.message_size
-        return [data[i : i + size] for i in range(0, len(data), size)]
+        record = out.view(self._record)[:, 0]
+        for name, column in zip(self._record.names or (), rows.T, strict=True):
+            record[name] = column
+        return out
 
     def decode(self, messages: list[bytes]) -> FloatArray:
         """Rows of messages.
@@ -142,7 +151,8 @@ def _members(layout: Layout, group: str) -> list[Signal]:
     return [signal for signal in layout.signals if signal.group == group]
 
 
-def _varint(value: int) -> bytes:
+def varint(value: int) -> bytes:
+    """A whole number as protobuf writes it."""
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)

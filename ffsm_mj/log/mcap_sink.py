@@ -3,106 +3,130 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
-from mcap.writer import CompressionType, Writer
+import numpy as np
+from mcap.writer import CompressionType
 
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.events import Event, OutcomeRecord
 from ffsm_mj.log import mcap_format as form
+from ffsm_mj.log.block_writer import BlockWriter
+from ffsm_mj.log.foxglove_messages import descriptor_set
+from ffsm_mj.log.narration import event_time
 from ffsm_mj.log.sink import RunHeader
-from ffsm_mj.model import FloatArray
+from ffsm_mj.log.viewer_topics import Packet, ViewerTopics
+from ffsm_mj.model import FloatArray, System
 
 _MEDIA_TYPES = {".yaml": "application/yaml", ".xml": "application/xml", ".urdf": "application/xml"}
 
 
 class McapSink:
-    """Writes one run to one file."""
+    """Writes one run to one file. The first write that fails raises; after it nothing more is taken."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, system: System, view_rate_hz: float) -> None:
         """Name the finished file; nothing is written yet."""
         self._path = path
         self._partial = path.with_name(path.name + ".partial")
+        self._viewer = ViewerTopics(system, view_rate_hz)
+        self._broken = False
 
     def open(self, header: RunHeader) -> None:
         """Write what must survive a kill at any later moment: facts, signals, scenario and models."""
-        with _named(self._partial):
+        self._viewer.open(header)
+        self._codec = form.SampleCodec(header.layout)
+        self._time_column = header.layout.index["state.time_s"]
+        with self._writing():
             self._stream = self._partial.open("wb")
-            self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
+            self._writer = BlockWriter(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
             self._writer.start(profile="", library="ffsm-mj")
             self._writer.add_metadata(form.FACTS_METADATA, dict(header.facts))
-            self._writer.add_metadata(
-                form.SIGNALS_METADATA,
-                {signal.key: f"{signal.unit} | {signal.description}" for signal in header.layout.signals},
-            )
+            self._writer.add_metadata(form.SIGNALS_METADATA, form.signals_metadata(header.layout))
             self._attach(form.SCENARIO_ATTACHMENT, header.scenario_yaml.encode())
             for name, content in header.files.items():
                 self._attach(name, content)
             self._register(header)
-            self.flush()
-        self._codec = form.SampleCodec(header.layout)
-        self._time_column = header.layout.index["state.time_s"]
+            self._writer.flush()  # type: ignore[no-untyped-call]
 
     def _attach(self, name: str, content: bytes) -> None:
         media_type = _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=content)
 
     def _register(self, header: RunHeader) -> None:
-        self._channels: dict[type, int] = {}
-        schema = self._writer.register_schema(form.SAMPLE_SCHEMA, "protobuf", form.sample_schema(header.layout))
-        self._sample_channel = self._writer.register_channel(form.SAMPLE_TOPIC, "protobuf", schema)
+        # Unlike metadata, channels stand in a chunk with a checksum, and once more in the summary: so do the facts.
+        self._channels = {
+            form.SAMPLE_TOPIC: self._channel(
+                form.SAMPLE_TOPIC, form.SAMPLE_SCHEMA, form.sample_schema(header.layout), dict(header.facts)
+            )
+        }
         for record_type, topic in form.RECORD_TOPICS.items():
-            name = form.schema_name(record_type)
-            schema = self._writer.register_schema(name, "protobuf", form.record_schema(record_type))
-            self._channels[record_type] = self._writer.register_channel(topic, "protobuf", schema)
+            name, schema = form.schema_name(record_type), form.record_schema(record_type)
+            self._channels[topic] = self._channel(topic, name, schema, {})
+        schemas: dict[str, int] = {}
+        for topic, message in self._viewer.topics.items():
+            name = message.DESCRIPTOR.full_name
+            if name not in schemas:
+                schemas[name] = self._writer.register_schema(name, "protobuf", descriptor_set(message))
+            self._channels[topic] = self._writer.register_channel(topic, "protobuf", schemas[name])
+
+    def _channel(self, topic: str, name: str, schema: bytes, metadata: dict[str, str]) -> int:
+        number = self._writer.register_schema(name, "protobuf", schema)
+        return self._writer.register_channel(topic, "protobuf", number, metadata)
 
     def rows(self, block: FloatArray) -> None:
-        """Write one sample per row."""
-        times = [form.nanoseconds(t) for t in block[:, self._time_column]]
-        with _named(self._partial):
-            for time, message in zip(times, self._codec.encode(block), strict=True):
-                self._writer.add_message(self._sample_channel, log_time=time, data=message, publish_time=time)
+        """Write one sample per row, and the frames of the block for viewers."""
+        with self._writing() as possible:
+            if possible:
+                times = np.rint(block[:, self._time_column] * 1e9).astype(np.int64)
+                self._put((form.SAMPLE_TOPIC, times, self._codec.encode(block)), *self._viewer.rows(block))
 
     def event(self, event: Event) -> None:
         """Write an event at its own time."""
-        self._record(event, event.end_s if hasattr(event, "end_s") else _time_of(event))
+        with self._writing() as possible:
+            if possible:
+                self._record(event)
 
-    def _record(self, record: Any, time_s: float) -> None:
-        time = form.nanoseconds(time_s)
-        with _named(self._partial):
-            data = form.encode_record(record)
-            self._writer.add_message(self._channels[type(record)], log_time=time, data=data, publish_time=time)
+    def _record(self, event: Event | OutcomeRecord) -> None:
+        time, data = form.nanoseconds(event_time(event)), form.encode_record(event)
+        channel = self._channels[form.RECORD_TOPICS[type(event)]]
+        self._writer.add_message(channel, log_time=time, data=data, publish_time=time)
+        self._put(*self._viewer.event(event))
+
+    def _put(self, *packets: Packet) -> None:
+        for topic, times, messages in packets:
+            self._writer.add_block(self._channels[topic], times, messages)
 
     def flush(self) -> None:
         """Finish the chunk and hand everything to the operating system."""
-        with _named(self._partial):
-            self._writer.flush()  # type: ignore[no-untyped-call]
+        with self._writing() as possible:
+            if possible:
+                self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self, outcome: OutcomeRecord | None) -> None:
         """Write the outcome, the index and the footer, and give the file its final name."""
-        with _named(self._partial):
+        with self._writing() as possible:
+            if not possible:
+                return
             if outcome is not None:
-                self._record(outcome, outcome.end_s)
+                self._record(outcome)
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._stream.close()
             if outcome is not None:
                 os.replace(self._partial, self._path)
 
+    @contextmanager
+    def _writing(self) -> Iterator[bool]:
+        """Whether the file still takes something; a write that fails ends that, with an error that names the log.
 
-def _time_of(event: Any) -> float:
-    return float(event.start_s if hasattr(event, "start_s") else event.time_s)
-
-
-class _named:  # noqa: N801 (reads as a statement)
-    """Turn an OSError into one that names the log."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, OSError):
-            raise LogWriteError(self._path, error) from error
+        What was flushed before stays; a half-written chunk at the end is left out by the reader.
+        """
+        try:
+            yield not self._broken
+        except OSError as error:
+            self._broken = True
+            if hasattr(self, "_stream"):
+                with suppress(OSError):
+                    self._stream.close()
+            raise LogWriteError(self._partial, error) from error

@@ -23,6 +23,7 @@ class RunLog:
         phases: Beginnings of phases in order.
         unhandled: Contacts that nobody resolved.
         outcome: How the run ended; None where the log breaks off before.
+        damage: What of the log could not be read, in a sentence; empty where it is whole up to its end.
     """
 
     header: RunHeader
@@ -31,9 +32,12 @@ class RunLog:
     phases: tuple[PhaseRecord, ...] = ()
     unhandled: tuple[UnhandledContactRecord, ...] = ()
     outcome: OutcomeRecord | None = None
+    damage: str = ""
 
 
-def run_log(header: RunHeader, rows: FloatArray, events: Sequence[Event], outcome: OutcomeRecord | None) -> RunLog:
+def run_log(
+    header: RunHeader, rows: FloatArray, events: Sequence[Event], outcome: OutcomeRecord | None, damage: str = ""
+) -> RunLog:
     """Sort events by kind."""
     return RunLog(
         header,
@@ -42,6 +46,7 @@ def run_log(header: RunHeader, rows: FloatArray, events: Sequence[Event], outcom
         tuple(event for event in events if isinstance(event, PhaseRecord)),
         tuple(event for event in events if isinstance(event, UnhandledContactRecord)),
         outcome,
+        damage,
     )
 
 

@@ -8,14 +8,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import rerun as rr
 
 from ffsm_mj.errors import LogWriteError
-from ffsm_mj.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord
+from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies, target
+from ffsm_mj.log.narration import event_time, is_warning, sentence
 from ffsm_mj.log.rerun_blueprint import TIMELINE, blueprint
-from ffsm_mj.log.rerun_scene import body_path, log_shapes, moving_bodies, poses
+from ffsm_mj.log.rerun_scene import body_path, log_shapes
 from ffsm_mj.log.sink import RunHeader
 from ffsm_mj.model import FloatArray, System
 from ffsm_mj.signals import PARTIES, Layout
@@ -31,9 +32,8 @@ class RerunSink:
 
     def __init__(self, path: Path, system: System, view_rate_hz: float) -> None:
         """Name the file; nothing is written yet."""
-        self._path, self._system, self._period = path, system, 1.0 / view_rate_hz
-        self._scratch = mujoco.MjData(system.mj)
-        self._next_frame = 0.0
+        self._path, self._system = path, system
+        self._picker = FramePicker(system, view_rate_hz)
 
     def open(self, header: RunHeader) -> None:
         """Start the recording with everything that does not change."""
@@ -54,32 +54,22 @@ class RerunSink:
 
     def _target(self, header: RunHeader) -> None:
         """A small cross where the tip is wanted."""
-        if "task_target_m" not in header.facts:
-            self._goal = None
+        self._goal = goal = target(header.facts)
+        if goal is None:
             return
-        goal = np.zeros(3)
         self._axes = ["xyz".index(axis) for axis in header.facts["task_axes"].split()]
         line = rr.SeriesLines(names=["tip error"], colors=[[230, 159, 0]], widths=[1.5])
         self._recording.log("plots/tip_error", line, static=True)
-        for axis, value in zip(header.facts["task_axes"].split(), header.facts["task_target_m"].split(), strict=True):
-            goal["xyz".index(axis)] = float(value)
-        self._goal = goal
         arms = [[goal - 0.15 * e, goal + 0.15 * e] for e in np.eye(3)]
         self._recording.log("world/target", rr.LineStrips3D(arms, colors=[[240, 228, 66]], radii=[0.012]), static=True)
 
     def rows(self, block: FloatArray) -> None:
         """Send the frames of a block: poses, trails, plots."""
-        times = block[:, 0]
-        chosen = []
-        for i, time in enumerate(times):
-            if time >= self._next_frame - 1e-9:
-                chosen.append(i)
-                self._next_frame = (np.floor(time / self._period + 1e-9) + 1.0) * self._period
-        if not chosen:
+        frames = self._picker.pick(block)
+        if frames is None:
             return
-        frames = block[chosen]
-        index = [rr.TimeColumn(TIMELINE, duration=frames[:, 0])]
-        positions, quaternions = poses(self._system, self._scratch, frames[:, 1 : 1 + self._system.mj.nq])
+        index = [rr.TimeColumn(TIMELINE, duration=frames.times)]
+        positions, quaternions = frames.positions, frames.quaternions
         if not self._framed:
             self._frame_scene(positions[0])
         for body in moving_bodies(self._system):
@@ -87,13 +77,13 @@ class RerunSink:
                 translation=positions[:, body], quaternion=np.roll(quaternions[:, body], -1, axis=-1)
             )
             self._send(body_path(self._system, body), index, columns)
-        self._trails(frames, positions, index)
+        self._trails(frames, index)
         if self._goal is not None:
-            tip = frames[:, self._layout.columns("state.tip_x_m", 3)][:, self._axes]
+            tip = frames.rows[:, self._layout.columns("state.tip_x_m", 3)][:, self._axes]
             error = np.linalg.norm(tip - self._goal[self._axes], axis=1)
             self._send("plots/tip_error", index, rr.Scalars.columns(scalars=error))
         for path, (columns_of, _, _) in self._plots.items():
-            values = frames[:, columns_of].copy()
+            values = frames.rows[:, columns_of]
             flat = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(values), len(columns_of)))
             self._send(path, index, flat)
 
@@ -105,10 +95,10 @@ class RerunSink:
         )
         self._framed = True
 
-    def _trails(self, frames: FloatArray, positions: FloatArray, index: Any) -> None:
-        trails = {tree.name: positions[:, tree.root] for tree in self._system.trees}
+    def _trails(self, frames: Frames, index: Any) -> None:
+        trails = {tree.name: frames.positions[:, tree.root] for tree in self._system.trees}
         if "state.tip_x_m" in self._layout.index:
-            trails["tip"] = frames[:, self._layout.columns("state.tip_x_m", 3)]
+            trails["tip"] = frames.rows[:, self._layout.columns("state.tip_x_m", 3)]
         for (name, points), colour in zip(trails.items(), _TRAIL_COLOURS * len(trails), strict=False):
             count = len(points)
             columns = rr.Points3D.columns(positions=points, colors=[colour] * count, radii=[0.012] * count)
@@ -119,21 +109,13 @@ class RerunSink:
 
     def event(self, event: Event) -> None:
         """Log an event as text, a phase also as a state, an impact also as an arrow."""
-        if isinstance(event, UnhandledContactRecord):
-            text = f"{' and '.join(event.geoms)} overlapped until {event.end_s:.3f} s, up to {event.max_depth_m:.3g} m deep"
-            self._text(event.start_s, f"unhandled contact: {text}", "WARN")
-        elif isinstance(event, PhaseRecord):
-            self._at(event.start_s)
+        self._text(event)
+        if isinstance(event, PhaseRecord):
             self._recording.log("phase", rr.StateChange(state=event.name))
-            self._text(event.start_s, f"phase {event.name} ({event.controller}) begins: {event.reason}", "INFO")
         elif isinstance(event, ImpactRecord):
             self._impact(event)
 
     def _impact(self, event: ImpactRecord) -> None:
-        pair = f"{event.robot_geom} on {event.object_geom}, e = {event.restitution:g}"
-        speeds = f"approach {event.approach_speed_m_s:.4g} m/s, separation {event.separation_speed_m_s:.4g} m/s"
-        self._text(event.time_s, f"impact: {event.impulse_N_s:.5g} N s, {pair}, {speeds}", "INFO")
-        self._at(event.time_s)
         arrow = rr.Arrows3D(
             origins=[event.point_m],
             vectors=[np.array(event.normal) * event.impulse_N_s],
@@ -145,9 +127,9 @@ class RerunSink:
         self._at(event.time_s + _ARROW_SHOWN_S)
         self._recording.log(f"world/impacts/{event.event}", rr.Clear(recursive=False))
 
-    def _text(self, time_s: float, text: str, level: str) -> None:
-        self._at(time_s)
-        self._recording.log("events", rr.TextLog(text, level=level))
+    def _text(self, event: Event | OutcomeRecord) -> None:
+        self._at(event_time(event))
+        self._recording.log("events", rr.TextLog(sentence(event), level="WARN" if is_warning(event) else "INFO"))
 
     def _at(self, time_s: float) -> None:
         self._recording.set_time(TIMELINE, duration=time_s)
@@ -160,7 +142,7 @@ class RerunSink:
         if not hasattr(self, "_recording"):
             return
         if outcome is not None:
-            self._text(outcome.end_s, f"{outcome.outcome} {outcome.message}".strip(), "INFO")
+            self._text(outcome)
         self._recording.flush()
         self._recording.disconnect()
 

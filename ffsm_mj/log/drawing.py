@@ -1,0 +1,153 @@
+"""What viewers draw: the visible geoms as shapes fixed to their bodies, and the poses of the bodies frame by frame.
+
+Nothing here depends on a viewer; quaternions are wxyz.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from ffsm_mj.model import FloatArray, System
+
+_KINDS = {
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+    mujoco.mjtGeom.mjGEOM_SPHERE: "ellipsoid",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+}
+# MuJoCo's own viewer draws groups 0 to 2; contact-only geoms live in higher ones.
+_DRAWN_GROUPS = 3
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A drawn geom.
+
+    Attributes:
+        name: The geom's name without its prefix.
+        body: Id of the body it is fixed to; 0 is the world.
+        kind: ``box``, ``ellipsoid``, ``cylinder``, ``capsule`` or ``mesh``.
+        size: Half sizes (box, ellipsoid), or radius and half length (cylinder, capsule; the latter without its caps), m.
+        position: Its centre in the frame of the body, (3,), m.
+        quaternion: Its orientation in the frame of the body, (4,).
+        rgba: Colour, each from 0 to 1.
+        vertices: Of a mesh, in the frame of the geom, (n, 3), m.
+        triangles: Of a mesh, (m, 3).
+    """
+
+    name: str
+    body: int
+    kind: str
+    size: FloatArray
+    position: FloatArray
+    quaternion: FloatArray
+    rgba: tuple[float, ...]
+    vertices: FloatArray
+    triangles: npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Some rows of a log with the poses they mean.
+
+    Attributes:
+        rows: The chosen rows, (n, number of signals).
+        positions: World positions of all bodies, (n, nbody, 3), m.
+        quaternions: World orientations of all bodies, (n, nbody, 4).
+    """
+
+    rows: FloatArray
+    positions: FloatArray
+    quaternions: FloatArray
+
+    @property
+    def times(self) -> FloatArray:
+        """Time of each frame, s."""
+        return self.rows[:, 0]
+
+
+def moving_bodies(system: System) -> list[int]:
+    """Ids of all bodies that get a pose."""
+    return [body for tree in system.trees for body in tree.bodies]
+
+
+def shapes(system: System) -> Iterator[Shape]:
+    """Every geom that is drawn; planes and height fields are not."""
+    model = system.mj
+    for geom in range(model.ngeom):
+        kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[geom]))
+        if kind is None or model.geom_group[geom] >= _DRAWN_GROUPS:
+            continue
+        size, material = model.geom_size[geom].copy(), int(model.geom_matid[geom])
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE:
+            size[:] = size[0]
+        vertices, triangles = _mesh(model, int(model.geom_dataid[geom]) if kind == "mesh" else -1)
+        yield Shape(
+            name=(model.geom(geom).name or f"geom_{geom}").rsplit("/", 1)[-1],
+            body=int(model.geom_bodyid[geom]),
+            kind=kind,
+            size=size,
+            position=model.geom_pos[geom].copy(),
+            quaternion=model.geom_quat[geom].copy(),
+            rgba=tuple(map(float, model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom])),
+            vertices=vertices,
+            triangles=triangles,
+        )
+
+
+def shapes_by_body(system: System) -> dict[int, list[Shape]]:
+    """Drawn shapes of every body that has some."""
+    found: dict[int, list[Shape]] = {}
+    for shape in shapes(system):
+        found.setdefault(shape.body, []).append(shape)
+    return found
+
+
+def _mesh(model: Any, mesh: int) -> tuple[FloatArray, npt.NDArray[np.int32]]:
+    if mesh < 0:
+        return np.empty((0, 3)), np.empty((0, 3), dtype=np.int32)
+    vertex, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
+    vertices = model.mesh_vert[vertex : vertex + int(model.mesh_vertnum[mesh])]
+    return vertices.astype(np.float64), model.mesh_face[face : face + int(model.mesh_facenum[mesh])].copy()
+
+
+class FramePicker:
+    """Takes the frames of a view out of blocks of rows: the first row in each period, with kinematics by MuJoCo."""
+
+    def __init__(self, system: System, view_rate_hz: float) -> None:
+        """Start before the first frame."""
+        self._model, self._data = system.mj, mujoco.MjData(system.mj)
+        self._period, self._last = 1.0 / view_rate_hz, -1.0
+
+    def pick(self, block: FloatArray) -> Frames | None:
+        """Frames of the next block; None where none falls into it."""
+        number = np.floor(block[:, 0] / self._period + 1e-6)
+        rows = block[np.diff(number, prepend=self._last) > 0.0]
+        if not len(rows):
+            return None
+        self._last = number[-1]
+        positions = np.empty((len(rows), self._model.nbody, 3))
+        quaternions = np.empty((len(rows), self._model.nbody, 4))
+        for i, qpos in enumerate(rows[:, 1 : 1 + self._model.nq]):
+            self._data.qpos[:] = qpos
+            mujoco.mj_kinematics(self._model, self._data)
+            positions[i], quaternions[i] = self._data.xpos, self._data.xquat
+        return Frames(rows, positions, quaternions)
+
+
+def target(facts: Mapping[str, str]) -> FloatArray | None:
+    """Where the tip is wanted, as the facts of a log tell it, zero along axes that do not count; (3,) or None, m."""
+    if "task_target_m" not in facts:
+        return None
+    goal = np.zeros(3)
+    for axis, value in zip(facts["task_axes"].split(), facts["task_target_m"].split(), strict=True):
+        goal["xyz".index(axis)] = float(value)
+    return goal

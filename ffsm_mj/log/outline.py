@@ -1,0 +1,75 @@
+"""The edges of drawn shapes as points, ``foxglove.PointCloud``: what Rerun draws, it knows no ``foxglove.SceneUpdate``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import mujoco
+import numpy as np
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+
+from ffsm_mj.log.drawing import Shape
+from ffsm_mj.log.foxglove_messages import timestamp
+from ffsm_mj.model import FloatArray
+
+_SPACING_M = 0.01
+_NAMES = ("x", "y", "z", "red", "green", "blue", "alpha")
+_POINT = np.dtype(list(zip(_NAMES, ["<f4"] * 3 + ["u1"] * 4, strict=True)))
+
+
+def outline_cloud(shapes: Sequence[Shape], frame_id: str, time_ns: int) -> PointCloud:
+    """The edges of all shapes of one body, in its frame."""
+    clouds = []
+    for shape in shapes:
+        points = _edge_points(shape)
+        cloud = np.empty(len(points), dtype=_POINT)
+        for name, column in zip(_NAMES[:3], points.T, strict=True):
+            cloud[name] = column
+        for name, value in zip(_NAMES[3:], shape.rgba, strict=True):
+            cloud[name] = round(255 * value)
+        clouds.append(cloud)
+    message = PointCloud(timestamp=timestamp(time_ns), frame_id=frame_id, point_stride=_POINT.itemsize)
+    message.pose.orientation.w = 1.0
+    for offset, name in zip((0, 4, 8, 12, 13, 14, 15), _NAMES, strict=True):
+        message.fields.add(
+            name=name, offset=offset, type=PackedElementField.FLOAT32 if offset < 12 else PackedElementField.UINT8
+        )
+    message.data = np.concatenate(clouds).tobytes()
+    return message
+
+
+def _edge_points(shape: Shape) -> FloatArray:
+    """Points along the edges, in the frame of the body, (n, 3), m."""
+    local = shape.vertices if shape.kind == "mesh" else np.vstack([_along(line) for line in _edges(shape)])
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, shape.quaternion)
+    return np.asarray(local @ rotation.reshape(3, 3).T + shape.position)
+
+
+def _edges(shape: Shape) -> list[FloatArray]:
+    """Polylines in the frame of the geom; rings and meridians where it is round."""
+    a, b, c = shape.size
+    if shape.kind == "box":
+        corners = np.array(list(product((-1.0, 1.0), repeat=3))) * shape.size
+        pairs = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
+        return [corners[list(pair)] for pair in pairs]
+    angle = np.linspace(0.0, 2 * np.pi, 65)
+    x, y, nought = np.cos(angle), np.sin(angle), np.zeros(65)
+    if shape.kind == "ellipsoid":
+        rings = ((x, y, nought), (x, nought, y), (nought, x, y))
+        return [np.column_stack(ring) * (a, b, c) for ring in rings]
+    ends = [np.column_stack((a * x, a * y, np.full(65, z))) for z in (-b, b)]
+    if shape.kind == "cylinder":
+        sides = [np.array([[u, v, -b], [u, v, b]]) for u, v in ((a, 0), (-a, 0), (0, a), (0, -a))]
+        return [*ends, *sides]
+    height = a * y + np.copysign(b, y)
+    return [*ends, np.column_stack((a * x, nought, height)), np.column_stack((nought, a * x, height))]
+
+
+def _along(line: FloatArray) -> FloatArray:
+    """Points along a polyline, evenly spaced."""
+    length = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))))
+    at = np.linspace(0.0, length[-1], max(2, round(length[-1] / _SPACING_M)))
+    return np.column_stack([np.interp(at, length, line[:, i]) for i in range(3)])
