@@ -138,6 +138,17 @@ def free_components(system: System, tree: Tree) -> np.ndarray[Any, np.dtype[np.b
     return free
 
 
+def external_actuators(system: System) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Mask of the actuators that push on the robot from outside: on a base joint, or at a site, (nu,)."""
+    model = system.mj
+    base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
+    mask = np.ones(model.nu, dtype=np.bool_)
+    for i in range(model.nu):
+        if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT:
+            mask[i] = model.jnt_dofadr[model.actuator_trnid[i, 0]] in base
+    return mask
+
+
 @dataclass(frozen=True)
 class ReducedModel:
     """Dynamics of the driven joints with everything else of the robot floating (paper (22); design section 5).

@@ -10,9 +10,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
-from ffsm_mj.dynamics import BaseMomentum, base_jacobian, base_wrench, free_components, subtree_momenta
+from ffsm_mj.dynamics import BaseMomentum, base_jacobian, base_wrench, external_actuators, free_components, subtree_momenta
 from ffsm_mj.model import FloatArray, System
 
 # Columns of the table, in the order of the log (see signals): what is measured, the accounts, what they leave unexplained.
@@ -38,7 +37,7 @@ class Ledger:
         object_free = [free_components(system, tree) for tree in system.objects]
         objects_free = np.all(object_free, axis=0) if object_free else np.ones(6, dtype=np.bool_)
         self.free = np.array([robot_free & objects_free, robot_free, objects_free], dtype=np.float64)
-        self._external_actuators = np.flatnonzero(_base_actuators(system)).tolist()
+        self._external_actuators = np.flatnonzero(external_actuators(system)).tolist()
         on_joint = (np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)).astype(np.float64)
         self._on_joint, self._all_on_joints = on_joint, bool(on_joint.all())
         self._base = BaseMomentum(system, system.robot)
@@ -159,17 +158,6 @@ class _Notes:
         """Momenta of the subtree of a body at the states noted, (n, 6)."""
         at = (used, root)
         return subtree_momenta(float(self._mass[root]), self.velocity[at], self.centre[at], self.spin[at])
-
-
-def _base_actuators(system: System) -> npt.NDArray[np.bool_]:
-    """Mask of the actuators that push on the robot from outside: on a base joint, or at a site."""
-    model = system.mj
-    base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
-    mask = np.ones(model.nu, dtype=np.bool_)
-    for i in range(model.nu):
-        if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT:
-            mask[i] = model.jnt_dofadr[model.actuator_trnid[i, 0]] in base
-    return mask
 
 
 def hermite_midpoint(

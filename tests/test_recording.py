@@ -19,7 +19,7 @@ ENTITIES = (
     "/plots/energy",
     "/plots/ledger",
     "/plots/linear_momentum/robot",
-    "/phase",
+    "/states/phase",
     "/events",
 )
 
