@@ -1,6 +1,7 @@
 """ffsm-mj: exact impacts for free-floating space manipulators, on MuJoCo.
 
-``run(scenario)`` simulates and returns a :class:`~ffsm_mj.analysis.Run`; ``load_run(path)`` reads one back from its log;
+``run(scenario)`` simulates and returns a :class:`~ffsm_mj.analysis.Run`; ``load_run(path)`` reads one back from its log,
+``compare(a, b)`` tells two of them apart;
 ``impact`` resolves single collisions on any MuJoCo model. Everything is imported on first use, so that ``import ffsm_mj``
 and ``ffsm --help`` cost nothing.
 """
@@ -11,30 +12,38 @@ import importlib
 import os
 from typing import TYPE_CHECKING, Any
 
-# The matrices here are tiny: a second BLAS thread only spins. It must be said before numpy is first imported.
-for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
-
 if TYPE_CHECKING:
     from ffsm_mj import impact as impact
     from ffsm_mj.analysis import Run as Run
+    from ffsm_mj.analysis import compare as compare
     from ffsm_mj.analysis import load_run as load_run
     from ffsm_mj.runner import run as run
 
 _LAZY = {
     "run": ("ffsm_mj.runner", "run"),
+    "compare": ("ffsm_mj.analysis", "compare"),
     "load_run": ("ffsm_mj.analysis", "load_run"),
     "Run": ("ffsm_mj.analysis", "Run"),
     "impact": ("ffsm_mj.impact", None),
 }
 
-__all__ = ["Run", "impact", "load_run", "run"]
+__all__ = ["Run", "compare", "impact", "load_run", "run"]
+
+
+def one_blas_thread() -> None:
+    """Keep BLAS to one thread: the matrices here are tiny, a second one only spins. Call it before numpy is imported.
+
+    Not done by the import of the package, because pytest imports that for its plugin in everybody's test runs.
+    """
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name on first use (PEP 562)."""
     if name not in _LAZY:
         raise AttributeError(f"module 'ffsm_mj' has no attribute {name!r}; it has {', '.join(__all__)}")
+    one_blas_thread()
     module_name, attribute = _LAZY[name]
     module = importlib.import_module(module_name)
     value = module if attribute is None else getattr(module, attribute)

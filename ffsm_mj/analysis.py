@@ -7,26 +7,32 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ffsm_mj.conservation import DEFAULT_TOLERANCE, Law, check_laws
+import numpy as np
+
+from ffsm_mj.comparison import Comparison, compare_logs
+from ffsm_mj.conservation import DEFAULT_TOLERANCE, Law, Tolerance, check_laws
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.log.mcap_reader import read_log
 from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.model import FloatArray
 from ffsm_mj.run_folder import find_log
+from ffsm_mj.signals import PARTIES
 from ffsm_mj.summary import summarise, tip_error
+from ffsm_mj.tables import Table, table
 
 
 class Run:
-    """A run. ``run["energy.total_J"]`` is a column, ``run.keys`` lists them, ``run.units`` tells their units.
+    """A run. ``run["energy.total_J"]`` is a column, ``run.keys`` lists them, ``units`` and ``descriptions`` explain them.
 
     Attributes:
         log: Everything that was recorded.
+        path: The file it was read from; None for a run in memory.
     """
 
-    def __init__(self, log: RunLog) -> None:
+    def __init__(self, log: RunLog, path: Path | None = None) -> None:
         """Wrap a log."""
-        self.log = log
+        self.log, self.path = log, path
 
     def __getitem__(self, key: str) -> FloatArray:
         """Column of a signal, one value per control tick.
@@ -50,6 +56,11 @@ class Run:
         return {signal.key: signal.unit for signal in self.log.header.layout.signals}
 
     @property
+    def descriptions(self) -> dict[str, str]:
+        """Meaning of each column."""
+        return {signal.key: signal.description for signal in self.log.header.layout.signals}
+
+    @property
     def name(self) -> str:
         """Name of the scenario."""
         return self.log.header.scenario_name
@@ -58,6 +69,47 @@ class Run:
     def time(self) -> FloatArray:
         """Time of each row, s."""
         return self["state.time_s"]
+
+    @property
+    def qpos(self) -> FloatArray:
+        """Generalised coordinates in MuJoCo's order, (n, nq)."""
+        return self._columns("state.q_")
+
+    @property
+    def qvel(self) -> FloatArray:
+        """Generalised velocities in MuJoCo's order, (n, nv)."""
+        return self._columns("state.v_")
+
+    @property
+    def tip(self) -> FloatArray:
+        """Position of the tip in m, world frame, (n, 3).
+
+        Raises:
+            KeyError: The scenario has no task and so no tip.
+        """
+        return np.column_stack([self[f"state.tip_{axis}_m"] for axis in "xyz"])
+
+    @property
+    def tip_velocity(self) -> FloatArray:
+        """Velocity of the tip in m/s, world frame, (n, 3).
+
+        Raises:
+            KeyError: The scenario has no task and so no tip.
+        """
+        return np.column_stack([self[f"state.tip_v{axis}_m_s"] for axis in "xyz"])
+
+    def momentum(self, party: str = "total") -> FloatArray:
+        """(P in N s, L about the world origin in N m s) of ``total``, ``robot`` or ``objects``, (n, 6).
+
+        Raises:
+            KeyError: No such party.
+        """
+        if party not in PARTIES:
+            raise KeyError(unknown_name("party", party, PARTIES))
+        return self._columns(f"momentum.{party}_P_", f"momentum.{party}_L_")
+
+    def _columns(self, *prefixes: str) -> FloatArray:
+        return self.log.rows[:, [i for i, key in enumerate(self.keys) if key.startswith(prefixes)]]
 
     @property
     def impacts(self) -> tuple[ImpactRecord, ...]:
@@ -99,9 +151,33 @@ class Run:
         """Whether nothing in the models breaks conservation."""
         return self.log.header.facts.get("conservative") == "true"
 
-    def laws(self, tolerance: float = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
+    def laws(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
         """Every conservation law with its worst residual; see :func:`ffsm_mj.conservation.check_laws`."""
         return check_laws(self.log, tolerance)
+
+    def table(self, name: str = "samples") -> Table:
+        """A table of named columns with units: ``samples``, ``impacts`` (one row per contact), ``phases`` or ``laws``.
+
+        Raises:
+            KeyError: No such table.
+        """
+        return table(self.log, name)
+
+    def to_pandas(self, name: str = "samples") -> Any:
+        """A table (see :meth:`table`) as a ``pandas.DataFrame``; units and descriptions are in its ``attrs``.
+
+        Raises:
+            MissingPackageError: pandas is not installed.
+        """
+        return self.table(name).to_pandas()
+
+    def to_polars(self, name: str = "samples") -> Any:
+        """A table (see :meth:`table`) as a ``polars.DataFrame``.
+
+        Raises:
+            MissingPackageError: polars is not installed.
+        """
+        return self.table(name).to_polars()
 
     def tip_error(self) -> FloatArray:
         """Distance of the tip from its target along the task's axes at every tick, m.
@@ -127,4 +203,10 @@ def load_run(path: str | Path) -> Run:
         InputError: There is no log at that place.
         LogError: The file is no log of a run.
     """
-    return Run(read_log(find_log(Path(path))))
+    found = find_log(Path(path))
+    return Run(read_log(found), found)
+
+
+def compare(a: Run, b: Run) -> Comparison:
+    """What differs between two runs: scenario, models, impacts, and every signal at the times that both have."""
+    return compare_logs(a.log, b.log)

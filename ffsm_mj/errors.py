@@ -61,6 +61,14 @@ class ControllerError(FfsmError):
     """A controller raised or returned something that no actuator can follow."""
 
 
+class MissingPackageError(FfsmError):
+    """A package that only some functions need is not installed; the message says what to install."""
+
+    def __init__(self, purpose: str, package: str, extra: str) -> None:
+        self.package = package
+        super().__init__(f"{purpose} needs the package {package}: pip install 'ffsm-mj[{extra}]' (or pip install {package})")
+
+
 class UnsupportedContactError(FfsmError):
     """A contact that the impact laws cannot resolve exactly; the run ends rather than guess."""
 

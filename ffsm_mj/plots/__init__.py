@@ -1,0 +1,74 @@
+"""Figures of a run, drawn from its log alone, ready for print.
+
+``figures(run)`` gives them by name, ``save(run, folder)`` writes them as SVG and PNG; the same data give the same bytes.
+``comparison(runs)`` lays several runs over each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ffsm_mj.analysis import Run
+from ffsm_mj.plots.compared import comparison
+from ffsm_mj.plots.motion import motion
+from ffsm_mj.plots.style import FORMATS, publication, write
+from ffsm_mj.plots.subject import Subject
+from ffsm_mj.plots.time_series import base, conservation, energies, inputs, joints, momenta, tip, torques
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["FORMATS", "comparison", "figures", "save", "save_comparison"]
+
+
+def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
+    """Every figure that a run can have, by name.
+
+    ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (where a thruster or wheel
+    did anything), ``momenta``, ``energies``, ``conservation``.
+
+    Args:
+        run: A run with at least one sample.
+        names: Only these, where the run has them; all when empty.
+
+    Raises:
+        InputError: The run has no samples, or its models do not compile any more.
+    """
+    subject = Subject(run)
+    makers = {"motion": motion, "base": base}
+    makers |= {"joints": joints} if subject.arm_joints else {}
+    makers |= {"tip": tip} if run.summary()["tip"] is not None else {}
+    makers |= {"torques": torques} if subject.named("motor") else {}
+    makers |= {"inputs": inputs} if subject.base_actuated else {}
+    makers |= {"momenta": momenta, "energies": energies, "conservation": conservation}
+    with publication():
+        return {name: make(subject) for name, make in makers.items() if not names or name in names}
+
+
+def save(run: Run, folder: str | Path, names: Sequence[str] = (), formats: tuple[str, ...] = FORMATS) -> list[Path]:
+    """Write the figures of a run into a folder as ``<name>.<format>``; see :func:`figures`.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: See :func:`figures`.
+    """
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    return [path for name, figure in figures(run, names).items() for path in write(figure, target, name, formats)]
+
+
+def save_comparison(runs: Sequence[tuple[str, Run]], folder: str | Path, formats: tuple[str, ...] = FORMATS) -> list[Path]:
+    """Write ``comparison.<format>``: several runs, each with a label, over each other.
+
+    Returns:
+        The files written.
+    """
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    with publication():
+        figure = comparison(runs)
+    return write(figure, target, "comparison", formats)
