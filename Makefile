@@ -1,4 +1,4 @@
-.PHONY: sync format lint type contracts schema test test-fast build check all
+.PHONY: sync format lint type contracts schema figures test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -14,6 +14,9 @@ contracts:
 	uv run lint-imports
 schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
+figures:     ## the pictures of docs/verified-result.md
+	uv run ffsm run baseline --no-rerun --force --out logs/figures
+	uv run ffsm analyze logs/figures --plots docs/figures/baseline
 test:
 	uv run pytest
 test-fast:

@@ -14,13 +14,21 @@ _EXIT_CODES = (
     f"exit codes: {OK} done, {VIOLATED} a conservation law is violated (analyze), {BAD_INPUT} bad input, "
     f"{RUN_FAILED} the run failed (log kept), {INTERRUPTED} interrupted (log kept)"
 )
+_EXPORTS = {
+    "csv": "a table as CSV, units in the column names",
+    "parquet": "a table as Parquet, units and descriptions as metadata of the columns",
+    "gif": "the motion as an animated GIF",
+    "mp4": "the motion as a film (needs the extra 'mp4')",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     options = _parser().parse_args(arguments)
+    from ffsm_mj import one_blas_thread
     from ffsm_mj.errors import FfsmError, InputError
 
+    one_blas_thread()
     try:
         return int(options.command(options))
     except InputError as error:
@@ -54,16 +62,37 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("scenario", help="a scenario file, or the name of a shipped one")
     _add_overrides(check)
 
-    analyze = _add(commands, "analyze", _analyze, "verify conservation from a run's log alone")
-    _add_run(analyze)
+    analyze = _add(commands, "analyze", _analyze, "verify conservation from the logs of runs alone")
+    _add_run(analyze, several=True)
     analyze.add_argument(
         "--tolerance",
-        type=_positive,
-        default=None,
-        metavar="TOL",
-        help="a law holds while its residual is at most TOL * (1 + scale), SI units (default: 1e-9)",
+        type=_tolerance,
+        action="append",
+        default=[],
+        metavar="[LAW=]TOL",
+        help="a law holds while its residual is at most TOL * (1 + scale), SI units (default: 1e-9); for all laws, or for "
+        "one, e.g. --tolerance 'linear momentum=1e-10'",
     )
-    analyze.add_argument("--json", action="store_true", help="print summary and laws as JSON")
+    analyze.add_argument("--json", action="store_true", help="print summary and laws as JSON; a list for several runs")
+    analyze.add_argument("--compare", action="store_true", help="say what differs between the first run and each other one")
+    analyze.add_argument("--plots", metavar="DIR", help="write figures as SVG and PNG; a folder for each of several runs")
+
+    export = _add(commands, "export", _export, "write a run's tables or an animation of its motion for other tools")
+    _add_run(export)
+    forms = export.add_mutually_exclusive_group(required=True)
+    for form, text in _EXPORTS.items():
+        forms.add_argument(f"--{form}", dest="form", action="store_const", const=form, help=text)
+    export.add_argument(
+        "--table",
+        default="samples",
+        metavar="TABLE",
+        help="samples (default), impacts, phases or laws, for --csv and --parquet",
+    )
+    export.add_argument("--fps", type=_positive, default=20.0, help="frames per second of an animation (default: 20)")
+    export.add_argument(
+        "--speed", type=_positive, metavar="X", help="times real time (default: so that it lasts 12 s at most)"
+    )
+    export.add_argument("--out", metavar="FILE", help="where to write (default: beside the log)")
 
     view = _add(commands, "view", _view, "open a run in the Rerun viewer")
     _add_run(view)
@@ -89,8 +118,18 @@ def _add_overrides(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_run(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("run", nargs="?", default="logs/latest", help="run folder or .mcap file (default: logs/latest)")
+def _add_run(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+    text = "run folder or .mcap file (default: logs/latest)"
+    if several:
+        parser.add_argument("runs", nargs="*", metavar="run", default=["logs/latest"], help=text)
+    else:
+        parser.add_argument("run", nargs="?", default="logs/latest", help=text)
+
+
+def _tolerance(text: str) -> tuple[str, float]:
+    """A law's name, empty for all laws, and its tolerance."""
+    name, _, value = text.rpartition("=")
+    return name.replace("_", " ").strip(), _positive(value)
 
 
 def _positive(text: str) -> float:
@@ -163,20 +202,16 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _analyze(options: argparse.Namespace) -> int:
-    from ffsm_mj.analysis import load_run
-    from ffsm_mj.conservation import DEFAULT_TOLERANCE
-    from ffsm_mj.text_report import verification, verification_json
+    from ffsm_mj.analysis_commands import analyze
 
-    run = load_run(options.run)
-    if not len(run.time):
-        _complain(f"{options.run}: the log holds no sample, there is nothing to verify")
-        return BAD_INPUT
-    if not options.json:
-        _say(f"{Path(options.run).resolve()}\n")
-    tolerance = options.tolerance or DEFAULT_TOLERANCE
-    _say(verification_json(run, tolerance) if options.json else verification(run, tolerance))
-    violated = run.conservative and not all(law.holds for law in run.laws(tolerance))
-    return VIOLATED if violated else OK
+    return OK if analyze(options, _say) else VIOLATED
+
+
+def _export(options: argparse.Namespace) -> int:
+    from ffsm_mj.analysis_commands import export
+
+    export(options, _say)
+    return OK
 
 
 def _view(options: argparse.Namespace) -> int:

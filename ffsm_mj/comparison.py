@@ -17,7 +17,7 @@ from ffsm_mj.model import FloatArray
 
 @dataclass(frozen=True)
 class SignalDifference:
-    """Largest difference |b - a| of one signal, and when; ``first_s``: when the two are not the same number for the first time."""
+    """Largest difference |b - a| of one signal and when that is; ``first_s``: when the two first are not the same number."""
 
     key: str
     unit: str
@@ -49,7 +49,7 @@ class Comparison:
     """What differs between run a and run b.
 
     Attributes:
-        scenario: Keys of the resolved scenarios whose values differ, in order: (key, a's value, b's value); a missing key is None.
+        scenario: Keys of the resolved scenarios whose values differ, in order: (key, value in a, in b); None: no such key.
         models: Model files that differ, or that one run has and the other not.
         impacts: Contacts in order, side by side.
         signals: Signals of both runs that differ at some common time, in the order of the log.
@@ -83,8 +83,8 @@ class Comparison:
 def compare_logs(a: RunLog, b: RunLog) -> Comparison:
     """Compare two runs at the times that both have."""
     layouts = a.header.layout, b.header.layout
-    times = [np.round(log.rows[:, 0] * 1e9).astype(np.int64) for log in (a, b)]
-    _, of_a, of_b = np.intersect1d(*times, assume_unique=True, return_indices=True)
+    times_a, times_b = (np.round(log.rows[:, 0] * 1e9).astype(np.int64) for log in (a, b))
+    _, of_a, of_b = np.intersect1d(times_a, times_b, assume_unique=True, return_indices=True)
     both = [key for key in layouts[0].keys if key in layouts[1].index and key != "state.time_s"]
     return Comparison(
         scenario=tuple(_differences(_scenario(a), _scenario(b))),

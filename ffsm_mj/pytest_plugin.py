@@ -1,0 +1,98 @@
+"""Fixtures for tests on logged data. pytest finds this module by itself wherever ffsm-mj is installed.
+
+::
+
+    from ffsm_mj.pytest_plugin import assert_conserved
+
+    def test_the_hit(ffsm_run):
+        run = ffsm_run("baseline", {"duration_s": 9.0})
+        assert_conserved(run)
+        assert run.impacts[0].impulse_N_s == pytest.approx(1.2224, abs=5e-4)
+
+Nothing is imported here that costs: every test run of everybody who has ffsm-mj installed imports this module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import pytest
+
+if TYPE_CHECKING:
+    from ffsm_mj.analysis import Run
+    from ffsm_mj.conservation import Tolerance
+
+
+class RunFactory(Protocol):
+    """What the fixture ``ffsm_run`` is."""
+
+    def __call__(self, source: str | Path, overrides: Sequence[str] | Mapping[str, Any] = (), *, rerun: bool = False) -> Run:
+        """Run a scenario, or read a run; see :func:`ffsm_run`."""
+
+
+@pytest.fixture(scope="session")
+def ffsm_run(tmp_path_factory: pytest.TempPathFactory) -> RunFactory:
+    """Function that simulates a scenario once per session and gives the run as its log tells it.
+
+    ``ffsm_run(source, overrides=(), *, rerun=False)``: ``source`` is a scenario file, the name of a shipped scenario, or an
+    existing run (its folder, ``.mcap`` or ``.mcap.partial``), which is only read; ``overrides`` are those of
+    :func:`ffsm_mj.run`; ``rerun`` writes the recording for the Rerun viewer too. The same source and overrides give the
+    same object again. ``run.path.parent`` is the run folder.
+    """
+    cache: dict[tuple[str, str, bool], Run] = {}
+
+    def run(source: str | Path, overrides: Sequence[str] | Mapping[str, Any] = (), *, rerun: bool = False) -> Run:
+        import ffsm_mj
+
+        given = sorted(overrides.items()) if isinstance(overrides, Mapping) else list(overrides)
+        path = Path(source)
+        logged = path.is_dir() or ".mcap" in path.suffixes
+        where, what = str(path.resolve()) if path.exists() else str(source), repr(given)
+        if (where, what, True) not in cache and (where, what, rerun) not in cache:
+            folder = path
+            if not logged:
+                folder = tmp_path_factory.mktemp("ffsm-runs") / path.stem
+                ffsm_mj.run(source, overrides, out=folder, rerun=rerun)
+            elif given:
+                raise ValueError(f"{source} is a finished run: overrides can change nothing in it")
+            cache[where, what, rerun] = ffsm_mj.load_run(folder)
+        return cache.get((where, what, True)) or cache[where, what, rerun]
+
+    return run
+
+
+def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, laws: Sequence[str] = ()) -> None:
+    """Assert that a run obeys the conservation laws, recomputed from its log.
+
+    Args:
+        run: A run of :func:`ffsm_mj.run`, :func:`ffsm_mj.load_run` or the fixture ``ffsm_run``.
+        tolerance: A residual may reach this times (1 + scale) in SI units; one number, or by law.
+        laws: Names of the laws to check (``energy``, ``linear momentum``, ...); all when empty.
+
+    Raises:
+        AssertionError: A law is violated (the message says which, whose, by how much, where and when), the run is not
+            conservative, or it has no samples.
+        KeyError: No such law.
+    """
+    __tracebackhide__ = True
+    from ffsm_mj.conservation import LAW_NAMES
+
+    for name in laws:
+        if name not in LAW_NAMES:
+            raise KeyError(f"no law is called {name!r}; there are {', '.join(LAW_NAMES)}")
+    checked = [law for law in run.laws(tolerance) if not laws or law.name in laws]
+    if not run.conservative:
+        raise AssertionError(f"{run.name} is not conservative: {run.log.header.facts.get('not_conservative', '')}")
+    if not checked:
+        raise AssertionError(f"{run.name}: the log holds nothing to check")
+    broken = [law for law in checked if not law.holds]
+    if broken:
+        lines = [
+            f"{law.name} of {law.party}: residual {law.residual:.3e} {law.unit} in {law.component} at {law.time_s:.3f} s, "
+            f"allowed {law.tolerance:.3e}"
+            for law in broken
+        ]
+        head = f"{run.name}: {len(broken)} of {len(checked)} conservation laws violated in {run.time[-1]:g} s"
+        raise AssertionError("\n  ".join([head, *lines]))

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from ffsm_mj.analysis import Run
-from ffsm_mj.conservation import Law
+from ffsm_mj.comparison import Comparison, ImpactDifference
+from ffsm_mj.conservation import Law, Tolerance
 from ffsm_mj.events import ImpactRecord
 
 _STEP_HINT = (
@@ -79,17 +81,18 @@ def impact_table(impacts: Sequence[ImpactRecord]) -> str:
 
 
 def conservation_table(laws: Sequence[Law]) -> str:
-    """One row per law: worst residual, when, what is allowed, verdict."""
+    """One row per law: worst residual, where and when, what is allowed, verdict."""
     if not laws:
         return "no samples: nothing to verify"
     return table(
-        ("law", "of", "worst residual", "unit", "at s", "allowed", ""),
+        ("law", "of", "worst residual", "unit", "in", "at s", "allowed", ""),
         (
             (
                 law.name,
                 law.party,
                 f"{law.residual:.1e}",
                 law.unit,
+                law.component,
                 f"{law.time_s:.3f}",
                 f"{law.tolerance:.1e}",
                 "holds" if law.holds else "VIOLATED",
@@ -127,7 +130,7 @@ def _contact_lines(run: Run) -> list[str]:
     return [table(head, rows) + "\n  nothing pushed these apart: make them impact pairs, or list them in ignored_pairs"]
 
 
-def verification(run: Run, tolerance: float) -> str:
+def verification(run: Run, tolerance: Tolerance) -> str:
     """What ``ffsm analyze`` prints: everything recomputed from the log."""
     parts = [headline(run), impact_table(run.impacts), *_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
     laws = run.laws(tolerance)
@@ -135,9 +138,7 @@ def verification(run: Run, tolerance: float) -> str:
     if not run.conservative:
         parts.append("not judged, the run is not conservative: " + run.log.header.facts.get("not_conservative", ""))
     elif laws:
-        broken = [f"{law.name} of {law.party}" for law in laws if not law.holds]
-        verdict = f"VIOLATED: {', '.join(broken)}" if broken else f"all {len(laws)} laws hold"
-        parts.append(f"{verdict} over {run.time[-1]:g} s ({len(run.time)} samples)" + (_STEP_HINT if broken else ""))
+        parts.append(verdict(run, laws) + (_STEP_HINT if violated(run, tolerance) else ""))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
     if run.damage:
@@ -145,12 +146,25 @@ def verification(run: Run, tolerance: float) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def verification_json(run: Run, tolerance: float) -> str:
-    """The same for scripts."""
+def verdict(run: Run, laws: Sequence[Law]) -> str:
+    """One line: which laws are violated, or that all hold."""
+    broken = [f"{law.name} of {law.party}" for law in laws if not law.holds]
+    words = f"VIOLATED: {', '.join(broken)}" if broken else f"all {len(laws)} laws hold"
+    return f"{words} over {run.time[-1]:g} s ({len(run.time)} samples)"
+
+
+def violated(run: Run, tolerance: Tolerance) -> bool:
+    """Whether a law that the run should obey is violated."""
+    return run.conservative and not all(law.holds for law in run.laws(tolerance))
+
+
+def verification_data(run: Run, tolerance: Tolerance) -> dict[str, Any]:
+    """The same for scripts, as plain data."""
     laws = [
         {
             "law": law.name,
             "of": law.party,
+            "component": law.component,
             "residual": law.residual if math.isfinite(law.residual) else None,
             "unit": law.unit,
             "time_s": law.time_s,
@@ -159,6 +173,55 @@ def verification_json(run: Run, tolerance: float) -> str:
         }
         for law in run.laws(tolerance)
     ]
-    return json.dumps(
-        {"summary": run.summary(), "laws": laws, "complete": run.complete, "damage": run.damage}, indent=2, allow_nan=False
-    )
+    return {"summary": run.summary(), "laws": laws, "complete": run.complete, "damage": run.damage}
+
+
+def as_json(data: Any) -> str:
+    """JSON for people and scripts."""
+    return json.dumps(data, indent=2, allow_nan=False)
+
+
+def comparison_report(labels: tuple[str, str], found: Comparison) -> str:
+    """What differs between two runs, as text."""
+    head = f"{labels[1]} against {labels[0]}"
+    if found.same:
+        return f"{head}: the same, number by number, at all {found.samples} common times"
+    parts = [f"{head}: {found.samples} common times up to {found.end_s:g} s", _scenario_lines(found)]
+    if any(pair.a != pair.b for pair in found.impacts):
+        names = ("contact", "time s", "", "change s", "impulse N s", "", "change N s")
+        parts.append(table(names, (_impact_row(i, pair) for i, pair in enumerate(found.impacts))))
+    parts.append(_motion_lines(found))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _scenario_lines(found: Comparison) -> str:
+    lines = [f"  {key}: {_brief(a)} -> {_brief(b)}" for key, a, b in found.scenario]
+    lines += [f"  model {name} differs" for name in found.models]
+    return "\n".join(["scenario:", *lines]) if lines else "scenario and models are the same"
+
+
+def _brief(value: Any) -> str:
+    text = "(not given)" if value is None else json.dumps(value) if isinstance(value, dict | list) else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _impact_row(i: int, pair: ImpactDifference) -> tuple[str, ...]:
+    times = [f"{r.time_s:.6f}" if r else "none" for r in (pair.a, pair.b)]
+    impulses = [f"{r.impulse_N_s:.6f}" if r else "none" for r in (pair.a, pair.b)]
+    changes = [f"{x:+.2e}" if math.isfinite(x) else "-" for x in (pair.time_s, pair.impulse_N_s)]
+    return str(i + 1), *times, changes[0], *impulses, changes[1]
+
+
+def _motion_lines(found: Comparison) -> str:
+    """When the motions part, and the largest differences of coordinates, tip, energies and momenta."""
+    shown = [d for d in found.signals if d.key.startswith(("state.", "energy.", "momentum.total_"))]
+    lines = [] if found.first_s is None else [f"the motions part at {found.first_s:.3f} s"]
+    if found.first_s is None:
+        lines.append("the motions are the same, number by number")
+    if shown:
+        rows = ((d.key, f"{d.largest:.3e}", d.unit, f"{d.time_s:.3f}") for d in shown)
+        lines.append(table(("largest difference of", "is", "unit", "at s"), rows))
+    for which, keys in (("first", found.only_a), ("second", found.only_b)):
+        if keys:
+            lines.append(f"only in the {which}: {', '.join(keys)}")
+    return "\n\n".join(lines)

@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 import pytest
 
-import ffsm_mj
 from ffsm_mj.analysis import Run
 from ffsm_mj.model import System, compile_system
 from ffsm_mj.shipped import scenarios_dir
@@ -36,17 +35,15 @@ def impact_state(case_study):
 
 
 @pytest.fixture(scope="session")
-def baseline_folder(tmp_path_factory) -> Path:
-    """Folder of one whole baseline run, with the Rerun recording."""
-    folder = tmp_path_factory.mktemp("runs") / "baseline"
-    ffsm_mj.run("baseline", out=folder)
-    return folder
+def baseline(ffsm_run) -> Run:
+    """One whole baseline run with its Rerun recording, as its log tells it: read with the reader that users use."""
+    return ffsm_run("baseline", rerun=True)
 
 
 @pytest.fixture(scope="session")
-def baseline(baseline_folder) -> Run:
-    """The baseline as its log tells it: read with the reader that users use."""
-    return ffsm_mj.load_run(baseline_folder)
+def baseline_folder(baseline) -> Path:
+    """Run folder of the baseline."""
+    return baseline.path.parent
 
 
 @pytest.fixture

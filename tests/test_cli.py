@@ -9,6 +9,7 @@ import sys
 
 import pytest
 
+from ffsm_mj import plots
 from ffsm_mj.cli import main
 from tests.scenes import two_balls
 
@@ -32,7 +33,7 @@ def test_run_writes_the_folder_and_links_latest(tmp_path, capsys):
     assert {p.name for p in latest.iterdir()} == {"run.mcap", "run.rrd", "scenario.yaml", "summary.json", "mjcf"}
     assert json.loads((latest / "summary.json").read_text())["scenario"] == "scene"
     assert main(["analyze"]) == 0
-    assert "all 10 laws hold over 0.5 s (501 samples)" in capsys.readouterr().out
+    assert "all 12 laws hold over 0.5 s (501 samples)" in capsys.readouterr().out
 
 
 def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path, capsys):
@@ -52,6 +53,49 @@ def test_analyze_exits_1_when_a_law_is_violated(tmp_path, capsys):
     report = json.loads(capsys.readouterr().out)
     assert report["complete"] is True
     assert all(law["holds"] for law in report["laws"])
+
+
+def test_analyze_several_runs(tmp_path, capsys):
+    """Each run is verified, one that fails decides the exit code; JSON is a list; a law may have its own tolerance."""
+    path = str(two_balls(tmp_path, speed=3.7))
+    for name, override in (("a", []), ("b", ["-s", "impact_pairs.0.restitution=0.5"])):
+        assert main(["run", path, "--no-rerun", "--out", name, *override]) == 0
+    capsys.readouterr()
+    assert main(["analyze", "a", "b", "--compare"]) == 0
+    out = capsys.readouterr().out
+    assert "2 of 2 runs verified" in out
+    assert "impact_pairs.0.restitution: 1.0 -> 0.5" in out
+    assert "the motions part at 0.082 s" in out  # 0.3 m at 3.7 m/s
+    assert main(["analyze", "a", "b", "--json"]) == 0
+    assert [len(report["laws"]) for report in json.loads(capsys.readouterr().out)] == [12, 12]
+    assert main(["analyze", "a", "b", "--tolerance", "impact_restitution=1e-30", "--tolerance", "1e-6"]) == 1
+    assert "of 2 runs verified; VIOLATED in" in capsys.readouterr().out
+    for wrong in (["--tolerance", "charm=1e-9"], ["--compare", "--json"]):
+        assert main(["analyze", "a", "b", *wrong]) == 2
+    assert "unknown law 'charm'; allowed: angular momentum" in capsys.readouterr().err
+
+
+def test_figures_of_several_runs(tmp_path, capsys, monkeypatch):
+    """A folder for each run, named apart, and one figure of all; which figures there are is tested in test_plots."""
+    every = plots.figures
+    monkeypatch.setattr(plots, "figures", lambda run, _: every(run, ["energies"]))
+    assert main(["run", str(two_balls(tmp_path)), "--no-rerun", "--out", "a"]) == 0
+    assert main(["analyze", "a", "a/run.mcap", "--plots", "figures"]) == 0
+    figures = tmp_path / "cwd" / "figures"
+    files = {str(path.relative_to(figures)) for path in figures.rglob("*.*")}
+    assert files == {f"{name}.{form}" for name in ("a/energies", "a-2/energies", "comparison") for form in ("svg", "png")}
+    assert "figures in figures/a:" in capsys.readouterr().out
+
+
+def test_export_writes_beside_the_log(tmp_path, capsys):
+    assert main(["run", str(two_balls(tmp_path, duration_s=0.1)), "--no-rerun", "--out", "a"]) == 0
+    assert main(["export", "a", "--csv"]) == 0
+    assert main(["export", "a", "--parquet", "--table", "impacts"]) == 0
+    out = capsys.readouterr().out
+    assert "a/samples.csv: 101 rows of" in out
+    assert "a/impacts.parquet: 0 rows of 23 columns" in out
+    assert main(["export", "a", "--csv", "--table", "tables"]) == 2
+    assert "unknown table 'tables' (did you mean 'samples'?); allowed: impacts, laws" in capsys.readouterr().err
 
 
 def test_a_run_that_fails_exits_3(tmp_path, capsys):

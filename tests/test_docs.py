@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import ffsm_mj
+from ffsm_mj.cli import main
 from tests.scenes import two_balls
 
 ROOT = Path(__file__).parent.parent
@@ -31,6 +32,51 @@ def test_reading_the_log_as_the_user_guide_does(tmp_path, capsys, monkeypatch):
     assert len(capsys.readouterr().out.splitlines()) == 11
 
 
+def fenced(page, kind):
+    return re.findall(rf"```{kind}\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
+
+
+def masked(text):
+    """Without what rounding decides: residuals, and where and when they are worst."""
+    text = re.sub(r"-?\d\.\d+e[-+]\d\d", "#", text)
+    text = re.sub(r"(T|[PL]_[xyz])( at)? +\d+\.\d{3}", "@", text)
+    return [re.sub(" +", " ", line) for line in text.strip().splitlines()]
+
+
+@pytest.fixture
+def latest(baseline_folder, tmp_path, monkeypatch):
+    """A folder in which ``logs/latest`` is the baseline."""
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "latest").symlink_to(baseline_folder, target_is_directory=True)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("latest")
+def test_the_verification_is_what_the_command_prints(capsys):
+    assert main(["analyze"]) == 0
+    promised, printed = fenced("docs/verified-result.md", "text")[0], capsys.readouterr().out
+    assert masked(promised)[1:] == masked(printed)[3:]  # the first line tells the wall time
+
+
+@pytest.mark.usefixtures("latest")
+def test_arrays_of_the_verified_result(capsys):
+    code = next(block for block in python_blocks("docs/verified-result.md") if "load_run" in block)
+    exec(code, {})
+    assert [f"# {line}" for line in capsys.readouterr().out.splitlines()] == code.splitlines()[-2:]
+
+
+@pytest.mark.usefixtures("baseline")
+def test_tests_of_the_verified_result(ffsm_run):
+    """The page's tests on the session's baseline: one passes, one fails as promised."""
+    names = {}
+    exec(next(block for block in python_blocks("docs/verified-result.md") if "assert_conserved" in block), names)
+    names["test_the_hit"](ffsm_run)
+    with pytest.raises(AssertionError) as caught:
+        names["test_energy_to_twelve_digits"](ffsm_run)
+    promised = fenced("docs/verified-result.md", "text")[1]
+    assert masked(promised) == masked(f"AssertionError: {caught.value}")
+
+
 @pytest.mark.parametrize(
     "page",
     [
@@ -40,6 +86,7 @@ def test_reading_the_log_as_the_user_guide_does(tmp_path, capsys, monkeypatch):
         "docs/own-controller.md",
         "docs/own-robot.md",
         "docs/performance.md",
+        "docs/verified-result.md",
     ],
 )
 def test_links_lead_somewhere(page):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ffsm_mj.analysis import Run
-from ffsm_mj.plots.compared import comparison
+from ffsm_mj.plots.compared import MOST_RUNS, comparison
 from ffsm_mj.plots.motion import motion
 from ffsm_mj.plots.style import FORMATS, publication, write
 from ffsm_mj.plots.subject import Subject
@@ -20,7 +20,7 @@ from ffsm_mj.plots.time_series import base, conservation, energies, inputs, join
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["FORMATS", "comparison", "figures", "save", "save_comparison"]
+__all__ = ["FORMATS", "MOST_RUNS", "comparison", "figures", "save", "save_comparison"]
 
 
 def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:

@@ -1,8 +1,9 @@
-"""The motion as a picture: the robot drawn from its geoms at several times, the paths, the impact (paper, Figs 4, 11, 13, 18)."""
+"""The motion as a picture: robot and objects at several times, paths, impacts (paper, Figs 4, 11, 13 and 18)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from ffsm_mj.model import FloatArray
 from ffsm_mj.plots.silhouette import Outline, Plane
-from ffsm_mj.plots.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH_IN
+from ffsm_mj.plots.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH_IN, YELLOW
 from ffsm_mj.plots.subject import Subject
 from ffsm_mj.summary import task_target
 
@@ -51,7 +52,7 @@ def strobe_rows(subject: Subject) -> list[int]:
         rows.add(int(np.searchsorted(run.time, run.impacts[0].time_s)))
     while len(rows) < min(_POSES, len(run.time)):
         ordered = sorted(rows)
-        gap, left = max((along[b] - along[a], a) for a, b in zip(ordered[:-1], ordered[1:], strict=True))
+        gap, left = max((along[b] - along[a], a) for a, b in pairwise(ordered))
         middle = int(np.searchsorted(along, along[left] + gap / 2))
         if middle in rows:
             break
@@ -93,7 +94,11 @@ def polygons(outlines: Sequence[Outline], subject: Subject, strength: float, zor
         faces.append(_mix(hue, strength * (0.72 - 0.55 * shape.lightness)))
         edges.append(_mix(hue, 0.15 + 0.85 * strength))
     return PolyCollection(
-        [shape.points for shape in outlines], facecolors=faces, edgecolors=edges, linewidths=0.35 + 0.25 * strength, zorder=zorder
+        [shape.points for shape in outlines],
+        facecolors=faces,
+        edgecolors=edges,
+        linewidths=0.35 + 0.25 * strength,
+        zorder=zorder,
     )
 
 
@@ -134,7 +139,7 @@ def _draw_impacts(axes: Axes, subject: Subject, plane: Plane) -> None:
     shown = {record.event: record for record in subject.run.impacts}
     points: FloatArray = np.array([np.array(record.point_m)[plane.axes] for record in shown.values()]).reshape(-1, 2)
     axes.plot(
-        *points.T, marker="*", markersize=9, markerfacecolor="#F0E442", markeredgecolor=BLACK, linestyle="none", zorder=31
+        *points.T, marker="*", markersize=9, markerfacecolor=YELLOW, markeredgecolor=BLACK, linestyle="none", zorder=31
     )
 
 
@@ -152,10 +157,15 @@ def _draw_times(
             at = path[nearest, plane.axes]
             if all(np.abs(at - other).max() > room for other in placed):
                 placed.append(at)
-                axes.plot(*at, "o", color=BLACK, markersize=3, zorder=32)
-                halo = {"facecolor": "white", "alpha": 0.8, "pad": 0.6, "linewidth": 0}
-                label = f"{run.time[row]:.3g} s"
-                axes.annotate(label, at, (0, -6), textcoords="offset points", ha="center", va="top", fontsize=7, bbox=halo, zorder=33)
+                _time_label(axes, (float(at[0]), float(at[1])), float(run.time[row]))
+
+
+def _time_label(axes: Axes, at: tuple[float, float], time_s: float) -> None:
+    halo = {"facecolor": "white", "alpha": 0.8, "pad": 0.6, "linewidth": 0}
+    axes.plot(*at, "o", color=BLACK, markersize=3, zorder=32)
+    axes.annotate(
+        f"{time_s:.3g} s", at, (0, -6), textcoords="offset points", ha="center", va="top", fontsize=7, bbox=halo, zorder=33
+    )
 
 
 def _legend(subject: Subject) -> list[Line2D]:
@@ -166,8 +176,9 @@ def _legend(subject: Subject) -> list[Line2D]:
     for name in list(colours)[1:]:
         handles.append(Line2D([], [], color=colours[name], linestyle=_OBJECT_STYLE, label=name.replace("_", " ")))
     if subject.run.impacts:
-        star = {"marker": "*", "markersize": 10, "markerfacecolor": "#F0E442", "markeredgecolor": BLACK}
-        handles.append(Line2D([], [], linestyle="none", label="impact", **star))
+        star = Line2D([], [], linestyle="none", marker="*", markersize=10, markeredgecolor=BLACK, label="impact")
+        star.set_markerfacecolor(YELLOW)
+        handles.append(star)
     if task_target(subject.run.log) is not None:
         cross = Line2D([], [], linestyle="none", marker="+", markersize=9, markeredgewidth=1.6, color=BLACK, label="target")
         handles.append(cross)

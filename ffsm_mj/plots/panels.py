@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from matplotlib.transforms import blended_transform_factory
 
 from ffsm_mj.analysis import Run
 from ffsm_mj.model import FloatArray
-from ffsm_mj.plots.style import BLACK, COLOURS, LINE_STYLES, WIDTH_IN
+from ffsm_mj.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, WIDTH_IN
 
 _SHADES = ("#F1F1F1", "#FFFFFF")
 _BUCKETS = 1200
@@ -33,27 +34,40 @@ class Line:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes: what is on the y axis, with its unit, and the lines in it."""
+    """One pair of axes.
+
+    Attributes:
+        label: What is on the y axis, with its unit.
+        lines: Curves.
+        log: Logarithmic y axis.
+        marks: Points to mark: time, value, text.
+        bars: Instead of curves, rows of bars by name: from when to when, (n, 2).
+        height: Against the other panels.
+    """
 
     label: str
-    lines: Sequence[Line]
-    title: str = ""
+    lines: Sequence[Line] = ()
     log: bool = False
-    marks: Sequence[tuple[float, float, str]] = field(default_factory=tuple)
+    marks: Sequence[tuple[float, float, str]] = ()
+    bars: Mapping[str, FloatArray] = field(default_factory=dict)
+    height: float = 1.0
 
 
 def stacked(run: Run, panels: Sequence[Panel], *, columns: int = 1, height_in: float = 1.75) -> Figure:
     """Panels above each other (or in columns) over one time axis."""
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(WIDTH_IN, 0.55 + height_in * rows), layout="constrained")
-    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    heights = [max(panel.height for panel in panels[row * columns : (row + 1) * columns]) for row in range(rows)]
+    figure = Figure(figsize=(WIDTH_IN, 0.55 + height_in * sum(heights)), layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False, height_ratios=heights)
     for i, axes in enumerate(grid.flat):
-        row, column = divmod(i, columns)
         if i >= len(panels):
             axes.set_axis_off()
             continue
-        _draw(axes, run.time, panels[i])
-        mark_events(axes, run, names=row == 0, wide=columns == 1)
+        if panels[i].bars:
+            _draw_bars(axes, panels[i])
+        else:
+            _draw(axes, run.time, panels[i])
+        mark_events(axes, run, names=i < columns, wide=columns == 1)
         if i + columns >= len(panels):
             axes.set_xlabel("time, s")
             axes.tick_params(labelbottom=True)
@@ -75,14 +89,22 @@ def _draw(axes: Axes, time: FloatArray, panel: Panel) -> None:
     if panel.log:
         axes.set_yscale("log")
     axes.set_ylabel(panel.label)
-    if panel.title:
-        axes.set_title(panel.title, loc="left")
     for x0, y0, text in panel.marks:
         axes.plot([x0], [y0], marker="o", markersize=4, color=BLACK, markerfacecolor="white", zorder=5, linestyle="none")
         axes.annotate(text, (x0, y0), (0, 7), textcoords="offset points", ha="center", va="bottom", fontsize=7.5)
     axes.margins(x=0.0, y=0.08)
     if sum(not line.label.startswith("_") for line in panel.lines) > 1:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.3)
+
+
+def _draw_bars(axes: Axes, panel: Panel) -> None:
+    for row, intervals in enumerate(panel.bars.values()):
+        spans = [(start, stop - start) for start, stop in intervals]
+        axes.broken_barh(spans, (row - 0.38, 0.76), facecolors=BLUE, edgecolors=BLUE, linewidth=0.3)
+    axes.set_yticks(range(len(panel.bars)), list(panel.bars), fontsize=6.5)
+    axes.set_ylim(len(panel.bars) - 0.4, -0.6)
+    axes.set_ylabel(panel.label)
+    axes.margins(x=0.0)
 
 
 def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -92,7 +114,7 @@ def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
         return time, values
     edges = np.linspace(0, count, _BUCKETS + 1).astype(np.intp)
     kept = [0, count - 1]
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges):
         part = values[start:stop]
         finite = np.nan_to_num(part, nan=0.0)
         kept += [start, start + int(np.argmin(finite)), start + int(np.argmax(finite)), stop - 1]
@@ -113,7 +135,10 @@ def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None
         _name_phases(axes, phases, float(run.time[-1]) * (0.0125 if wide else 0.026))
     if names and times:
         axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
-        hits, paper = "impact" if len(times) == 1 else "impacts", {"facecolor": "white", "alpha": 0.85, "pad": 0.8, "linewidth": 0}
+        hits, paper = (
+            "impact" if len(times) == 1 else "impacts",
+            {"facecolor": "white", "alpha": 0.85, "pad": 0.8, "linewidth": 0},
+        )
         start = (times[0] if len(times) < 4 else times[-1], 0.96)
         axes.annotate(hits, start, (4, 0), xycoords=across, textcoords="offset points", va="top", fontsize=7.5, bbox=paper)
 

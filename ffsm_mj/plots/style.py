@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib as mpl
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 # Okabe & Ito: told apart with every kind of colour vision; the line styles tell them apart in greyscale.
@@ -73,10 +71,7 @@ def write(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = FO
     with publication():
         for form in formats:
             path = folder / f"{name}.{form}"
-            if form == "svg":
-                FigureCanvasSVG(figure).print_svg(path, metadata={"Date": None, "Creator": "ffsm-mj"})
-            else:
-                figure.set_dpi(220)
-                FigureCanvasAgg(figure).print_png(path, metadata={"Software": "ffsm-mj"})
+            metadata = {"Date": None, "Creator": "ffsm-mj"} if form == "svg" else {"Software": "ffsm-mj"}
+            figure.savefig(path, format=form, dpi=220, metadata=metadata)
             paths.append(path)
     return paths

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from ffsm_mj.conservation import DEFAULT_TOLERANCE, free_components, residuals
 from ffsm_mj.model import FloatArray, Joint, Tree
-from ffsm_mj.plots.panels import Line, Panel, mark_events, running_maximum, stacked
-from ffsm_mj.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILLION, WIDTH_IN
+from ffsm_mj.plots.panels import Line, Panel, running_maximum, stacked
+from ffsm_mj.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILLION
 from ffsm_mj.plots.subject import Subject
 from ffsm_mj.signals import COMPONENTS, PARTIES, coordinate_names, identifier, rate_names
 from ffsm_mj.summary import task_target
@@ -65,13 +65,15 @@ def joints(subject: Subject) -> Figure:
     unit = "m" if all(joint.kind == "slide" for joint in arm) else "rad"
     angles = [Line(short(joint.name), _coordinate(subject, joint)) for joint in arm]
     rates = [Line(short(joint.name), _rate(subject, joint)) for joint in arm]
-    return stacked(subject.run, [Panel(f"joint angle, {unit}", angles), Panel(f"joint rate, {unit}/s", rates)], height_in=2.0)
+    return stacked(
+        subject.run, [Panel(f"joint angle, {unit}", angles), Panel(f"joint rate, {unit}/s", rates)], height_in=2.0
+    )
 
 
 def tip(subject: Subject) -> Figure:
     """Error of the tip along the task's axes, and its velocity (paper, Fig. 6)."""
     run, target = subject.run, task_target(subject.run.log)
-    assert target is not None
+    assert target is not None, "a figure for runs with a task"
     axes, goal = target
     error, best = run.tip_error(), run.summary()["tip"]
     lines = [Line("norm", error, BLACK, "-", 1.6)]
@@ -113,47 +115,33 @@ def _effort(subject: Subject, name: str, what: str) -> tuple[FloatArray, str]:
 
 
 def inputs(subject: Subject) -> Figure:
-    """Thrusters and wheels on the base (paper, Fig. 16)."""
+    """Thrusters and wheels on the base (paper, Fig. 16): a few thrusters as forces, many as bars."""
     thrusters, wheels = subject.named("thruster"), subject.named("wheel")
     panels = []
-    if thrusters and len(thrusters) <= 3:
-        panels += [Panel(f"{short(n)}, N", [Line(short(n), _effort(subject, n, "applied")[0], BLUE, width=0.8)]) for n in thrusters]
+    if len(thrusters) <= 3:
+        for name in thrusters:
+            panels.append(Panel(f"{short(name)}, N", [Line("force", _effort(subject, name, "applied")[0], BLUE, width=0.8)]))
+    else:
+        bars = {short(name): _firings(subject, name) for name in thrusters}
+        panels.append(Panel("thruster on", bars=bars, height=0.36 + 0.093 * len(bars)))
     spent = [key for n in thrusters if (key := f"actuators.{identifier(n)}_impulse_N_s") in subject.run.keys]
-    if len(thrusters) > 3:
-        panels.append(Panel("", []))
     if spent:
         total = np.sum([subject.run[key] for key in spent], axis=0)
         panels.append(Panel("impulse spent, N s", [Line("impulse", total, VERMILLION)]))
     if wheels:
-        panels.append(Panel("wheel torque, N m", [Line(short(n), _effort(subject, n, "applied")[0], width=0.9) for n in wheels]))
+        lines = [Line(short(n), _effort(subject, n, "applied")[0], width=0.9) for n in wheels]
+        panels.append(Panel("wheel torque, N m", lines))
     if subject.wheel_joints:
         panels.append(Panel("wheel speed, rad/s", [Line(short(j.name), _rate(subject, j)) for j in subject.wheel_joints]))
-    if len(thrusters) > 3:
-        return _with_firings(subject, thrusters, panels[1:])
     return stacked(subject.run, panels, height_in=1.4)
 
 
-def _with_firings(subject: Subject, thrusters: list[str], panels: list[Panel]) -> Figure:
-    """Many thrusters: when each fires, as bars, above the other panels."""
-    run, height = subject.run, 0.5 + 0.13 * len(thrusters)
-    figure = stacked(run, [Panel("", []), *panels], height_in=1.4)
-    axes = figure.axes[0]
-    axes.clear()
-    for row, name in enumerate(thrusters):
-        on = np.concatenate(([False], _effort(subject, name, "applied")[0] != 0.0, [False]))
-        edges = np.flatnonzero(on[1:] != on[:-1])
-        bars = [(run.time[a], run.time[min(b, len(run.time) - 1)] - run.time[a]) for a, b in edges.reshape(-1, 2)]
-        axes.broken_barh(bars, (row - 0.38, 0.76), facecolors=BLUE, edgecolors=BLUE, linewidth=0.3)
-    axes.set_yticks(range(len(thrusters)), [short(name) for name in thrusters], fontsize=6.5)
-    axes.set_ylim(len(thrusters) - 0.4, -0.6)
-    axes.set_xlim(run.time[0], run.time[-1])
-    axes.set_ylabel("thruster on")
-    axes.tick_params(labelbottom=False)
-    mark_events(axes, run, names=True)
-    axes.get_gridspec().set_height_ratios([height / 1.4, *([1.0] * len(panels))])
-    figure.set_size_inches(WIDTH_IN, 0.55 + height + 1.4 * len(panels))
-    figure.align_ylabels()
-    return figure
+def _firings(subject: Subject, thruster: str) -> FloatArray:
+    """From when to when a thruster pushes, (n, 2), s."""
+    time = subject.run.time
+    on = np.concatenate(([False], _effort(subject, thruster, "applied")[0] != 0.0, [False]))
+    edges = np.flatnonzero(on[1:] != on[:-1])
+    return time[np.minimum(edges, len(time) - 1)].reshape(-1, 2)
 
 
 def momenta(subject: Subject) -> Figure:
@@ -169,7 +157,8 @@ def momenta(subject: Subject) -> Figure:
 def _momentum_lines(subject: Subject, party: str, first: int, letter: str) -> list[Line]:
     free = free_components(subject.run.log, party) > 0
     values = subject.run.momentum(party)
-    lines, again = [], []
+    lines: list[Line] = []
+    again: list[Line] = []
     for axis in range(3):
         i = first + axis
         if free[i] or np.any(np.abs(values[:, i]) > 1e-9):
