@@ -169,9 +169,10 @@ print("heavy:", sorted(heavy & {name.split(".")[0] for name in sys.modules}))
 def test_a_run_imports_no_viewer_unless_it_records(tmp_path):
     path = two_balls(tmp_path, duration_s=0.05)
     code = f"""
-import sys
+import os, sys
 from ffsm_mj.cli import main
 main(["run", {str(path)!r}, "--no-rerun"])
+assert os.environ["OPENBLAS_NUM_THREADS"] == "1", "a second BLAS thread only spins"
 print("heavy:", sorted({{"rerun", "matplotlib", "rich", "scipy"}} & {{name.split(".")[0] for name in sys.modules}}))
 """
     assert python(code).splitlines()[-1] == "heavy: []"

@@ -15,7 +15,6 @@ from ffsm_mj.signals import COMPONENTS, PARTIES, coordinate_names, identifier, r
 from ffsm_mj.summary import task_target
 
 _GREY = "#7F7F7F"
-_FLOOR = 1e-18
 PARTY_NAMES = {"total": "whole system", "robot": "FFSM", "objects": "object"}
 
 
@@ -196,8 +195,10 @@ def conservation(subject: Subject) -> Figure:
     for i, (law, unit) in enumerate((("energy", "J"), ("linear momentum", "N s"), ("angular momentum", "N m s"))):
         lines = []
         for party, colour, style in zip(PARTIES, (BLACK, BLUE, VERMILLION), _STYLES, strict=True):
-            time, worst = running_maximum(run.time, np.maximum(sizes[party][i], _FLOOR))
-            lines.append(Line(PARTY_NAMES[party], worst, colour, style, 1.1, time))
+            time, worst = running_maximum(run.time, sizes[party][i])
+            label = PARTY_NAMES[party] if np.any(worst) else f"{PARTY_NAMES[party]}: 0"
+            # A logarithmic axis has no place for zero: what is exactly zero is left out.
+            lines.append(Line(label, np.where(worst > 0.0, worst, np.nan), colour, style, 1.1, time))
         allowed = min(x.tolerance for x in run.laws(DEFAULT_TOLERANCE) if x.name == law)
         lines.append(Line("allowed", np.full(len(run.time), allowed), _GREY, (0, (4.0, 1.5)), 0.9))
         panels.append(Panel(f"{law.replace(' ', chr(10))}\nresidual, {unit}", lines, log=True))
