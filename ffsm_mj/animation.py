@@ -103,7 +103,7 @@ def _caption(run: Run, time: float) -> str:
 
 
 def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
-    images = [Image.fromarray(picture).quantize(colors=64) for picture in pictures]
+    images = [Image.fromarray(picture).quantize(64, Image.Quantize.FASTOCTREE) for picture in pictures]
     step = max(20, round(1000 / frames_per_second / 10) * 10)  # GIF counts hundredths of a second
     durations = [step] * (len(images) - 1) + [round(1000 * _LAST_PICTURE_S)]
     images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0)
