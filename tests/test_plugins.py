@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 import ffsm_mj
-from ffsm_mj.shipped import scenario_path
 
 DOC = Path(__file__).parent.parent / "docs" / "own-controller.md"
 
@@ -42,8 +41,7 @@ def example():
 def test_the_documented_example_runs(tmp_path, example):
     code, entry, phases = example
     environment = install(tmp_path, "my_laws", code, entry)
-    text = scenario_path("coasting").read_text().replace("../mjcf", str(scenario_path("coasting").parent.parent / "mjcf"))
-    (tmp_path / "mine.yaml").write_text(text[: text.index("phases:")] + phases)
+    (tmp_path / "mine.yaml").write_text(f"extends: coasting\nname: mine\n{phases}")
     out = tmp_path / "out"
     done = ffsm(environment, "run", str(tmp_path / "mine.yaml"), "-s", "duration_s=2", "--no-rerun", "--out", str(out))
     assert done.returncode == 0, done.stderr
