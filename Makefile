@@ -1,4 +1,4 @@
-.PHONY: sync format lint type contracts schema figures test test-fast build check all
+.PHONY: sync format lint type contracts schema figures screenshots reproduce test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -17,6 +17,10 @@ schema:      ## regenerate the committed JSON Schema
 figures:     ## the pictures of docs/verified-result.md
 	uv run ffsm run baseline --no-rerun --force --out logs/figures
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline
+reproduce:   ## regenerate the reproduction report
+	uv run ffsm reproduce
+screenshots: ## the pictures of the Rerun viewer (needs xvfb and mesa-vulkan-drivers)
+	uv run python docs/screenshots.py
 test:
 	uv run pytest
 test-fast:

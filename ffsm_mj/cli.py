@@ -11,8 +11,8 @@ from typing import Any
 
 OK, VIOLATED, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
 _EXIT_CODES = (
-    f"exit codes: {OK} done, {VIOLATED} a conservation law is violated (analyze), {BAD_INPUT} bad input, "
-    f"{RUN_FAILED} the run failed (log kept), {INTERRUPTED} interrupted (log kept)"
+    f"exit codes: {OK} done, {VIOLATED} a law is violated (analyze) or a page is stale (reproduce --check), "
+    f"{BAD_INPUT} bad input, {RUN_FAILED} the run failed (log kept), {INTERRUPTED} interrupted (log kept)"
 )
 _EXPORTS = {
     "csv": "a table as CSV, units in the column names",
@@ -96,6 +96,10 @@ def _parser() -> argparse.ArgumentParser:
 
     view = _add(commands, "view", _view, "open a run in the Rerun viewer")
     _add_run(view)
+
+    again = _add(commands, "reproduce", _reproduce, "run the paper's case study and write every printed number beside ours")
+    again.add_argument("--out", metavar="DIR", default="docs", help="folder of the pages (default: docs)")
+    again.add_argument("--check", action="store_true", help="write nothing; exit 1 if the pages in DIR are not current")
 
     _add(commands, "schema", _schema, "print the JSON Schema of scenario files")
     return parser
@@ -240,6 +244,25 @@ def _open_viewer(recording: Path) -> int:
         f"the Rerun viewer did not open {recording}; it needs a display, the recording opens on any machine that has one"
     )
     return RUN_FAILED
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    from ffsm_mj.progress import counter
+    from ffsm_mj.reproduction import reproduce
+    from ffsm_mj.text_report import verdict_report
+
+    with counter("reproduce") as report:
+        again = reproduce(report)
+    _say(verdict_report(again.verdicts(), again.runs, again.wall_s))
+    folder = Path(options.out)
+    if not options.check:
+        _say(f"\nwritten: {', '.join(str(path) for path in again.write(folder))}")
+        return OK
+    stale = again.stale(folder)
+    for line in stale:
+        _complain(line)
+    _say(f"\n{folder}: {f'{len(stale)} lines are not current' if stale else 'every page is current'}")
+    return VIOLATED if stale else OK
 
 
 def _schema(_: argparse.Namespace) -> int:

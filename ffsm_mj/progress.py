@@ -30,3 +30,18 @@ def progress(name: str) -> Iterator[Report | None]:
             calls += 1
 
         yield report
+
+
+@contextmanager
+def counter(name: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Yield what is to be called with (done, of how many), or None where nobody watches."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TextColumn("runs"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(name, total=None)
+        yield lambda done, of: bar.update(task, completed=done, total=of)

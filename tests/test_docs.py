@@ -87,6 +87,8 @@ def test_tests_of_the_verified_result(ffsm_run):
         "docs/own-robot.md",
         "docs/performance.md",
         "docs/verified-result.md",
+        "docs/reproduction.md",
+        "docs/appendix-a.md",
     ],
 )
 def test_links_lead_somewhere(page):

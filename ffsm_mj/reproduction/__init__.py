@@ -1,0 +1,107 @@
+"""The reproduction report: the paper's numbers beside ours, written and kept current by ``ffsm reproduce``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ffsm_mj.errors import InputError
+from ffsm_mj.reproduction.appendix_page import appendix_page
+from ffsm_mj.reproduction.cases import (
+    LONG_BASELINE,
+    LONG_FREE_FLYING,
+    LONG_SLOW,
+    all_cases,
+    run_cases,
+)
+from ffsm_mj.reproduction.comparison import Verdict, compare
+from ffsm_mj.reproduction.current import stale_lines
+from ffsm_mj.reproduction.drift import drift
+from ffsm_mj.reproduction.inputs import stated_inputs
+from ffsm_mj.reproduction.page import Report, reproduction_page
+from ffsm_mj.runner import prepare
+
+PAGE, APPENDIX_PAGE = "reproduction.md", "appendix-a.md"
+FIGURES = "figures"
+_LONG_RUNS = {
+    "baseline, no thrusters": LONG_BASELINE,
+    "slow impact, no thrusters": LONG_SLOW,
+    "free-flying: thrusters in the pause, then at rest": LONG_FREE_FLYING,
+}
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """The report.
+
+    Attributes:
+        report: Its content.
+        pages: Text by file name.
+        runs: How many runs were made.
+        wall_s: How long all of it took.
+    """
+
+    report: Report
+    pages: dict[str, str]
+    runs: int
+    wall_s: float
+
+    def verdicts(self) -> dict[str, dict[str, int]]:
+        """How many numbers of each section have each verdict."""
+        counts: dict[str, dict[str, int]] = {}
+        for c in self.report.comparisons:
+            counts.setdefault(c.printed.section, dict.fromkeys(map(str, Verdict), 0))[str(c.verdict)] += 1
+        return counts
+
+    def write(self, folder: Path) -> Sequence[Path]:
+        """Write pages and figures; returns the files.
+
+        Raises:
+            InputError: The folder cannot be written.
+        """
+        from ffsm_mj.reproduction.figures import save_drift, save_study
+
+        study, long = folder / FIGURES / "reproduction-study.png", folder / FIGURES / "reproduction-drift.png"
+        try:
+            (folder / FIGURES).mkdir(parents=True, exist_ok=True)
+            for name, text in self.pages.items():
+                (folder / name).write_text(text, encoding="utf-8")
+            save_study(self.report.comparisons, self.report.results, study)
+            save_drift(self.report.drifts, long)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written ({error.strerror})") from error
+        return [*(folder / name for name in self.pages), study, long]
+
+    def stale(self, folder: Path) -> list[str]:
+        """What pages in a folder say that these runs do not, one line each.
+
+        Raises:
+            InputError: A page cannot be read.
+        """
+        lines = []
+        for name, text in self.pages.items():
+            try:
+                committed = (folder / name).read_text(encoding="utf-8")
+            except OSError as error:
+                raise InputError(
+                    f"{folder / name}: cannot be read ({error.strerror}); 'ffsm reproduce' writes it"
+                ) from error
+            lines += [f"{folder / name}: {line}" for line in stale_lines(committed, text)]
+        return lines
+
+
+def reproduce(report: Callable[[int, int], None] | None = None) -> Reproduction:
+    """Make every run and the pages; ``report`` is told how many runs of how many are done."""
+    started = time.perf_counter()
+    results = run_cases(all_cases(), report)
+    system = prepare("baseline").assembly.system
+    drifts = {}
+    for name, case in _LONG_RUNS.items():
+        run = results[case].run
+        if run is not None:
+            drifts[name] = drift(run, system)
+    content = Report(compare(results), results, drifts, stated_inputs(), {})
+    pages = {PAGE: reproduction_page(content), APPENDIX_PAGE: appendix_page()}
+    return Reproduction(content, pages, len(results), time.perf_counter() - started)

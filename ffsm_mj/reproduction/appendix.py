@@ -1,0 +1,91 @@
+"""Appendix A of the paper rebuilt from our model: (35), (36) and what they give, beside the printed coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.optimize import brentq
+
+from ffsm_mj.dynamics import momentum_matrix
+from ffsm_mj.model import FloatArray, System
+from ffsm_mj.reproduction.measure import slope
+
+
+@dataclass(frozen=True)
+class Term:
+    """One square of the energy equation: ``factor (slope I + constant)^2``, up to the sign inside the square."""
+
+    name: str
+    factor: float
+    slope: float
+    constant: float
+
+    def turned(self) -> Term:
+        """The same square with the slope positive, as the paper writes most."""
+        sign = -1.0 if self.slope < 0.0 else 1.0
+        return Term(self.name, self.factor, sign * self.slope, sign * self.constant)
+
+
+PRINTED_TERMS = (
+    Term("base x", 2.5, 0.012, -0.12),
+    Term("base y", 2.5, 7.5e-3, 0.073),
+    Term("base spin", 1.0, 0.031, 0.012),
+    Term("link 1 x", 1.0, 0.022, -0.11),
+    Term("link 1 y", 1.0, 0.04, 0.076),
+    Term("link 1 spin", 0.33, 0.032, -6.7e-4),
+    Term("link 2 x", 1.0, 0.08, 0.017),
+    Term("link 2 y", 1.0, 0.085, 0.17),
+    Term("link 2 spin", 0.33, 0.17, 0.27),
+    Term("link 3 x", 1.0, 0.22, 0.23),
+    Term("link 3 y", 1.0, 0.045, 0.15),
+    Term("link 3 spin", 0.33, 0.2, 0.28),
+    Term("payload x", 0.5, 0.29, 0.32),
+    Term("payload y", 0.5, 0.14, 0.11),
+)
+PRINTED_ENERGY = 0.28
+PRINTED_MOMENTUM = {"I_e,n": 0.32, "x_o": -2.5, "y_o": -18.0, "psi_o": -0.83}
+"""The third row of (36), the angular momentum about the origin."""
+_BODIES = ("base", "link_1", "link_2", "link_3", "payload")
+
+
+def energy_terms(system: System, data: Any) -> tuple[Term, ...]:
+    """The squares of the robot's kinetic energy after an impulse I_e,n, body by body, as (36) has them."""
+    model, rates = system.mj, np.zeros(system.mj.nv)
+    rates[system.robot.dofs] = slope(system, data)
+    terms = []
+    for name in _BODIES:
+        body = system.index("body", name)
+        linear, angular = np.empty((3, model.nv)), np.empty((3, model.nv))
+        mujoco.mj_jacBodyCom(model, data, linear, angular, body)
+        title, mass, inertia = name.replace("_", " "), model.body_mass[body], model.body_inertia[body].max()
+        rows = [(f"{title} x", mass, linear[0]), (f"{title} y", mass, linear[1])]
+        rows += [(f"{title} spin", inertia, angular[2])] if name != "payload" else []  # a point mass does not spin
+        terms += [Term(key, float(m) / 2, float(J @ rates), float(J @ data.qvel)).turned() for key, m, J in rows]
+    return tuple(terms)
+
+
+def momentum_row(system: System, data: Any) -> dict[str, float]:
+    """Coefficients of the third row of (36), of I_e,n and of the object's x, y and yaw rates."""
+    model, robot, target = system.mj, system.robot, system.objects[0]
+    lost = -momentum_matrix(model, data, robot.root)[5, robot.dofs] @ slope(system, data)
+    gained = momentum_matrix(model, data, target.root)[5, target.dofs]
+    return dict(zip(PRINTED_MOMENTUM, (float(x) for x in (lost, *-gained)), strict=True))
+
+
+def solve_printed() -> FloatArray:
+    """I_e,n and the object's x and yaw rates from (36) with the coefficients as they are printed, in two digits."""
+
+    def object_rates(impulse: float) -> tuple[float, float]:
+        x_rate = impulse / 5.0
+        return x_rate, (PRINTED_MOMENTUM["I_e,n"] * impulse + PRINTED_MOMENTUM["x_o"] * x_rate) / -PRINTED_MOMENTUM["psi_o"]
+
+    def energy(impulse: float) -> float:
+        x_rate, yaw_rate = object_rates(impulse)
+        robot = sum(term.factor * (term.slope * impulse + term.constant) ** 2 for term in PRINTED_TERMS)
+        return robot + 2.5 * x_rate**2 + 0.42 * yaw_rate**2 - PRINTED_ENERGY
+
+    impulse = float(brentq(energy, -2.0, -0.5, xtol=1e-12))
+    return np.array([impulse, *object_rates(impulse)])

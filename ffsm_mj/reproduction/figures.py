@@ -1,0 +1,101 @@
+"""The report's own figures: what the step size changes, and the drift after an impact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ffsm_mj.reproduction.cases import Case, Result
+from ffsm_mj.reproduction.comparison import Comparison, decided_cases
+from ffsm_mj.reproduction.drift import Drift
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Okabe & Ito: told apart with every kind of colour vision.
+_BLUE, _VERMILLION, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
+_RC = {
+    "font.size": 8.5,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "axes.labelsize": 8.5,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#D5D5D5",
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+}
+_WIDTH_IN = 7.0
+
+
+def save_study(comparisons: Sequence[Comparison], results: Mapping[Case, Result], path: Path) -> None:
+    """Deviation of every run of the study from every printed number, in units of what the print leaves open."""
+    with _style():
+        shown = [c for c in comparisons if not c.printed.kind and "misprint" not in c.printed.why]
+        figure, axes = _figure(0.155 * len(shown) + 1.2)
+        axes.axvspan(-1.0, 1.0, color="#E8E8E8", zorder=0, label="what the print leaves open")
+        labels = ("1 ms", "0.5 ms", "0.25 ms")
+        for i, (label, marker, colour) in enumerate(zip(labels, "osD", (_BLUE, _VERMILLION, _GREEN), strict=True)):
+            values = [results[decided_cases(c.printed.scenario)[i]].values[c.printed.key] for c in shown]
+            _dots(axes, shown, values, marker, colour, f"step and control period {label}")
+        declared = [np.nan if c.threshold is None else c.threshold for c in shown]
+        _dots(axes, shown, declared, "x", _GREY, "1 ms, impact declared at the first step within 1 mm")
+        axes.set_xscale("symlog", linthresh=2.0, linscale=1.0)
+        axes.set_xlim(-30.0, 40.0)
+        ticks = (-20, -10, -5, -2, -1, 0, 1, 2, 5, 10, 20)
+        axes.set_xticks(ticks, labels=map(str, ticks))
+        axes.set_yticks(
+            range(len(shown)), labels=[f"{c.printed.section}  {c.printed.quantity}" for c in shown], fontsize=7.0
+        )
+        axes.set_ylim(len(shown) - 0.4, -0.6)
+        axes.set_xlabel("ours minus printed, in half units of the last printed digit")
+        figure.legend(loc="outside upper center", ncols=2, fontsize=7.5)
+        _write(figure, path)
+
+
+def save_drift(drifts: Mapping[str, Drift], path: Path) -> None:
+    """Tip error of long runs, and below what it cannot be whatever the arm does."""
+    with _style():
+        figure, axes = _figure(3.4)
+        for (label, drift), colour in zip(drifts.items(), (_VERMILLION, _BLUE, _GREEN), strict=True):
+            axes.semilogy(drift.time_s, drift.error_m, color=colour, linewidth=1.4, label=label)
+            bound = np.where(drift.bound_m > 0.0, drift.bound_m, np.nan)
+            axes.semilogy(drift.time_s, bound, color=colour, linewidth=1.1, linestyle=(0, (4, 2)))
+        axes.plot([], [], color=_GREY, linewidth=1.1, linestyle=(0, (4, 2)), label="no arm controller can stay below")
+        axes.set_xlabel("time, s")
+        axes.set_ylabel("distance of the tip from its target, m")
+        axes.set_xlim(0.0, 120.0)
+        axes.set_ylim(2e-5, 30.0)
+        figure.legend(loc="outside upper center", ncols=2)
+        _write(figure, path)
+
+
+def _dots(axes: Any, shown: Sequence[Comparison], values: Sequence[float], marker: str, colour: str, label: str) -> None:
+    away = [(value - c.printed.value) / c.printed.open for value, c in zip(values, shown, strict=True)]
+    axes.plot(away, range(len(shown)), marker, color=colour, markersize=3.6, markerfacecolor="none", label=label)
+
+
+def _style() -> Any:
+    import matplotlib as mpl
+
+    return mpl.rc_context(_RC)
+
+
+def _figure(height_in: float) -> tuple[Figure, Any]:
+    from matplotlib.figure import Figure  # not pyplot: nothing global, no display
+
+    figure = Figure(figsize=(_WIDTH_IN, height_in))
+    return figure, figure.subplots()
+
+
+def _write(figure: Figure, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=160, metadata={"Software": None})

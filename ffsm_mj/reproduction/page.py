@@ -1,0 +1,166 @@
+"""``docs/reproduction.md``: every printed number beside ours, and what the numbers rest on."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsm_mj.reproduction.cases import STEPS_S, VELOCITY, Case, Result, paper_case
+from ffsm_mj.reproduction.comparison import Comparison, Verdict, decided_cases
+from ffsm_mj.reproduction.drift import Drift
+from ffsm_mj.reproduction.markdown import filled, fixed, small, table
+from ffsm_mj.reproduction.printed import PAPER_FIGURES
+
+_FACE_X_M = 4.001  # where the tip of a gripper of 1 mm radius touches the face
+_STUDIED = (
+    ("baseline", "impact_time", "time of impact, s", 5),
+    ("baseline", "impulse", "impulse I_e,n, N s", 5),
+    ("baseline", "smallest_error", "smallest tip error, m", 4),
+    ("baseline", "final_error", "tip error at 30 s, m", 4),
+    ("no-actuation", "object_way", "way of the object, m", 4),
+    ("free-flying", "final_error_mm", "final tip error, mm", 2),
+    ("slow-impact", "impulse", "impulse I_e,n, N s", 5),
+)
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything that the page tells.
+
+    Attributes:
+        comparisons: Printed numbers beside ours.
+        results: The runs.
+        drifts: The long runs by what they are.
+        inputs: Name, printed text and our value of what the paper states of its case study.
+        figures: Paths, relative to the page, of the figures of each scenario by name.
+    """
+
+    comparisons: tuple[Comparison, ...]
+    results: Mapping[Case, Result]
+    drifts: Mapping[str, Drift]
+    inputs: Sequence[tuple[str, str, str]]
+    figures: Mapping[str, Mapping[str, str]]
+
+
+def reproduction_page(report: Report) -> str:
+    """The page."""
+    verdicts = Counter(c.verdict for c in report.comparisons)
+    counts = [verdicts[verdict] for verdict in Verdict]
+    sections = dict.fromkeys(c.printed.section for c in report.comparisons)
+    return filled(
+        "reproduction.md",
+        {
+            "total": "{} printed results: {} agree, {} are consistent, {} differ".format(len(report.comparisons), *counts),
+            "inputs": table(["input", "paper", "ours"], report.inputs),
+            **{f"section_{_key(section)}": _section(report, section) for section in sections},
+            "study": _study(report.results),
+            "parameterizations": _parameterizations(report.results),
+            "drift": _drift(report.drifts),
+            "reach": fixed(max(d.reach_m for d in report.drifts.values()), 2),
+            "rate_difference": small(max(abs(d.rate_m_s - d.momentum_N_s / d.mass_kg) for d in report.drifts.values())),
+        },
+    )
+
+
+def _key(section: str) -> str:
+    return section.lower().replace(".", "_").replace(" ", "_")
+
+
+def _section(report: Report, section: str) -> str:
+    """One of the paper's sections: its table, what explains it, its figures."""
+    rows = [c for c in report.comparisons if c.printed.section == section]
+    figures = [
+        f"Paper, {f.number}: {f.what}.\n\n![{f.what}]({report.figures[f.scenario][f.name]})"
+        for f in PAPER_FIGURES
+        if f.section == section and f.name in report.figures.get(f.scenario, {})
+    ]
+    return "\n\n".join([_comparison_table(rows), *_notes(rows), *figures])
+
+
+def _comparison_table(rows: Sequence[Comparison]) -> str:
+    declared = any(c.threshold is not None for c in rows)
+    head = ["quantity", "paper", "ours", *(["at the 1 mm step"] if declared else []), "difference", "tolerance", "verdict"]
+    return table(head, (_row(c, declared=declared) for c in rows))
+
+
+def _row(c: Comparison, *, declared: bool) -> list[str]:
+    decimals = c.printed.decimals + (2 if c.printed.kind else 1)
+    sign = {"approximate": "about ", "below": "below ", "": ""}[c.printed.kind]
+    threshold = [] if not declared else ["" if c.threshold is None else fixed(c.threshold, decimals)]
+    return [
+        f"{c.printed.quantity}, {c.printed.unit}",
+        sign + c.printed.text,
+        fixed(c.ours, decimals),
+        *threshold,
+        small(c.difference, 2),
+        f"{small(c.printed.open)} + {small(c.spread)}",
+        f"**{c.verdict}**" if c.verdict == Verdict.DIFFERS else str(c.verdict),
+    ]
+
+
+def _notes(rows: Sequence[Comparison]) -> list[str]:
+    """What explains a difference, once for all the numbers that it explains."""
+    explained: dict[str, list[str]] = {}
+    for c in rows:
+        if c.printed.why:
+            explained.setdefault(c.printed.why, []).append(c.printed.quantity)
+    return ["\n".join(f"- {', '.join(names)}: {why}." for why, names in explained.items())] if explained else []
+
+
+def _study(results: Mapping[Case, Result]) -> str:
+    head = ["quantity", *(f"{1e3 * step:g} ms" for step in STEPS_S), "spread", *(f"both {1e3 * s:g} ms" for s in STEPS_S)]
+    rows = []
+    for scenario, key, name, decimals in _STUDIED:
+        held = [results[paper_case(scenario, step)].values[key] for step in STEPS_S]
+        decided = [results[case].values[key] for case in decided_cases(scenario)]
+        cells = [fixed(v, decimals) for v in held], [small(max(held) - min(held))], [fixed(v, decimals) for v in decided]
+        rows.append(
+            [f"{scenario}: {name}", *(cell for group in cells for cell in group), small(max(decided) - min(decided))]
+        )
+    return table([*head, "spread"], rows)
+
+
+def _parameterizations(results: Mapping[Case, Result]) -> str:
+    facts = [_facts(results[case]) for case in (paper_case("baseline"), VELOCITY)]
+    printed = ("7.77", "1.2226", "7.77", "-0.3172", "0.118", "1.169")
+    rows = ([name, text, facts[0][name], facts[1][name]] for name, text in zip(facts[0], printed, strict=True))
+    return table(["", "paper", "`output_stack`", "`velocity`"], rows)
+
+
+def _facts(result: Result) -> dict[str, str]:
+    """First impact, where the tip first is as far to the left as at a touch of the face, and the errors."""
+    run, values = result.run, result.values
+    if run is None:
+        raise ValueError("this run must be kept")
+    row = int(np.argmax(run["state.tip_x_m"] <= _FACE_X_M))
+    crossing = float(run.time[row]), float(run["state.tip_y_m"][row])
+    if "impact_time" in values:
+        crossing = min(crossing, (values["impact_time"], values["tip_y"]))
+    return {
+        "first impact, s": fixed(values["impact_time"], 3) if "impact_time" in values else "none",
+        "impulse there, N s": fixed(run.impacts[0].impulse_N_s, 4) if run.impacts else "",
+        "tip at x = 4.001 m, s": fixed(crossing[0], 2),
+        "its y there, m": fixed(crossing[1], 3),
+        "smallest tip error, m": fixed(values["smallest_error"], 4),
+        "tip error at 30 s, m": fixed(values["final_error"], 4),
+    }
+
+
+def _drift(drifts: Mapping[str, Drift]) -> str:
+    head = ["run", "P, N s", "P / m, m/s", "mass centre, m/s", "smallest error, m", "error at 120 s, m", "lost after, s"]
+    rows = (
+        [
+            name,
+            fixed(d.momentum_N_s, 4),
+            fixed(d.momentum_N_s / d.mass_kg, 5),
+            fixed(d.rate_m_s, 5),
+            small(float(d.error_m.min())),
+            f"{d.error_m[-1]:.2g}",
+            fixed(d.lost_s, 0) if d.lost_s > 1000.0 else fixed(d.lost_s, 1),
+        ]
+        for name, d in drifts.items()
+    )
+    return table(head, rows)
