@@ -84,12 +84,12 @@ def test_numbers():
 
 
 def test_coefficients_of_appendix_a(case_study, impact_state):
-    """(36) as printed, each number within a unit of its second digit; the factor of the base's spin, 1.04, is printed as 1."""
+    """(36) within a unit of the second digit. 1.04 is printed as 1; the two rates in link 1's spin nearly cancel."""
     for ours, printed in zip(energy_terms(case_study, impact_state), PRINTED_TERMS, strict=True):
         assert ours.factor == pytest.approx(printed.factor, rel=0.05)
         for value, text in ((ours.slope, printed.slope), (ours.constant, printed.constant)):
             unit = 10.0 ** (math.floor(math.log10(abs(text))) - 1)
-            assert abs(value - text) <= unit, ours.name
+            assert abs(value - text) <= max(unit, 5e-5), ours.name
     row = momentum_row(case_study, impact_state)
     assert row == pytest.approx({"I_e,n": 0.316941, "x_o": -2.5, "y_o": -17.5, "psi_o": -0.8333}, abs=1e-6)
     energy = sum(t.factor * t.constant**2 for t in energy_terms(case_study, impact_state))

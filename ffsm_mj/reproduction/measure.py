@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -10,7 +11,7 @@ import numpy as np
 from ffsm_mj.analysis import Run
 from ffsm_mj.dynamics import kinetic_energy, mass_matrix
 from ffsm_mj.events import ImpactRecord
-from ffsm_mj.model import System
+from ffsm_mj.model import FloatArray, System
 
 Measures = dict[str, float]
 
@@ -46,7 +47,15 @@ def state_at(system: System, qpos: Any, qvel: Any) -> Any:
 
 def state_before(record: ImpactRecord, system: System) -> Any:
     """MuJoCo data at the instant of an impact, just before it."""
-    return state_at(system, record.qpos, np.concatenate(list(record.qvel_before.values())))
+    return state_at(system, record.qpos, _qvel(record.qvel_before, system))
+
+
+def _qvel(by_joint: Mapping[str, tuple[float, ...]], system: System) -> FloatArray:
+    """Generalised velocities in the model's order; a log does not keep the order of names."""
+    qvel = np.empty(system.mj.nv)
+    for name, values in by_joint.items():
+        qvel[system.joint(name).dofs] = values
+    return qvel
 
 
 def tip_state(system: System, data: Any) -> tuple[Any, Any]:
@@ -66,7 +75,7 @@ def slope(system: System, data: Any) -> Any:
 
 
 def _impact(record: ImpactRecord, system: System) -> Measures:
-    after = np.concatenate(list(record.qvel_after.values()))
+    after = _qvel(record.qvel_after, system)
     return {"impact_time": record.time_s} | impact_values(
         system, state_before(record, system), after, record.impulse_N_s * record.normal[0], record.angular_impulse_N_m_s[2]
     )
