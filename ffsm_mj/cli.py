@@ -57,6 +57,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--out", metavar="DIR", help="run folder (default: logs/<scenario>-<UTC time>)")
     run.add_argument("--force", action="store_true", help="replace a run that DIR already holds")
     run.add_argument("--no-rerun", action="store_true", help="write no recording for the Rerun viewer")
+    run.add_argument(
+        "--live", action="store_true", help="stream to the Rerun viewer as the run goes; one is opened if need be"
+    )
 
     check = _add(commands, "check", _check, "validate a scenario without running it")
     check.add_argument("scenario", help="a scenario file, or the name of a shipped one")
@@ -170,8 +173,9 @@ def _run(options: argparse.Namespace) -> int:
 
     prepared = prepare(options.scenario, options.overrides)
     folder = Path(options.out) if options.out else default_folder(prepared.scenario.name)
+    viewer, rerun = _viewer() if options.live else None, False if options.no_rerun else None
     with progress(prepared.scenario.name) as report:
-        run = prepared.run(out=folder, force=options.force, rerun=False if options.no_rerun else None, report=report)
+        run = prepared.run(out=folder, force=options.force, rerun=rerun, viewer=viewer, report=report)
     if not options.out:
         link_latest(folder)
     from ffsm_mj.text_report import run_report
@@ -184,6 +188,18 @@ def _run(options: argparse.Namespace) -> int:
         return OK
     _complain(f"{run.outcome}: {run.message}")
     return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
+
+
+def _viewer() -> str | None:
+    """A viewer to stream to; a run goes on without one."""
+    from ffsm_mj.errors import ViewerError
+    from ffsm_mj.log.live_viewer import find_viewer
+
+    try:
+        return find_viewer()
+    except ViewerError as error:
+        _complain(f"--live: {error}; the run goes on without it")
+        return None
 
 
 def _list() -> int:

@@ -93,12 +93,13 @@ class Prepared:
         out: Path | None = None,
         force: bool = False,
         rerun: bool | None = None,
+        viewer: str | None = None,
         report: Callable[[float, float], None] | None = None,
     ) -> Run:
-        """Simulate; see :func:`run`."""
+        """Simulate; see :func:`run`. ``viewer`` is the address of a Rerun viewer to stream to."""
         folder = RunFolder.create(out, force=force) if out is not None else None
         with_rerun = self.scenario.log.rerun if rerun is None else rerun
-        return _simulate(self.assembly, folder, with_rerun=with_rerun, report=report)
+        return _simulate(self.assembly, folder, with_rerun=with_rerun, viewer=viewer, report=report)
 
     def describe(self) -> list[str]:
         """Lines that tell a person what would run, and what to know of it."""
@@ -122,7 +123,12 @@ class Prepared:
 
 
 def _simulate(
-    assembly: Assembly, folder: RunFolder | None, *, with_rerun: bool, report: Callable[[float, float], None] | None
+    assembly: Assembly,
+    folder: RunFolder | None,
+    *,
+    with_rerun: bool,
+    viewer: str | None,
+    report: Callable[[float, float], None] | None,
 ) -> Run:
     config, system = assembly.scenario, assembly.system
     layout = build_layout(
@@ -136,6 +142,10 @@ def _simulate(
     if folder is not None:
         folder.write_inputs(header)
         sinks += folder.sinks(system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
+    if viewer is not None:
+        from ffsm_mj.log.rerun_sink import RerunSink  # a second to import, for those who want to look
+
+        sinks.append(RerunSink(viewer, system, config.log.view_rate_hz, following=True))
     plant = Plant(
         system,
         assembly.data,

@@ -30,28 +30,25 @@ _FLUSH_TIMEOUT_S = 10.0
 
 
 class RerunSink:
-    """Writes one recording to a file, sends it to a viewer, or both. Frames leave when the recorder flushes."""
+    """Writes one recording to a file, or sends it to a viewer. Frames leave when the recorder flushes."""
 
-    def __init__(
-        self, path: Path | None, system: System, view_rate_hz: float, *, viewer: str | None = None, following: bool = False
-    ) -> None:
+    def __init__(self, output: Path | str, system: System, view_rate_hz: float, *, following: bool = False) -> None:
         """Name where it goes; nothing is written yet.
 
         Args:
-            path: The file, or None.
+            output: The file, or the address of a viewer that listens.
             system: What is drawn.
             view_rate_hz: Frames per simulated second.
-            viewer: Address of a viewer that listens, or None.
             following: The viewer opens at the latest time and follows it.
         """
-        self._path, self._system, self._viewer, self._following = path, system, viewer, following
+        self._output, self._system, self._following = output, system, following
         self._picker, self._pending = FramePicker(system, view_rate_hz), list[Frames]()
 
     def open(self, header: RunHeader) -> None:
         """Start the recording with everything that does not change."""
         self._layout = layout = header.layout
         self._recording = rr.RecordingStream("ffsm-mj", recording_id=f"{header.scenario_name}-{header.facts['created_utc']}")
-        self._recording.set_sinks(*self._outputs())
+        self._connect()
         self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         log_shapes(self._recording, self._system)
         self._target(header)
@@ -63,19 +60,17 @@ class RerunSink:
         self._switching = Switching({name: column for name, (column, _) in self._thrusters.items()})
         self._fired: set[str] = set()
         self._trail_colours()
-        self._framed = False
+        self._framed, self._arrows = False, list[tuple[float, str]]()
 
-    def _outputs(self) -> list[Any]:
-        outputs: list[Any] = []
-        if self._path is not None:
-            try:
-                self._path.touch()
-            except OSError as error:
-                raise LogWriteError(self._path, error) from error
-            outputs.append(rr.FileSink(self._path))
-        if self._viewer is not None:
-            outputs.append(rr.GrpcSink(self._viewer))
-        return outputs
+    def _connect(self) -> None:
+        if isinstance(self._output, str):
+            self._recording.connect_grpc(self._output)
+            return
+        try:
+            self._output.touch()
+        except OSError as error:
+            raise LogWriteError(self._output, error) from error
+        self._recording.save(self._output)
 
     def _target(self, header: RunHeader) -> None:
         """A small cross where the tip is wanted."""
@@ -133,6 +128,14 @@ class RerunSink:
         self._trails(frames, index)
         self._plumes(frames, index)
         self._lines(frames, index)
+        self._clear_arrows(float(frames.times[-1]))
+
+    def _clear_arrows(self, now_s: float) -> None:
+        """Take arrows away that have been shown long enough; never ahead of the motion, or a viewer would jump there."""
+        for end_s, entity in [arrow for arrow in self._arrows if arrow[0] <= now_s]:
+            self._arrows.remove((end_s, entity))
+            self._at(end_s)
+            self._recording.log(entity, rr.Clear(recursive=False))
 
     def _frame_scene(self, positions: FloatArray) -> None:
         bodies = positions[moving_bodies(self._system)]
@@ -195,9 +198,7 @@ class RerunSink:
         )
         entity = f"world/impacts/{event.event}/{event.robot_geom.rsplit('/', 1)[-1]}"
         self._recording.log(entity, arrow)
-        if not self._following:
-            self._at(event.time_s + _ARROW_SHOWN_S)
-            self._recording.log(entity, rr.Clear(recursive=False))
+        self._arrows.append((event.time_s + _ARROW_SHOWN_S, entity))
 
     def _text(self, event: Event | OutcomeRecord) -> None:
         self._at(event_time(event))
@@ -207,11 +208,16 @@ class RerunSink:
         self._recording.set_time(TIMELINE, duration=time_s)
 
     def close(self, outcome: OutcomeRecord | None) -> None:
-        """Say how the run ended and finish the file."""
+        """Say how the run ended, and finish."""
         if not hasattr(self, "_recording"):
             return
         self.flush()
         if outcome is not None:
             self._text(outcome)
-        self._recording.flush(timeout_sec=_FLUSH_TIMEOUT_S)
+        try:
+            self._recording.flush(timeout_sec=_FLUSH_TIMEOUT_S)
+        except RuntimeError:
+            if isinstance(self._output, Path):
+                raise
+            # A viewer that was closed misses the end; that is no fault of the run.
         self._recording.disconnect()
