@@ -14,6 +14,7 @@ from ffsm_mj.reproduction.cases import (
     LONG_FREE_FLYING,
     LONG_SLOW,
     all_cases,
+    paper_case,
     run_cases,
 )
 from ffsm_mj.reproduction.comparison import Verdict, compare
@@ -21,6 +22,7 @@ from ffsm_mj.reproduction.current import stale_lines
 from ffsm_mj.reproduction.drift import drift
 from ffsm_mj.reproduction.inputs import stated_inputs
 from ffsm_mj.reproduction.page import Report, reproduction_page
+from ffsm_mj.reproduction.printed import PAPER_FIGURES
 from ffsm_mj.runner import prepare
 
 PAGE, APPENDIX_PAGE = "reproduction.md", "appendix-a.md"
@@ -61,6 +63,7 @@ class Reproduction:
         Raises:
             InputError: The folder cannot be written.
         """
+        from ffsm_mj import plots
         from ffsm_mj.reproduction.figures import save_drift, save_study
 
         study, long = folder / FIGURES / "reproduction-study.png", folder / FIGURES / "reproduction-drift.png"
@@ -70,9 +73,13 @@ class Reproduction:
                 (folder / name).write_text(text, encoding="utf-8")
             save_study(self.report.comparisons, self.report.results, study)
             save_drift(self.report.drifts, long)
+            for scenario, names in _figure_names().items():
+                run = self.report.results[paper_case(scenario)].run
+                if run is not None:
+                    plots.save(run, folder / FIGURES / scenario, names, ("svg",))
         except OSError as error:
             raise InputError(f"{folder}: cannot be written ({error.strerror})") from error
-        return [*(folder / name for name in self.pages), study, long]
+        return [*(folder / name for name in self.pages), folder / FIGURES]
 
     def stale(self, folder: Path) -> list[str]:
         """What pages in a folder say that these runs do not, one line each.
@@ -92,6 +99,14 @@ class Reproduction:
         return lines
 
 
+def _figure_names() -> dict[str, list[str]]:
+    """Names of our figures by scenario, one for each of the paper's."""
+    names: dict[str, list[str]] = {}
+    for figure in PAPER_FIGURES:
+        names.setdefault(figure.scenario, []).append(figure.name)
+    return names
+
+
 def reproduce(report: Callable[[int, int], None] | None = None) -> Reproduction:
     """Make every run and the pages; ``report`` is told how many runs of how many are done."""
     started = time.perf_counter()
@@ -102,6 +117,9 @@ def reproduce(report: Callable[[int, int], None] | None = None) -> Reproduction:
         run = results[case].run
         if run is not None:
             drifts[name] = drift(run, system)
-    content = Report(compare(results), results, drifts, stated_inputs(), {})
+    figures = {
+        scenario: {name: f"{FIGURES}/{scenario}/{name}.svg" for name in names} for scenario, names in _figure_names().items()
+    }
+    content = Report(compare(results), results, drifts, stated_inputs(), figures)
     pages = {PAGE: reproduction_page(content), APPENDIX_PAGE: appendix_page()}
     return Reproduction(content, pages, len(results), time.perf_counter() - started)
