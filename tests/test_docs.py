@@ -89,6 +89,7 @@ def test_tests_of_the_verified_result(ffsm_run):
         "docs/verified-result.md",
         "docs/reproduction.md",
         "docs/appendix-a.md",
+        "docs/soft-contact.md",
     ],
 )
 def test_links_lead_somewhere(page):

@@ -69,9 +69,13 @@ _NAMES = ("base x", "base y", "base yaw", "joint 1", "joint 2", "joint 3")
 _UNITS = ("m/s", "m/s", "rad/s", "rad/s", "rad/s", "rad/s")
 
 
+_NEARLY_ZERO = "the factor passes through zero near this state and moves by 6e-5 in a millisecond; the spread is that"
+
+
 def _velocities(title: str, key: str, texts: tuple[str, ...], units: tuple[str, ...] = _UNITS) -> list[tuple[str, ...]]:
     rows = zip(_NAMES, units, texts, strict=True)
-    return [(f"{name} {title}", unit, text, f"{key}_{i}") for i, (name, unit, text) in enumerate(rows)]
+    entries = [(f"{name} {title}", unit, text, f"{key}_{i}") for i, (name, unit, text) in enumerate(rows)]
+    return [entry if entry[3] != "slope_3" else (*entry, _NEARLY_ZERO) for entry in entries]
 
 
 _SLOPE_UNITS = ("1/kg", "1/kg", *("1/(kg m)",) * 4)
