@@ -265,11 +265,10 @@ def _open_viewer(recording: Path) -> int:
 def _reproduce(options: argparse.Namespace) -> int:
     from ffsm_mj.progress import counter
     from ffsm_mj.reproduction import reproduce
-    from ffsm_mj.text_report import verdict_report
 
     with counter("reproduce") as report:
         again = reproduce(report)
-    _say(verdict_report(again.verdicts(), again.runs, again.wall_s))
+    _say(again.text())
     folder = Path(options.out)
     if not options.check:
         _say(f"\nwritten: {', '.join(str(path) for path in again.write(folder))}")

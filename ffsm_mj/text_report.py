@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ffsm_mj.analysis import Run
@@ -225,12 +225,3 @@ def _motion_lines(found: Comparison) -> str:
         if keys:
             lines.append(f"only in the {which}: {', '.join(keys)}")
     return "\n\n".join(lines)
-
-
-def verdict_report(verdicts: Mapping[str, Mapping[str, int]], runs: int, wall_s: float) -> str:
-    """How many printed numbers of each section of the paper have which verdict."""
-    kinds = list(dict.fromkeys(kind for counts in verdicts.values() for kind in counts))
-    rows = [(section, *(str(counts[kind]) for kind in kinds)) for section, counts in verdicts.items()]
-    total = ("all", *(str(sum(counts[kind] for counts in verdicts.values())) for kind in kinds))
-    head = f"Nekoo, Sharf & Ollero 2024: every printed result beside ours; {runs} runs in {wall_s:.0f} s"
-    return f"{head}\n\n{table(('section', *kinds), [*rows, total])}"

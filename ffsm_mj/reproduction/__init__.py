@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from ffsm_mj.reproduction.inputs import stated_inputs
 from ffsm_mj.reproduction.page import Report, reproduction_page
 from ffsm_mj.reproduction.printed import PAPER_FIGURES
 from ffsm_mj.runner import prepare
+from ffsm_mj.text_report import table
 
 PAGE, APPENDIX_PAGE = "reproduction.md", "appendix-a.md"
 FIGURES = "figures"
@@ -50,12 +52,16 @@ class Reproduction:
     runs: int
     wall_s: float
 
-    def verdicts(self) -> dict[str, dict[str, int]]:
-        """How many numbers of each section have each verdict."""
-        counts: dict[str, dict[str, int]] = {}
+    def text(self) -> str:
+        """How many printed numbers of each section have which verdict, for a terminal."""
+        counts: dict[str, Counter[Verdict]] = {}
         for c in self.report.comparisons:
-            counts.setdefault(c.printed.section, dict.fromkeys(map(str, Verdict), 0))[str(c.verdict)] += 1
-        return counts
+            for section in (c.printed.section, "all"):
+                counts.setdefault(section, Counter())[c.verdict] += 1
+        counts["all"] = counts.pop("all")  # last
+        rows = [(section, *(str(found[verdict]) for verdict in Verdict)) for section, found in counts.items()]
+        head = f"Nekoo, Sharf & Ollero 2024: every printed result beside ours; {self.runs} runs in {self.wall_s:.0f} s"
+        return f"{head}\n\n{table(('section', *Verdict), rows)}"
 
     def write(self, folder: Path) -> Sequence[Path]:
         """Write pages and figures; returns the files.
