@@ -74,7 +74,10 @@ def test_printed_numbers_are_of_shipped_scenarios():
 )
 def test_a_page_is_current_to_the_digits_it_gives(old, new, stale):
     assert bool(stale_lines(f"same\n{old}\n", f"same\n{new}\n")) == stale
-    assert stale_lines("a\n", "a\nb\n") == ["line 2: committed '', now 'b'"]
+
+
+def test_a_new_line_is_one_difference():
+    assert stale_lines("a\nc 1\nd\n", "a\nb\nc 1\nd\n") == ["line 2: committed '', now 'b'"]
 
 
 def test_numbers():
