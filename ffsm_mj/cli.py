@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     options = _parser().parse_args(arguments)
     from ffsm_mj import one_blas_thread
-    from ffsm_mj.errors import FfsmError, InputError
+    from ffsm_mj.errors import FfsmError, InputError, LogWriteError
 
     one_blas_thread()
     try:
@@ -34,6 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         for line in error.lines:
             _complain(line)
+    except LogWriteError as error:
+        _complain(f"write_failed: {error}")
+        return RUN_FAILED
     except FfsmError as error:
         _complain(str(error))
     except KeyboardInterrupt:

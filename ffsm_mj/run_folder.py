@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, LogWriteError
 from ffsm_mj.log.mcap_sink import McapSink
 from ffsm_mj.log.sink import RunHeader, Sink
 from ffsm_mj.model import System
@@ -67,28 +67,37 @@ class RunFolder:
         return cls(path)
 
     def write_inputs(self, header: RunHeader) -> None:
-        """Write the resolved scenario and the models it refers to."""
-        (self.path / SCENARIO).write_text(header.scenario_yaml, encoding="utf-8")
-        for name, content in header.files.items():
+        """Write the resolved scenario and the models it refers to.
+
+        Raises:
+            LogWriteError: A file cannot be written (full disk).
+        """
+        for name, content in {SCENARIO: header.scenario_yaml.encode(), **header.files}.items():
             file = self.path / name
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(content)
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(content)
+            except OSError as error:
+                raise LogWriteError(file, error) from error
 
     def sinks(self, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
         """The log, and the recording where it is wanted."""
         sinks: list[Sink] = [McapSink(self.path / LOG, system, view_rate_hz)]
         if with_rerun:
+            # Rerun reports an error at the end of its file (full disk) on stderr and nowhere else.
+            os.environ.setdefault("RUST_LOG", "error")
             from ffsm_mj.log.rerun_sink import RerunSink  # a second to import, for those who want a recording
 
             sinks.append(RerunSink(self.path / RECORDING, system, view_rate_hz))
         return sinks
 
     def write_summary(self, summary: dict[str, Any]) -> None:
-        """Write ``summary.json``; a full disk here loses nothing that the log does not hold."""
+        """Write ``summary.json``, whole or not at all; a full disk here loses nothing that the log does not hold."""
+        file = self.path / SUMMARY
         try:
-            (self.path / SUMMARY).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            file.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         except OSError:
-            return
+            file.unlink(missing_ok=True)
 
 
 def find_log(run: Path) -> Path:

@@ -17,7 +17,8 @@ import numpy as np
 
 from ffsm_mj.analysis import Run
 from ffsm_mj.assembly import Assembly, assemble, unwatched_overlaps
-from ffsm_mj.events import OutcomeRecord
+from ffsm_mj.errors import LogWriteError
+from ffsm_mj.events import Outcome, OutcomeRecord
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.impact.watch import ContactWatch
 from ffsm_mj.ledger import Ledger
@@ -158,10 +159,16 @@ def _simulate(
     rows = RowWriter(layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, tip)
     recorder = Recorder(layout, sinks, rows.complete)
     simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
-    with _interrupts() as interrupted, recorder:
-        recorder.open(header)
-        outcome = simulation.run(interrupted, lambda t: report(t, config.duration_s) if report else None)
-        recorder.outcome = _with_controller(outcome, memory)
+    try:
+        with _interrupts() as interrupted, recorder:
+            recorder.open(header)
+            outcome = simulation.run(interrupted, lambda t: report(t, config.duration_s) if report else None)
+            recorder.outcome = _with_controller(outcome, memory)
+    except LogWriteError as error:
+        if recorder.outcome is None:
+            raise
+        # The run is over and a log could not be finished: everything is still in memory for the summary.
+        memory.close(replace(recorder.outcome, outcome=Outcome.WRITE_FAILED.value, message=str(error)))
     finished = Run(memory.log())
     if folder is not None:
         folder.write_summary(finished.summary())

@@ -116,34 +116,6 @@ def test_summary_file_is_the_log(finished):
     assert json.loads((folder / "summary.json").read_text()) == run.summary() == ffsm_mj.load_run(folder).summary()
 
 
-@pytest.mark.parametrize("share", [0.05, 0.3, 0.6, 0.9, 0.999])
-def test_a_truncated_log_gives_what_comes_before(finished, tmp_path, share):
-    folder, run = finished
-    data = (folder / "run.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(data[: int(len(data) * share)])
-    if share < 0.3:  # before the first chunk there is nothing to be had
-        with pytest.raises(LogError, match=r"cut\.mcap: .*breaks off"):
-            ffsm_mj.load_run(tmp_path / "cut.mcap")
-        return
-    read = ffsm_mj.load_run(tmp_path / "cut.mcap")
-    count = len(read.time)
-    np.testing.assert_array_equal(read.log.rows, run.log.rows[:count])
-    assert all(law.holds for law in read.laws(1e-12))
-
-
-def test_a_flipped_byte_is_noticed(finished, tmp_path):
-    """A damaged chunk fails its checksum: nothing after it is believed, nothing raises."""
-    folder, run = finished
-    data = bytearray((folder / "run.mcap").read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    (tmp_path / "bad.mcap").write_bytes(data)
-    try:
-        read = ffsm_mj.load_run(tmp_path / "bad.mcap")
-    except LogError:
-        return
-    np.testing.assert_array_equal(read.log.rows, run.log.rows[: len(read.time)])
-
-
 def test_what_is_no_log_says_so(tmp_path):
     (tmp_path / "x.mcap").write_bytes(b"hello")
     with pytest.raises(LogError, match="not an MCAP file"):

@@ -64,8 +64,10 @@ def _edges(shape: Shape) -> list[FloatArray]:
     if shape.kind == "cylinder":
         sides = [np.array([[u, v, -b], [u, v, b]]) for u, v in ((a, 0), (-a, 0), (0, a), (0, -a))]
         return [*ends, *sides]
-    height = a * y + np.copysign(b, y)
-    return [*ends, np.column_stack((a * x, nought, height)), np.column_stack((nought, a * x, height))]
+    halves = np.r_[0:33, 32:65, 0]  # upper and lower half of the turn, closed
+    wide, high = a * x[halves], a * y[halves] + np.repeat((b, -b, b), (33, 33, 1))
+    level = np.zeros(len(halves))
+    return [*ends, np.column_stack((wide, level, high)), np.column_stack((level, wide, high))]
 
 
 def _along(line: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 import rerun as rr
 
 from ffsm_mj.errors import LogWriteError
-from ffsm_mj.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord
+from ffsm_mj.events import Event, ImpactRecord, Outcome, OutcomeRecord, PhaseRecord
 from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies, target
 from ffsm_mj.log.narration import event_time, is_warning, sentence
 from ffsm_mj.log.rerun_blueprint import TIMELINE, blueprint
@@ -26,7 +26,7 @@ _ARROW_SHOWN_S = 2.0
 # Drawn lengths of an impulse arrow, m.
 _SHORTEST_M, _LONGEST_M = 0.4, 1.5
 _FLAME = (255, 170, 60, 200)
-_FLUSH_TIMEOUT_S = 10.0
+_FLUSH_TIMEOUT_S = 20.0  # after its writer has died, Rerun's flush can wait for ever
 
 
 class RerunSink:
@@ -208,7 +208,11 @@ class RerunSink:
         self._recording.set_time(TIMELINE, duration=time_s)
 
     def close(self, outcome: OutcomeRecord | None) -> None:
-        """Say how the run ended, and finish."""
+        """Say how the run ended, and finish.
+
+        Raises:
+            LogWriteError: Rerun's writer gave up (full disk), and nobody has said so yet.
+        """
         if not hasattr(self, "_recording"):
             return
         self.flush()
@@ -216,8 +220,11 @@ class RerunSink:
             self._text(outcome)
         try:
             self._recording.flush(timeout_sec=_FLUSH_TIMEOUT_S)
-        except RuntimeError:
-            if isinstance(self._output, Path):
-                raise
+        except RuntimeError as error:
             # A viewer that was closed misses the end; that is no fault of the run.
-        self._recording.disconnect()
+            said = isinstance(self._output, str) or (outcome is not None and outcome.outcome == Outcome.WRITE_FAILED)
+            if not said:
+                reason = OSError("Rerun could not write the recording; is the disk full?")
+                raise LogWriteError(self._output, reason) from error
+        finally:
+            self._recording.disconnect()
