@@ -1,4 +1,4 @@
-.PHONY: sync format lint type contracts schema figures screenshots reproduce test test-fast build check all
+.PHONY: sync format lint type contracts schema figures screenshots reference reproduce test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -21,6 +21,8 @@ reproduce:   ## regenerate the reproduction report
 	uv run ffsm reproduce
 screenshots: ## the pictures of the Rerun viewer (needs xvfb and mesa-vulkan-drivers)
 	uv run python docs/screenshots.py
+reference:   ## regenerate the committed log reference
+	uv run python docs/log_reference.py > docs/log-reference.md
 test:
 	uv run pytest
 test-fast:

@@ -41,8 +41,32 @@ _SENTENCES = {
 class ImpactRecord:
     """One contact of an impact; contacts at one instant share ``event`` and the states before and after.
 
-    Vectors are in world axes; ``normal`` points from the robot to the object; momenta are (P, L about the origin).
-    ``jammed`` is 1 where bodies were squeezed without clearance: no elastic answer exists and energy was lost.
+    Attributes:
+        event: Number of the impact, from 0.
+        time_s: Instant of the impact.
+        robot_geom: Geom of the robot that touches.
+        object_geom: Geom of the object that touches.
+        point_m: Contact point, the midpoint of the witness points, in world axes.
+        normal: Unit normal in world axes, from the robot to the object.
+        manifold: ``point``, ``edge`` or ``face``.
+        law: Impact law that made the result.
+        jammed: 1 where bodies were squeezed without clearance: no elastic answer exists and energy was lost.
+        restitution: Coefficient of restitution of the pair.
+        approach_speed_m_s: Speed of approach along the normal before.
+        separation_speed_m_s: Speed of separation along the normal after.
+        impulse_N_s: Impulse on the object, along the normal.
+        angular_impulse_N_m_s: Its moment about the object's centre of mass, in world axes.
+        gap_m: Distance of the geoms at the event; zero but for the root's tolerance.
+        qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
+        qvel_before: Generalised velocity before, by joint.
+        qvel_after: Generalised velocity after, by joint.
+        energy_before_J: Kinetic energy before, by party: total, robot, objects.
+        energy_after_J: Kinetic energy after, by party.
+        momentum_before: P and L about the world origin before, six numbers, in N s and N m s, of the total.
+        momentum_after: The same after.
+        energy_change_J: Change of the total kinetic energy.
+        linear_momentum_change_N_s: Norm of the change of the total linear momentum.
+        angular_momentum_change_N_m_s: Norm of the change of the total angular momentum about the world origin.
     """
 
     event: int
@@ -74,7 +98,15 @@ class ImpactRecord:
 
 @dataclass(frozen=True)
 class PhaseRecord:
-    """A phase begins: its position, its name, the kind of its controller, when, and why."""
+    """A phase begins.
+
+    Attributes:
+        index: Position of the phase in the scenario, from 0.
+        name: Name of the phase.
+        controller: Kind of its controller.
+        start_s: When it begins.
+        reason: Why: ``start``, ``impact`` or ``time``.
+    """
 
     index: int
     name: str
@@ -85,7 +117,14 @@ class PhaseRecord:
 
 @dataclass(frozen=True)
 class UnhandledContactRecord:
-    """Two geoms overlapped that are neither an impact pair nor ignored; nothing pushed them apart."""
+    """Two geoms overlapped that are neither an impact pair nor ignored; nothing pushed them apart.
+
+    Attributes:
+        geoms: The two geoms.
+        start_s: First step at which they overlapped.
+        end_s: Last step at which they overlapped.
+        max_depth_m: Greatest depth of the overlap.
+    """
 
     geoms: tuple[str, ...]
     start_s: float
@@ -95,7 +134,19 @@ class UnhandledContactRecord:
 
 @dataclass(frozen=True)
 class OutcomeRecord:
-    """How the run ended, and what it cost."""
+    """How the run ended, and what it cost.
+
+    Attributes:
+        outcome: One of the outcomes, ``completed`` where all went well.
+        message: What there is to say of it.
+        end_s: Simulation time at the end.
+        steps: Integration steps taken.
+        wall_s: Wall time of the simulation.
+        controller_ticks: Control ticks taken.
+        riccati_fallbacks: Ticks at which the fast Riccati solver fell back to the general one.
+        worst_riccati_residual: Greatest residual of the Riccati equation, relative.
+        versions: Versions of the packages that shape a result.
+    """
 
     outcome: str
     message: str

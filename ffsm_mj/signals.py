@@ -121,11 +121,11 @@ def _state_signals(system: System, *, tip: bool) -> Iterable[Signal]:
     yield Signal("state", "time_s", "s", "simulation time")
     for joint in joints:
         for name in coordinate_names(joint):
-            yield Signal("state", f"q_{name}", _unit(name), f"coordinate of {joint.kind} joint {joint.name}")
+            yield Signal("state", f"q_{name}", unit_of(name), f"coordinate of {joint.kind} joint {joint.name}")
     for joint in joints:
         frame = ", linear part in world axes, angular part in body axes" if joint.kind == "free" else ""
         for name in rate_names(joint):
-            yield Signal("state", f"v_{name}", _unit(name), f"rate of {joint.kind} joint {joint.name}{frame}")
+            yield Signal("state", f"v_{name}", unit_of(name), f"rate of {joint.kind} joint {joint.name}{frame}")
     if tip:
         for axis in "xyz":
             yield Signal("state", f"tip_{axis}_m", "m", "position of the tip")
@@ -136,12 +136,12 @@ def _state_signals(system: System, *, tip: bool) -> Iterable[Signal]:
 def _momentum_signals() -> Iterable[Signal]:
     for party in PARTIES:
         for component in COMPONENTS:
-            yield Signal("momentum", f"{party}_{component}", _unit(component), f"momentum, {party}, summed body by body")
+            yield Signal("momentum", f"{party}_{component}", unit_of(component), f"momentum, {party}, summed body by body")
     for component in COMPONENTS:
         yield Signal(
             "momentum",
             f"robot_by_mass_matrix_{component}",
-            _unit(component),
+            unit_of(component),
             "momentum of the robot from the base rows of M qdot, paper (8)-(9); zero where the base joints are not free",
         )
 
@@ -151,9 +151,9 @@ def _ledger_signals() -> Iterable[Signal]:
     for party in PARTIES:
         yield Signal("ledger", f"{party}_impact_energy_J", "J", f"kinetic energy gained in impacts, {party}")
     for component in COMPONENTS:
-        yield Signal("ledger", f"external_{component}", _unit(component), "impulse of base actuators on the robot")
+        yield Signal("ledger", f"external_{component}", unit_of(component), "impulse of base actuators on the robot")
     for component in COMPONENTS:
-        yield Signal("ledger", f"contact_{component}", _unit(component), "impulse of contacts on the objects")
+        yield Signal("ledger", f"contact_{component}", unit_of(component), "impulse of contacts on the objects")
     for party in PARTIES:
         yield Signal("ledger", f"{party}_energy_residual_J", "J", f"T - T(0) - work - impact energy, {party}")
     for party in PARTIES:
@@ -161,7 +161,7 @@ def _ledger_signals() -> Iterable[Signal]:
             yield Signal(
                 "ledger",
                 f"{party}_residual_{component}",
-                _unit(component),
+                unit_of(component),
                 f"momentum - momentum(0) - impulses, {party}; zero where the base joints are not free",
             )
 
@@ -169,8 +169,8 @@ def _ledger_signals() -> Iterable[Signal]:
 _UNITS = (("_N_m_s", "N m s"), ("_N_m", "N m"), ("_N_s", "N s"), ("_rad_s", "rad/s"), ("_m_s", "m/s"), ("_rad", "rad"))
 
 
-def _unit(name: str) -> str:
-    """Unit that a name ends in."""
+def unit_of(name: str) -> str:
+    """Unit that a name ends in; empty for a plain number."""
     for suffix, unit in (*_UNITS, ("_m", "m"), ("_N", "N"), ("_J", "J"), ("_s", "s")):
         if name.endswith(suffix):
             return unit

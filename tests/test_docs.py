@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,24 @@ def test_tests_of_the_verified_result(ffsm_run):
     assert masked(promised) == masked(f"AssertionError: {caught.value}")
 
 
+def test_impacts_and_frames_as_the_user_guide_reads_them(tmp_path, capsys, monkeypatch):
+    ffsm_mj.run(two_balls(tmp_path, duration_s=0.4), out=tmp_path / "logs" / "latest", rerun=False)
+    monkeypatch.chdir(tmp_path)
+    exec(next(block for block in python_blocks("docs/user-guide.md") if "/ffsm/impact" in block), {})
+    impact, robot, target, *frames = capsys.readouterr().out.splitlines()
+    assert impact == "0.300 s: 2.4000 N s"
+    assert target.startswith("target/x from 0.0 to 0.8")
+    assert robot.startswith("robot/x from 1.0 to -0.2")
+    assert len(frames) == 21
+    assert frames[-1] == "0.4 robot/ball 0.28"
+
+
+def test_the_log_reference_is_current():
+    """``make reference`` writes it."""
+    made = "\n".join(runpy.run_path(str(ROOT / "docs" / "log_reference.py"))["reference"]())
+    assert made == (ROOT / "docs" / "log-reference.md").read_text()
+
+
 @pytest.mark.parametrize(
     "page",
     [
@@ -90,6 +109,7 @@ def test_tests_of_the_verified_result(ffsm_run):
         "docs/reproduction.md",
         "docs/appendix-a.md",
         "docs/soft-contact.md",
+        "docs/log-reference.md",
     ],
 )
 def test_links_lead_somewhere(page):

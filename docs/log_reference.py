@@ -1,0 +1,146 @@
+"""Prints docs/log-reference.md from the code: ``uv run python docs/log_reference.py > docs/log-reference.md``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import get_args, get_origin, get_type_hints
+
+from ffsm_mj.events import ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.log import mcap_format as form
+from ffsm_mj.log import viewer_topics as viewer
+from ffsm_mj.runner import prepare
+from ffsm_mj.signals import GROUPS, build_layout, unit_of
+
+HEAD = """# Log reference
+
+Made from the code by `uv run python docs/log_reference.py`; a test compares the two.
+
+Every topic of `run.mcap` is protobuf, its schema stands in the file. `log_time` and `publish_time` are simulation time in
+ns. Vectors are in world axes, angular momentum is about the world origin, quaternions of `ffsm.*` are wxyz as in MuJoCo,
+those of `foxglove.*` xyzw. Names end in their unit.
+"""
+
+WHEN = {
+    ImpactRecord: "one per contact of every impact, at its instant",
+    PhaseRecord: "when a phase begins",
+    UnhandledContactRecord: "when an overlap that nobody resolves is over",
+    OutcomeRecord: "once, at the end; a log without it is incomplete",
+}
+
+VIEWER = {
+    viewer.TRANSFORMS_TOPIC: (
+        "`log.view_rate_hz`, 50 Hz unless the scenario says otherwise",
+        "pose of every moving body in the frame `world`; frames are named as the bodies, `robot/base`",
+    ),
+    viewer.SCENE_TOPIC: (
+        "once, with the first frame",
+        "the visible geoms of each body as primitives or triangles, fixed in the body's frame; a cross at the task's target",
+    ),
+    viewer.IMPACTS_TOPIC: (
+        "at every impact",
+        "the impulse on the object as an arrow at the contact point, for 2 s; 1 m is 1 N s between 0.3 and 1.5 m",
+    ),
+    viewer.PLUMES_TOPIC: (
+        "when the set of firing thrusters changes, looked at once per frame",
+        "a cone at every site thruster that fires; each message replaces all earlier ones",
+    ),
+    viewer.LOG_TOPIC: ("at every event", "phases, impacts, unhandled contacts and the outcome in words; `name` is `ffsm`"),
+    f"{viewer.OUTLINE_TOPIC}/<body>": (
+        "once, with the first frame",
+        "the edges of the body's geoms as coloured points in its frame, for Rerun, which draws no scene updates",
+    ),
+}
+
+CONTENT = f"""## Beside the messages
+
+| record | name | content |
+|---|---|---|
+| attachment | `{form.SCENARIO_ATTACHMENT}` | the resolved scenario; with the models it runs again |
+| attachment | `mjcf/<robot or object>/...` | every model file |
+| metadata | `{form.FACTS_METADATA}` | versions, start of the run (UTC), task, phases, whether the models are conservative |
+| metadata | `{form.SIGNALS_METADATA}` | `unit \\| description` of every field of `{form.SAMPLE_TOPIC}` |
+
+The facts stand once more in the metadata of the channel `{form.SAMPLE_TOPIC}`, under a checksum.
+"""
+
+
+def reference() -> Iterator[str]:
+    """The page, part by part."""
+    yield HEAD
+    yield "## Topics\n"
+    yield table(("topic", "schema", "when"), topics())
+    yield CONTENT
+    yield f"## {form.SAMPLE_TOPIC}\n"
+    yield f"`{form.SAMPLE_SCHEMA}`, one per control tick: a message per group, every field a double and always present.\n"
+    yield "Here for `baseline`; other models have their own joints, actuators and controllers in the same places.\n"
+    for group, fields_of_group in samples().items():
+        yield f"### {group}: {GROUPS[group]}\n"
+        yield table(("field", "unit", "meaning"), fields_of_group)
+    for record_type, topic in form.RECORD_TOPICS.items():
+        yield f"## {topic}\n"
+        yield f"`{form.schema_name(record_type)}`, {WHEN[record_type]}.\n"
+        yield table(("field", "type", "unit", "meaning"), record(record_type))
+    yield "## Viewer topics\n"
+    yield "[Foxglove's schemas](https://docs.foxglove.dev/docs/sdk/schemas), for Foxglove, Lichtblick and, in part, Rerun.\n"
+    yield table(("topic", "content"), [(f"`{topic}`", text) for topic, (_, text) in VIEWER.items()])
+
+
+def topics() -> Iterator[tuple[str, str, str]]:
+    """Every topic in the order of the file."""
+    yield f"`{form.SAMPLE_TOPIC}`", f"`{form.SAMPLE_SCHEMA}`", "every control tick (`control_period_s`)"
+    for record_type, topic in form.RECORD_TOPICS.items():
+        yield f"`{topic}`", f"`{form.schema_name(record_type)}`", WHEN[record_type]
+    for topic, (when, _) in VIEWER.items():
+        message = viewer.VIEWER_TOPICS.get(topic, viewer.PointCloud)
+        yield f"`{topic}`", f"`{message.DESCRIPTOR.full_name}`", when
+
+
+def samples() -> dict[str, list[tuple[str, str, str]]]:
+    """Fields of a sample of the baseline by group."""
+    assembly = prepare("baseline").assembly
+    layout = build_layout(
+        assembly.system, assembly.actuation.signals, assembly.controller.telemetry_signals, tip=assembly.task is not None
+    )
+    found: dict[str, list[tuple[str, str, str]]] = {}
+    for signal in layout.signals:
+        found.setdefault(signal.group, []).append((f"`{signal.name}`", signal.unit, signal.description))
+    return found
+
+
+def record(record_type: type) -> Iterator[tuple[str, str, str, str]]:
+    """Fields of an event, their meaning from its docstring."""
+    text = (record_type.__doc__ or "").split("Attributes:")[1]
+    meaning = dict(re.findall(r"^ {8}(\w+): (.*)$", text, flags=re.MULTILINE))
+    hints = get_type_hints(record_type)
+    for field in fields(record_type):
+        yield (
+            f"`{field.name}`",
+            type_name(hints[field.name]),
+            unit_of(field.name),
+            meaning.pop(field.name).replace("``", "`"),
+        )
+    if meaning:
+        raise ValueError(f"{record_type.__name__} has no field {', '.join(meaning)}")
+
+
+def type_name(hint: object) -> str:
+    """Protobuf's word for a field of an event."""
+    words = {float: "double", int: "int64", str: "string"}
+    if hint in words:
+        return words[hint]
+    parts = get_args(hint)
+    if get_origin(hint) is tuple:
+        return f"{words[parts[0]]}[]"
+    return f"map of {'string' if parts[1] is str else 'double[]'}"
+
+
+def table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> str:
+    """A Markdown table."""
+    lines = [head, ("---",) * len(head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
+
+
+if __name__ == "__main__":
+    print("\n".join(reference()), end="")
