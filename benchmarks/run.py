@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -27,7 +28,10 @@ from controllers.riccati_planar import principal_axes, turned
 from ffsm_mj.compiled import COMPILED
 from ffsm_mj.impact.contact import ImpactPair
 from ffsm_mj.impact.time_of_impact import Detector
-from ffsm_mj.runner import prepare
+from ffsm_mj.log.mcap_sink import McapSink
+from ffsm_mj.log.memory_sink import RunLog
+from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.runner import Prepared, prepare
 
 STEPS = 30_000
 PAIRS = ("gripper", "link_1", "link_2", "link_3", "base")
@@ -77,6 +81,26 @@ def whole(*, out: bool, rerun: bool) -> float:
         prepared = prepare("baseline")
         start = time.perf_counter()
         prepared.run(out=Path(folder) / "run" if out else None, rerun=rerun)
+        return time.perf_counter() - start
+
+
+@cache
+def logged() -> tuple[Prepared, RunLog]:
+    """The baseline and its log, in memory."""
+    prepared = prepare("baseline")
+    return prepared, prepared.run().log
+
+
+def writing() -> float:
+    """The baseline's rows into a log file, and nothing else: samples and viewer topics."""
+    prepared, log = logged()
+    with tempfile.TemporaryDirectory() as folder:
+        sink = McapSink(Path(folder) / "run.mcap", prepared.assembly.system, prepared.scenario.log.view_rate_hz)
+        start = time.perf_counter()
+        sink.open(log.header)
+        for first in range(0, len(log.rows), BLOCK_ROWS):
+            sink.rows(log.rows[first : first + BLOCK_ROWS])
+        sink.close(log.outcome)
         return time.perf_counter() - start
 
 
@@ -159,6 +183,7 @@ ROWS: dict[str, tuple[Callable[[], float], str]] = {
     "detection of five pairs": (lambda: forwarded(pairs=PAIRS), "step and forward, no detection"),
     "baseline, log in memory": (lambda: whole(out=False, rerun=False), "bare loop, contacts on"),
     "baseline, MCAP": (lambda: whole(out=True, rerun=False), "bare loop, contacts on"),
+    "writing the MCAP alone": (writing, "bare loop, contacts on"),
     "baseline, MCAP and Rerun": (lambda: whole(out=True, rerun=True), "bare loop, contacts on"),
     "Riccati, structured": (lambda: riccati("structured"), "Riccati, SciPy"),
     "Riccati, eigenvectors": (lambda: riccati("eigenvectors"), "Riccati, SciPy"),
