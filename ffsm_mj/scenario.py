@@ -134,7 +134,7 @@ class LogConfig(StrictModel):
     rerun: bool = True
     """Write ``run.rrd`` for the Rerun viewer."""
     view_rate_hz: PositiveFloat = 50.0
-    """Frames per simulated second in ``run.rrd``."""
+    """Frames per simulated second in ``run.rrd`` and in the viewer topics of ``run.mcap``."""
 
 
 class Scenario(StrictModel):
