@@ -5,7 +5,13 @@ other engines are left out; ``--repeats 3`` is quicker. "Bare" is
 the Python loop of ``mj_step`` on the baseline's model (RK4, 1 ms, contacts on) for 30 s.
 """
 
+# ruff: noqa: E402
+
 from __future__ import annotations
+
+import ffsm_mj
+
+ffsm_mj.one_blas_thread()  # before numpy is imported: a second thread only spins on matrices this small
 
 import argparse
 import statistics
@@ -22,7 +28,6 @@ import mujoco
 import numpy as np
 import peers
 
-import ffsm_mj
 from controllers.riccati import BlockRiccati, PlanarRiccati, solve_care
 from controllers.riccati_planar import principal_axes, turned
 from ffsm_mj.compiled import COMPILED
