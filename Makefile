@@ -19,7 +19,7 @@ figures:     ## the pictures of docs/verified-result.md
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline
 reproduce:   ## regenerate the reproduction report
 	uv run ffsm reproduce
-screenshots: ## the pictures of the Rerun viewer (needs xvfb and mesa-vulkan-drivers)
+screenshots: ## the pictures of the Rerun viewer (a Vulkan driver is enough, e.g. mesa-vulkan-drivers)
 	uv run python docs/screenshots.py
 reference:   ## regenerate the committed log reference
 	uv run python docs/log_reference.py > docs/log-reference.md

@@ -1,51 +1,85 @@
-"""Pictures of the Rerun viewer for the documentation: ``make screenshots``.
+"""The pictures of the recordings in ``docs/images``, from the scenarios as they are: ``make screenshots``.
 
-Runs three scenarios, cuts their logs off at chosen times and lets the viewer draw each without a display: it takes Debian's
-``xvfb`` and ``mesa-vulkan-drivers``, and no graphics card.
+No display is needed: the viewer draws off screen (software Vulkan, Debian's ``mesa-vulkan-drivers``, is enough).
 """
 
 from __future__ import annotations
 
+import socket
 import subprocess
-import sys
 import tempfile
+import time
 from pathlib import Path
 
 from PIL import Image
+from rerun.experimental import ViewerClient
 
 import ffsm_mj
-from ffsm_mj.recording import write_recording
+from ffsm_mj.log.rerun_blueprint import TIMELINE
+from ffsm_mj.log.viewer import viewer_command
 
 IMAGES = Path(__file__).parent / "images"
 SIZE = "1600x1000"
-SHOTS = {
-    "baseline": {"approach": 4.0, "impact": 7.9, "recovery": 18.8},
-    "free-flying-hardware": {"thrusters": 7.95},
-    "spatial": {"spatial": 3.0},
-}
+# Above the views is the viewer's own menu.
+MENU_HEIGHT = 36
+COLOURS = 256
+# Picture, scenario, simulation time in s.
+SHOTS = (
+    ("approach", "baseline", 4.0),
+    ("impact", "baseline", 7.9),
+    ("recovery", "baseline", 18.8),
+    ("spatial", "spatial", 2.95),
+    ("thrusters", "free-flying-hardware", 7.9),
+)
 
 
 def main() -> None:
-    """Make every picture."""
+    """Run each scenario once, open its recording and take its pictures."""
     IMAGES.mkdir(exist_ok=True)
+    port = free_port()
+    command = viewer_command("--headless", "--window-size", SIZE, "--port", str(port))
     with tempfile.TemporaryDirectory() as folder:
-        for scenario, times in SHOTS.items():
-            log = ffsm_mj.run(scenario).log
-            for name, until_s in times.items():
-                recording = Path(folder) / f"{name}.rrd"
-                write_recording(log, recording, until_s=until_s)
-                shoot(recording, IMAGES / f"{name}.png")
-                print(f"{IMAGES / name}.png: {scenario} at {until_s:g} s")
+        viewer = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        try:
+            client = connected(port)
+            for scenario in dict.fromkeys(scenario for _, scenario, _ in SHOTS):
+                ffsm_mj.run(scenario, out=Path(folder) / scenario)
+                client.open([str(Path(folder) / scenario / "run.rrd")])
+                for name, _, time_s in (shot for shot in SHOTS if shot[1] == scenario):
+                    take(client, Path(folder) / f"{name}.png", time_s)
+        finally:
+            viewer.terminate()
+            viewer.wait()
 
 
-def shoot(recording: Path, picture: Path) -> None:
-    """Let the viewer draw a recording, and keep the picture small."""
-    command = ["xvfb-run", "-a", "-s", f"-screen 0 {SIZE}x24", sys.executable, "-m", "rerun", str(recording)]
-    command += ["--screenshot-to", str(picture), "--window-size", SIZE]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=120)
-    image = Image.open(picture).convert("RGB")
-    image = image.resize((1600, round(1600 * image.height / image.width)), Image.Resampling.LANCZOS)
-    image.quantize(128, dither=Image.Dither.NONE).save(picture, optimize=True)
+def take(client: ViewerClient, path: Path, time_s: float) -> None:
+    """Save what the viewer shows at a time, without its menu and with a palette."""
+    client.set_time(TIMELINE, duration=time_s, play_state="paused")
+    time.sleep(1.5)  # plots and trails arrive some frames after the cursor
+    client.save_screenshot(str(path))
+    with Image.open(path) as image:
+        views = image.convert("RGB").crop((0, MENU_HEIGHT, image.width, image.height))
+    small = IMAGES / path.name
+    views.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(small, optimize=True)
+    print(f"{small.name}: {small.stat().st_size / 1e3:.0f} kB")
+
+
+def free_port() -> int:
+    """A port that nobody listens on."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+def connected(port: int, patience_s: float = 30.0) -> ViewerClient:
+    """The viewer, once it listens."""
+    end = time.monotonic() + patience_s
+    while time.monotonic() < end:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+            return ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+        except OSError:
+            time.sleep(0.1)
+    raise TimeoutError(f"the viewer does not listen on port {port}; is a Vulkan driver installed?")
 
 
 if __name__ == "__main__":

@@ -60,8 +60,12 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--out", metavar="DIR", help="run folder (default: logs/<scenario>-<UTC time>)")
     run.add_argument("--force", action="store_true", help="replace a run that DIR already holds")
     run.add_argument("--no-rerun", action="store_true", help="write no recording for the Rerun viewer")
+    run.add_argument("--live", action="store_true", help="show the run while it goes, in a Rerun viewer (opened if need be)")
     run.add_argument(
-        "--live", action="store_true", help="stream to the Rerun viewer as the run goes; one is opened if need be"
+        "--viewer",
+        default="127.0.0.1:9876",
+        metavar="HOST:PORT",
+        help="where --live finds the viewer (default: %(default)s)",
     )
 
     check = _add(commands, "check", _check, "validate a scenario without running it")
@@ -176,9 +180,9 @@ def _run(options: argparse.Namespace) -> int:
 
     prepared = prepare(options.scenario, options.overrides)
     folder = Path(options.out) if options.out else default_folder(prepared.scenario.name)
-    viewer, rerun = _viewer() if options.live else None, False if options.no_rerun else None
+    live, rerun = options.viewer if options.live else None, False if options.no_rerun else None
     with progress(prepared.scenario.name) as report:
-        run = prepared.run(out=folder, force=options.force, rerun=rerun, viewer=viewer, report=report)
+        run = prepared.run(out=folder, force=options.force, rerun=rerun, live=live, report=report)
     if not options.out:
         link_latest(folder)
     from ffsm_mj.text_report import run_report
@@ -191,18 +195,6 @@ def _run(options: argparse.Namespace) -> int:
         return OK
     _complain(f"{run.outcome}: {run.message}")
     return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
-
-
-def _viewer() -> str | None:
-    """A viewer to stream to; a run goes on without one."""
-    from ffsm_mj.errors import ViewerError
-    from ffsm_mj.log.live_viewer import find_viewer
-
-    try:
-        return find_viewer()
-    except ViewerError as error:
-        _complain(f"--live: {error}; the run goes on without it")
-        return None
 
 
 def _list() -> int:
@@ -240,28 +232,33 @@ def _export(options: argparse.Namespace) -> int:
 def _view(options: argparse.Namespace) -> int:
     import tempfile
 
-    from ffsm_mj.analysis import load_run
-    from ffsm_mj.run_folder import RECORDING
+    from ffsm_mj.log.viewer import has_display
+    from ffsm_mj.run_folder import RECORDING, find_log, finished_recording
 
-    recording = Path(options.run) / RECORDING
-    if recording.is_file():
+    log = find_log(Path(options.run))
+    recording = finished_recording(Path(options.run))
+    if not has_display():
+        _complain(f"no display to open the Rerun viewer on; {recording or log} shows on any machine that has one")
+        return RUN_FAILED
+    if recording is not None:
         return _open_viewer(recording)
+    from ffsm_mj.analysis import load_run
     from ffsm_mj.recording import write_recording
 
     with tempfile.TemporaryDirectory(prefix="ffsm-") as folder:
         made = Path(folder) / RECORDING
-        write_recording(load_run(options.run).log, made)
+        write_recording(load_run(log).log, made)
         return _open_viewer(made)
 
 
 def _open_viewer(recording: Path) -> int:
     import subprocess
 
-    if subprocess.call([sys.executable, "-m", "rerun", str(recording)]) == 0:
+    from ffsm_mj.log.viewer import viewer_command
+
+    if subprocess.call(viewer_command(str(recording))) == 0:
         return OK
-    _complain(
-        f"the Rerun viewer did not open {recording}; it needs a display, the recording opens on any machine that has one"
-    )
+    _complain("the Rerun viewer did not open; its own message is above")
     return RUN_FAILED
 
 

@@ -69,10 +69,6 @@ class MissingPackageError(FfsmError):
         super().__init__(f"{purpose} needs the package {package}: pip install 'ffsm-mj[{extra}]' (or pip install {package})")
 
 
-class ViewerError(FfsmError):
-    """No viewer to stream to."""
-
-
 class UnsupportedContactError(FfsmError):
     """A contact that the impact laws cannot resolve exactly; the run ends rather than guess."""
 

@@ -13,23 +13,17 @@ from ffsm_mj.log.rerun_sink import RerunSink
 from ffsm_mj.log_model import compile_log
 
 
-def write_recording(log: RunLog, path: Path, *, until_s: float | None = None) -> None:
+def write_recording(log: RunLog, path: Path) -> None:
     """Write ``path`` (.rrd) with everything that the log tells.
-
-    Args:
-        log: What is shown.
-        path: The file to write.
-        until_s: Leave out what happens later and open the recording there, at its end.
 
     Raises:
         InputError: The log's models do not compile any more.
     """
     rate = float(YAML(typ="safe", pure=True).load(log.header.scenario_yaml)["log"]["view_rate_hz"])
-    sink = RerunSink(path, compile_log(log), rate, following=until_s is not None)
+    sink = RerunSink(path, compile_log(log), rate)
     sink.open(log.header)
     events: list[Event] = [*log.phases, *log.impacts, *log.unhandled]
     for event in sorted(events, key=event_time):
-        if until_s is None or event_time(event) <= until_s:
-            sink.event(event)
-    sink.rows(log.rows if until_s is None else log.rows[log.rows[:, 0] <= until_s])
-    sink.close(log.outcome if until_s is None else None)
+        sink.event(event)
+    sink.rows(log.rows)
+    sink.close(log.outcome)

@@ -115,3 +115,9 @@ def find_log(run: Path) -> Path:
         hint = "; run 'ffsm run baseline' first" if run.name == "latest" else ""
         raise InputError(f"{run}: no such run{hint}")
     return run
+
+
+def finished_recording(run: Path) -> Path | None:
+    """The recording of a finished run; None where it must be made from the log: none was written, or it breaks off."""
+    recording = run / RECORDING
+    return recording if recording.is_file() and (run / LOG).is_file() else None

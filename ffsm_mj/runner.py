@@ -43,6 +43,7 @@ def run(
     out: str | Path | None = None,
     force: bool = False,
     rerun: bool | None = None,
+    live: str | None = None,
     report: Callable[[float, float], None] | None = None,
 ) -> Run:
     """Simulate a scenario.
@@ -53,6 +54,7 @@ def run(
         out: Run folder to write; None keeps the run in memory only.
         force: Replace a run that ``out`` already holds.
         rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
+        live: ``host:port`` of a Rerun viewer to stream to; one that is missing or goes away never ends the run.
         report: Told (simulation time, duration) in s as the run goes.
 
     Returns:
@@ -64,7 +66,7 @@ def run(
     if isinstance(overrides, Mapping):
         overrides = [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
     prepared = prepare(scenario, overrides)
-    return prepared.run(out=Path(out) if out is not None else None, force=force, rerun=rerun, report=report)
+    return prepared.run(out=Path(out) if out is not None else None, force=force, rerun=rerun, live=live, report=report)
 
 
 def prepare(scenario: str | Path, overrides: Sequence[str] = ()) -> Prepared:
@@ -94,13 +96,13 @@ class Prepared:
         out: Path | None = None,
         force: bool = False,
         rerun: bool | None = None,
-        viewer: str | None = None,
+        live: str | None = None,
         report: Callable[[float, float], None] | None = None,
     ) -> Run:
-        """Simulate; see :func:`run`. ``viewer`` is the address of a Rerun viewer to stream to."""
+        """Simulate; see :func:`run`."""
         folder = RunFolder.create(out, force=force) if out is not None else None
         with_rerun = self.scenario.log.rerun if rerun is None else rerun
-        return _simulate(self.assembly, folder, with_rerun=with_rerun, viewer=viewer, report=report)
+        return _simulate(self.assembly, folder, with_rerun=with_rerun, live=live, report=report)
 
     def describe(self) -> list[str]:
         """Lines that tell a person what would run, and what to know of it."""
@@ -128,7 +130,7 @@ def _simulate(
     folder: RunFolder | None,
     *,
     with_rerun: bool,
-    viewer: str | None,
+    live: str | None,
     report: Callable[[float, float], None] | None,
 ) -> Run:
     config, system = assembly.scenario, assembly.system
@@ -143,10 +145,10 @@ def _simulate(
     if folder is not None:
         folder.write_inputs(header)
         sinks += folder.sinks(system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
-    if viewer is not None:
-        from ffsm_mj.log.rerun_sink import RerunSink  # a second to import, for those who want to look
+    if live is not None:
+        from ffsm_mj.log.rerun_live import LiveSink  # a second to import, for those who watch
 
-        sinks.append(RerunSink(viewer, system, config.log.view_rate_hz, following=True))
+        sinks.append(LiveSink(live, system, config.log.view_rate_hz))
     plant = Plant(
         system,
         assembly.data,

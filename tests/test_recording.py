@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import os
-import socket
 import subprocess
 import sys
-import time
+from collections import defaultdict
 
 import mujoco
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 import ffsm_mj
-from ffsm_mj.log import live_viewer
 from ffsm_mj.log.drawing import Frames
 from ffsm_mj.log.rerun_plumes import Switching, plume_vectors
 from ffsm_mj.model import compile_system
 from ffsm_mj.recording import write_recording
-from ffsm_mj.runner import prepare
 from tests.conftest import MJCF
 from tests.scenes import two_balls
 
@@ -33,6 +30,20 @@ ENTITIES = (
     "/states/phase",
     "/events",
 )
+
+
+def read(path):
+    """Temporal data by entity and component: times in s and values, in order of time."""
+    data = defaultdict(list)
+    for chunk in RrdReader(path).stream():
+        if chunk.is_static:
+            continue
+        assert chunk.timeline_names == ["sim_time"], chunk.entity_path
+        batch = chunk.to_record_batch()
+        times = np.asarray(batch.column("sim_time").cast("int64")) * 1e-9
+        for name in batch.schema.names[2:]:
+            data[chunk.entity_path, name] += zip(times, batch.column(name).to_pylist(), strict=True)
+    return {key: sorted(rows, key=lambda row: row[0]) for key, rows in data.items()}
 
 
 def entities(path):
@@ -54,51 +65,6 @@ def test_a_recording_holds_scene_plots_phases_and_events(tmp_path, source):
     for entity in ENTITIES:
         assert entity in text
     assert run.outcome == "completed"
-
-
-@pytest.fixture
-def listening_viewer():
-    """Rerun's server without a window, as a viewer would listen."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command = [sys.executable, "-m", "rerun", "--serve-grpc", "--port", str(port)]
-    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    until = time.monotonic() + 30.0
-    while not live_viewer._listens(port):
-        assert time.monotonic() < until, "the server does not listen"
-        time.sleep(0.05)
-    yield server, port
-    server.kill()
-    server.wait()
-
-
-def test_a_run_streams_to_a_viewer_and_outlives_it(tmp_path, listening_viewer):
-    """The viewer goes away in the middle: the run ends as it would, and its log is whole."""
-    server, port = listening_viewer
-    path = two_balls(tmp_path, duration_s=3.0)
-
-    def close_viewer(time_s, _duration_s):
-        if time_s >= 1.0 and server.poll() is None:
-            server.kill()
-            server.wait()
-
-    run = prepare(path).run(out=tmp_path / "out", viewer=live_viewer.find_viewer(port), report=close_viewer)
-    assert server.poll() is not None
-    assert run.outcome == "completed"
-    assert ffsm_mj.load_run(tmp_path / "out").time[-1] == pytest.approx(3.0)
-
-
-@pytest.mark.skipif(live_viewer._listens(live_viewer.PORT), reason="a viewer is open on this machine")
-def test_live_without_display_or_viewer_says_so_and_runs(tmp_path):
-    path = two_balls(tmp_path, duration_s=0.5)
-    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    command = [sys.executable, "-m", "ffsm_mj.cli", "run", str(path), "--live", "--out", str(tmp_path / "out")]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0
-    (line,) = [line for line in done.stderr.splitlines() if "--live" in line]
-    assert "no display" in line
-    assert "goes on without it" in line
 
 
 def test_arrow_and_plume_data():

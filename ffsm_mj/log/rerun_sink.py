@@ -5,6 +5,7 @@ A derived view: positions are float32 there. The physics is proved from the MCAP
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import rerun as rr
 
 from ffsm_mj.errors import LogWriteError
-from ffsm_mj.events import Event, ImpactRecord, Outcome, OutcomeRecord, PhaseRecord
+from ffsm_mj.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord
 from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies, target
 from ffsm_mj.log.narration import event_time, is_warning, sentence
 from ffsm_mj.log.rerun_blueprint import TIMELINE, blueprint
@@ -26,11 +27,10 @@ _ARROW_SHOWN_S = 2.0
 # Drawn lengths of an impulse arrow, m.
 _SHORTEST_M, _LONGEST_M = 0.4, 1.5
 _FLAME = (255, 170, 60, 200)
-_FLUSH_TIMEOUT_S = 20.0  # after its writer has died, Rerun's flush can wait for ever
 
 
 class RerunSink:
-    """Writes one recording to a file, or sends it to a viewer. Frames leave when the recorder flushes."""
+    """Writes one recording to a file at its end, or sends it to a viewer whenever the recorder flushes."""
 
     def __init__(self, output: Path | str, system: System, view_rate_hz: float, *, following: bool = False) -> None:
         """Name where it goes; nothing is written yet.
@@ -66,11 +66,12 @@ class RerunSink:
         if isinstance(self._output, str):
             self._recording.connect_grpc(self._output)
             return
+        # The bytes are written here: on a full disk Rerun's own thread leaves its caller waiting for ever.
+        self._bytes = rr.binary_stream(self._recording)
         try:
-            self._output.touch()
+            self._file = self._output.open("wb")
         except OSError as error:
             raise LogWriteError(self._output, error) from error
-        self._recording.save(self._output)
 
     def _target(self, header: RunHeader) -> None:
         """A small cross where the tip is wanted."""
@@ -93,8 +94,7 @@ class RerunSink:
         for name, times, states in self._switching.changes(block):
             if name not in self._fired:
                 self._fired.add(name)
-                self._at(0.0)
-                self._recording.log(f"states/thrusters/{name}", rr.StateChange(state="off"))
+                self._at(0.0, f"states/thrusters/{name}", rr.StateChange.columns(state=["off"]))
                 colours = rr.StateConfiguration(
                     values=["off", "fires +", "fires -"], labels=["", "+", "-"], colors=[(60, 60, 60), ORANGE, SKY]
                 )
@@ -130,12 +130,21 @@ class RerunSink:
         self._lines(frames, index)
         self._clear_arrows(float(frames.times[-1]))
 
+    def _write(self) -> None:
+        """Write the file, at once: the pieces of a recording do not add up to one that every reader takes."""
+        if isinstance(self._output, str):
+            return
+        try:
+            self._file.write(self._bytes.read() or b"")
+            self._file.flush()
+        except OSError as error:
+            raise LogWriteError(self._output, error) from error
+
     def _clear_arrows(self, now_s: float) -> None:
         """Take arrows away that have been shown long enough; never ahead of the motion, or a viewer would jump there."""
         for end_s, entity in [arrow for arrow in self._arrows if arrow[0] <= now_s]:
             self._arrows.remove((end_s, entity))
-            self._at(end_s)
-            self._recording.log(entity, rr.Clear(recursive=False))
+            self._at(end_s, entity, rr.Clear.columns(is_recursive=[False]))
 
     def _frame_scene(self, positions: FloatArray) -> None:
         bodies = positions[moving_bodies(self._system)]
@@ -182,14 +191,14 @@ class RerunSink:
         """Log an event as text, a phase also as a state, an impact also as an arrow."""
         self._text(event)
         if isinstance(event, PhaseRecord):
-            self._recording.log("states/phase", rr.StateChange(state=event.name))
+            self._at(event.start_s, "states/phase", rr.StateChange.columns(state=[event.name]))
         elif isinstance(event, ImpactRecord):
             self._impact(event)
 
     def _impact(self, event: ImpactRecord) -> None:
         """An arrow along the impulse on the object; it ends at the contact, where nothing hides it."""
         push = np.array(event.normal) * float(np.clip(event.impulse_N_s, _SHORTEST_M, _LONGEST_M))
-        arrow = rr.Arrows3D(
+        arrow = rr.Arrows3D.columns(
             origins=[np.array(event.point_m) - push],
             vectors=[push],
             colors=[YELLOW],
@@ -197,21 +206,22 @@ class RerunSink:
             labels=[f"{event.impulse_N_s:.4g} N s"],
         )
         entity = f"world/impacts/{event.event}/{event.robot_geom.rsplit('/', 1)[-1]}"
-        self._recording.log(entity, arrow)
+        self._at(event.time_s, entity, arrow)
         self._arrows.append((event.time_s + _ARROW_SHOWN_S, entity))
 
     def _text(self, event: Event | OutcomeRecord) -> None:
-        self._at(event_time(event))
-        self._recording.log("events", rr.TextLog(sentence(event), level="WARN" if is_warning(event) else "INFO"))
+        text = rr.TextLog.columns(text=[sentence(event)], level=["WARN" if is_warning(event) else "INFO"])
+        self._at(event_time(event), "events", text)
 
-    def _at(self, time_s: float) -> None:
-        self._recording.set_time(TIMELINE, duration=time_s)
+    def _at(self, time_s: float, path: str, columns: Any) -> None:
+        """One value at one time; as columns, because ``log`` adds the wall clock as another timeline."""
+        self._send(path, [rr.TimeColumn(TIMELINE, duration=[time_s])], columns)
 
     def close(self, outcome: OutcomeRecord | None) -> None:
         """Say how the run ended, and finish.
 
         Raises:
-            LogWriteError: Rerun's writer gave up (full disk), and nobody has said so yet.
+            LogWriteError: The disk is full.
         """
         if not hasattr(self, "_recording"):
             return
@@ -219,12 +229,21 @@ class RerunSink:
         if outcome is not None:
             self._text(outcome)
         try:
-            self._recording.flush(timeout_sec=_FLUSH_TIMEOUT_S)
-        except RuntimeError as error:
-            # A viewer that was closed misses the end; that is no fault of the run.
-            said = isinstance(self._output, str) or (outcome is not None and outcome.outcome == Outcome.WRITE_FAILED)
-            if not said:
-                reason = OSError("Rerun could not write the recording; is the disk full?")
-                raise LogWriteError(self._output, reason) from error
+            self._write()
         finally:
-            self._recording.disconnect()
+            self.disconnect()
+
+    def wait(self, patience_s: float) -> None:
+        """Wait until what was sent has been taken.
+
+        Raises:
+            RuntimeError: It has not, within the patience.
+        """
+        self._recording.flush(timeout_sec=patience_s)
+
+    def disconnect(self) -> None:
+        """Send nothing more."""
+        self._recording.disconnect()
+        if isinstance(self._output, Path):
+            with suppress(OSError):  # said already, when it was written
+                self._file.close()
