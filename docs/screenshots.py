@@ -5,6 +5,8 @@ No display is needed: the viewer draws off screen (software Vulkan, Debian's ``m
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
 import subprocess
 import tempfile
@@ -39,7 +41,7 @@ def main() -> None:
     port = free_port()
     command = viewer_command("--headless", "--window-size", SIZE, "--port", str(port))
     with tempfile.TemporaryDirectory() as folder:
-        viewer = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
         try:
             client = connected(port)
             for scenario in dict.fromkeys(scenario for _, scenario, _ in SHOTS):
@@ -48,7 +50,7 @@ def main() -> None:
                 for name, _, time_s in (shot for shot in SHOTS if shot[1] == scenario):
                     take(client, Path(folder) / f"{name}.png", time_s)
         finally:
-            viewer.terminate()
+            os.killpg(viewer.pid, signal.SIGTERM)  # the viewer is a child of the command that starts it
             viewer.wait()
 
 

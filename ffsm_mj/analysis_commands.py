@@ -26,6 +26,8 @@ def analyze(options: argparse.Namespace, say: Say) -> bool:
     """
     if options.json and options.compare:
         raise InputError("--compare prints text: leave --json out, or call ffsm_mj.compare(a, b) in Python")
+    if options.compare and len(options.runs) < 2:
+        raise InputError("--compare: name two runs or more")
     tolerance = _tolerance(options.tolerance)
     names = run_names(options.runs)
     several = len(names) > 1
@@ -81,8 +83,6 @@ def _load_all(paths: Sequence[str], names: Sequence[str]) -> Iterator[tuple[Path
 
 
 def _compare(runs: Sequence[tuple[str, Run]], say: Say) -> None:
-    if len(runs) < 2:
-        raise InputError("--compare: name two runs or more")
     for name, run in runs[1:]:
         say("\n" + comparison_report((runs[0][0], name), compare(runs[0][1], run)))
 

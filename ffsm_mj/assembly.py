@@ -137,10 +137,9 @@ def _impact_pairs(scenario: Scenario, system: System) -> tuple[ImpactPair, ...]:
     pairs, faults = [], []
     for i, config in enumerate(scenario.impact_pairs):
         for key in ("robot_geom", "object_geom"):
-            try:
-                system.resolve("geom", getattr(config, key))
-            except LookupError as error:
-                faults.append(Fault(str(error.args[0]), ("impact_pairs", i, key)))
+            fault = _geom_fault(system, key, getattr(config, key))
+            if fault:
+                faults.append(Fault(fault, ("impact_pairs", i, key)))
         if faults:
             continue
         try:
@@ -150,6 +149,18 @@ def _impact_pairs(scenario: Scenario, system: System) -> tuple[ImpactPair, ...]:
     if faults:
         raise ScenarioFaults(faults)
     return tuple(pairs)
+
+
+def _geom_fault(system: System, key: str, name: str) -> str:
+    """What is wrong with a geom's name on one side of an impact pair, or nothing."""
+    side = "the robot" if key == "robot_geom" else "an object"
+    valid = [full for full in system.names("geom") if full.startswith(f"{system.robot.name}/") == (side == "the robot")]
+    try:
+        full = system.resolve("geom", name)
+    except LookupError as error:
+        message = str(error.args[0])
+        return unknown_name(f"geom of {side}", name, valid) if message.startswith("unknown") else message
+    return "" if full in valid else f"{full} is no geom of {side}; allowed: {', '.join(sorted(valid))}"
 
 
 def _refuse_contradictions(pairs: tuple[ImpactPair, ...], ignored: set[frozenset[int]]) -> None:

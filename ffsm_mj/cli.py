@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 OK, VIOLATED, BAD_INPUT, RUN_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
+_MOST_FRAMES_PER_SECOND = 50
 _EXIT_CODES = (
     f"exit codes: {OK} done, {VIOLATED} a law is violated (analyze) or a page is stale (reproduce --check), "
     f"{BAD_INPUT} bad input, {RUN_FAILED} the run failed (log kept), {INTERRUPTED} interrupted (log kept)"
@@ -98,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="TABLE",
         help="samples (default), impacts, phases or laws, for --csv and --parquet",
     )
-    export.add_argument("--fps", type=_positive, default=20.0, help="frames per second of an animation (default: 20)")
+    export.add_argument("--fps", type=_frame_rate, default=20.0, help="frames per second, up to 50 (default: 20)")
     export.add_argument(
         "--speed", type=_positive, metavar="X", help="times real time (default: so that it lasts 12 s at most)"
     )
@@ -144,6 +145,12 @@ def _tolerance(text: str) -> tuple[str, float]:
     """A law's name, empty for all laws, and its tolerance."""
     name, _, value = text.rpartition("=")
     return name.replace("_", " ").strip(), _positive(value)
+
+
+def _frame_rate(text: str) -> float:
+    if _positive(text) > _MOST_FRAMES_PER_SECOND:
+        raise argparse.ArgumentTypeError(f"{text} is more than {_MOST_FRAMES_PER_SECOND} frames per second")
+    return float(text)
 
 
 def _positive(text: str) -> float:

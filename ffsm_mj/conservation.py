@@ -76,8 +76,10 @@ def residuals(log: RunLog, party: str) -> tuple[FloatArray, FloatArray]:
     booked = {"total": external, "robot": external - contact, "objects": contact}[party]
     work = 0.0 if party == "objects" else column(log, "ledger.work_J")
     energy, momentum = column(log, f"energy.{party}_J"), vector(log, f"momentum.{party}_")
-    energy_residual = energy - energy[:1] - work - column(log, f"ledger.{party}_impact_energy_J")
-    return energy_residual, (momentum - momentum[:1] - booked) * free_components(log, party)
+    energy_residual = energy - work - column(log, f"ledger.{party}_impact_energy_J")
+    momentum_residual = (momentum - booked) * free_components(log, party)
+    # Since the first sample that there is: the accounts begin at t = 0, a damaged log may not.
+    return energy_residual - energy_residual[:1], momentum_residual - momentum_residual[:1]
 
 
 def check_laws(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:

@@ -45,19 +45,22 @@ def ffsm_run(tmp_path_factory: pytest.TempPathFactory) -> RunFactory:
 
     def run(source: str | Path, overrides: Sequence[str] | Mapping[str, Any] = (), *, rerun: bool = False) -> Run:
         import ffsm_mj
+        from ffsm_mj.errors import InputError
 
         given = sorted(overrides.items()) if isinstance(overrides, Mapping) else list(overrides)
         path = Path(source)
         logged = path.is_dir() or ".mcap" in path.suffixes
         where, what = str(path.resolve()) if path.exists() else str(source), repr(given)
         if (where, what, True) not in cache and (where, what, rerun) not in cache:
-            folder = path
-            if not logged:
-                folder = tmp_path_factory.mktemp("ffsm-runs") / path.stem
-                ffsm_mj.run(source, overrides, out=folder, rerun=rerun)
-            elif given:
+            if logged and given:
                 raise ValueError(f"{source} is a finished run: overrides can change nothing in it")
-            cache[where, what, rerun] = ffsm_mj.load_run(folder)
+            folder = path if logged else tmp_path_factory.mktemp("ffsm-runs") / path.stem
+            try:
+                if not logged:
+                    ffsm_mj.run(source, overrides, out=folder, rerun=rerun)
+                cache[where, what, rerun] = ffsm_mj.load_run(folder)
+            except InputError as error:
+                pytest.fail(str(error), pytrace=False)
         return cache.get((where, what, True)) or cache[where, what, rerun]
 
     return run
@@ -74,14 +77,15 @@ def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, laws: Sequence[st
     Raises:
         AssertionError: A law is violated (the message says which, whose, by how much, where and when), the run is not
             conservative, or it has no samples.
-        KeyError: No such law.
+        ValueError: No such law.
     """
     __tracebackhide__ = True
     from ffsm_mj.conservation import LAW_NAMES
+    from ffsm_mj.errors import unknown_name
 
     for name in laws:
         if name not in LAW_NAMES:
-            raise KeyError(f"no law is called {name!r}; there are {', '.join(LAW_NAMES)}")
+            raise ValueError(unknown_name("law", name, LAW_NAMES))
     checked = [law for law in run.laws(tolerance) if not laws or law.name in laws]
     if not run.conservative:
         raise AssertionError(f"{run.name} is not conservative: {run.log.header.facts.get('not_conservative', '')}")

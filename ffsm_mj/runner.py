@@ -111,7 +111,7 @@ class Prepared:
         phases = ", ".join(f"{p.name} ({p.controller.kind})" for p in self.scenario.phases)
         lines = [
             f"{self.scenario.name}: valid",
-            *(f"  {tree.name}: {len(tree.bodies)} bodies, {tree.dofs.stop - tree.dofs.start} dofs" for tree in system.trees),
+            *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
             f"  impact pairs: {pairs}",
             f"  phases: {phases}",
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"

@@ -225,7 +225,7 @@ def load_scenario(path: Path, overrides: Sequence[str] = ()) -> tuple[Scenario, 
         scenario = Scenario.model_validate(source.data)
     except ValidationError as error:
         kinds_known = KindNames(Scenario, _KINDS.classes, ACTUATOR_KINDS, _KINDS.broken)
-        raise InputError([source.line(fault) for fault in plain_faults(error, kinds_known)]) from error
+        raise InputError(source.lines(plain_faults(error, kinds_known))) from error
     faults = _other_faults(scenario)
     if faults:
         raise located(ScenarioFaults(faults), source)
@@ -234,4 +234,4 @@ def load_scenario(path: Path, overrides: Sequence[str] = ()) -> tuple[Scenario, 
 
 def located(error: ScenarioFaults, source: YamlSource) -> InputError:
     """The same faults with the places where they stand."""
-    return InputError([source.line(fault) for fault in error.faults])
+    return InputError(source.lines(error.faults))

@@ -33,7 +33,14 @@ class KindNames:
 
 def plain_faults(error: ValidationError, names: KindNames) -> list[Fault]:
     """One fault per thing that is wrong."""
-    return [_fault(item, names) for item in _without_other_members(error)]
+    items = _without_other_members(error)
+    return [_fault(item, names) for item in items if not _follows(item, items)]
+
+
+def _follows(item: Any, items: list[Any]) -> bool:
+    """Whether a list is only called too short because its items were found faulty."""
+    place = item["loc"]
+    return item["type"] == "too_short" and any(len(o["loc"]) > len(place) and o["loc"][: len(place)] == place for o in items)
 
 
 _PLAIN_WORDS = (

@@ -106,7 +106,8 @@ def _phase_lines(run: Run) -> list[str]:
     """Phases that the scenario has and the run did not reach."""
     reached = {phase.name for phase in run.phases}
     missed = [name for name in run.log.header.facts.get("phases", "").split("\n") if name and name not in reached]
-    return [f"phases not reached: {', '.join(missed)}"] if missed else []
+    lost = "" if not run.damage else ", or lost with the damage"
+    return [f"phases not reached{lost}: {', '.join(missed)}"] if missed else []
 
 
 def _tip_lines(run: Run) -> list[str]:
@@ -114,8 +115,8 @@ def _tip_lines(run: Run) -> list[str]:
     if tip is None:
         return []
     target = ", ".join(f"{x:g}" for x in tip["target_m"])
-    closest = f"smallest error {tip['min_error_m']:.4f} m at {tip['min_error_time_s']:.3f} s"
-    last = f"final error {tip['final_error_m']:.4f} m at {tip['final_speed_m_s']:.4f} m/s"
+    closest = f"smallest error {tip['min_error_m']:.4g} m at {tip['min_error_time_s']:.3f} s"
+    last = f"final error {tip['final_error_m']:.5g} m at {tip['final_speed_m_s']:.4g} m/s"
     return [f"tip to ({target}) m: {closest}, {last}"]
 
 

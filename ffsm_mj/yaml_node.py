@@ -16,7 +16,7 @@ from ffsm_mj.errors import InputError
 KeyPath = tuple[str | int, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Place:
     """A file, and line and column in it from 1."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
@@ -39,6 +39,10 @@ class YamlSource:
             if shared and path[:shared] == fault.path[:shared]:
                 return f"-s {text}: {label}{fault.message}"
         return f"{self._root.find(fault.path).place}: {label}{fault.message}"
+
+    def lines(self, faults: Iterable[Fault]) -> list[str]:
+        """One line per fault, in the order of the file."""
+        return [self.line(fault) for fault in sorted(faults, key=lambda fault: self._root.find(fault.path).place)]
 
     def folder(self, path: KeyPath) -> Path:
         """Folder of the file that states a key; an override states it as the file that the user named."""

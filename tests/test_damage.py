@@ -175,3 +175,29 @@ def test_a_closed_stdout_ends_nothing(tmp_path, arguments):
     assert (done.returncode, done.stderr) == (0, "")
     if arguments == ("run",):
         assert ffsm_mj.load_run(tmp_path / "out").complete
+
+
+def test_laws_are_judged_from_the_first_sample_that_is_left(tmp_path):
+    """The accounts begin at t = 0: what they held before the first sample read is no violation, and the gap is told."""
+    ffsm_mj.run(two_balls(tmp_path, duration_s=3.0), out=tmp_path / "out", rerun=False)
+    log = tmp_path / "out" / "run.mcap"
+    data = bytearray(log.read_bytes())
+    whole = ffsm_mj.load_run(log)
+    chunk = next(s for s in range(len(data)) if data[s] == 6 and data[s + 37 : s + 45] == b"\x04\x00\x00\x00zstd")
+    damaged = None
+    for _ in range(20):  # the chunk with the first samples: an event behind them closes it
+        length = int.from_bytes(data[chunk + 1 : chunk + 9], "little")
+        copy = data.copy()
+        copy[chunk + length // 2 + 9] ^= 0xFF
+        log.write_bytes(copy)
+        run = ffsm_mj.load_run(log)
+        if len(run.time) and run.time[0] > 0.0:
+            damaged = run
+            break
+        chunk += 9 + length
+        chunk = next(s for s in range(chunk, len(data)) if data[s] == 6 and data[s + 37 : s + 45] == b"\x04\x00\x00\x00zstd")
+    assert damaged is not None
+    assert damaged.time[0] > 0.0
+    assert f"samples are missing from 0 to {damaged.time[0]:g} s" in damaged.damage
+    assert all(law.holds for law in damaged.laws(1e-12))
+    assert len(damaged.time) < len(whole.time)

@@ -94,20 +94,28 @@ class _Contents:
         files = dict(self.attachments)
         scenario = files.pop(form.SCENARIO_ATTACHMENT, b"").decode()
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata)
-        damage = _damage(salvage, size, rows, complete=outcome is not None)
+        damage = _damage(salvage, size, rows, outcome.end_s if outcome is not None else None)
         return run_log(header, rows, events, outcome, damage)
 
 
-def _damage(salvage: Salvage, size: int, rows: FloatArray, *, complete: bool) -> str:
+def _holes(times: FloatArray, end_s: float | None) -> list[tuple[float, float]]:
+    """Times between which samples are missing, from t = 0 to the end of the run where that is known."""
+    if not len(times):
+        return []
+    ends = [times[-1]] if end_s is None else [end_s]
+    marks = np.concatenate(([0.0], times, ends))
+    usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    return [(float(marks[i]), float(marks[i + 1])) for i in np.flatnonzero(np.diff(marks) > 1.5 * usual)]
+
+
+def _damage(salvage: Salvage, size: int, rows: FloatArray, end_s: float | None) -> str:
     """What is wrong with a file, beyond that it may break off; empty where nothing is."""
     if salvage.lost_bytes:
         text = f"{salvage.lost_bytes} of {size} bytes cannot be read"
-        steps = np.diff(rows[:, 0])
-        holes = np.flatnonzero(steps > 1.5 * (np.median(steps) if len(steps) else 0.0))
-        missing = ", ".join(f"{rows[i, 0]:g} to {rows[i + 1, 0]:g} s" for i in holes)
+        missing = ", ".join(f"{a:g} to {b:g} s" for a, b in _holes(rows[:, 0], end_s))
         return f"{text}; samples are missing from {missing}" if missing else text
     if not salvage.data_match:
         return "a checksum does not hold: all samples were read, but descriptions and units may be wrong"
-    if complete and not salvage.index_match:
+    if end_s is not None and not salvage.index_match:
         return "its index is missing or damaged; all data were read"
     return ""

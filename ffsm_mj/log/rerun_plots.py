@@ -18,7 +18,7 @@ ORANGE, VERMILION, YELLOW = (230, 159, 0), (213, 94, 0), (240, 228, 66)
 SKY, BLUE, GREEN, PURPLE = (86, 180, 233), (0, 114, 178), (0, 158, 115), (204, 121, 167)
 _OF_PARTY = {
     "total": (WHITE, WHITE, WHITE),
-    "robot": (ORANGE, VERMILION, YELLOW),
+    "robot": (ORANGE, VERMILION, PURPLE),
     "objects": (SKY, BLUE, GREEN),
 }
 JOINTS, BASE = "plots/joints", "plots/base"
@@ -76,7 +76,7 @@ def _momenta(index: Mapping[str, int], facts: Mapping[str, str]) -> list[Plot]:
 
 
 def _ledger(index: Mapping[str, int], facts: Mapping[str, str]) -> Plot:
-    colours = dict(zip(COMPONENTS, (ORANGE, VERMILION, YELLOW, SKY, BLUE, GREEN), strict=True))
+    colours = dict(zip(COMPONENTS, (ORANGE, VERMILION, PURPLE, SKY, BLUE, GREEN), strict=True))
     components = _free(facts, "total")
     columns = [index["ledger.total_energy_residual_J"], *(index[f"ledger.total_residual_{c}"] for c in components)]
     return Plot(

@@ -47,7 +47,10 @@ class RerunSink:
     def open(self, header: RunHeader) -> None:
         """Start the recording with everything that does not change."""
         self._layout = layout = header.layout
-        self._recording = rr.RecordingStream("ffsm-mj", recording_id=f"{header.scenario_name}-{header.facts['created_utc']}")
+        self._recording = rr.RecordingStream(
+            f"ffsm-mj {header.scenario_name}",  # an open viewer keeps one layout per application
+            recording_id=f"{header.scenario_name}-{header.facts['created_utc']}",
+        )
         self._connect()
         self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         log_shapes(self._recording, self._system)

@@ -127,7 +127,7 @@ PRINTED: tuple[Printed, ...] = (
         "base_way",
         "approximate",
         '"similar" in the paper; equal and opposite impulses on 5 kg and 12 kg: the robot\'s mass centre goes 5/12 of the '
-        "object's way",
+        "object's way, and the base turns about it",
     ),
     Printed("4.4", "free-flying", "final tip error", "mm", "0.3", "final_error_mm"),
     Printed(
