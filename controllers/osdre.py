@@ -90,15 +90,12 @@ class Osdre:
         self._driven_R = np.linalg.inv(_input_weight(config.R, len(self._joints.dofs))) @ self._driven
         self._both = np.vstack((self._driven, self._driven_R))
         self._data: Any = None
-        self._planar = PlanarRiccati(Q) if p == 2 else None
-        self._blocks = BlockRiccati(Q)
+        self._riccati = PlanarRiccati(Q) if p == 2 else BlockRiccati(Q)
         self._report: tuple[float, ...] = (np.nan,) * len(self.telemetry_signals)
 
     def start(self, observation: Observation) -> None:  # noqa: ARG002
         """The law has no memory; the Riccati solver starts cold."""
-        self._blocks.forget()
-        if self._planar is not None:
-            self._planar.forget()
+        self._riccati.forget()
 
     def control(self, observation: Observation, command: Command) -> None:
         """Command u = -R^-1 B^T K [y - y_d; ydot], paper (32).
@@ -110,7 +107,8 @@ class Osdre:
             self._bind(observation.data)
         self._output_dynamics()
         try:
-            u = self._planar_law(self._planar) if self._planar is not None else self._law()
+            riccati = self._riccati
+            u = self._planar_law(riccati) if isinstance(riccati, PlanarRiccati) else self._law(riccati)
         except RiccatiError as error:
             raise ControllerError(f"OSDRE at t = {observation.time_s:.6g} s: {error}") from error
         if self._damping > 0.0:
@@ -154,7 +152,7 @@ class Osdre:
         self._report = (math.hypot(*tip.error), residual, float(fallback), tip.smallest_gain)
         return tip.gain.dot(feedback(blocks, tip.error, tip.y_dot, tip.axes))  # type: ignore[no-any-return]
 
-    def _law(self) -> FloatArray:
+    def _law(self, riccati: BlockRiccati) -> FloatArray:
         """The law for any number of outputs."""
         B_lower, BR, axes = self._W.dot(self._driven.T), self._W.dot(self._driven_R.T), self._axes
         y, y_dot = self._point[axes], self._J.dot(self._qvel)
@@ -164,7 +162,7 @@ class Osdre:
         if self._whole_stack:
             A21, square = np.outer(drift, y), square + float(y.dot(y))
         scale = 1.0 / square if square > 0.0 else 0.0
-        K_lower, residual, fallback = self._blocks.solve(scale * A21, scale * A22, BR.dot(B_lower.T))
+        K_lower, residual, fallback = riccati.solve(scale * A21, scale * A22, BR.dot(B_lower.T))
         error = y - self._task.target_m
         smallest = float(np.linalg.svd(B_lower, compute_uv=False)[-1])
         self._report = (math.sqrt(error.dot(error)), residual, float(fallback), smallest)

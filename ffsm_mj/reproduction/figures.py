@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ffsm_mj.plots.style import BLUE, GREEN, VERMILLION, WIDTH_IN, publication, write
 from ffsm_mj.reproduction.cases import Case, Result
 from ffsm_mj.reproduction.comparison import Comparison, decided_cases
 from ffsm_mj.reproduction.drift import Drift
@@ -15,35 +16,17 @@ from ffsm_mj.reproduction.drift import Drift
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe & Ito: told apart with every kind of colour vision.
-_BLUE, _VERMILLION, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
-_RC = {
-    "font.size": 8.5,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "legend.fontsize": 8.0,
-    "axes.labelsize": 8.5,
-    "axes.linewidth": 0.7,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "#D5D5D5",
-    "grid.linewidth": 0.5,
-    "legend.frameon": False,
-    "figure.constrained_layout.use": True,
-}
-_WIDTH_IN = 7.0
+_GREY = "#666666"
 
 
 def save_study(comparisons: Sequence[Comparison], results: Mapping[Case, Result], path: Path) -> None:
     """Deviation of every run of the study from every printed number, in units of what the print leaves open."""
-    with _style():
+    with publication():
         shown = [c for c in comparisons if not c.printed.kind and "misprint" not in c.printed.why]
         figure, axes = _figure(0.155 * len(shown) + 1.2)
         axes.axvspan(-1.0, 1.0, color="#E8E8E8", zorder=0, label="what the print leaves open")
         labels = ("1 ms", "0.5 ms", "0.25 ms")
-        for i, (label, marker, colour) in enumerate(zip(labels, "osD", (_BLUE, _VERMILLION, _GREEN), strict=True)):
+        for i, (label, marker, colour) in enumerate(zip(labels, "osD", (BLUE, VERMILLION, GREEN), strict=True)):
             values = [results[decided_cases(c.printed.scenario)[i]].values[c.printed.key] for c in shown]
             _dots(axes, shown, values, marker, colour, f"step and control period {label}")
         declared = [np.nan if c.threshold is None else c.threshold for c in shown]
@@ -58,14 +41,14 @@ def save_study(comparisons: Sequence[Comparison], results: Mapping[Case, Result]
         axes.set_ylim(len(shown) - 0.4, -0.6)
         axes.set_xlabel("ours minus printed, in half units of the last printed digit")
         figure.legend(loc="outside upper center", ncols=2, fontsize=7.5)
-        _write(figure, path)
+        write(figure, path.parent, path.stem, (path.suffix[1:],))
 
 
 def save_drift(drifts: Mapping[str, Drift], path: Path) -> None:
     """Tip error of long runs, and below what it cannot be whatever the arm does."""
-    with _style():
+    with publication():
         figure, axes = _figure(3.4)
-        for (label, drift), colour in zip(drifts.items(), (_VERMILLION, _BLUE, _GREEN), strict=True):
+        for (label, drift), colour in zip(drifts.items(), (VERMILLION, BLUE, GREEN), strict=True):
             axes.semilogy(drift.time_s, drift.error_m, color=colour, linewidth=1.4, label=label)
             bound = np.where(drift.bound_m > 0.0, drift.bound_m, np.nan)
             axes.semilogy(drift.time_s, bound, color=colour, linewidth=1.1, linestyle=(0, (4, 2)))
@@ -75,7 +58,7 @@ def save_drift(drifts: Mapping[str, Drift], path: Path) -> None:
         axes.set_xlim(0.0, 120.0)
         axes.set_ylim(2e-5, 30.0)
         figure.legend(loc="outside upper center", ncols=2)
-        _write(figure, path)
+        write(figure, path.parent, path.stem, (path.suffix[1:],))
 
 
 def _dots(axes: Any, shown: Sequence[Comparison], values: Sequence[float], marker: str, colour: str, label: str) -> None:
@@ -83,19 +66,8 @@ def _dots(axes: Any, shown: Sequence[Comparison], values: Sequence[float], marke
     axes.plot(away, range(len(shown)), marker, color=colour, markersize=3.6, markerfacecolor="none", label=label)
 
 
-def _style() -> Any:
-    import matplotlib as mpl
-
-    return mpl.rc_context(_RC)
-
-
 def _figure(height_in: float) -> tuple[Figure, Any]:
     from matplotlib.figure import Figure  # not pyplot: nothing global, no display
 
-    figure = Figure(figsize=(_WIDTH_IN, height_in))
+    figure = Figure(figsize=(WIDTH_IN, height_in))
     return figure, figure.subplots()
-
-
-def _write(figure: Figure, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=160, metadata={"Software": None})
