@@ -1,8 +1,8 @@
 """Speed as ratios within one run: bare MuJoCo, detection, the whole baseline, its logs, the Riccati solvers, a cold process.
 
-``uv run --extra peers python benchmarks/run.py`` prints medians and spread over interleaved repeats; without the extra the
-other engines are left out; ``--repeats 3`` is quicker. "Bare" is
-the Python loop of ``mj_step`` on the baseline's model (RK4, 1 ms, contacts on) for 30 s.
+``uv run --extra fast --extra peers python benchmarks/run.py`` prints medians and spread over interleaved repeats; without
+the extra ``fast`` the compiled rows are left out, without ``peers`` the other engines; ``--repeats 3`` is quicker. "Bare"
+is the Python loop of ``mj_step`` on the baseline's model (RK4, 1 ms, contacts on) for 30 s.
 """
 
 # ruff: noqa: E402
@@ -14,13 +14,15 @@ import ffsm_mj
 ffsm_mj.one_blas_thread()  # before numpy is imported: a second thread only spins on matrices this small
 
 import argparse
+import os
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
-from functools import cache
+from contextlib import contextmanager
+from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -28,9 +30,9 @@ import mujoco
 import numpy as np
 import peers
 
-from controllers.riccati import BlockRiccati, PlanarRiccati, solve_care
+from controllers.riccati import BlockRiccati, planar_riccati, solve_care
 from controllers.riccati_planar import principal_axes, turned
-from ffsm_mj.compiled import COMPILED
+from ffsm_mj.compiled import is_compiled
 from ffsm_mj.impact.contact import ImpactPair
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.log.mcap_sink import McapSink
@@ -134,7 +136,7 @@ def riccati(solver: str) -> float:
     first, second = rng.normal(size=(2, 2, 4)), rng.normal(size=(2, 2, 4))
     left, right = rng.normal(size=(2, 3)), rng.normal(size=(2, 3))
     Q, count = np.diag([1.0, 1.0, 0.5, 0.5]), 500
-    planar, total = PlanarRiccati(Q), 0.0
+    planar, total = planar_riccati(Q), 0.0
     for k in range(count):
         A, S = np.zeros((4, 4)), np.zeros((4, 4))
         angle = 0.001 * k
@@ -161,6 +163,29 @@ def scipy_care(A, B, Q):
     return solve_continuous_are(A, B, Q, np.eye(B.shape[1]))
 
 
+def plain(row: Callable[[], float]) -> float:
+    """A row without the compiled twins."""
+    with switched("0"):
+        return row()
+
+
+def compiled(row: Callable[[], float]) -> float:
+    """A row with them."""
+    with switched("1"):
+        return row()
+
+
+@contextmanager
+def switched(value: str):
+    """Set FFSM_COMPILED for a while."""
+    before = os.environ.get("FFSM_COMPILED", "1")
+    os.environ["FFSM_COMPILED"] = value
+    try:
+        yield
+    finally:
+        os.environ["FFSM_COMPILED"] = before
+
+
 def cold(code: str) -> float:
     """A whole process from prompt to exit."""
     with tempfile.TemporaryDirectory() as folder:
@@ -181,24 +206,32 @@ for _ in range({STEPS}):
 RUN_PROCESS = 'from ffsm_mj.cli import main; main(["run", "baseline", "--no-rerun"])'
 HELP_PROCESS = 'from ffsm_mj.cli import main\ntry: main(["--help"])\nexcept SystemExit: pass'
 
+BARE, SCIPY, SCIPY_3 = "bare loop, contacts on", "Riccati, SciPy", "Riccati, 3 outputs, SciPy"
+NO_DETECTION, BARE_COLD = "step and forward, no detection", "cold process, bare loop"
+MEMORY, MCAP = partial(whole, out=False, rerun=False), partial(whole, out=True, rerun=False)
 ROWS: dict[str, tuple[Callable[[], float], str]] = {
-    "bare loop, contacts on": (lambda: bare(contacts=True), "bare loop, contacts on"),
-    "bare loop, contacts off": (lambda: bare(contacts=False), "bare loop, contacts on"),
-    "step and forward, no detection": (lambda: forwarded(pairs=()), "step and forward, no detection"),
-    "detection of five pairs": (lambda: forwarded(pairs=PAIRS), "step and forward, no detection"),
-    "baseline, log in memory": (lambda: whole(out=False, rerun=False), "bare loop, contacts on"),
-    "baseline, MCAP": (lambda: whole(out=True, rerun=False), "bare loop, contacts on"),
-    "writing the MCAP alone": (writing, "bare loop, contacts on"),
-    "baseline, MCAP and Rerun": (lambda: whole(out=True, rerun=True), "bare loop, contacts on"),
-    "Riccati, structured": (lambda: riccati("structured"), "Riccati, SciPy"),
-    "Riccati, eigenvectors": (lambda: riccati("eigenvectors"), "Riccati, SciPy"),
-    "Riccati, SciPy": (lambda: riccati("scipy"), "Riccati, SciPy"),
-    "Riccati, 3 outputs, blocks": (lambda: three_outputs("blocks"), "Riccati, 3 outputs, SciPy"),
-    "Riccati, 3 outputs, SciPy": (lambda: three_outputs("scipy"), "Riccati, 3 outputs, SciPy"),
-    "cold process, bare loop": (lambda: cold(BARE_PROCESS), "cold process, bare loop"),
-    "cold process, ffsm run": (lambda: cold(RUN_PROCESS), "cold process, bare loop"),
-    "interpreter alone": (lambda: cold("pass"), "interpreter alone"),
-    "ffsm --help": (lambda: cold(HELP_PROCESS), "interpreter alone"),
+    BARE: (partial(bare, contacts=True), BARE),
+    "bare loop, contacts off": (partial(bare, contacts=False), BARE),
+    NO_DETECTION: (partial(forwarded, pairs=()), NO_DETECTION),
+    "detection of five pairs": (partial(plain, partial(forwarded, pairs=PAIRS)), NO_DETECTION),
+    "the same, compiled": (partial(compiled, partial(forwarded, pairs=PAIRS)), NO_DETECTION),
+    "baseline, log in memory": (partial(plain, MEMORY), BARE),
+    "baseline, in memory, compiled": (partial(compiled, MEMORY), BARE),
+    "baseline, MCAP": (partial(plain, MCAP), BARE),
+    "baseline, MCAP, compiled": (partial(compiled, MCAP), BARE),
+    "writing the MCAP alone": (writing, BARE),
+    "baseline, MCAP and Rerun": (partial(plain, partial(whole, out=True, rerun=True)), BARE),
+    "Riccati, structured": (partial(plain, partial(riccati, "structured")), SCIPY),
+    "Riccati, structured, compiled": (partial(compiled, partial(riccati, "structured")), SCIPY),
+    "Riccati, eigenvectors": (partial(riccati, "eigenvectors"), SCIPY),
+    SCIPY: (partial(riccati, "scipy"), SCIPY),
+    "Riccati, 3 outputs, blocks": (partial(three_outputs, "blocks"), SCIPY_3),
+    SCIPY_3: (partial(three_outputs, "scipy"), SCIPY_3),
+    BARE_COLD: (partial(cold, BARE_PROCESS), BARE_COLD),
+    "cold process, ffsm run": (partial(plain, partial(cold, RUN_PROCESS)), BARE_COLD),
+    "cold process, ffsm run, compiled": (partial(compiled, partial(cold, RUN_PROCESS)), BARE_COLD),
+    "interpreter alone": (partial(cold, "pass"), "interpreter alone"),
+    "ffsm --help": (partial(cold, HELP_PROCESS), "interpreter alone"),
 }
 
 
@@ -209,16 +242,15 @@ def main() -> None:
     repeats = parser.parse_args().repeats
     import rerun  # noqa: F401 (its import is not part of writing)
 
-    print("compiled with numba" if COMPILED else "plain Python (uv run --extra fast ... compiles)")
-
-    for row, _ in ROWS.values():
+    rows = {name: row for name, row in ROWS.items() if "compiled" not in name or is_compiled()}
+    for row, _ in rows.values():
         row()
-    times: dict[str, list[float]] = {name: [] for name in ROWS}
+    times: dict[str, list[float]] = {name: [] for name in rows}
     for _ in range(repeats):
-        for name, (row, _) in ROWS.items():
+        for name, (row, _) in rows.items():
             times[name].append(row())
     print(f"{'':32}{'median':>12}{'min':>12}{'max':>12}{'ratio':>8}  to")
-    for name, (_, reference) in ROWS.items():
+    for name, (_, reference) in rows.items():
         ratio = statistics.median(a / b for a, b in zip(times[name], times[reference], strict=True))
         values = [
             f"{x:.3f} s" if x > 1e-2 else f"{1e6 * x:.1f} us"

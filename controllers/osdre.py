@@ -6,21 +6,22 @@ figures were made with the other. ``output_stack`` depends on where the world's 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
-import mujoco
 import numpy as np
 from pydantic import Field
 
+from controllers.block_law import BlockLaw
+from controllers.indices import compact
 from controllers.joints import driven_joints
-from controllers.osdre_planar import feedback, tip_state
-from controllers.riccati import BlockRiccati, PlanarRiccati, RiccatiError
+from controllers.planar_law import PlanarLaw
+from controllers.riccati import BlockRiccati, RiccatiError, planar_riccati
+from controllers.tip_kinematics import TipKinematics
+from ffsm_mj.compiled import fastest
 from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
-from ffsm_mj.model import FloatArray, IntArray
+from ffsm_mj.model import FloatArray
 from ffsm_mj.signals import Signal
 
 Weight = tuple[float, ...] | tuple[tuple[float, ...], ...]
@@ -49,7 +50,12 @@ class Osdre:
     telemetry_signals: ClassVar[tuple[Signal, ...]] = (
         Signal("controller", "osdre_error_m", "m", "distance of the output from its target"),
         Signal("controller", "osdre_riccati_residual", "", "residual of the Riccati equation over its largest term"),
-        Signal("controller", "osdre_riccati_fallback", "", "1 where the robust Riccati solver was needed"),
+        Signal(
+            "controller",
+            "osdre_riccati_fallback",
+            "",
+            "1 where the robust Riccati solver was needed: no warm start, or it failed",
+        ),
         Signal(
             "controller", "osdre_smallest_gain", "", "smallest singular value of alpha M_c^-1: condition 1 holds while > 0"
         ),
@@ -66,11 +72,7 @@ class Osdre:
         system, self._task = context.system, context.task
         self._model = system.mj
         self._joints = driven_joints(system, config.joints)
-        self._axes = np.array(self._task.axes)
-        self._actuators = _slice_if_contiguous(self._joints.actuators)
-        axes, target = self._task.axes, self._task.target_m.tolist()
-        self._plane, self._target = (axes[0], axes[-1]), (target[0], target[-1])
-        self._tip_body = int(self._model.site_bodyid[self._task.tip_site])
+        self._actuators = compact(self._joints.actuators)
         p = len(self._task.axes)
         if p > len(self._joints.dofs):
             raise ScenarioFaults(
@@ -79,19 +81,11 @@ class Osdre:
         Q = _state_weight(config.Q, p)
         self._damping = config.null_space_damping
         self._whole_stack = config.parameterization == "output_stack"
-        nv = self._model.nv
-        self._jacobians, self._W = np.empty((6, nv)), np.empty((p, nv))
-        self._jacp, self._jac_dot = self._jacobians[:3], self._jacobians[3:]
-        # The rows of the output: a view where its axes are contiguous, filled at each tick where they are not.
-        self._contiguous = axes == tuple(range(axes[0], axes[0] + p))
-        self._J = self._jacp[axes[0] : axes[0] + p] if self._contiguous else np.empty((p, nv))
         # Products with these pick the driven joints, faster than an index does.
-        self._driven = np.eye(nv)[self._joints.dofs]
+        self._driven = np.eye(self._model.nv)[self._joints.dofs]
         self._driven_R = np.linalg.inv(_input_weight(config.R, len(self._joints.dofs))) @ self._driven
-        self._both = np.vstack((self._driven, self._driven_R))
+        self._riccati = planar_riccati(Q) if p == 2 else BlockRiccati(Q)
         self._data: Any = None
-        self._riccati = PlanarRiccati(Q) if p == 2 else BlockRiccati(Q)
-        self._report: tuple[float, ...] = (np.nan,) * len(self.telemetry_signals)
 
     def start(self, observation: Observation) -> None:  # noqa: ARG002
         """The law has no memory; the Riccati solver starts cold."""
@@ -105,79 +99,32 @@ class Osdre:
         """
         if observation.data is not self._data:
             self._bind(observation.data)
-        self._output_dynamics()
         try:
-            riccati = self._riccati
-            u = self._planar_law(riccati) if isinstance(riccati, PlanarRiccati) else self._law(riccati)
+            self._law.tick()
         except RiccatiError as error:
             raise ControllerError(f"OSDRE at t = {observation.time_s:.6g} s: {error}") from error
+        u = self._law.effort
         if self._damping > 0.0:
-            B_lower, brake = self._W @ self._driven.T, self._damping * self._qvel[self._joints.dofs]
-            u -= brake - np.linalg.pinv(B_lower) @ (B_lower @ brake)
+            B_lower, brake = self._kinematics.W @ self._driven.T, self._damping * self._qvel[self._joints.dofs]
+            u = u - brake + np.linalg.pinv(B_lower) @ (B_lower @ brake)
         command.drive(self._actuators, u)
 
     def _bind(self, data: Any) -> None:
-        """Keep views of MuJoCo's arrays: looking them up costs more than reading them."""
-        self._data, self._point = data, data.site_xpos[self._task.tip_site]
-        self._qvel, self._qfrc_bias, self._qfrc_passive = data.qvel, data.qfrc_bias, data.qfrc_passive
+        """Build the law around the plant's data."""
+        task = self._task
+        axes, target, driven = task.axes, task.target_m.tolist(), np.vstack((self._driven, self._driven_R))
+        self._data, self._qvel = data, data.qvel
+        self._kinematics = fastest(TipKinematics)(self._model, data, task.tip_site, axes)
+        self._law: BlockLaw | PlanarLaw
+        if isinstance(self._riccati, BlockRiccati):
+            self._law = BlockLaw(self._kinematics, data, self._riccati, driven, axes, target, self._whole_stack)
+        else:
+            law = fastest(PlanarLaw)
+            self._law = law(self._kinematics, data, self._riccati, driven, axes, target, self._whole_stack)
 
-    def _output_dynamics(self) -> None:
-        """Jacobians of the tip and W = J M^-1 at the current state: ydd = Jdot qdot - W c + W u.
-
-        The part of W on the driven joints is alpha M_c^-1, the elimination of the other dofs (22), done by MuJoCo's
-        factorisation of M.
-        """
-        model, data = self._model, self._data
-        mujoco.mj_jacSite(model, data, self._jacp, None, self._task.tip_site)
-        mujoco.mj_jacDot(model, data, self._jac_dot, None, self._point, self._tip_body)
-        if not self._contiguous:
-            self._J[:] = self._jacp[self._axes]
-        mujoco.mj_solveM(model, data, self._W, self._J)
-
-    def _planar_law(self, riccati: PlanarRiccati) -> FloatArray:
-        """The law for two outputs, mostly in floats."""
-        force = self._qfrc_bias - self._qfrc_passive
-        tip = tip_state(
-            self._W,
-            self._jacobians,
-            force,
-            self._qvel,
-            self._point,
-            self._both,
-            self._plane,
-            self._target,
-            self._whole_stack,
-        )
-        blocks, residual, fallback = riccati.solve(tip.A21, tip.A22, tip.S, tip.axes)
-        self._report = (math.hypot(*tip.error), residual, float(fallback), tip.smallest_gain)
-        return tip.gain.dot(feedback(blocks, tip.error, tip.y_dot, tip.axes))  # type: ignore[no-any-return]
-
-    def _law(self, riccati: BlockRiccati) -> FloatArray:
-        """The law for any number of outputs."""
-        B_lower, BR, axes = self._W.dot(self._driven.T), self._W.dot(self._driven_R.T), self._axes
-        y, y_dot = self._point[axes], self._J.dot(self._qvel)
-        drift = self._jac_dot[axes].dot(self._qvel) - self._W.dot(self._qfrc_bias - self._qfrc_passive)
-        A21, A22 = np.zeros((len(y), len(y))), np.outer(drift, y_dot)
-        square = float(y_dot.dot(y_dot))
-        if self._whole_stack:
-            A21, square = np.outer(drift, y), square + float(y.dot(y))
-        scale = 1.0 / square if square > 0.0 else 0.0
-        K_lower, residual, fallback = riccati.solve(scale * A21, scale * A22, BR.dot(B_lower.T))
-        error = y - self._task.target_m
-        smallest = float(np.linalg.svd(B_lower, compute_uv=False)[-1])
-        self._report = (math.sqrt(error.dot(error)), residual, float(fallback), smallest)
-        return -K_lower.dot(np.concatenate((error, y_dot))).dot(BR)  # type: ignore[no-any-return]
-
-    def telemetry(self) -> Sequence[float]:
+    def telemetry(self) -> FloatArray:
         """Error, Riccati residual, fallback, smallest gain of the last tick."""
-        return self._report
-
-
-def _slice_if_contiguous(indices: IntArray) -> slice | IntArray:
-    """A slice of an array is written five times as fast as an index into it."""
-    if np.all(np.diff(indices) == 1):
-        return slice(int(indices[0]), int(indices[-1]) + 1)
-    return indices
+        return self._law.report
 
 
 def _matrix(weight: Weight, size: int, key: str, of: str) -> FloatArray:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.indices import compact
 from ffsm_mj.controller_protocol import Command, Controller, Observation
 from ffsm_mj.events import PhaseRecord
-from ffsm_mj.model import FloatArray
 from ffsm_mj.signals import Signal
 
 # Ticks are exact multiples of the period up to rounding of the product.
@@ -46,8 +46,8 @@ class PhaseMachine:
             signals |= {signal.key: signal for signal in phase.controller.telemetry_signals}
         self.telemetry_signals = tuple(signals.values())
         column = {key: i for i, key in enumerate(signals)}
-        self._columns = [[column[s.key] for s in phase.controller.telemetry_signals] for phase in self._phases]
-        self._reports = [np.full(len(signals), np.nan) for _ in self._phases]
+        self._columns = [compact([column[s.key] for s in phase.controller.telemetry_signals]) for phase in self._phases]
+        self.telemetry = np.full(len(signals), np.nan)
         self.phase_index = -1
         self._start_s = 0.0
         self._begun: list[PhaseRecord] = []
@@ -59,7 +59,13 @@ class PhaseMachine:
         reason = self._ended(observation)
         if reason and self.phase_index + 1 < len(self._phases):
             self._begin(self.phase_index + 1, observation, reason)
-        self._phases[self.phase_index].controller.control(observation, command)
+        controller = self._phases[self.phase_index].controller
+        controller.control(observation, command)
+        if controller.telemetry_signals:
+            report = controller.telemetry()
+            if len(report) != len(controller.telemetry_signals):
+                raise ValueError(f"telemetry gives {len(report)} values for {len(controller.telemetry_signals)} signals")
+            self.telemetry[self._columns[self.phase_index]] = report
 
     def _ended(self, observation: Observation) -> str:
         """Why the current phase is over, or nothing."""
@@ -74,17 +80,9 @@ class PhaseMachine:
     def _begin(self, index: int, observation: Observation, reason: str) -> None:
         phase = self._phases[index]
         self.phase_index, self._start_s = index, observation.time_s
+        self.telemetry.fill(np.nan)
         self._begun.append(PhaseRecord(index, phase.name, phase.kind, observation.time_s, reason))
         phase.controller.start(observation)
-
-    def telemetry(self) -> FloatArray:
-        """Report of the current phase's controller; NaN in the columns of the others."""
-        values = self._reports[self.phase_index]
-        columns = self._columns[self.phase_index]
-        if columns:
-            for column, value in zip(columns, self._phases[self.phase_index].controller.telemetry(), strict=True):
-                values[column] = value
-        return values
 
     def drain_phases(self) -> list[PhaseRecord]:
         """Phases begun since the last call."""

@@ -2,23 +2,21 @@
 
 In the loop it is solved by Newton-Kleinman steps that use the structure of A and B, warm-started from the ticks before and
 verified: in floats for two outputs (:mod:`controllers.riccati_planar`), in small arrays for any other number
-(:mod:`controllers.riccati_blocks`). Where the verification fails the stable eigenvectors of the Hamiltonian, polished, take
-over; where that is not good enough, SciPy's Schur method.
+(:mod:`controllers.riccati_blocks`). At the first tick of a phase, and where the verification fails, the stable eigenvectors
+of the Hamiltonian, polished, take over; where that is not good enough, SciPy's Schur method. Both are counted as fallbacks.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from controllers.riccati_blocks import BlockNewton
-from controllers.riccati_planar import Blocks, Matrix, Pair, Weight, follow, turned
+from controllers.riccati_planar import ACCEPTED_RESIDUAL, Blocks, Matrix, Pair, PlanarRiccati, Weight
+from ffsm_mj.compiled import fastest
 from ffsm_mj.model import FloatArray
 
-ACCEPTED_RESIDUAL = 1e-13
-"""Relative residual at which a solution counts as exact to rounding."""
 # What the robust methods may leave near singular poses.
 _TOLERATED_RESIDUAL = 1e-9
 
@@ -63,62 +61,15 @@ def _stabilises(A: FloatArray, S: FloatArray, K: FloatArray) -> bool:
     return bool(np.all(np.isfinite(K)) and np.linalg.eigvals(A - S @ K).real.max() < 0.0)
 
 
-class PlanarRiccati:
-    """The equation of two outputs from tick to tick, along the principal axes of S."""
-
-    def __init__(self, Q: FloatArray) -> None:
-        """Take the state weight apart."""
-        self._weight = (_flat(Q[:2, :2]), _flat(Q[:2, 2:]), _flat(Q[2:, 2:]))
-        self._isotropic = all((a, b, c) == (d, 0.0, 0.0) for a, b, c, d in self._weight)
-        self.forget()
-
-    def forget(self) -> None:
-        """Start cold at the next tick."""
-        # The last three solutions, the oldest first, each along the axes of its time.
-        self._history: tuple[Blocks, Blocks, Blocks] | None = None
-
-    def solve(self, A21: Matrix, A22: Matrix, S: Pair, axes: Pair) -> tuple[Blocks, float, bool]:
-        """Stabilising solution.
-
-        Args:
-            A21: Lower left block of A along the principal axes of S.
-            A22: Lower right block of A along them.
-            S: Eigenvalues of S.
-            axes: (cosine, sine) of the angle to the first axis.
-
-        Returns:
-            P2 and P3 along the axes, relative residual, and whether the warm start failed and a robust method was needed.
-
-        Raises:
-            RiccatiError: No method finds a stabilising solution.
-        """
-        Q, history = self._weight, self._history
-        if not self._isotropic:
-            Q = (turned(Q[0], axes), turned(Q[1], axes), turned(Q[2], axes))
-        if history is not None:
-            blocks, residual = _followed(A21, A22, S, Q, history)
-            if residual <= ACCEPTED_RESIDUAL:
-                self._history = history[1], history[2], blocks
-                return blocks, residual, False
-        robust = _robust(A21, A22, S, Q)
-        rough = _flat(robust.K[:2, 2:]), _flat(robust.K[2:, 2:])
-        blocks, residual = _followed(A21, A22, S, Q, (rough, rough, rough))
-        if not residual <= robust.residual:
-            blocks, residual = rough, robust.residual
-        self._history = blocks, blocks, blocks
-        return blocks, residual, history is not None
+def planar_riccati(Q: FloatArray) -> PlanarRiccati:
+    """The solver for two outputs and their weight Q, (4, 4); compiled where it can be."""
+    return fastest(PlanarRiccati)((_flat(Q[:2, :2]), _flat(Q[:2, 2:]), _flat(Q[2:, 2:])), _planar_robust)
 
 
-def _followed(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, history: tuple[Blocks, Blocks, Blocks]) -> tuple[Blocks, float]:
-    try:
-        return follow(A21, A22, S, Q, *history)
-    except ZeroDivisionError:
-        return history[2], math.inf
-
-
-def _robust(A21: Matrix, A22: Matrix, S: Pair, Q: Weight) -> RiccatiSolution:
+def _planar_robust(A21: Matrix, A22: Matrix, S: Pair, Q: Weight) -> tuple[Blocks, float]:
     A21_, A22_, Q1, Q12, Q3 = (np.reshape(block, (2, 2)) for block in (A21, A22, *Q))
-    return solve_care(*_wide(A21_, A22_, np.diag(S)), np.block([[Q1, Q12], [Q12.T, Q3]]))
+    solution = solve_care(*_wide(A21_, A22_, np.diag(S)), np.block([[Q1, Q12], [Q12.T, Q3]]))
+    return (_flat(solution.K[:2, 2:]), _flat(solution.K[2:, 2:])), solution.residual
 
 
 class BlockRiccati:
@@ -134,7 +85,7 @@ class BlockRiccati:
         self._history: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def solve(self, A21: FloatArray, A22: FloatArray, S: FloatArray) -> tuple[FloatArray, float, bool]:
-        """[P2^T, P3] (p, 2 p), relative residual, and whether the warm start failed and a robust method was needed.
+        """[P2^T, P3] (p, 2 p), relative residual, and whether the robust method was needed: no warm start, or it failed.
 
         Raises:
             RiccatiError: No method finds a stabilising solution.
@@ -156,7 +107,7 @@ class BlockRiccati:
             left = relative_residual(A, wide, self._Q, better)
             K, residual = (better, left) if left < residual else (K, residual)
         self._history = K[p:], K[p:], K[p:]
-        return K[p:], residual, history is not None
+        return K[p:], residual, True
 
 
 def _wide(A21: FloatArray, A22: FloatArray, S: FloatArray) -> tuple[FloatArray, FloatArray]:

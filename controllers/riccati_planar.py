@@ -1,5 +1,7 @@
 """The Riccati equation of two outputs, in plain floats: ten times faster than any linear-algebra call on 4 x 4 matrices.
 
+The package ``ffsm-mj-fast`` compiles this very file; ``fast/ffsm_mj_fast/riccati_planar.pxd`` has the types.
+
 With A = [[0, I], [A21, A22]], B = [0; B2], S = B2 R^-1 B2^T and K = [[P1, P2], [P2^T, P3]] only P2 and P3 are needed. All
 blocks are taken along the principal axes of S, where nothing cancels however near the pose is to a singular one. A
 Newton-Kleinman step solves a Lyapunov equation for them with F = A21 - S P2^T and G = A22 - S P3: its blocks give
@@ -10,12 +12,13 @@ form, affine in t, and t from the symmetry of X1. Matrices are flat tuples (a, b
 from __future__ import annotations
 
 import math
-
-from ffsm_mj.compiled import compiled
+from collections.abc import Callable
 
 Pair = tuple[float, float]
 Matrix = tuple[float, float, float, float]
 
+ACCEPTED_RESIDUAL = 1e-13
+"""Relative residual at which a solution counts as exact to rounding."""
 _ITERATIONS = 12
 # Newton's error after a step is of the order of that step squared: once steps are small the residual is worth a look.
 _NEARLY = 1e-6
@@ -26,9 +29,70 @@ Weight = tuple[Matrix, Matrix, Matrix]
 """Blocks of the 4 x 4 state weight Q: position, coupling, rate."""
 Blocks = tuple[Matrix, Matrix]
 """P2 and P3 of a solution."""
+Robust = Callable[[Matrix, Matrix, Pair, Weight], tuple[Blocks, float]]
+"""A method that needs no start: A21, A22, S and Q to a solution and its relative residual."""
 
 
-@compiled
+class PlanarRiccati:
+    """The equation of two outputs from tick to tick, along the principal axes of S."""
+
+    def __init__(self, Q: Weight, robust: Robust) -> None:
+        """Take the state weight, and what to do where there is no warm start or it leads nowhere."""
+        self._weight, self._robust = Q, robust
+        self._isotropic = True
+        for a, b, c, d in Q:
+            if a != d or b != 0.0 or c != 0.0:
+                self._isotropic = False
+        self.forget()
+
+    def forget(self) -> None:
+        """Start cold at the next tick."""
+        # The last three solutions, the oldest first, each along the axes of its time.
+        zero = (0.0, 0.0, 0.0, 0.0)
+        self._first = self._second = self._third = (zero, zero)
+        self._warm = False
+
+    def solve(self, A21: Matrix, A22: Matrix, S: Pair, axes: Pair) -> tuple[Blocks, float, bool]:
+        """Stabilising solution.
+
+        Args:
+            A21: Lower left block of A along the principal axes of S.
+            A22: Lower right block of A along them.
+            S: Eigenvalues of S.
+            axes: (cosine, sine) of the angle to the first axis.
+
+        Returns:
+            P2 and P3 along the axes, relative residual, and whether the robust method was needed: there was no warm start,
+            or it failed.
+
+        Raises:
+            RiccatiError: No method finds a stabilising solution.
+        """
+        Q = self._weight
+        if not self._isotropic:
+            Q = (turned(Q[0], axes), turned(Q[1], axes), turned(Q[2], axes))
+        if self._warm:
+            blocks, left = _attempt(A21, A22, S, Q, extrapolated(self._first, self._second, self._third))
+            if left <= ACCEPTED_RESIDUAL:
+                self._first, self._second, self._third = self._second, self._third, blocks
+                return blocks, left, False
+        rough, rough_left = self._robust(A21, A22, S, Q)
+        blocks, left = _attempt(A21, A22, S, Q, rough)
+        if not left <= rough_left:
+            blocks, left = rough, rough_left
+        self._first = self._second = self._third = blocks
+        self._warm = True
+        return blocks, left, True
+
+
+def _attempt(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, start: Blocks) -> tuple[Blocks, float]:
+    """Newton's method, or its start and an infinite residual where a step is not defined."""
+    try:
+        return newton(A21, A22, S, Q, start)
+    except ZeroDivisionError:
+        return start, math.inf
+
+
 def principal_axes(s0: float, s1: float, s3: float) -> tuple[Pair, Pair]:
     """Eigenvalues of [[s0, s1], [s1, s3]], the larger one first, and (cosine, sine) of the angle to its axis."""
     mean, difference = 0.5 * (s0 + s3), 0.5 * (s0 - s3)
@@ -56,7 +120,6 @@ def turned(M: Matrix, axes: Pair) -> Matrix:
     return mean + p, q + odd, q - odd, mean - p
 
 
-@compiled
 def newton(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, start: Blocks) -> tuple[Blocks, float]:
     """Iterate from a start until what is left is rounding.
 
@@ -87,12 +150,14 @@ def newton(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, start: Blocks) -> tuple
     return (P2, P3), left
 
 
-@compiled
 def extrapolated(first: Blocks, second: Blocks, third: Blocks) -> Blocks:
     """The fourth of four values at equal intervals, if they lie on a parabola."""
-    (a0, a1, a2, a3), (p0, p1, _, p3) = first
-    (b0, b1, b2, b3), (q0, q1, _, q3) = second
-    (c0, c1, c2, c3), (r0, r1, _, r3) = third
+    a0, a1, a2, a3 = first[0]
+    p0, p1, _p, p3 = first[1]
+    b0, b1, b2, b3 = second[0]
+    q0, q1, _q, q3 = second[1]
+    c0, c1, c2, c3 = third[0]
+    r0, r1, _r, r3 = third[1]
     off = p1 + 3.0 * (r1 - q1)
     return (
         (a0 + 3.0 * (c0 - b0), a1 + 3.0 * (c1 - b1), a2 + 3.0 * (c2 - b2), a3 + 3.0 * (c3 - b3)),
@@ -100,15 +165,6 @@ def extrapolated(first: Blocks, second: Blocks, third: Blocks) -> Blocks:
     )
 
 
-@compiled
-def follow(
-    A21: Matrix, A22: Matrix, S: Pair, Q: Weight, first: Blocks, second: Blocks, third: Blocks
-) -> tuple[Blocks, float]:
-    """Solve from where the last three solutions, the oldest first, were heading; see :func:`newton`."""
-    return newton(A21, A22, S, Q, extrapolated(first, second, third))
-
-
-@compiled
 def _step(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, P2: Matrix, P3: Matrix) -> tuple[Matrix, Matrix]:
     """One Newton-Kleinman step."""
     s0, s3 = S
@@ -142,7 +198,6 @@ def _step(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, P2: Matrix, P3: Matrix) 
     return (u0 + t * v0, u1 + t * v1, u2 + t * v2, u3 + t * v3), (x0 + t * y0, off, off, x3 + t * y3)
 
 
-@compiled
 def _lyapunov(g0: float, g1: float, g2: float, g3: float, n0: float, n1: float, n3: float) -> tuple[float, float, float]:
     """X of G^T X + X G = -N for symmetric N: X = -(N + adj(G)^T N adj(G) / det G) / (2 tr G)."""
     r = 1.0 / (g0 * g3 - g1 * g2)
@@ -156,7 +211,6 @@ def _lyapunov(g0: float, g1: float, g2: float, g3: float, n0: float, n1: float, 
     )
 
 
-@compiled
 def _stable(A21: Matrix, A22: Matrix, S: Pair, P2: Matrix, P3: Matrix) -> bool:
     """Routh-Hurwitz test of the closed loop det(s^2 I - s G - F); false for NaN too."""
     s0, s3 = S
@@ -169,7 +223,6 @@ def _stable(A21: Matrix, A22: Matrix, S: Pair, P2: Matrix, P3: Matrix) -> bool:
     return a > 0.0 and b > 0.0 and c > 0.0 and d > 0.0 and a * b * c - c * c - a * a * d > 0.0
 
 
-@compiled
 def residual(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, P2: Matrix, P3: Matrix) -> float:
     """Largest entry of the equation's blocks over the largest of their terms."""
     s0, s3 = S

@@ -16,9 +16,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, PositiveFloat, model_validator
 
+from ffsm_mj.compiled import fastest
 from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
+from ffsm_mj.limits import Bounds, Limits
 from ffsm_mj.model import FloatArray, System
 from ffsm_mj.signals import Signal, identifier
 
@@ -132,7 +134,9 @@ class Actuation:
     Attributes:
         names: Full names of the actuators in MuJoCo's order.
         signals: What is logged of them.
+        table: By actuator: command, applied effort, least and greatest possible effort, (nu, 4).
         applied: Efforts that act now, (nu,).
+        counts: Seconds on and unsigned impulse in N s of each on-off actuator, (number of them, 2).
     """
 
     def __init__(self, system: System, configs: Mapping[str, AnyActuator]) -> None:
@@ -152,21 +156,23 @@ class Actuation:
                 faults.append(Fault(str(error.args[0]), ("actuators", name)))
         if faults:
             raise ScenarioFaults(faults)
-        self._low, self._high = np.array([one.low for one in limits]), np.array([one.high for one in limits])
-        self._stall = np.array([one.stall for one in limits])
-        self._reverse_stall = -self._stall
-        self._slope = np.array([one.slope for one in limits]) / self._gear
-        self._wheels = [(i, one.saturation) for i, one in enumerate(limits) if one.saturation < math.inf]
+        self._bounds = Bounds(
+            low=np.array([one.low for one in limits]),
+            high=np.array([one.high for one in limits]),
+            stall=np.array([one.stall for one in limits]),
+            slope=np.array([one.slope for one in limits]) / self._gear,
+            saturation=np.array([one.saturation for one in limits]),
+            gear=self._gear,
+        )
         self._valves = [(i, one.valve) for i, one in enumerate(limits) if one.valve is not None]
-        # One row per actuator: command, applied, lower, upper.
-        self._flat = np.zeros(4 * len(self.names))
-        self._wanted, self.applied, self._lower, self._upper = (self._flat[k::4] for k in range(4))
-        self._drag, self._ones = np.empty(len(self.names)), np.ones(len(self.names))
+        self.table = np.zeros((len(self.names), 4))
+        self._wanted, self.applied, self._lower, self._upper = self.table.T
         self._counted = np.array([i for i, _ in self._valves], dtype=np.intp)
         self._valves_open = False
-        self.on_time_s, self.impulse_N_s = np.zeros(len(self.names)), np.zeros(len(self.names))
+        self.counts = np.zeros((len(self._valves), 2))
         self.signals = _signals(system, self._counted)
         self._data: Any = None
+        self._command: Command | None = None
 
     def apply(self, command: Command, data: Any, time_s: float) -> None:
         """Turn a command into ``data.ctrl`` and hold it.
@@ -174,34 +180,16 @@ class Actuation:
         Raises:
             ControllerError: A powered effort is not finite.
         """
-        if data is not self._data:
-            self._data, self._velocity, self._ctrl = data, data.actuator_velocity, data.ctrl
-        wanted, applied, lower, upper, powered = self._wanted, self.applied, self._lower, self._upper, command.powered
-        np.multiply(command.effort, powered, wanted)
-        if not math.isfinite(wanted.dot(self._ones)):
-            wanted[~powered] = 0.0  # what an unpowered actuator is asked for does not matter
-            names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(wanted)))
-            if names:
-                raise ControllerError(f"the controller commands an effort that is not finite for {names}")
-        # The torque-speed line shifts both bounds; without a slope they stay where they are.
-        drag = np.multiply(self._velocity, self._slope, self._drag)
-        np.maximum(self._reverse_stall - drag, self._low, out=lower)
-        np.minimum(self._stall - drag, self._high, out=upper)
-        for i, saturation in self._wheels:
-            self._saturate(i, saturation)
-        np.minimum(np.maximum(wanted, lower), upper, out=applied)
-        np.multiply(applied, powered, applied)
+        if data is not self._data or command is not self._command:
+            self._data, self._command, self._ctrl = data, command, data.ctrl
+            held = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
+            self._limits = fastest(Limits)(self._bounds, *held)
+        if not self._limits.apply():
+            names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
+            raise ControllerError(f"the controller commands an effort that is not finite for {names}")
         if self._valves:
-            self._switch(powered, time_s)
-        np.divide(applied, self._gear, self._ctrl)
-
-    def _saturate(self, i: int, saturation: float) -> None:
-        """No torque that would speed a wheel up beyond its greatest speed."""
-        speed = self._velocity[i] / self._gear[i]
-        if speed <= -saturation:
-            self._lower[i] = 0.0
-        if speed >= saturation:
-            self._upper[i] = 0.0
+            self._switch(command.powered, time_s)
+            np.divide(self.applied, self._gear, out=self._ctrl)
 
     def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
         """Open and shut the valves of the on-off actuators."""
@@ -218,17 +206,14 @@ class Actuation:
         """Count on-times and impulses of the on-off actuators over a time with the efforts held."""
         if not self._valves_open:
             return
-        counted = self._counted
-        self.on_time_s[counted] += duration_s * (self.applied[counted] != 0.0)
-        self.impulse_N_s[counted] += duration_s * np.abs(self.applied[counted])
+        applied = self.applied[self._counted]
+        self.counts[:, 0] += duration_s * (applied != 0.0)
+        self.counts[:, 1] += duration_s * np.abs(applied)
 
-    def fill(self, row: FloatArray) -> None:
-        """Write commands, applied efforts, bounds, on-times and impulses into the actuator columns of a row."""
-        efforts = self._flat.size
-        row[:efforts] = self._flat
-        if len(self._counted):
-            row[efforts::2] = self.on_time_s[self._counted]
-            row[efforts + 1 :: 2] = self.impulse_N_s[self._counted]
+    def copies(self, columns: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """What to copy into a table of so many actuator columns: efforts, then on-time and impulse of each thruster."""
+        efforts, counts = self.table.reshape(-1), self.counts.reshape(-1)
+        return [(efforts, columns[:, : efforts.size]), (counts, columns[:, efforts.size :])]
 
 
 def _effort_per_ctrl(system: System) -> FloatArray:

@@ -1,27 +1,33 @@
-"""Compilation of the hottest floating-point functions where numba is installed (the ``fast`` extra), and not otherwise.
+"""The compiled twins of the hottest parts, where the package ``ffsm-mj-fast`` is installed (the ``fast`` extra).
 
-The same source runs either way, with the same operations in the same order: results agree to the last bit.
+A twin has the name and the methods of the class it stands for and does the same arithmetic; ``FFSM_COMPILED=0`` in the
+environment leaves it out. The tests hold the two against each other.
 """
 
 from __future__ import annotations
 
+import importlib
 import os
-from collections.abc import Callable
+from functools import cache
 from importlib.util import find_spec
-from typing import ParamSpec, TypeVar
+from types import ModuleType
+from typing import TypeVar
 
-Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
-
-COMPILED = os.environ.get("FFSM_COMPILED", "1") != "0" and find_spec("numba") is not None
-"""Whether functions are compiled: numba is installed and the environment does not say ``FFSM_COMPILED=0``."""
+Class = TypeVar("Class", bound=type)
 
 
-def compiled(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """A function of floats and tuples of floats, compiled at its first call (and kept on disk) where numba is installed."""
-    if not COMPILED:
-        return function
-    from numba import njit  # a second to import: only where it was asked for
+def is_compiled() -> bool:
+    """Whether twins are used from now on: they are installed, and the environment does not say ``FFSM_COMPILED=0``."""
+    return os.environ.get("FFSM_COMPILED", "1") != "0" and _twins() is not None
 
-    fast: Callable[Arguments, Result] = njit(cache=True)(function)
-    return fast
+
+def fastest(plain: Class) -> Class:
+    """The compiled twin of a class, or the class itself where there is none."""
+    twins = _twins() if is_compiled() else None
+    twin: Class = plain if twins is None else getattr(twins, plain.__name__)
+    return twin
+
+
+@cache
+def _twins() -> ModuleType | None:
+    return importlib.import_module("ffsm_mj_fast") if find_spec("ffsm_mj_fast") else None

@@ -104,13 +104,12 @@ class TaskController(Protocol):
     """The controller of a whole run: the phase machine."""
 
     telemetry_signals: tuple[Signal, ...]
+    telemetry: FloatArray
+    """Reports of the phases' controllers after the last call, NaN in the columns of other phases; one live array."""
     phase_index: int
 
     def control(self, observation: Observation, command: Command) -> None:
         """Like :meth:`Controller.control`."""
-
-    def telemetry(self) -> FloatArray:
-        """Like :meth:`Controller.telemetry`, NaN where a column belongs to another phase."""
 
     def drain_phases(self) -> list[PhaseRecord]:
         """Phases begun since the last call, oldest first."""

@@ -7,6 +7,8 @@ momentum (P, L about the origin), all in world axes.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,14 +89,10 @@ class BaseMomentum:
     def __init__(self, system: System, tree: Tree) -> None:
         """Look whether the base is of the simple kind, in a few configurations."""
         self._base = tree.base_dofs
-        model, data = system.mj, mujoco.MjData(system.mj)
+        model = system.mj
         jacp, jacr = np.empty((3, model.nv)), np.empty((3, model.nv))
-        rng = np.random.default_rng(1)
         self._orthonormal = True
-        for _ in range(4):
-            mujoco.mj_integratePos(model, data.qpos, rng.uniform(-1.0, 1.0, model.nv), 1.0)
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
+        for data in _general_configurations(model):
             mujoco.mj_jacBody(model, data, jacp, jacr, tree.root)
             twists = np.vstack((jacp, jacr))[:, self._base]
             self._orthonormal &= np.allclose(twists.T @ twists, np.eye(twists.shape[1]), rtol=0.0, atol=1e-12)
@@ -119,19 +117,24 @@ class BaseMomentum:
         return np.array([base_wrench(jacobian, p) for jacobian, p in zip(jacobians, own, strict=True)])
 
 
+def _general_configurations(model: Any) -> Iterator[Any]:
+    """Data at a few configurations that nothing singles out, kinematics current."""
+    data = mujoco.MjData(model)
+    for k in range(1, 5):
+        # Not numpy.random: importing it takes as long as the rest of the set-up.
+        mujoco.mj_integratePos(model, data.qpos, np.sin(k * math.e * np.arange(1.0, model.nv + 1.0)), 1.0)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        yield data
+
+
 def free_components(system: System, tree: Tree) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Which of (P_x, P_y, P_z, L_x, L_y, L_z) about the origin a tree's base joints leave free, shape (6,).
 
     A component is free when the joints allow the matching unit twist in every configuration; a few are tried.
     """
-    data = mujoco.MjData(system.mj)
-    rng = np.random.default_rng(0)
     free = np.ones(6, dtype=np.bool_)
-    for _ in range(4):
-        velocity = rng.uniform(-1.0, 1.0, system.mj.nv)
-        mujoco.mj_integratePos(system.mj, data.qpos, velocity, 1.0)
-        mujoco.mj_kinematics(system.mj, data)
-        mujoco.mj_comPos(system.mj, data)
+    for data in _general_configurations(system.mj):
         jacobian = base_jacobian(system.mj, data, tree)
         projector = jacobian @ np.linalg.pinv(jacobian)
         free &= np.isclose(np.linalg.norm(projector - np.eye(6), axis=0), 0.0, atol=1e-9)

@@ -143,7 +143,7 @@ class OutcomeRecord:
         steps: Integration steps taken.
         wall_s: Wall time of the simulation.
         controller_ticks: Control ticks taken.
-        riccati_fallbacks: Ticks at which the fast Riccati solver fell back to the general one.
+        riccati_fallbacks: Ticks that needed the robust Riccati solver: the first of a phase, or the warm start failed.
         worst_riccati_residual: Greatest residual of the Riccati equation, relative.
         versions: Versions of the packages that shape a result.
     """

@@ -11,8 +11,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj.compiled import fastest
 from ffsm_mj.dynamics import BaseMomentum, base_jacobian, base_wrench, external_actuators, free_components, subtree_momenta
+from ffsm_mj.joint_work import JointWork
 from ffsm_mj.model import FloatArray, System
+from ffsm_mj.sampler import Sampler
 
 # Columns of the table, in the order of the log (see signals): what is measured, the accounts, what they leave unexplained.
 ENERGY, MOMENTUM, BY_MASS_MATRIX, ACCOUNTS = slice(0, 3), slice(3, 21), slice(21, 27), slice(27, 43)
@@ -27,43 +30,44 @@ class Ledger:
 
     Attributes:
         free: Which of (P, L about the origin) the base joints of (total, robot, objects) leave free, 1 or 0, (3, 6).
+        momentum: Where M qdot is kept current, (nv,).
     """
 
-    def __init__(self, system: System, data: Any, *, notes: int = 1) -> None:
-        """Start the books at the state in ``data`` (all derived quantities current), with room for so many notes."""
+    def __init__(self, system: System, data: Any, momentum: FloatArray, *, notes: int = 1) -> None:
+        """Start the books at the state in ``data`` (all derived quantities current).
+
+        Args:
+            system: What moves.
+            data: Its state.
+            momentum: Where M qdot is kept current, (nv,).
+            notes: Room for so many.
+        """
         self._system, self._model, self._data = system, system.mj, data
         self._scratch = mujoco.MjData(system.mj)
         robot_free = free_components(system, system.robot)
         object_free = [free_components(system, tree) for tree in system.objects]
         objects_free = np.all(object_free, axis=0) if object_free else np.ones(6, dtype=np.bool_)
         self.free = np.array([robot_free & objects_free, robot_free, objects_free], dtype=np.float64)
-        self._external_actuators = np.flatnonzero(external_actuators(system)).tolist()
-        on_joint = (np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)).astype(np.float64)
-        self._on_joint, self._all_on_joints = on_joint, bool(on_joint.all())
+        external = external_actuators(system).astype(np.float64)
+        self._on_joint = (np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)).astype(np.float64)
         self._base = BaseMomentum(system, system.robot)
-        # Views: looking MuJoCo's arrays up costs more than reading them.
-        self._held, self._length, self._force = data.ctrl, data.actuator_length, data.actuator_force
         # Work, impact energy of the parties, external impulse on the robot, contact impulse on the objects.
         self._accounts = np.zeros(1 + 3 + 6 + 6)
-        self._working = self._pushed = False
-        self._notes = _Notes(system, data, notes)
-        h = np.empty(system.mj.nv)
-        mujoco.mj_mulM(system.mj, data, h, data.qvel)
+        self._work = fastest(JointWork)(data, self._on_joint, external, self._accounts)
+        self._pushed = False
+        self.momentum = momentum
+        self._notes = _Notes(system, data, notes, momentum, self._accounts)
+        mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
         self._energy_0, self._momentum_0 = np.zeros(3), np.zeros((3, 6))
-        self.note(h)
+        self.note()
         start = self.table()[0]
         self._energy_0, self._momentum_0 = start[ENERGY], start[MOMENTUM].reshape(3, 6)
 
-    def note(self, h: FloatArray) -> None:
-        """Keep the state in ``data`` and the accounts; h is M qdot there, (nv,)."""
+    def note(self) -> None:
+        """Keep the state in ``data`` and the accounts; ``momentum`` must be current."""
         notes = self._notes
-        line = notes.used
-        mujoco.mj_subtreeVel(self._model, self._data)
-        mujoco.mj_jacBody(self._model, self._data, notes.jacp[line], notes.jacr[line], self._system.robot.root)
-        notes.velocity[line], notes.centre[line], notes.spin[line] = notes.live
-        notes.position[line] = notes.live_position
-        notes.h[line], notes.rates[line], notes.accounts[line] = h, notes.live_rates, self._accounts
-        notes.used = line + 1
+        notes.take(notes.used)
+        notes.used += 1
 
     def table(self) -> FloatArray:
         """Energies, momenta, accounts and residuals of all notes since the last table, (n, COLUMNS); uses the notes up."""
@@ -89,22 +93,14 @@ class Ledger:
 
     def open(self) -> None:
         """Remember the state at the start of a (sub-)step, as far as the efforts held in it need it."""
-        ctrl = self._held.tolist()
-        self._working = any(ctrl)
-        if not self._working:
-            return
-        self._length_0 = self._length.copy()
-        self._pushed = any(map(ctrl.__getitem__, self._external_actuators))
+        self._pushed = self._work.open()
         if self._pushed:
             data = self._data
             self._qpos, self._qvel, self._ctrl = data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()
 
     def close(self, duration_s: float) -> None:
         """Book the work and impulse of the efforts held since ``open``; the state in ``data`` is the end of the step."""
-        if not self._working:
-            return
-        force = self._force if self._all_on_joints else self._force * self._on_joint
-        self._accounts[0] += force.dot(self._length - self._length_0)
+        self._work.close()
         if not self._pushed:
             return
         start, middle, end = self._rates_of_external(duration_s)
@@ -142,17 +138,21 @@ class Ledger:
 
 
 class _Notes:
-    """Copies of MuJoCo's arrays at so many states, and views of where they are copied from."""
+    """Copies of MuJoCo's arrays at so many states."""
 
-    def __init__(self, system: System, data: Any, count: int) -> None:
-        model = system.mj
+    def __init__(self, system: System, data: Any, count: int, momentum: FloatArray, accounts: FloatArray) -> None:
+        model, root = system.mj, system.robot.root
         self.used, self._mass = 0, model.body_subtreemass
-        self.velocity, self.centre, self.spin = (np.empty((count, model.nbody, 3)) for _ in range(3))
-        self.jacp, self.jacr = np.empty((count, 3, model.nv)), np.empty((count, 3, model.nv))
-        self.position, self.accounts = np.empty((count, 3)), np.empty((count, 16))
-        self.h, self.rates = np.empty((count, model.nv)), np.empty((count, model.nv))
-        self.live = data.subtree_linvel, data.subtree_com, data.subtree_angmom
-        self.live_position, self.live_rates = data.xpos[system.robot.root], data.qvel
+        sampler = fastest(Sampler)(model, data, base=root)
+        live = (
+            *(data.subtree_linvel, data.subtree_com, data.subtree_angmom, sampler.jacp, sampler.jacr),
+            *(data.xpos[root], momentum, data.qvel, accounts),
+        )
+        tables = [np.empty((count, *array.shape)) for array in live]
+        self.velocity, self.centre, self.spin, self.jacp, self.jacr, *rest = tables
+        self.position, self.h, self.rates, self.accounts = rest
+        sampler.copy(list(zip(live, tables, strict=True)))
+        self.take = sampler.take
 
     def momenta(self, root: int, used: slice) -> FloatArray:
         """Momenta of the subtree of a body at the states noted, (n, 6)."""

@@ -62,6 +62,6 @@ def _collect(xml_path: Path, base: Path, found: dict[Path, None]) -> None:
             continue
         directory = settings.get(_DIRECTORY_OF.get(element.tag, ""), settings.get("assetdir", ""))
         for attribute in _FILE_ATTRIBUTES:
-            path = (base / directory / element.get(attribute, "")).resolve()
-            if element.get(attribute) and path.is_file():
+            name = element.get(attribute)
+            if name and (path := (base / directory / name).resolve()).is_file():
                 found[path] = None

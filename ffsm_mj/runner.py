@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -138,7 +139,8 @@ def _simulate(
         system, assembly.actuation.signals, assembly.controller.telemetry_signals, tip=assembly.task is not None
     )
     files = {f"mjcf/{name}/{f.relative(path)}": path.read_bytes() for name, f in system.files.items() for path in f.files}
-    ledger = Ledger(system, assembly.data, notes=BLOCK_ROWS)
+    detector = Detector(system.mj, assembly.data, assembly.pairs)
+    ledger = Ledger(system, assembly.data, detector.momentum, notes=BLOCK_ROWS)
     header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly, ledger))
     memory = MemorySink()
     sinks: list[Sink] = [memory]
@@ -153,13 +155,14 @@ def _simulate(
         system,
         assembly.data,
         assembly.actuation,
-        Detector(system.mj, assembly.data, assembly.pairs),
+        detector,
         ContactWatch(system.mj, assembly.data, assembly.known_pairs),
         ledger,
     )
     tip = assembly.task.tip_site if assembly.task else None
-    rows = RowWriter(layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, tip)
-    recorder = Recorder(layout, sinks, rows.complete)
+    block = np.zeros((BLOCK_ROWS, len(layout.signals)))
+    rows = RowWriter(layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, tip, block)
+    recorder = Recorder(block, sinks, rows.complete)
     simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
     try:
         with _interrupts() as interrupted, recorder:
@@ -209,6 +212,7 @@ def _with_controller(outcome: OutcomeRecord, memory: MemorySink) -> OutcomeRecor
     )
 
 
+@cache
 def versions() -> dict[str, str]:
     """Versions of the packages that shape a result."""
     return {package: version(package) for package in _PACKAGES}

@@ -154,7 +154,7 @@ class Simulation:
             self._recorder.event(phase)
 
     def _record(self, time_s: float) -> None:
-        self._rows.fill(self._recorder.row(), time_s, self._plant.detector.momentum)
+        self._rows.fill(self._recorder.line, time_s)
         self._recorder.commit()
         for record in self._plant.watch.look(time_s):
             self._recorder.event(record)

@@ -47,5 +47,11 @@ def baseline_folder(baseline) -> Path:
 
 
 @pytest.fixture
+def plain(monkeypatch) -> None:
+    """No compiled twins: for tests that look inside or replace a part."""
+    monkeypatch.setenv("FFSM_COMPILED", "0")
+
+
+@pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20240601)

@@ -101,9 +101,7 @@ def test_mjcf_ranges_are_kept(tmp_path):
     command.drive(np.array([0]), np.array([-50.0]))
     actuation.apply(command, data, 0.0)
     assert actuation.applied[0] == -2.0
-    row = np.zeros(4)
-    actuation.fill(row)
-    assert row.tolist() == [-50.0, -2.0, -2.0, 6.0]  # asked for, delivered, and the bounds
+    assert actuation.table[0].tolist() == [-50.0, -2.0, -2.0, 6.0]  # asked for, delivered, and the bounds
 
 
 def test_servos_are_refused_by_name(tmp_path):

@@ -1,35 +1,231 @@
-"""The optional compilation changes how fast a run is, not what it is."""
+"""Every compiled twin against its original: the same inputs, the same outputs to the rounding of sums in another order."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
+import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.compiled import COMPILED
+import ffsm_mj
+from controllers.planar_law import PlanarLaw
+from controllers.riccati import planar_riccati
+from controllers.riccati_planar import PlanarRiccati
+from controllers.tip_kinematics import TipKinematics
+from ffsm_mj.compiled import fastest, is_compiled
+from ffsm_mj.flight import WHOLE_STATE, Flight
+from ffsm_mj.joint_work import JointWork
+from ffsm_mj.limits import Bounds, Limits
+from ffsm_mj.sampler import Sampler
 
-SCRIPT = """
-import sys, numpy, ffsm_mj
-from ffsm_mj.compiled import COMPILED
-run = ffsm_mj.run("baseline", {"duration_s": 12.0})
-assert COMPILED == (sys.argv[1] == "1")
-numpy.save(sys.argv[2], numpy.column_stack([run[key] for key in run.keys]))
-"""
+twins = pytest.importorskip("ffsm_mj_fast", reason="the extra 'fast' is not installed")
+# Sums of at most ten products, each term of the size of the result or below.
+ROUNDING = 1e-14
 
 
-def rows(path, compiled):
-    """All columns of the first twelve seconds of the baseline, impact and pause included, in a process of its own."""
-    environment = os.environ | {"FFSM_COMPILED": compiled}
-    subprocess.run([sys.executable, "-c", SCRIPT, compiled, str(path)], check=True, env=environment)
-    return np.load(path)
+@pytest.fixture(autouse=True)
+def _switched_on(monkeypatch):
+    monkeypatch.setenv("FFSM_COMPILED", "1")
+
+
+def moving(system, rng):
+    """Data at a random state, with random efforts."""
+    data = mujoco.MjData(system.mj)
+    mujoco.mj_integratePos(system.mj, data.qpos, rng.uniform(-1.0, 1.0, system.mj.nv), 1.0)
+    data.qvel[:] = rng.uniform(-0.5, 0.5, system.mj.nv)
+    data.ctrl[:] = rng.uniform(-2.0, 2.0, system.mj.nu)
+    mujoco.mj_forward(system.mj, data)
+    return data
+
+
+def test_the_environment_decides(monkeypatch):
+    assert is_compiled()
+    assert fastest(Flight) is twins.Flight
+    monkeypatch.setenv("FFSM_COMPILED", "0")
+    assert not is_compiled()
+    assert fastest(Flight) is Flight
+
+
+def test_flight_is_the_same_to_the_last_bit(case_study, rng):
+    """Skipping the stages that are current changes no bit of the motion, efforts changing at every step."""
+    model, runs = case_study.mj, []
+    efforts = rng.uniform(-2.0, 2.0, (200, model.nu))
+    start = moving(case_study, rng)
+    for kind in (Flight, twins.Flight):
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = start.qpos, start.qvel
+        mujoco.mj_forward(model, data)
+        state, momentum = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE)), np.empty(model.nv)
+        flight = kind(model, data, state, momentum)
+        flight.clear(0.5)
+        clear = []
+        for effort in efforts:
+            data.ctrl[:] = effort
+            clear.append(flight.step(1e-3))
+        runs.append((data.qpos, data.qvel, data.qacc, state, data.site_xpos, clear, (flight.energy, flight.way, momentum)))
+    for plain, compiled in zip(runs[0][:-1], runs[1][:-1], strict=True):
+        np.testing.assert_array_equal(plain, compiled)
+    assert True in clear
+    assert False in clear
+    np.testing.assert_allclose(np.hstack(runs[0][-1]), np.hstack(runs[1][-1]), rtol=ROUNDING)
+
+
+def test_flight_notices_what_is_not_finite(case_study):
+    """No way is proved clear, whatever the horizon."""
+    for kind in (Flight, twins.Flight):
+        data = mujoco.MjData(case_study.mj)
+        flight = kind(
+            case_study.mj, data, np.empty(mujoco.mj_stateSize(case_study.mj, WHOLE_STATE)), np.empty(len(data.qvel))
+        )
+        data.qvel[0] = np.nan
+        flight.clear(np.inf)
+        case_study.mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        assert not flight.step(1e-3)
+        case_study.mj.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        assert np.isnan(flight.energy)
+
+
+def test_joint_work(case_study, rng):
+    model = case_study.mj
+    on_joint, external = np.ones(model.nu), np.zeros(model.nu)
+    on_joint[0], external[1] = 0.0, 1.0
+    for held in (0.0, 1.0):
+        data, accounts, pushed = moving(case_study, rng), (np.zeros(3), np.zeros(3)), []
+        data.ctrl[:] *= held
+        books = [kind(data, on_joint, external, account) for kind, account in zip((JointWork, twins.JointWork), accounts)]  # noqa: B905
+        for _ in range(20):
+            pushed.append([book.open() for book in books])
+            mujoco.mj_step(model, data)
+            mujoco.mj_forward(model, data)
+            for book in books:
+                book.close()
+        assert np.all(np.array(pushed) == (held > 0.0))
+        np.testing.assert_allclose(*accounts, rtol=ROUNDING)
+        assert (accounts[0][0] != 0.0) == (held > 0.0)
+
+
+def test_sampler(case_study, rng):
+    """The same lines, strided tables and arrays of any rank included."""
+    model, root = case_study.mj, case_study.robot.root
+    data, site = moving(case_study, rng), case_study.index("site", "tip")
+    tables = []
+    for kind in (Sampler, twins.Sampler):
+        wide = np.full((4, model.nq + 8), np.nan)
+        sampler = kind(model, data, base=root, tip=site)
+        live = (data.qpos, sampler.twist[3:], data.xpos[root], sampler.jacp, data.subtree_linvel, np.zeros(0))
+        own = [wide[:, 1 : 1 + model.nq], wide[:, -3:], *(np.zeros((4, *array.shape)) for array in live[2:])]
+        sampler.copy(list(zip(live, own, strict=True)))
+        for line in (2, 0):
+            sampler.take(line)
+            data.qpos[:] += 0.1
+            mujoco.mj_forward(model, data)
+        data.qpos[:] -= 0.2
+        mujoco.mj_forward(model, data)
+        tables.append([wide, *own])
+    for plain, compiled in zip(*tables, strict=True):
+        np.testing.assert_allclose(plain, compiled, rtol=0.0, atol=1e-15)
+
+
+def test_sampler_refuses_what_it_cannot_copy(case_study):
+    data = mujoco.MjData(case_study.mj)
+    sampler = twins.Sampler(case_study.mj, data)
+    for live, table in (
+        (np.zeros(3), np.zeros((4, 2))),
+        (np.zeros(3, dtype=np.float32), np.zeros((4, 3))),
+        (np.zeros(6)[::2], np.zeros((4, 3))),
+        (np.zeros(3), np.zeros((4, 6))[:, ::2]),
+    ):
+        with pytest.raises(ValueError, match="cannot copy"):
+            sampler.copy([(live, table)])
+    sampler.copy([(np.zeros(3), np.zeros((4, 3)))])
+    with pytest.raises(IndexError, match="line 4 of a table of 4"):
+        sampler.take(4)
+
+
+def test_limits(rng):
+    """Ranges, torque-speed lines, saturated wheels of either sign of gear, unpowered and not finite efforts."""
+    count = 6
+    for _ in range(300):
+        bounds = Bounds(
+            low=np.where(rng.random(count) < 0.5, -np.inf, -rng.random(count)),
+            high=np.where(rng.random(count) < 0.5, np.inf, rng.random(count)),
+            stall=np.where(rng.random(count) < 0.3, np.inf, rng.random(count)),
+            slope=np.where(rng.random(count) < 0.5, 0.0, rng.normal(size=count)),
+            saturation=np.where(rng.random(count) < 0.5, np.inf, rng.random(count)),
+            gear=rng.choice([-2.0, 0.5, 1.0], count),
+        )
+        effort, powered, velocity = rng.normal(size=count), rng.random(count) < 0.7, rng.normal(size=count)
+        if rng.random() < 0.2:
+            effort[rng.integers(count)] = rng.choice([np.nan, np.inf])
+        results = []
+        for kind in (Limits, twins.Limits):
+            table, ctrl = np.zeros((count, 4)), np.zeros(count)
+            limits = kind(bounds, effort, powered, velocity, table, ctrl)
+            with np.errstate(invalid="ignore"):
+                done = limits.apply()
+            results.append((done, table[:, 1:] if done else 0.0, ctrl))
+        for plain, compiled in zip(*results, strict=True):
+            np.testing.assert_array_equal(plain, compiled)
+
+
+def test_riccati_is_the_same_to_the_last_bit(rng, monkeypatch):
+    """The very same source: warm, cold and failing starts."""
+    Q = np.diag([1.0, 2.0, 0.5, 0.7])
+    compiled = planar_riccati(Q)
+    monkeypatch.setenv("FFSM_COMPILED", "0")
+    plain = planar_riccati(Q)
+    assert type(compiled) is twins.PlanarRiccati
+    assert type(plain) is PlanarRiccati
+    A21, A22 = rng.normal(size=(2, 4))
+    fallbacks = 0
+    for tick in range(500):
+        if tick % 100 == 0:
+            A21, A22 = 30.0 * rng.normal(size=(2, 4))
+        A21, A22 = A21 + 1e-3 * rng.normal(size=4), A22 + 1e-3 * rng.normal(size=4)
+        angle = 1e-3 * tick
+        args = tuple(A21.tolist()), tuple(A22.tolist()), (1.0, 10.0 ** -(tick % 7)), (np.cos(angle), np.sin(angle))
+        first, second = plain.solve(*args), compiled.solve(*args)
+        assert first == second
+        fallbacks += first[-1]
+    assert 5 <= fallbacks < 250
+
+
+@pytest.mark.parametrize("whole_stack", [True, False])
+@pytest.mark.parametrize("axes", [(0, 1), (0, 2), (2, 1)])
+def test_planar_law(case_study, rng, axes, whole_stack, monkeypatch):
+    """Along a motion. Axis 2 does not move here: S is singular then, and both say so."""
+    model, data = case_study.mj, moving(case_study, rng)
+    picked = np.eye(model.nv)[3:6]
+    driven = np.vstack((picked, np.diag([1.0, 0.5, 2.0]) @ picked))
+    laws = []
+    for compiled in "01":
+        monkeypatch.setenv("FFSM_COMPILED", compiled)
+        kinematics = fastest(TipKinematics)(model, data, case_study.index("site", "tip"), axes)
+        solver = planar_riccati(np.diag([1.0, 1.0, 0.5, 0.5]))
+        laws.append(fastest(PlanarLaw)(kinematics, data, solver, driven, axes, (3.0, 0.0), whole_stack))
+    for _ in range(50):
+        answers = []
+        for law in laws:
+            try:
+                law.tick()
+                answers.append(np.concatenate((law.effort, law.report[[0, 2, 3]])))
+            except ArithmeticError:
+                answers.append(None)
+        if axes != (0, 1):
+            assert answers == [None, None]
+        else:
+            # Torques lose what the Riccati equation may leave, 1e-13, times the condition of S.
+            np.testing.assert_allclose(answers[0], answers[1], rtol=1e-9, atol=1e-12)
+        mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not COMPILED, reason="numba is not installed, or switched off")
-def test_results_agree_with_and_without_compilation(tmp_path):
-    """Array products may be summed in another order: 1e-15 per tick, amplified a little by the feedback."""
-    with_numba, without = rows(tmp_path / "with.npy", "1"), rows(tmp_path / "without.npy", "0")
-    np.testing.assert_allclose(with_numba, without, rtol=0.0, atol=1e-10, equal_nan=True)
+@pytest.mark.parametrize(("scenario", "seconds"), [("baseline", 12.0), ("spatial", 15.0)])
+def test_whole_runs_agree(scenario, seconds, monkeypatch):
+    """Impact and pause included: 1e-15 per tick, amplified a little by the feedback."""
+    runs = []
+    for compiled in "01":
+        monkeypatch.setenv("FFSM_COMPILED", compiled)
+        run = ffsm_mj.run(scenario, {"duration_s": seconds})
+        runs.append(np.column_stack([run[key] for key in run.keys]))
+    np.testing.assert_allclose(*runs, rtol=0.0, atol=1e-10, equal_nan=True)

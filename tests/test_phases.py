@@ -64,9 +64,9 @@ def test_a_timed_phase_ends_at_the_first_tick_at_or_after_its_time():
 def test_telemetry_of_other_phases_is_nan():
     machine = PhaseMachine([Phase("a", "x", Recorder(), duration_s=1.0), Phase("b", "y", Silent())])
     machine.control(Observation(0.0, None), Command.off(0))
-    np.testing.assert_array_equal(machine.telemetry(), [1.0])
+    np.testing.assert_array_equal(machine.telemetry, [1.0])
     machine.control(Observation(1.0, None), Command.off(0))
-    np.testing.assert_array_equal(machine.telemetry(), [np.nan])
+    np.testing.assert_array_equal(machine.telemetry, [np.nan])
 
 
 def test_pd_closed_form(tmp_path):

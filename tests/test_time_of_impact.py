@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.flight import WHOLE_STATE
 from ffsm_mj.impact.time_of_impact import StepPath
 from tests.scenes import ball, box, scene, two_balls
 
@@ -146,7 +147,7 @@ def test_time_step_survives_an_exception(case_study):
     """A Ctrl-C inside a search leaves the model's own step in place."""
     data = mujoco.MjData(case_study.mj)
     path = StepPath(case_study.mj, data)
-    path.begin()
+    mujoco.mj_getState(case_study.mj, data, path.start, WHOLE_STATE)
     data.ctrl = np.zeros(case_study.mj.nu)
 
     def interrupt(*_):
@@ -155,7 +156,7 @@ def test_time_step_survives_an_exception(case_study):
     mujoco.set_mjcb_control(interrupt)
     try:
         with pytest.raises(KeyboardInterrupt):
-            path.run(1e-5)
+            path.move_to(1e-5)
     finally:
         mujoco.set_mjcb_control(None)
     assert case_study.mj.opt.timestep == 1e-3

@@ -16,7 +16,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj.compiled import fastest
 from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.flight import WHOLE_STATE, Flight
 from ffsm_mj.impact.contact import FAR, ImpactPair, Proximity
 
 GAP_TOLERANCE = 1e-9
@@ -26,11 +28,7 @@ REST_RATE = 1e-12
 _ROOT_GAP = 1e-14
 # MuJoCo's distance is trusted to this in m; closer pairs are asked exactly.
 _NEAR = 1e-7
-# As a number: the bindings take four times as long to look an enumeration up.
-_WHOLE_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 _ROOT_ITERATIONS = 100
-# Energy inside a step may exceed that at its ends.
-_BOUND_MARGIN = 1.1
 _MAX_HALVINGS = 48
 # In one step; a hit at 1000 m/s on a plate of 1 mm within 10 ms takes about 60.
 _MOST_HALVINGS = 20_000
@@ -41,29 +39,16 @@ class StepPath:
 
     def __init__(self, model: Any, data: Any) -> None:
         """Wrap model and data; the model's own time step is restored after every move."""
-        self._model, self._data, self._usual = model, data, model.opt.timestep
-        self._state = np.empty(mujoco.mj_stateSize(model, _WHOLE_STATE))
-
-    def begin(self) -> None:
-        """Start a new path at the state in ``data``."""
-        mujoco.mj_getState(self._model, self._data, self._state, _WHOLE_STATE)
-
-    def run(self, duration_s: float) -> None:
-        """Integrate from the state in ``data`` and refresh all derived quantities."""
-        if duration_s == self._usual:
-            mujoco.mj_step(self._model, self._data)
-        else:
-            with _time_step(self._model, duration_s):
-                mujoco.mj_step(self._model, self._data)
-        mujoco.mj_forward(self._model, self._data)
+        self._model, self._data = model, data
+        self.start = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
 
     def move_to(self, time_s: float) -> None:
-        """Put ``data`` at a time since the start of the path."""
-        mujoco.mj_setState(self._model, self._data, self._state, _WHOLE_STATE)
+        """Put ``data`` at a time since the ``start`` state, all derived quantities current."""
+        mujoco.mj_setState(self._model, self._data, self.start, WHOLE_STATE)
         if time_s > 0.0:
-            self.run(time_s)
-        else:
-            mujoco.mj_forward(self._model, self._data)
+            with _time_step(self._model, time_s):
+                mujoco.mj_step(self._model, self._data)
+        mujoco.mj_forward(self._model, self._data)
 
 
 @contextmanager
@@ -92,28 +77,31 @@ class Detector:
     apart is looked at again only when it could have come near.
 
     Attributes:
-        kinetic_energy_J: Of everything, at the state in ``data``.
-        momentum: Generalised momentum M qdot there, (nv,).
+        momentum: Generalised momentum M qdot at the state in ``data``, (nv,).
     """
 
     def __init__(self, model: Any, data: Any, pairs: Sequence[ImpactPair]) -> None:
         """Start watching at the state in ``data`` (all derived quantities current)."""
         self._model, self._data, self._pairs = model, data, tuple(pairs)
-        self._path = StepPath(model, data)
+        self._path, self._usual = StepPath(model, data), model.opt.timestep
         self._reach = [pair.reach_per_root_energy(model, data) for pair in self._pairs]
-        self.momentum, self._rates = np.empty(model.nv), data.qvel
+        self.momentum = np.empty(model.nv)
+        self._flight = fastest(Flight)(model, data, self._path.start, self.momentum)
         self.restart()
+
+    @property
+    def kinetic_energy_J(self) -> float:
+        """Of everything, at the state in ``data``."""
+        return self._flight.energy
 
     def restart(self) -> None:
         """Look again after velocities were changed at one instant."""
-        self.kinetic_energy_J = self._energy()
-        # How far sqrt(2 T) dt has gone since, and how far it must go before each pair can have touched.
-        self._travelled = 0.0
+        # How far the flight must go before each pair can have touched.
         self._safe = [
             (pair.gap(self._model, self._data, FAR) - _NEAR) / reach
             for pair, reach in zip(self._pairs, self._reach, strict=True)
         ]
-        self._safe_for_all = min(self._safe, default=math.inf)
+        self._flight.clear(min(self._safe, default=math.inf))
 
     def advance(self, duration_s: float) -> float | None:
         """Integrate for a time, or until a pair touches while approaching.
@@ -124,17 +112,18 @@ class Detector:
         Raises:
             UnsupportedContactError: Bodies close in too fast to follow.
         """
-        path = self._path
-        path.begin()
-        if self._safe_for_all <= self._travelled and self._touching_now():
+        flight = self._flight
+        if flight.horizon <= flight.way and self._touching_now():
             return 0.0
-        path.run(duration_s)
-        before, self.kinetic_energy_J = self.kinetic_energy_J, self._energy()
-        if not math.isfinite(self.kinetic_energy_J):
-            return None  # what is not finite is for the caller to notice
-        travel = _BOUND_MARGIN * duration_s * math.sqrt(2.0 * max(before, self.kinetic_energy_J))
-        if self._surely_clear(travel):
+        if duration_s == self._usual:
+            clear = flight.step(duration_s)
+        else:
+            with _time_step(self._model, duration_s):
+                clear = flight.step(duration_s)
+        # What is not finite is for the caller to notice.
+        if clear or not math.isfinite(flight.energy) or self._surely_clear():
             return None
+        path = self._path
         path.move_to(0.0)
         start = self._edge(0.0)
         path.move_to(duration_s)
@@ -145,24 +134,18 @@ class Detector:
         self.restart()
         return touch
 
-    def _energy(self) -> float:
-        mujoco.mj_mulM(self._model, self._data, self.momentum, self._rates)
-        return 0.5 * float(self.momentum.dot(self._rates))
-
-    def _surely_clear(self, travel: float) -> bool:
-        """Whether no pair can have touched in a step, given how far sqrt(2 T) went in it; distances are asked as needed."""
-        before = self._travelled
-        self._travelled += travel
-        if self._travelled < self._safe_for_all:
-            return True
+    def _surely_clear(self) -> bool:
+        """Whether no pair can have touched in the last step, given how far it went; distances are asked as needed."""
+        flight = self._flight
+        before = flight.way - flight.last
         for i, (pair, reach) in enumerate(zip(self._pairs, self._reach, strict=True)):
-            if self._travelled < self._safe[i]:
+            if flight.way < self._safe[i]:
                 continue
             apart = pair.gap(self._model, self._data, FAR) - _NEAR
-            if apart <= 0.0 or reach * (self._safe[i] - before) + apart <= reach * travel:
+            if apart <= 0.0 or reach * (self._safe[i] - before) + apart <= reach * flight.last:
                 return False
-            self._safe[i] = self._travelled + apart / reach
-        self._safe_for_all = min(self._safe)
+            self._safe[i] = flight.way + apart / reach
+        flight.horizon = min(self._safe)
         return True
 
     def contacts(self) -> list[tuple[ImpactPair, Proximity]]:
@@ -181,7 +164,7 @@ class Detector:
     def _touching_now(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
         for pair, safe in zip(self._pairs, self._safe, strict=True):
-            if safe <= self._travelled:
+            if safe <= self._flight.way:
                 near = pair.proximity(self._model, self._data)
                 if near.gap <= GAP_TOLERANCE and near.rate < -REST_RATE:
                     return True

@@ -6,12 +6,9 @@ import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
 
-import numpy as np
-
 from ffsm_mj.events import Event, OutcomeRecord
 from ffsm_mj.log.sink import RunHeader, Sink
 from ffsm_mj.model import FloatArray
-from ffsm_mj.signals import Layout
 
 BLOCK_ROWS = 1000
 """Rows that are passed on together."""
@@ -19,19 +16,22 @@ _FLUSH_PERIOD_S = 1.0
 
 
 class Recorder:
-    """Hands out the next row to fill and passes full blocks on. A context manager: leaving it closes every sink."""
+    """Passes full blocks of rows on. A context manager: leaving it closes every sink.
 
-    def __init__(self, layout: Layout, sinks: Sequence[Sink], complete: Callable[[FloatArray], None]) -> None:
-        """Prepare an empty block.
+    Attributes:
+        line: The line of the block that is to be filled next, before :meth:`commit`.
+    """
+
+    def __init__(self, block: FloatArray, sinks: Sequence[Sink], complete: Callable[[FloatArray], None]) -> None:
+        """Start with an empty block.
 
         Args:
-            layout: Columns of a row.
+            block: Where rows are filled in, (lines, number of signals).
             sinks: Where rows and events go.
             complete: Fills in what is worked out for a block of rows at once, just before it is passed on.
         """
         self._sinks, self._complete = tuple(sinks), complete
-        self._block = np.zeros((BLOCK_ROWS, len(layout.signals)))
-        self._used = 0
+        self._block, self.line = block, 0
         self._next_flush = time.monotonic() + _FLUSH_PERIOD_S
         self.outcome: OutcomeRecord | None = None
 
@@ -40,14 +40,10 @@ class Recorder:
         for sink in self._sinks:
             sink.open(header)
 
-    def row(self) -> FloatArray:
-        """The next row, to be filled by the caller and then passed to :meth:`commit`."""
-        return self._block[self._used]  # type: ignore[no-any-return]
-
     def commit(self) -> None:
-        """The row handed out last is complete."""
-        self._used += 1
-        if self._used == BLOCK_ROWS:
+        """The line is complete."""
+        self.line += 1
+        if self.line == len(self._block):
             self._pass_on()
         if time.monotonic() >= self._next_flush:
             self.flush()
@@ -67,7 +63,7 @@ class Recorder:
         self._next_flush = time.monotonic() + _FLUSH_PERIOD_S
 
     def _pass_on(self) -> None:
-        block, self._used = self._block[: self._used], 0
+        block, self.line = self._block[: self.line], 0
         if len(block):
             self._complete(block)
             for sink in self._sinks:

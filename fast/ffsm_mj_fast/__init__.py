@@ -1,0 +1,15 @@
+"""Compiled twins of the hottest parts of ffsm-mj: same names, same methods, same arithmetic.
+
+Two modules are the very source of :mod:`controllers`, compiled; the rest replaces small numpy calls by loops and calls
+MuJoCo's C functions without the bindings in between.
+"""
+
+from ffsm_mj_fast.flight import Flight
+from ffsm_mj_fast.joint_work import JointWork
+from ffsm_mj_fast.limits import Limits
+from ffsm_mj_fast.planar_law import PlanarLaw
+from ffsm_mj_fast.riccati_planar import PlanarRiccati
+from ffsm_mj_fast.sampler import Sampler
+from ffsm_mj_fast.tip_kinematics import TipKinematics
+
+__all__ = ["Flight", "JointWork", "Limits", "PlanarLaw", "PlanarRiccati", "Sampler", "TipKinematics"]

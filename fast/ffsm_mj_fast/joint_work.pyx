@@ -1,0 +1,36 @@
+# cython: boundscheck=False, wraparound=False
+"""Work of the efforts held at joints over a step; the twin of ffsm_mj.joint_work."""
+
+
+cdef class JointWork:
+    """Adds the work of each (sub-)step to an account."""
+
+    cdef double[::1] held, length, force, on_joint, external, account, start
+    cdef bint working
+
+    def __init__(self, data, double[::1] on_joint, double[::1] external, double[::1] account):
+        self.held, self.length, self.force = data.ctrl, data.actuator_length, data.actuator_force
+        self.on_joint, self.external, self.account = on_joint, external, account
+        self.start = data.actuator_length.copy()
+        self.working = False
+
+    def open(self):
+        """Begin a step; says whether an effort held in it is external."""
+        cdef Py_ssize_t i
+        cdef bint pushed = False
+        self.working = False
+        for i in range(self.held.shape[0]):
+            self.start[i] = self.length[i]
+            if self.held[i] != 0.0:
+                self.working = True
+                pushed = pushed or self.external[i] != 0.0
+        return pushed
+
+    def close(self):
+        """End the step."""
+        cdef Py_ssize_t i
+        cdef double work = 0.0
+        if self.working:
+            for i in range(self.held.shape[0]):
+                work += self.force[i] * self.on_joint[i] * (self.length[i] - self.start[i])
+            self.account[0] += work

@@ -1,0 +1,1 @@
+../../controllers/osdre_planar.py

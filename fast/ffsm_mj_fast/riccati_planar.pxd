@@ -1,0 +1,45 @@
+# Types of controllers/riccati_planar.py, which is compiled as it stands.
+
+cimport cython
+
+ctypedef (double, double) pair_t
+ctypedef (double, double, double) triple_t
+ctypedef (double, double, double, double) matrix_t
+ctypedef (matrix_t, matrix_t) blocks_t
+ctypedef (matrix_t, matrix_t, matrix_t) weight_t
+
+cdef int _ITERATIONS
+cdef double _NEARLY, _ROUNDING
+
+
+cdef class PlanarRiccati:
+    cdef weight_t _weight
+    cdef object _robust
+    cdef bint _isotropic, _warm
+    cdef blocks_t _first, _second, _third
+
+    @cython.locals(Q=weight_t, blocks=blocks_t, rough=blocks_t, left=double, rough_left=double)
+    cpdef (blocks_t, double, bint) solve(self, matrix_t A21, matrix_t A22, pair_t S, pair_t axes)
+
+
+cdef (blocks_t, double) _attempt(matrix_t A21, matrix_t A22, pair_t S, weight_t Q, blocks_t start)
+
+@cython.locals(cosine=double, sine=double)
+cpdef (pair_t, pair_t) principal_axes(double s0, double s1, double s3)
+
+cpdef matrix_t turned(matrix_t M, pair_t axes)
+
+@cython.locals(P2=matrix_t, P3=matrix_t, X2=matrix_t, X3=matrix_t, left=double, before=double, change=double)
+cpdef (blocks_t, double) newton(matrix_t A21, matrix_t A22, pair_t S, weight_t Q, blocks_t start)
+
+cpdef blocks_t extrapolated(blocks_t first, blocks_t second, blocks_t third)
+
+@cython.locals(q1=matrix_t, q2=matrix_t, q3=matrix_t, r=double, t=double)
+cdef (matrix_t, matrix_t) _step(matrix_t A21, matrix_t A22, pair_t S, weight_t Q, matrix_t P2, matrix_t P3)
+
+cdef triple_t _lyapunov(double g0, double g1, double g2, double g3, double n0, double n1, double n3)
+
+cdef bint _stable(matrix_t A21, matrix_t A22, pair_t S, matrix_t P2, matrix_t P3)
+
+@cython.locals(q1=matrix_t, q2=matrix_t, q3=matrix_t, worst=double, largest=double)
+cpdef double residual(matrix_t A21, matrix_t A22, pair_t S, weight_t Q, matrix_t P2, matrix_t P3)

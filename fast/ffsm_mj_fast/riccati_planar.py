@@ -1,0 +1,1 @@
+../../controllers/riccati_planar.py

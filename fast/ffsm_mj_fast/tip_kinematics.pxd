@@ -1,0 +1,11 @@
+cdef class TipKinematics:
+    cdef readonly object J, jac_dot, W, point
+    cdef const void* m
+    cdef void* d
+    cdef int site, body
+    cdef const int[::1] axes
+    cdef double[:, ::1] jacp, rows, dot, w
+    cdef double[::1] place
+    cdef object keep
+
+    cpdef void update(self) noexcept

@@ -1,0 +1,28 @@
+# cython: boundscheck=False, wraparound=False
+"""The tip's Jacobian, its rate, and how forces move the tip; the twin of controllers.tip_kinematics."""
+
+import numpy as np
+
+from ffsm_mj_fast.functions cimport address, mj
+
+
+cdef class TipKinematics:
+    """Quantities of the output y at the state in ``data`` at the last ``update``."""
+
+    def __init__(self, model, data, int site, axes):
+        self.m, self.d, self.keep = address(model), address(data), (model, data)
+        self.site, self.body, self.axes = site, model.site_bodyid[site], np.array(axes, dtype=np.intc)
+        count, nv = len(axes), model.nv
+        self.J, self.jac_dot, self.W = np.zeros((count, nv)), np.zeros((3, nv)), np.zeros((count, nv))
+        self.jacp, self.rows, self.dot, self.w = np.zeros((3, nv)), self.J, self.jac_dot, self.W
+        self.point = self.place = data.site_xpos[site]
+
+    cpdef void update(self) noexcept:
+        """Work everything out at the current state; derived quantities must be current."""
+        cdef Py_ssize_t k, j
+        mj.jac_site(self.m, self.d, &self.jacp[0, 0], NULL, self.site)
+        mj.jac_dot(self.m, self.d, &self.dot[0, 0], NULL, &self.place[0], self.body)
+        for k in range(self.rows.shape[0]):
+            for j in range(self.rows.shape[1]):
+                self.rows[k, j] = self.jacp[self.axes[k], j]
+        mj.solve_m(self.m, self.d, &self.w[0, 0], &self.rows[0, 0], <int>self.rows.shape[0])
