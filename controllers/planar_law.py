@@ -49,7 +49,7 @@ class PlanarLaw:
         # Views: looking MuJoCo's arrays up costs more than reading them.
         self._point, self._qvel = kinematics.point, data.qvel
         self._bias, self._passive = data.qfrc_bias, data.qfrc_passive
-        self.effort, self.report = np.zeros(self._n), np.full(4, np.nan)
+        self.effort, self.report, self._w = np.zeros(self._n), np.full(4, np.nan), np.empty(2)
 
     def tick(self) -> None:
         """Work out ``effort`` and ``report`` at the current state.
@@ -62,18 +62,22 @@ class PlanarLaw:
         W, qvel, n = kinematics.W, self._qvel, self._n
         gains = self._driven.dot(W.T)
         B_T, gain = gains[:n], gains[n:]
-        S, square = gain.T.dot(B_T), B_T.T.dot(B_T)
-        values, axes = principal_axes(float(S[0, 0]), float(S[0, 1]), float(S[1, 1]))
-        smallest = principal_axes(float(square[0, 0]), float(square[0, 1]), float(square[1, 1]))[0][1]
+        # One list of floats is read faster than its numbers one by one.
+        (s0, s1), (_, s3) = gain.T.dot(B_T).tolist()
+        (b0, b1), (_, b3) = B_T.T.dot(B_T).tolist()
+        values, axes = principal_axes(s0, s1, s3)
+        smallest = principal_axes(b0, b1, b3)[0][1]
         i, j = self._axes
-        rates, drift = kinematics.J.dot(qvel).tolist(), kinematics.jac_dot.dot(qvel)
-        pushed = W.dot(self._bias - self._passive)
-        y = float(self._point[i]), float(self._point[j])
+        rates, drift = kinematics.J.dot(qvel).tolist(), kinematics.jac_dot.dot(qvel).tolist()
+        pushed, point = W.dot(self._bias - self._passive).tolist(), self._point.tolist()
+        y = point[i], point[j]
         error = turned_pair((y[0] - self._target[0], y[1] - self._target[1]), axes)
         y_dot = turned_pair((rates[0], rates[1]), axes)
-        d = turned_pair((float(drift[i]) - float(pushed[0]), float(drift[j]) - float(pushed[1])), axes)
+        d = turned_pair((drift[i] - pushed[0], drift[j] - pushed[1]), axes)
         A21, A22 = lower_block(d, turned_pair(y, axes), y_dot, self._whole_stack)
         blocks, residual, fallback = self._riccati.solve(A21, A22, values, axes)
-        w = turned_pair(feedback(blocks, error, y_dot), (axes[0], -axes[1]))
-        gain.dot(w, out=self.effort)
-        self.report[:] = math.hypot(*error), residual, fallback, math.sqrt(max(smallest, 0.0))
+        self._w[0], self._w[1] = turned_pair(feedback(blocks, error, y_dot), (axes[0], -axes[1]))
+        gain.dot(self._w, out=self.effort)
+        report = self.report
+        report[0], report[1] = math.hypot(*error), residual
+        report[2], report[3] = fallback, math.sqrt(max(smallest, 0.0))

@@ -189,15 +189,15 @@ class Actuation:
             raise ControllerError(f"the controller commands an effort that is not finite for {names}")
         if self._valves:
             self._switch(command.powered, time_s)
-            np.divide(self.applied, self._gear, out=self._ctrl)
 
     def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
-        """Open and shut the valves of the on-off actuators."""
+        """Open and shut the valves of the on-off actuators, which deliver all or nothing of what the limits left of it."""
         self._valves_open = False
         for i, valve in self._valves:
             if powered[i]:
                 lower, upper = float(self._lower[i]), float(self._upper[i])
-                self.applied[i] = valve.fire(float(self._wanted[i]), lower, upper, time_s)
+                force = valve.fire(float(self._wanted[i]), lower, upper, time_s)
+                self.applied[i], self._ctrl[i] = force, force / self._gear[i]
             else:
                 valve.firing = 0.0
             self._valves_open |= valve.firing != 0.0

@@ -38,7 +38,7 @@ class ContactWatch:
         if not (np.all(model.geom_contype[touchable] == 1) and np.all(model.geom_conaffinity[touchable] == 1)):
             return
         roots = model.body_rootid[model.geom_bodyid]
-        for bit, root in enumerate(np.unique(roots[touchable])[:30], start=1):
+        for bit, root in enumerate(sorted(set(roots[touchable].tolist()))[:30], start=1):
             geoms = touchable[roots[touchable] == root]
             if all(frozenset(pair) in self._known for pair in combinations(geoms.tolist(), 2)):
                 # Its own bit marks it, and it answers to every bit but its own.

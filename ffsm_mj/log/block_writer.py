@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import MessageIndex
 from mcap.writer import Writer
@@ -20,6 +21,17 @@ _HEADER = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
+
+
+class _BlockIndex(MessageIndex):
+    """An index of messages that is written at once."""
+
+    def write(self, stream: RecordBuilder) -> None:
+        stream.start_record(Opcode.MESSAGE_INDEX)
+        stream.write2(self.channel_id)
+        stream.write4(len(self.records) * 16)
+        stream.write(np.array(self.records, dtype="<u8").tobytes())
+        stream.finish_record()  # type: ignore[no-untyped-call]
 
 
 class BlockWriter(Writer):
@@ -51,7 +63,7 @@ class BlockWriter(Writer):
         """Do the books of the chunk and of the file."""
         chunk, statistics = self._chunk, self._Writer__statistics  # type: ignore[attr-defined]
         start = chunk.count
-        index = chunk.message_indices.setdefault(channel, MessageIndex(channel_id=channel, records=[]))
+        index = chunk.message_indices.setdefault(channel, _BlockIndex(channel_id=channel, records=[]))
         index.records.extend(zip(times, range(start, start + len(times) * size, size), strict=True))
         first, last = times[0], times[-1]
         chunk.message_start_time = min(chunk.message_start_time, first) if chunk.num_messages else first
