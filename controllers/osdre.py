@@ -6,7 +6,7 @@ figures were made with the other. ``output_stack`` depends on where the world's 
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -84,12 +84,19 @@ class Osdre:
         # Products with these pick the driven joints, faster than an index does.
         self._driven = np.eye(self._model.nv)[self._joints.dofs]
         self._driven_R = np.linalg.inv(_input_weight(config.R, len(self._joints.dofs))) @ self._driven
-        self._riccati = planar_riccati(Q) if p == 2 else BlockRiccati(Q)
-        self._data: Any = None
+        self._Q = Q
 
-    def start(self, observation: Observation) -> None:  # noqa: ARG002
-        """The law has no memory; the Riccati solver starts cold."""
-        self._riccati.forget()
+    def start(self, observation: Observation) -> None:
+        """Build the law around the plant's data. It has no memory, and its Riccati solver starts cold."""
+        data, site, axes = observation.data, self._task.tip_site, self._task.axes
+        target, driven = self._task.target_m.tolist(), np.vstack((self._driven, self._driven_R))
+        self._qvel, self._kinematics = data.qvel, fastest(TipKinematics)(self._model, data, site, axes)
+        self._law: BlockLaw | PlanarLaw
+        if len(axes) == 2:
+            law, riccati = fastest(PlanarLaw), planar_riccati(self._Q)
+            self._law = law(self._kinematics, data, riccati, driven, axes, target, self._whole_stack)
+        else:
+            self._law = BlockLaw(self._kinematics, data, BlockRiccati(self._Q), driven, axes, target, self._whole_stack)
 
     def control(self, observation: Observation, command: Command) -> None:
         """Command u = -R^-1 B^T K [y - y_d; ydot], paper (32).
@@ -97,8 +104,6 @@ class Osdre:
         Raises:
             ControllerError: The Riccati equation has no stabilising solution at this state.
         """
-        if observation.data is not self._data:
-            self._bind(observation.data)
         try:
             self._law.tick()
         except RiccatiError as error:
@@ -108,19 +113,6 @@ class Osdre:
             B_lower, brake = self._kinematics.W @ self._driven.T, self._damping * self._qvel[self._joints.dofs]
             u = u - brake + np.linalg.pinv(B_lower) @ (B_lower @ brake)
         command.drive(self._actuators, u)
-
-    def _bind(self, data: Any) -> None:
-        """Build the law around the plant's data."""
-        task = self._task
-        axes, target, driven = task.axes, task.target_m.tolist(), np.vstack((self._driven, self._driven_R))
-        self._data, self._qvel = data, data.qvel
-        self._kinematics = fastest(TipKinematics)(self._model, data, task.tip_site, axes)
-        self._law: BlockLaw | PlanarLaw
-        if isinstance(self._riccati, BlockRiccati):
-            self._law = BlockLaw(self._kinematics, data, self._riccati, driven, axes, target, self._whole_stack)
-        else:
-            law = fastest(PlanarLaw)
-            self._law = law(self._kinematics, data, self._riccati, driven, axes, target, self._whole_stack)
 
     def telemetry(self) -> FloatArray:
         """Error, Riccati residual, fallback, smallest gain of the last tick."""

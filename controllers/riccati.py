@@ -76,12 +76,8 @@ class BlockRiccati:
     """The equation of any number of outputs p from tick to tick."""
 
     def __init__(self, Q: FloatArray) -> None:
-        """Take the state weight, (2 p, 2 p)."""
+        """Start cold, with a state weight (2 p, 2 p)."""
         self._Q, self._newton = Q, BlockNewton(Q)
-        self.forget()
-
-    def forget(self) -> None:
-        """Start cold at the next tick."""
         self._history: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def solve(self, A21: FloatArray, A22: FloatArray, S: FloatArray) -> tuple[FloatArray, float, bool]:

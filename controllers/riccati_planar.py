@@ -37,16 +37,17 @@ class PlanarRiccati:
     """The equation of two outputs from tick to tick, along the principal axes of S."""
 
     def __init__(self, Q: Weight, robust: Robust) -> None:
-        """Take the state weight, and what to do where there is no warm start or it leads nowhere."""
+        """Start cold.
+
+        Args:
+            Q: State weight.
+            robust: What to do where there is no warm start or it leads nowhere.
+        """
         self._weight, self._robust = Q, robust
         self._isotropic = True
         for a, b, c, d in Q:
             if a != d or b != 0.0 or c != 0.0:
                 self._isotropic = False
-        self.forget()
-
-    def forget(self) -> None:
-        """Start cold at the next tick."""
         # The last three solutions, the oldest first, each along the axes of its time.
         zero = (0.0, 0.0, 0.0, 0.0)
         self._first = self._second = self._third = (zero, zero)

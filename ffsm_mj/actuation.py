@@ -233,6 +233,10 @@ def _effort_per_ctrl(system: System) -> FloatArray:
             faults.append(Fault(message, ("robot", "mjcf")))
         on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
         gear[i] = model.actuator_gainprm[i, 0] * (model.actuator_gear[i, 0] if on_joint else 1.0)
+        if gear[i] == 0.0:
+            faults.append(
+                Fault(f"actuator {model.actuator(i).name!r} has gear or gain 0: it drives nothing", ("robot", "mjcf"))
+            )
     if faults:
         raise ScenarioFaults(faults)
     return gear

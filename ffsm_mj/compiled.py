@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import os
 from functools import cache
+from importlib.metadata import version
 from importlib.util import find_spec
 from types import ModuleType
 from typing import TypeVar
@@ -17,12 +18,16 @@ Class = TypeVar("Class", bound=type)
 
 
 def is_compiled() -> bool:
-    """Whether twins are used from now on: they are installed, and the environment does not say ``FFSM_COMPILED=0``."""
+    """Whether parts made now are twins: they are installed, and the environment does not say ``FFSM_COMPILED=0``."""
     return os.environ.get("FFSM_COMPILED", "1") != "0" and _twins() is not None
 
 
 def fastest(plain: Class) -> Class:
-    """The compiled twin of a class, or the class itself where there is none."""
+    """The compiled twin of a class, or the class itself where twins are not used.
+
+    Raises:
+        ImportError: The twins that are installed belong to another version.
+    """
     twins = _twins() if is_compiled() else None
     twin: Class = plain if twins is None else getattr(twins, plain.__name__)
     return twin
@@ -30,4 +35,11 @@ def fastest(plain: Class) -> Class:
 
 @cache
 def _twins() -> ModuleType | None:
-    return importlib.import_module("ffsm_mj_fast") if find_spec("ffsm_mj_fast") else None
+    if not find_spec("ffsm_mj_fast"):
+        return None
+    ours, theirs = version("ffsm-mj"), version("ffsm-mj-fast")
+    if ours != theirs:
+        raise ImportError(
+            f"ffsm-mj-fast {theirs} does not fit ffsm-mj {ours}: pip install 'ffsm-mj[fast]' again, or set FFSM_COMPILED=0"
+        )
+    return importlib.import_module("ffsm_mj_fast")

@@ -56,9 +56,9 @@ class Observation(NamedTuple):
     impacts: tuple[ImpactRecord, ...] = ()
 
 
-@dataclass
+@dataclass(frozen=True)
 class Command:
-    """Efforts by actuator of the model.
+    """Efforts by actuator of the model; a controller writes into the arrays, it cannot replace them.
 
     Attributes:
         effort: Force in N or torque in N m at the joint or site that the actuator drives, (nu,).

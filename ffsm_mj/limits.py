@@ -62,7 +62,7 @@ class Limits:
         self._drag, self._ones = np.empty(len(ctrl)), np.ones(len(ctrl))
 
     def apply(self) -> bool:
-        """Work out the table and ``ctrl``; False, and nothing done, where a powered effort is not finite."""
+        """Work out the table and ``ctrl``; False, with no more than the commands, where a powered effort is not finite."""
         wanted, applied, lower, upper, powered = self._wanted, self._applied, self._lower, self._upper, self._powered
         np.multiply(self._effort, powered, out=wanted)
         if not math.isfinite(wanted.dot(self._ones)):

@@ -27,6 +27,7 @@ def command_at(system, controller, qpos, qvel):
     data.qpos[:], data.qvel[:] = qpos, qvel
     mujoco.mj_forward(system.mj, data)
     command = Command.off(system.mj.nu)
+    controller.start(Observation(0.0, data))
     controller.control(Observation(0.0, data), command)
     return command
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import FrozenInstanceError
 from typing import ClassVar
 
 import numpy as np
@@ -102,3 +103,9 @@ def test_hold_keeps_the_configuration_at_the_start_of_the_phase(tmp_path):
     )
     run = ffsm_mj.run(path)
     assert run["state.q_robot_x_m"][-1] == pytest.approx(0.3, abs=1e-4)
+
+
+def test_a_command_is_written_into_not_replaced():
+    """Its arrays are bound to the plant: another one would be ignored."""
+    with pytest.raises(FrozenInstanceError):
+        Command.off(2).effort = np.ones(2)

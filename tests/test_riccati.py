@@ -218,3 +218,6 @@ def test_baseline_with_scipy_in_the_loop(baseline, plain, monkeypatch):  # noqa:
     assert ours["tip"]["final_error_m"] == pytest.approx(theirs["tip"]["final_error_m"], abs=1e-6)
     assert ours["tip"]["min_error_m"] == pytest.approx(theirs["tip"]["min_error_m"], abs=1e-6)
     assert ours["controller"]["worst_riccati_residual"] <= 1e-13
+    assert (
+        ours["controller"]["riccati_fallbacks"] >= 2
+    )  # the cold starts of approach and recovery, near-singular poses may add

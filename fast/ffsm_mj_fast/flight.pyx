@@ -1,16 +1,25 @@
 # cython: boundscheck=False, wraparound=False
 """Steps of free motion; the twin of ffsm_mj.flight.
 
-The same operations as mj_step and mj_forward, but for one: mj_step begins with the position and velocity stages of the state
-it starts from, and those are current.
+The same operations as mj_step and mj_forward, but for one: mj_step begins with the position, velocity and constraint stages of
+the state it starts from, which the last mj_forward has left. RK4 without an active constraint goes on from there; anything else
+takes mj_step.
+
+MuJoCo is called without its bindings: an exception in a Python callback of MuJoCo (``mujoco.set_mjcb_control``) and an error of
+MuJoCo's own end the process here, where the bindings would raise.
 """
+
+import mujoco
+
+from ffsm_mj import flight as plain
 
 from libc.math cimport INFINITY, sqrt
 
 from ffsm_mj_fast.functions cimport address, mj
 
 cdef int STAGE_VEL = 2  # mjSTAGE_VEL: positions and velocities are current, forces are not
-cdef double BOUND_MARGIN = 1.1
+cdef double BOUND_MARGIN = plain.BOUND_MARGIN
+cdef int WHOLE_STATE = plain.WHOLE_STATE
 
 
 cdef class Flight:
@@ -21,31 +30,38 @@ cdef class Flight:
     cdef const void* m
     cdef void* d
     cdef double[::1] state, momentum, rates
-    cdef int what
-    cdef object keep
+    cdef bint runge_kutta, unconstrained
+    cdef object model, data
 
-    def __init__(self, model, data, double[::1] state, double[::1] momentum):
-        from ffsm_mj.flight import WHOLE_STATE
-
-        self.m, self.d, self.keep = address(model), address(data), (model, data)
-        self.state, self.momentum, self.rates, self.what = state, momentum, data.qvel, WHOLE_STATE
+    def __init__(self, model, data, double[::1] state not None, double[::1] momentum not None):
+        if len(state) != mujoco.mj_stateSize(model, WHOLE_STATE) or len(momentum) != model.nv:
+            raise ValueError(f"a state of {len(state)} and a momentum of {len(momentum)} numbers do not fit the model")
+        self.m, self.d, self.model, self.data = address(model), address(data), model, data
+        self.state, self.momentum, self.rates = state, momentum, data.qvel
+        self.runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self.clear(INFINITY)
 
     def clear(self, double horizon):
         """Begin a new account at the state in ``data``."""
         self.way, self.last, self.horizon = 0.0, 0.0, horizon
         self.energy = self.kinetic()
+        self.unconstrained = self.data.nefc == 0
 
     def step(self, double duration_s):
         """Integrate for the model's time step; says whether no pair can have touched."""
         cdef double before = self.energy
-        mj.get_state(self.m, self.d, &self.state[0], self.what)
-        mj.check_pos(self.m, self.d)
-        mj.check_vel(self.m, self.d)
-        mj.forward_skip(self.m, self.d, STAGE_VEL, 1)
-        mj.check_acc(self.m, self.d)
-        mj.runge_kutta(self.m, self.d, 4)
+        mj.get_state(self.m, self.d, &self.state[0], WHOLE_STATE)
+        if self.runge_kutta and self.unconstrained:
+            mj.check_pos(self.m, self.d)
+            mj.check_vel(self.m, self.d)
+            mj.forward_skip(self.m, self.d, STAGE_VEL, 1)
+            mj.check_acc(self.m, self.d)
+            mj.runge_kutta(self.m, self.d, 4)
+        else:
+            mj.step(self.m, self.d)
         mj.forward(self.m, self.d)
+        # Asked here, not when it is needed: a look for collisions in between forgets the constraints.
+        self.unconstrained = self.data.nefc == 0
         self.energy = self.kinetic()
         self.last = BOUND_MARGIN * duration_s * sqrt(2.0 * (before if before > self.energy else self.energy))
         self.way += self.last

@@ -1,6 +1,7 @@
 # MuJoCo's C functions, by address: model and data are opaque, so no header and no version of MuJoCo is built in.
 
 cdef struct Functions:
+    void (*step)(const void* m, void* d) noexcept nogil
     void (*forward)(const void* m, void* d) noexcept nogil
     void (*forward_skip)(const void* m, void* d, int stage, int skip_sensors) noexcept nogil
     void (*runge_kutta)(const void* m, void* d, int order) noexcept nogil

@@ -8,12 +8,12 @@ import mujoco
 
 
 def _library():
-    folder = Path(mujoco.__file__).parent
-    pattern = {"win32": "mujoco.dll", "darwin": "libmujoco*.dylib"}.get(sys.platform, "libmujoco.so*")
-    found = sorted(folder.glob(pattern))
-    if not found:
-        raise ImportError(f"ffsm-mj-fast finds no {pattern} in {folder}; set FFSM_COMPILED=0 to run without it")
-    return ctypes.CDLL(str(found[0]))
+    version = mujoco.__version__
+    names = {"win32": "mujoco.dll", "darwin": f"libmujoco.{version}.dylib"}
+    path = Path(mujoco.__file__).parent / names.get(sys.platform, f"libmujoco.so.{version}")
+    if not path.is_file():
+        raise ImportError(f"ffsm-mj-fast needs {path}; set FFSM_COMPILED=0 to run without it")
+    return ctypes.CDLL(str(path))
 
 
 cdef void* _function(library, str name) except NULL:
@@ -29,6 +29,7 @@ cdef void* address(struct) except NULL:
 
 cdef int _load() except -1:
     library = _library()
+    mj.step = <void (*)(const void*, void*) noexcept nogil>_function(library, "mj_step")
     mj.forward = <void (*)(const void*, void*) noexcept nogil>_function(library, "mj_forward")
     mj.forward_skip = <void (*)(const void*, void*, int, int) noexcept nogil>_function(library, "mj_forwardSkip")
     mj.runge_kutta = <void (*)(const void*, void*, int) noexcept nogil>_function(library, "mj_RungeKutta")

@@ -5,10 +5,13 @@
 cdef class JointWork:
     """Adds the work of each (sub-)step to an account."""
 
-    cdef double[::1] held, length, force, on_joint, external, account, start
+    cdef double[::1] held, length, force, account, start
+    cdef const double[::1] on_joint, external
     cdef bint working
 
-    def __init__(self, data, double[::1] on_joint, double[::1] external, double[::1] account):
+    def __init__(self, data, const double[::1] on_joint, const double[::1] external, double[::1] account not None):
+        if not len(data.ctrl) == len(on_joint) == len(external) or len(account) == 0:
+            raise ValueError(f"{len(on_joint)} and {len(external)} flags and an account of {len(account)} do not fit the actuators")
         self.held, self.length, self.force = data.ctrl, data.actuator_length, data.actuator_force
         self.on_joint, self.external, self.account = on_joint, external, account
         self.start = data.actuator_length.copy()

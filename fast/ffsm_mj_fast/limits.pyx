@@ -9,18 +9,22 @@ from libc.math cimport isfinite
 cdef class Limits:
     """Turns a command into efforts within bounds, and into ``ctrl``."""
 
-    cdef double[::1] effort, velocity, ctrl, low, high, stall, slope, saturation, gear
+    cdef double[::1] effort, velocity, ctrl
+    cdef const double[::1] low, high, stall, slope, saturation, gear
     cdef const unsigned char[::1] powered
     cdef double[:, ::1] table
 
     def __init__(self, bounds, double[::1] effort, powered, double[::1] velocity, double[:, ::1] table, double[::1] ctrl):
+        sizes = {len(x) for x in (effort, powered, velocity, table, ctrl, *vars(bounds).values())}
+        if len(sizes) != 1 or table.shape[1] != 4:
+            raise ValueError(f"arrays of {sorted(sizes)} actuators do not fit together")
         self.effort, self.powered, self.velocity = effort, powered.view(np.uint8), velocity
         self.table, self.ctrl = table, ctrl
         self.low, self.high, self.stall = bounds.low, bounds.high, bounds.stall
         self.slope, self.saturation, self.gear = bounds.slope, bounds.saturation, bounds.gear
 
     def apply(self):
-        """Work out the table and ``ctrl``; False, and nothing done, where a powered effort is not finite."""
+        """Work out the table and ``ctrl``; False, with no more than the commands, where a powered effort is not finite."""
         cdef Py_ssize_t i, count = self.ctrl.shape[0]
         cdef double wanted, lower, upper, applied, drag, speed
         cdef bint finite = True

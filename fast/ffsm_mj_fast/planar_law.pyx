@@ -16,13 +16,25 @@ cdef class PlanarLaw:
     cdef readonly object effort, report
     cdef TipKinematics kinematics
     cdef PlanarRiccati riccati
-    cdef double[:, ::1] driven, gains
+    cdef const double[:, ::1] driven
+    cdef double[:, ::1] gains
     cdef double[::1] qvel, bias, passive, u, told
     cdef int first, second
     cdef pair_t target
     cdef bint whole_stack
 
-    def __init__(self, TipKinematics kinematics, data, PlanarRiccati riccati, double[:, ::1] driven, axes, target_m, bint whole_stack):
+    def __init__(
+        self,
+        TipKinematics kinematics not None,
+        data,
+        PlanarRiccati riccati not None,
+        const double[:, ::1] driven,
+        axes,
+        target_m,
+        bint whole_stack,
+    ):
+        if driven.shape[1] != len(data.qvel) or kinematics.rows.shape[0] != 2 or not set(axes) <= {0, 1, 2}:
+            raise ValueError(f"a selection of {driven.shape[1]} dofs or outputs along {axes} do not fit")
         self.kinematics, self.riccati, self.driven, self.whole_stack = kinematics, riccati, driven, whole_stack
         self.first, self.second = axes
         self.target = (target_m[0], target_m[1])

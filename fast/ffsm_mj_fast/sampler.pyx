@@ -51,8 +51,9 @@ cdef class Sampler:
         for live, table in copies:
             line = table[0]
             both = live.dtype == table.dtype == np.float64 and live.flags.c_contiguous and line.flags.c_contiguous
-            if not both or live.shape != line.shape:
+            if not both or live.shape != line.shape or not table.flags.writeable:
                 raise ValueError(f"cannot copy {live.dtype} {live.shape} into lines of {table.dtype} {line.shape}")
+        self.count = 0
         free(self.copies)
         self.copies = <Copy*>calloc(max(len(copies), 1), sizeof(Copy))
         if self.copies == NULL:

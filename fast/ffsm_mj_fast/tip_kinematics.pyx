@@ -10,6 +10,8 @@ cdef class TipKinematics:
     """Quantities of the output y at the state in ``data`` at the last ``update``."""
 
     def __init__(self, model, data, int site, axes):
+        if not 0 <= site < model.nsite or not set(axes) <= {0, 1, 2}:
+            raise ValueError(f"no site {site}, or axes {axes} that are none of 0, 1, 2")
         self.m, self.d, self.keep = address(model), address(data), (model, data)
         self.site, self.body, self.axes = site, model.site_bodyid[site], np.array(axes, dtype=np.intc)
         count, nv = len(axes), model.nv
