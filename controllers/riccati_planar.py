@@ -15,13 +15,15 @@ import math
 from collections.abc import Callable
 
 Pair = tuple[float, float]
+Triple = tuple[float, float, float]
 Matrix = tuple[float, float, float, float]
 
 ACCEPTED_RESIDUAL = 1e-13
 """Relative residual at which a solution counts as exact to rounding."""
 _ITERATIONS = 12
-# Newton's error after a step is of the order of that step squared: once steps are small the residual is worth a look.
+# Newton's error after a step is of the order of that step squared: after small ones what is left is rounding, or nearly.
 _NEARLY = 1e-6
+_CORRECTIONS = 3
 _ROUNDING = 2e-15
 
 
@@ -29,6 +31,8 @@ Weight = tuple[Matrix, Matrix, Matrix]
 """Blocks of the 4 x 4 state weight Q: position, coupling, rate."""
 Blocks = tuple[Matrix, Matrix]
 """P2 and P3 of a solution."""
+Rest = tuple[Triple, float, Triple]
+"""Blocks of a symmetric 4 x 4 matrix: upper triangle of the first, antisymmetric part of the coupling, of the last."""
 Robust = Callable[[Matrix, Matrix, Pair, Weight], tuple[Blocks, float]]
 """A method that needs no start: A21, A22, S and Q to a solution and its relative residual."""
 
@@ -133,7 +137,7 @@ def newton(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, start: Blocks) -> tuple
         ZeroDivisionError: A step is not defined.
     """
     P2, P3 = start
-    left = math.inf
+    near = False
     for _ in range(_ITERATIONS):
         X2, X3 = _step(A21, A22, S, Q, P2, P3)
         a, b, c, d = X2
@@ -142,12 +146,26 @@ def newton(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, start: Blocks) -> tuple
         s, t, _t, u = P3
         change = abs(a - e) + abs(b - f) + abs(c - g) + abs(d - h) + abs(p - s) + abs(q - t) + abs(r - u)
         P2, P3 = X2, X3
-        if change <= _NEARLY * (abs(a) + abs(b) + abs(c) + abs(d) + abs(p) + abs(q) + abs(r)):
-            before, left = left, residual(A21, A22, S, Q, P2, P3)
-            if left <= _ROUNDING or left > 0.5 * before:
-                break
-    if not _stable(A21, A22, S, P2, P3):
-        left = math.inf
+        near = change <= _NEARLY * (abs(a) + abs(b) + abs(c) + abs(d) + abs(p) + abs(q) + abs(r))
+        if near:
+            break
+    F, G = _closed(A21, A22, S, P2, P3)
+    if not (near and _stable(F, G)):
+        return (P2, P3), math.inf
+    rest, left = _defect(A21, A22, S, Q, P2, P3)
+    for _ in range(_CORRECTIONS):
+        if left <= _ROUNDING:
+            break
+        # The same step as a correction for what is left of the equation: small, and so is its rounding.
+        D2, D3 = _blocks(F, G, rest)
+        a, b, c, d = D2
+        p, q, _q, r = D3
+        X2, X3 = (P2[0] + a, P2[1] + b, P2[2] + c, P2[3] + d), (P3[0] + p, P3[1] + q, P3[2] + q, P3[3] + r)
+        before = left
+        rest, left = _defect(A21, A22, S, Q, X2, X3)
+        if not left < before:
+            return (P2, P3), before
+        P2, P3 = X2, X3
     return (P2, P3), left
 
 
@@ -181,6 +199,24 @@ def _step(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, P2: Matrix, P3: Matrix) 
     w0, w1, w3 = q1[0] + a * m0 + b * m2, q1[1] + a * m1 + b * m3, q1[3] + c * m1 + d * m3
     skew = q2[1] + a * n1 + b * n3 - (q2[2] + c * n0 + d * n2)
     z0, z1, z3 = q3[0] + p0 * n0 + p1 * n2, q3[1] + p0 * n1 + p1 * n3, q3[3] + p1 * n1 + p3 * n3
+    return _blocks((f0, f1, f2, f3), (g0, g1, g2, g3), ((w0, w1, w3), skew, (z0, z1, z3)))
+
+
+def _closed(A21: Matrix, A22: Matrix, S: Pair, P2: Matrix, P3: Matrix) -> tuple[Matrix, Matrix]:
+    """F and G of the closed loop."""
+    s0, s3 = S
+    return (
+        (A21[0] - s0 * P2[0], A21[1] - s0 * P2[2], A21[2] - s3 * P2[1], A21[3] - s3 * P2[3]),
+        (A22[0] - s0 * P3[0], A22[1] - s0 * P3[1], A22[2] - s3 * P3[2], A22[3] - s3 * P3[3]),
+    )
+
+
+def _blocks(F: Matrix, G: Matrix, W: Rest) -> tuple[Matrix, Matrix]:
+    """X2 and X3 of the Lyapunov equation of the closed loop with right side -W."""
+    f0, f1, f2, f3 = F
+    g0, g1, g2, g3 = G
+    w0, w1, w3 = W[0]
+    z0, z1, z3 = W[2]
     # U = -W1 F^-1 / 2, V = J F^-1.
     det = f0 * f3 - f1 * f2
     r = 1.0 / det
@@ -192,7 +228,7 @@ def _step(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, P2: Matrix, P3: Matrix) 
     x0, x1, x3 = _lyapunov(g0, g1, g2, g3, z0 + 2.0 * u0, z1 + u1 + u2, z3 + 2.0 * u3)
     y0, y1, y3 = _lyapunov(g0, g1, g2, g3, 2.0 * v0, v1 + v2, 2.0 * v3)
     # Antisymmetric part of W2 + F^T X3 + X2 G vanishes.
-    fixed = skew + f0 * x1 + f2 * x3 - f1 * x0 - f3 * x1 + u0 * g1 + u1 * g3 - u2 * g0 - u3 * g2
+    fixed = W[1] + f0 * x1 + f2 * x3 - f1 * x0 - f3 * x1 + u0 * g1 + u1 * g3 - u2 * g0 - u3 * g2
     slope = f0 * y1 + f2 * y3 - f1 * y0 - f3 * y1 + v0 * g1 + v1 * g3 - v2 * g0 - v3 * g2
     t = -fixed / slope
     off = x1 + t * y1
@@ -212,11 +248,10 @@ def _lyapunov(g0: float, g1: float, g2: float, g3: float, n0: float, n1: float, 
     )
 
 
-def _stable(A21: Matrix, A22: Matrix, S: Pair, P2: Matrix, P3: Matrix) -> bool:
+def _stable(F: Matrix, G: Matrix) -> bool:
     """Routh-Hurwitz test of the closed loop det(s^2 I - s G - F); false for NaN too."""
-    s0, s3 = S
-    f0, f1, f2, f3 = A21[0] - s0 * P2[0], A21[1] - s0 * P2[2], A21[2] - s3 * P2[1], A21[3] - s3 * P2[3]
-    g0, g1, g2, g3 = A22[0] - s0 * P3[0], A22[1] - s0 * P3[1], A22[2] - s3 * P3[2], A22[3] - s3 * P3[3]
+    f0, f1, f2, f3 = F
+    g0, g1, g2, g3 = G
     a = -(g0 + g3)
     b = g0 * g3 - g1 * g2 - f0 - f3
     c = g0 * f3 + g3 * f0 - g1 * f2 - g2 * f1
@@ -224,8 +259,8 @@ def _stable(A21: Matrix, A22: Matrix, S: Pair, P2: Matrix, P3: Matrix) -> bool:
     return a > 0.0 and b > 0.0 and c > 0.0 and d > 0.0 and a * b * c - c * c - a * a * d > 0.0
 
 
-def residual(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, P2: Matrix, P3: Matrix) -> float:
-    """Largest entry of the equation's blocks over the largest of their terms."""
+def _defect(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, P2: Matrix, P3: Matrix) -> tuple[Rest, float]:
+    """What is left of the equation, and the greatest entry of that over the greatest of its terms."""
     s0, s3 = S
     a, b, c, d = P2
     p0, p1, _, p3 = P3
@@ -241,14 +276,9 @@ def residual(A21: Matrix, A22: Matrix, S: Pair, Q: Weight, P2: Matrix, P3: Matri
     # P1 is minus the rest of the coupling block; what is left of the equation there is its antisymmetric part.
     j1 = q2[1] + e0 * p1 + e2 * p3 + a * h1 + b * h3 - a * n1 - b * n3
     j2 = q2[2] + e1 * p0 + e3 * p1 + c * h0 + d * h2 - c * n0 - d * n2
-    worst = max(
-        abs(2.0 * t0 + q1[0] - k0),
-        abs(t1 + q1[1] - k1),
-        abs(2.0 * t3 + q1[3] - k3),
-        abs(2.0 * o0 + q3[0] - l0),
-        abs(o1 + q3[1] - l1),
-        abs(2.0 * o3 + q3[3] - l3),
-        abs(j1 - j2),
-    )
+    w0, w1, w3 = 2.0 * t0 + q1[0] - k0, t1 + q1[1] - k1, 2.0 * t3 + q1[3] - k3
+    z0, z1, z3 = 2.0 * o0 + q3[0] - l0, o1 + q3[1] - l1, 2.0 * o3 + q3[3] - l3
+    skew = j1 - j2
+    worst = max(abs(w0), abs(w1), abs(w3), abs(skew), abs(z0), abs(z1), abs(z3))
     largest = max(k0, k3, l0, l3, q1[0], q1[3], q3[0], q3[3], abs(t0), abs(t1), abs(t3), abs(o0), abs(o1), abs(o3), abs(j1))
-    return worst / largest
+    return ((w0, w1, w3), skew, (z0, z1, z3)), worst / largest

@@ -9,7 +9,7 @@ from scipy.linalg import solve_continuous_are
 
 import ffsm_mj
 from controllers.riccati import BlockRiccati, RiccatiError, planar_riccati
-from controllers.riccati_planar import ACCEPTED_RESIDUAL, PlanarRiccati, newton, principal_axes, turned
+from controllers.riccati_planar import ACCEPTED_RESIDUAL, PlanarRiccati, _step, newton, principal_axes, turned
 
 
 def flat(block):
@@ -85,6 +85,72 @@ def test_against_forty_digits(ratio, rng):
         assert residual <= ACCEPTED_RESIDUAL
         error = max(np.abs(P2 - K[:2, 2:]).max(), np.abs(P3 - K[2:, 2:]).max())
         assert error <= 1e-12 * np.abs(K).max()
+
+
+def refined(A21, A22, S, Q, blocks):
+    """The solution near ``blocks`` in 40 digits, proved by the residual of the whole 4 x 4 equation, not by its steps."""
+    with mp.workdps(40):
+        A21, A22, S, *Q = (tuple(mp.mpf(x) for x in block) for block in (A21, A22, S, *Q))
+        P2, P3 = (tuple(mp.mpf(x) for x in block) for block in blocks)
+        for _ in range(4):
+            P2, P3 = _step(A21, A22, S, Q, P2, P3)
+        A = mp.matrix([[0, 0, 1, 0], [0, 0, 0, 1], [A21[0], A21[1], A22[0], A22[1]], [A21[2], A21[3], A22[2], A22[3]]])
+        wide, Q1, Q12, Q3 = mp.diag([0, 0, *S]), *(mp.matrix([[b[0], b[1]], [b[2], b[3]]]) for b in Q)
+        K, weight = mp.zeros(4), mp.zeros(4)
+        K[:2, 2:], K[2:, 2:] = mp.matrix([[P2[0], P2[1]], [P2[2], P2[3]]]), mp.matrix([[P3[0], P3[1]], [P3[2], P3[3]]])
+        K[2:, :2] = K[:2, 2:].T
+        weight[:2, :2], weight[:2, 2:], weight[2:, :2], weight[2:, 2:] = Q1, Q12, Q12.T, Q3
+        lower = (A.T * K + K * A + weight - K * wide * K)[:2, 2:]  # what P1 is missing from, and must make symmetric
+        K[:2, :2] = -lower
+        left = A.T * K + K * A + weight - K * wide * K
+        assert mp.norm(left, mp.inf) <= mp.mpf(10) ** -30 * mp.norm(K, mp.inf)
+        assert mp.norm(K - K.T, mp.inf) <= mp.mpf(10) ** -30 * mp.norm(K, mp.inf)
+        return [[float(x) for x in block] for block in (P2, P3)]
+
+
+def assert_exact(problem, Q, blocks):
+    """1e-12 of the largest entry, against 40 digits."""
+    true = refined(*problem, Q, blocks)
+    assert np.abs(np.subtract(blocks, true)).max() <= 1e-12 * np.abs(true).max()
+
+
+@pytest.mark.slow
+def test_thousands_against_forty_digits(rng):
+    """Warm solutions down to sigma_min / sigma_max = 1e-2."""
+    for _ in range(2000):
+        A21, A22, B2, Q = problem(rng, 10.0 ** rng.uniform(-2, 0))
+        *given, axes = along(A21, A22, B2 @ B2.T)
+        solver = planar_riccati(Q)
+        solver.solve(*given, axes)
+        blocks, residual, fallback = solver.solve(*given, axes)
+        if not fallback:
+            assert residual <= ACCEPTED_RESIDUAL
+        assert_exact(given, [turned(flat(block), axes) for block in (Q[:2, :2], Q[:2, 2:], Q[2:, 2:])], blocks)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["baseline", "no-actuation", "free-flying", "slow-impact"])
+def test_along_the_papers_runs(scenario, plain, monkeypatch):  # noqa: ARG001
+    """Residual at rounding at every tick, near-singular poses included; every 100th against 40 digits where sigma allows."""
+    seen, solve = [], PlanarRiccati.solve
+
+    def keep(self, A21, A22, S, axes):
+        answer = solve(self, A21, A22, S, axes)
+        seen.append(((A21, A22, S), self._weight, *answer))
+        return answer
+
+    monkeypatch.setattr(PlanarRiccati, "solve", keep)
+    run = ffsm_mj.run(scenario)
+    assert len(seen) > 7000
+    assert max(residual for *_, residual, _ in seen) <= ACCEPTED_RESIDUAL
+    assert 1 <= sum(fallback for *_, fallback in seen) <= 5
+    assert run.summary()["controller"]["riccati_fallbacks"] == sum(fallback for *_, fallback in seen)
+    checked = 0
+    for given, Q, blocks, *_ in seen[::100]:
+        if given[2][1] >= 1e-4 * given[2][0]:  # S has the squares of sigma
+            assert_exact(given, Q, blocks)
+            checked += 1
+    assert checked > 50
 
 
 def test_every_accepted_solution_is_stabilising_and_exact(rng):
