@@ -77,7 +77,7 @@ class BlockRiccati:
 
     def __init__(self, Q: FloatArray) -> None:
         """Start cold, with a state weight (2 p, 2 p)."""
-        self._Q, self._newton = Q, BlockNewton(Q)
+        self._Q, self._newton = Q, fastest(BlockNewton)(Q)
         self._history: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def solve(self, A21: FloatArray, A22: FloatArray, S: FloatArray) -> tuple[FloatArray, float, bool]:

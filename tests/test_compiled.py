@@ -8,7 +8,8 @@ import pytest
 
 import ffsm_mj
 from controllers.planar_law import PlanarLaw
-from controllers.riccati import RiccatiError, planar_riccati
+from controllers.riccati import BlockRiccati, RiccatiError, planar_riccati
+from controllers.riccati_blocks import BlockNewton
 from controllers.riccati_planar import ACCEPTED_RESIDUAL, PlanarRiccati
 from controllers.tip_kinematics import TipKinematics
 from ffsm_mj import compiled
@@ -201,6 +202,29 @@ def test_riccati_is_the_same_to_the_last_bit(rng, monkeypatch):
     for solver in (plain, twin):
         with pytest.raises(RiccatiError):
             solver.solve((1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0), (0.0, 0.0), (1.0, 0.0))
+
+
+@pytest.mark.parametrize("p", [1, 2, 3, 4])
+def test_block_newton(p, rng, monkeypatch):
+    """From starts near the solution, for any number of outputs; both break down on the same equation."""
+    for _ in range(50):
+        A21, A22, B2 = rng.normal(size=(p, p)), rng.normal(size=(p, p)), rng.normal(size=(p, p + 1))
+        S, root = B2 @ B2.T, rng.normal(size=(2 * p, 2 * p))
+        Q = root @ root.T + 0.1 * np.eye(2 * p)
+        monkeypatch.setenv("FFSM_COMPILED", "0")
+        start, _, _ = BlockRiccati(Q).solve(A21, A22, S)
+        start = start * (1.0 + 1e-3 * rng.normal())
+        plain, twin = BlockNewton(Q).solve(A21, A22, S, start), twins.BlockNewton(Q).solve(A21, A22, S, start)
+        # Both end at rounding, amplified by the condition of the equation.
+        np.testing.assert_allclose(plain, twin, rtol=0.0, atol=1e-12 * np.abs(plain).max())
+    nothing = np.zeros((p, p))
+    for kind in (BlockNewton, twins.BlockNewton):
+        assert kind(np.eye(2 * p)).solve(nothing, nothing, nothing, np.zeros((p, 2 * p))) is None
+
+
+def test_block_newton_refuses_other_sizes():
+    with pytest.raises(ValueError, match="blocks of another size than 3"):
+        twins.BlockNewton(np.eye(6)).solve(np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 4)))
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,9 @@ from ffsm_mj_fast.flight import Flight
 from ffsm_mj_fast.joint_work import JointWork
 from ffsm_mj_fast.limits import Limits
 from ffsm_mj_fast.planar_law import PlanarLaw
+from ffsm_mj_fast.riccati_blocks import BlockNewton
 from ffsm_mj_fast.riccati_planar import PlanarRiccati
 from ffsm_mj_fast.sampler import Sampler
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-__all__ = ["Flight", "JointWork", "Limits", "PlanarLaw", "PlanarRiccati", "Sampler", "TipKinematics"]
+__all__ = ["BlockNewton", "Flight", "JointWork", "Limits", "PlanarLaw", "PlanarRiccati", "Sampler", "TipKinematics"]
