@@ -251,8 +251,8 @@ def test_planar_law(spatial_arm, rng, axes, whole_stack, monkeypatch):
         for law in laws:
             law.tick()
             assert law.report[1] <= ACCEPTED_RESIDUAL
-        # Torques lose what the Riccati equation may leave, 1e-13, times the condition of S.
-        np.testing.assert_allclose(laws[0].effort, laws[1].effort, rtol=1e-9, atol=1e-12)
+        # Torques lose what the Riccati equation leaves, 2e-15, times the condition of S, some thousands.
+        np.testing.assert_allclose(laws[0].effort, laws[1].effort, rtol=1e-11, atol=1e-12)
         kept = [0, 2, 3]  # the residual itself is rounding
         np.testing.assert_allclose(laws[0].report[kept], laws[1].report[kept], rtol=1e-11)
         mujoco.mj_step(model, data)
