@@ -5,9 +5,7 @@ The package ``ffsm-mj-fast`` compiles this very file; ``fast/ffsm_mj_fast/osdre_
 
 from __future__ import annotations
 
-Pair = tuple[float, float]
-Matrix = tuple[float, float, float, float]
-Blocks = tuple[Matrix, Matrix]
+from controllers.riccati_planar import Blocks, Pair
 
 
 def turned_pair(x: Pair, axes: Pair) -> Pair:

@@ -49,8 +49,8 @@ class Flight:
         mujoco.mj_step(self._model, self._data)
         mujoco.mj_forward(self._model, self._data)
         before, self.energy = self.energy, self._energy()
-        # Not max(): it would hide a NaN.
-        self.last = BOUND_MARGIN * duration_s * math.sqrt(2.0 * (before if before > self.energy else self.energy))
+        # Not max(), which would hide a NaN; abs(), since the rounding of a body at rest may be negative.
+        self.last = BOUND_MARGIN * duration_s * math.sqrt(2.0 * abs(before if before > self.energy else self.energy))
         self.way += self.last
         return self.way < self.horizon
 

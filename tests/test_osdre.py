@@ -68,7 +68,8 @@ def test_velocity_is_translation_invariant_and_output_stack_is_not(case_study, s
 
 
 @pytest.mark.parametrize("kind", ["velocity", "output_stack"])
-def test_factorisation_reproduces_the_output_dynamics(case_study, state, kind, plain, monkeypatch):  # noqa: ARG001
+@pytest.mark.usefixtures("plain")
+def test_factorisation_reproduces_the_output_dynamics(case_study, state, kind, monkeypatch):
     """A z + B u = zdot with MuJoCo's own acceleration, for both parameterizations and any momentum."""
     seen = {}
 

@@ -130,7 +130,8 @@ def test_thousands_against_forty_digits(rng):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["baseline", "no-actuation", "free-flying", "slow-impact"])
-def test_along_the_papers_runs(scenario, plain, monkeypatch):  # noqa: ARG001
+@pytest.mark.usefixtures("plain")
+def test_along_the_papers_runs(scenario, monkeypatch):
     """Residual at rounding at every tick, near-singular poses included; every 100th against 40 digits where sigma allows."""
     seen, solve = [], PlanarRiccati.solve
 
@@ -193,7 +194,8 @@ def test_a_start_that_leads_elsewhere_is_refused(rng):
     assert refused > 100
 
 
-def test_fallback_is_counted_and_gives_the_same(rng, plain):  # noqa: ARG001
+@pytest.mark.usefixtures("plain")
+def test_fallback_is_counted_and_gives_the_same(rng):
     """After a jump the warm start is useless: the robust method answers, and the report says so."""
     A21, A22, B2, Q = problem(rng, 0.5)
     solver = planar_riccati(Q)
@@ -266,7 +268,8 @@ def test_three_outputs_answer_after_a_jump(rng):
 
 
 @pytest.mark.slow
-def test_baseline_with_scipy_in_the_loop(baseline, plain, monkeypatch):  # noqa: ARG001
+@pytest.mark.usefixtures("plain")
+def test_baseline_with_scipy_in_the_loop(baseline, monkeypatch):
     """The whole run with the oracle at every tick: the same impact and the same end to 1e-6 m."""
 
     def by_scipy(_self, A21, A22, S, _axes):

@@ -13,7 +13,7 @@ import mujoco
 
 from ffsm_mj import flight as plain
 
-from libc.math cimport INFINITY, sqrt
+from libc.math cimport INFINITY, fabs, sqrt
 
 from ffsm_mj_fast.functions cimport address, mj
 
@@ -63,7 +63,7 @@ cdef class Flight:
         # Asked here, not when it is needed: a look for collisions in between forgets the constraints.
         self.unconstrained = self.data.nefc == 0
         self.energy = self.kinetic()
-        self.last = BOUND_MARGIN * duration_s * sqrt(2.0 * (before if before > self.energy else self.energy))
+        self.last = BOUND_MARGIN * duration_s * sqrt(2.0 * fabs(before if before > self.energy else self.energy))
         self.way += self.last
         return self.way < self.horizon
 
