@@ -37,6 +37,12 @@ def test_arrays_by_name(hit):
         hit["energy.total"]
 
 
+def test_blocks_are_the_rows_in_order(baseline):
+    blocks = list(baseline.log.blocks())
+    assert len(blocks) > 2
+    np.testing.assert_array_equal(np.concatenate(blocks), baseline.log.rows)
+
+
 def test_tables_in_pandas_and_polars(hit):
     samples = hit.to_pandas()
     np.testing.assert_array_equal(samples["energy.total_J"], hit["energy.total_J"])

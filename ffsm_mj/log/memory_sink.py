@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +10,8 @@ import numpy as np
 from ffsm_mj.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.log.sink import RunHeader
 from ffsm_mj.model import FloatArray
+
+_BLOCK_ROWS = 1000
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,11 @@ class RunLog:
     unhandled: tuple[UnhandledContactRecord, ...] = ()
     outcome: OutcomeRecord | None = None
     damage: str = ""
+
+    def blocks(self) -> Iterator[FloatArray]:
+        """The rows in order, a few thousand at a time: what a long run should be read by, (n, number of signals) each."""
+        for first in range(0, len(self.rows), _BLOCK_ROWS):
+            yield self.rows[first : first + _BLOCK_ROWS]
 
 
 def run_log(
