@@ -202,6 +202,10 @@ class Actuation:
                 valve.firing = 0.0
             self._valves_open |= valve.firing != 0.0
 
+    def by_name(self) -> dict[str, tuple[float, ...]]:
+        """Effort that acts now by actuator, N or N m."""
+        return {name: (effort,) for name, effort in zip(self.names, self.applied.tolist(), strict=True)}
+
     def elapse(self, duration_s: float) -> None:
         """Count on-times and impulses of the on-off actuators over a time with the efforts held."""
         if not self._valves_open:

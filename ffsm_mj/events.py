@@ -44,6 +44,7 @@ class ImpactRecord:
     Attributes:
         event: Number of the impact, from 0.
         time_s: Instant of the impact.
+        step: Integration step in which it happened, from 0.
         robot_geom: Geom of the robot that touches.
         object_geom: Geom of the object that touches.
         point_m: Contact point, the midpoint of the witness points, in world axes.
@@ -67,10 +68,12 @@ class ImpactRecord:
         energy_change_J: Change of the total kinetic energy.
         linear_momentum_change_N_s: Norm of the change of the total linear momentum.
         angular_momentum_change_N_m_s: Norm of the change of the total angular momentum about the world origin.
+        efforts_after: Effort by actuator from here on, as the controller decided at the impact; it sees none itself.
     """
 
     event: int
     time_s: float
+    step: int
     robot_geom: str
     object_geom: str
     point_m: tuple[float, ...]
@@ -94,6 +97,7 @@ class ImpactRecord:
     energy_change_J: float
     linear_momentum_change_N_s: float
     angular_momentum_change_N_m_s: float
+    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
@@ -139,6 +139,11 @@ class Simulation:
                 self._recorder.event(record)
 
     def _decide(self, observation: Observation) -> None:
+        """Ask the controller, and record the phase that begins with that."""
+        self._ask(observation)
+        self._report_phases()
+
+    def _ask(self, observation: Observation) -> None:
         """Ask the controller and hold what the plant makes of its command."""
         self._command.clear()
         try:
@@ -150,6 +155,8 @@ class Simulation:
             message = f"the controller raised {type(error).__name__} at t = {observation.time_s:.6g} s: {error}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
         self._done.ticks += 1
+
+    def _report_phases(self) -> None:
         for phase in self._controller.drain_phases():
             self._recorder.event(phase)
 
@@ -211,20 +218,27 @@ class Simulation:
         mujoco.mj_forward(model, data)
         plant.detector.restart()
         plant.ledger.impact(energies[1] - energies[0], contact_wrench(impact))
-        records = impact_records(plant.system, data, touching, impact, energies, self._done.events, time_s)
-        self._done.events += 1
-        for record in records:
-            self._recorder.event(record)
+        done = self._done
+        records = impact_records(plant.system, data, touching, impact, energies, done.events, done.steps, time_s)
+        done.events += 1
         self._after_impact(Observation(time_s, data, records))
 
     def _after_impact(self, observation: Observation) -> None:
-        if self._settings.stop_on_impact:
-            self._decide(observation)
+        """Ask the controller at once, and record the impact with the efforts that act from there on."""
+        stop, limit = self._settings.stop_on_impact, self._done.events >= self._settings.max_impacts
+        try:
+            if stop or not limit:
+                self._ask(observation)
+        finally:
+            efforts = self._plant.actuation.by_name()
+            for record in observation.impacts:
+                self._recorder.event(replace(record, efforts_after=efforts))
+        self._report_phases()
+        if stop:
             self._record(observation.time_s)
             raise RunEnded(Outcome.COMPLETED)
-        if self._done.events >= self._settings.max_impacts:
+        if limit:
             raise RunEnded(Outcome.EVENT_LIMIT, f"{self._done.events} impacts; raise impact.max_impacts to go on")
-        self._decide(observation)
 
     def _refuse_lasting(self, touching: list[tuple[ImpactPair, Proximity]], time_s: float) -> None:
         """End the run where a contact lasts: too slow to bounce, or bouncing without end."""

@@ -190,3 +190,16 @@ def test_interrupted(tmp_path):
     run = run_and_read(two_balls(tmp_path), tmp_path, report=stop)
     assert run.outcome == "interrupted"
     assert run.time[-1] == pytest.approx(0.5)
+
+
+def test_an_impact_tells_its_step_and_the_efforts_that_act_from_there_on(tmp_path):
+    """0.3005 s lies in step 300 of 1 ms. 2 kg at 1 m/s on 3 kg goes back at 0.2 m/s: a damper of 2 N s/m gives 0.4 N."""
+    phases = [
+        {"name": "coast", "until": "impact", "controller": {"kind": "off"}},
+        {"name": "brake", "until": "end", "controller": {"kind": "pd", "joints": ["robot/x"], "kp": 1.0, "kd": 2.0}},
+    ]
+    run = run_and_read(two_balls(tmp_path, gap=0.3005, duration_s=0.4, phases=phases), tmp_path)
+    (impact,) = run.impacts
+    assert impact.step == 300
+    assert impact.efforts_after["robot/push_x"] == (pytest.approx(0.4, abs=1e-12),)
+    assert [phase.name for phase in run.phases] == ["coast", "brake"]

@@ -41,6 +41,7 @@ def impact_records(
     impact: Impact,
     energies: FloatArray,
     event: int,
+    step: int,
     time_s: float,
 ) -> tuple[ImpactRecord, ...]:
     """What the log says of an impact: one record per contact."""
@@ -62,6 +63,7 @@ def impact_records(
             ImpactRecord(
                 event=event,
                 time_s=time_s,
+                step=step,
                 robot_geom=pair.robot_geom,
                 object_geom=pair.object_geom,
                 point_m=tuple(point.tolist()),
