@@ -188,7 +188,8 @@ def _run(options: argparse.Namespace) -> int:
     prepared = prepare(options.scenario, options.overrides)
     folder = Path(options.out) if options.out else default_folder(prepared.scenario.name)
     live, rerun = options.viewer if options.live else None, False if options.no_rerun else None
-    with progress(prepared.scenario.name) as report:
+    with progress() as shown:
+        report = shown.stage(prepared.scenario.name, "s", prepared.scenario.duration_s)
         run = prepared.run(out=folder, force=options.force, rerun=rerun, live=live, report=report)
     if not options.out:
         link_latest(folder)
@@ -270,11 +271,11 @@ def _open_viewer(recording: Path) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    from ffsm_mj.progress import counter
+    from ffsm_mj.progress import progress
     from ffsm_mj.reproduction import reproduce
 
-    with counter("reproduce") as report:
-        again = reproduce(report)
+    with progress() as shown:
+        again = reproduce(shown.stage("reproduce", "runs"))
     _say(again.text())
     folder = Path(options.out)
     if not options.check:

@@ -1,47 +1,65 @@
-"""Progress on a terminal; silence elsewhere."""
+"""Progress of a command on its terminal; silence where nobody watches."""
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Protocol
 
 Report = Callable[[float, float], None]
+"""Told (how much is done, of how much), as often as the work likes."""
+
+
+class Progress(Protocol):
+    """What a command is doing, part by part."""
+
+    def stage(self, name: str, unit: str = "", total: float | None = None) -> Report | None:
+        """The next part of the work begins.
+
+        Args:
+            name: What is being done.
+            unit: Of the numbers that will be reported: ``s``, or what is counted.
+            total: How much there is to do, where it is known now.
+
+        Returns:
+            What the work is to tell how far it is; None where nobody watches.
+        """
+
+    def hidden(self) -> AbstractContextManager[None]:
+        """The terminal is free for something else to be printed."""
+
+
+class Silence:
+    """Progress that nobody watches."""
+
+    def stage(self, name: str, unit: str = "", total: float | None = None) -> Report | None:  # noqa: ARG002
+        """Nobody is to be told."""
+        return None
+
+    def hidden(self) -> AbstractContextManager[None]:
+        """The terminal is always free."""
+        return nullcontext()
 
 
 @contextmanager
-def progress(name: str) -> Iterator[Report | None]:
-    """Yield what a run is to call with (simulation time, duration) in s, or None where nobody watches."""
-    if not sys.stderr.isatty():
-        yield None
+def progress() -> Iterator[Progress]:
+    """Show what is done within, on the last line of the terminal; the line is gone when it ends."""
+    if not _watched():
+        yield Silence()
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from ffsm_mj.progress_line import ProgressLine  # rich: for those who watch
 
-    columns = (TextColumn(name), BarColumn(), TextColumn("{task.completed:.1f} of {task.total:g} s"), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(name, total=None)
-        calls = 0
-
-        def report(time_s: float, duration_s: float) -> None:
-            nonlocal calls
-            if calls % 100 == 0:  # the bar repaints ten times a second on its own
-                bar.update(task, completed=time_s, total=duration_s)
-            calls += 1
-
-        yield report
+    line = ProgressLine()
+    try:
+        yield line
+    finally:
+        line.hide()
 
 
-@contextmanager
-def counter(name: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Yield what is to be called with (done, of how many), or None where nobody watches."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn(name), BarColumn(), MofNCompleteColumn(), TextColumn("runs"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(name, total=None)
-        yield lambda done, of: bar.update(task, completed=done, total=of)
+def _watched() -> bool:
+    """Whether standard error is a terminal on which a line can be painted again."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        return False
+    return os.name == "nt" or os.environ.get("TERM", "").lower() not in ("", "dumb", "unknown")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
 from ffsm_mj.analysis import Run
@@ -69,13 +69,13 @@ def all_cases() -> tuple[Case, ...]:
 def run_cases(cases: Iterable[Case], report: Callable[[int, int], None] | None) -> dict[Case, Result]:
     """Run cases on all cores; ``report`` is told how many of how many are done."""
     cases = tuple(cases)
-    results = {}
+    tell = report or (lambda *_: None)
+    tell(0, len(cases))
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for case, result in zip(cases, pool.map(run_case, cases), strict=True):
-            results[case] = result
-            if report is not None:
-                report(len(results), len(cases))
-    return results
+        running = {pool.submit(run_case, case): case for case in cases}
+        for done, _ in enumerate(as_completed(running), 1):
+            tell(done, len(cases))
+    return {case: future.result() for future, case in running.items()}
 
 
 def run_case(case: Case) -> Result:
