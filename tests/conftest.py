@@ -1,4 +1,4 @@
-"""Fixtures shared by the suite: the case study, and one baseline run on disk."""
+"""Fixtures shared by the suite: the case study, and one baseline run on disk; and what ``--long`` means."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from filelock import FileLock
 
+import ffsm_mj
 from ffsm_mj.analysis import Run
 from ffsm_mj.model import System, compile_system
 from ffsm_mj.shipped import scenarios_dir
+from tests.long_share import pytest_addoption, pytest_collection_modifyitems  # noqa: F401 (found by pytest)
 
 MJCF = scenarios_dir().parent / "mjcf"
 
@@ -35,9 +38,17 @@ def impact_state(case_study):
 
 
 @pytest.fixture(scope="session")
-def baseline(ffsm_run) -> Run:
-    """One whole baseline run with its Rerun recording, as its log tells it: read with the reader that users use."""
-    return ffsm_run("baseline", rerun=True)
+def baseline(ffsm_run, tmp_path_factory, worker_id) -> Run:
+    """One whole baseline run with its Rerun recording, as its log tells it: read with the reader that users use.
+
+    Simulated once, by whichever of pytest's workers comes first.
+    """
+    shared = tmp_path_factory.getbasetemp()
+    folder = (shared if worker_id == "master" else shared.parent) / "baseline"
+    with FileLock(f"{folder}.lock"):
+        if not (folder / "summary.json").is_file():
+            ffsm_mj.run("baseline", out=folder)
+    return ffsm_run(folder)
 
 
 @pytest.fixture(scope="session")

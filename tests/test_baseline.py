@@ -67,9 +67,9 @@ def test_motors_stay_on_their_torque_speed_line(baseline):
         assert np.all(np.abs(u + 14 / 0.54 * rate)[powered] <= 14.0 * (1 + 1e-12))
 
 
-def test_memory_and_log_tell_the_same(baseline_folder):
+def test_memory_and_log_tell_the_same(tmp_path):
     """``run`` and ``load_run`` give the same object, number by number."""
-    out = baseline_folder.parent / "short"
+    out = tmp_path / "short"
     run = ffsm_mj.run("baseline", {"duration_s": 7.9}, out=out, rerun=False)
     log = ffsm_mj.load_run(out)
     np.testing.assert_array_equal(log.log.rows, run.log.rows)

@@ -1,0 +1,43 @@
+"""Tests marked ``long``: a seeded tenth of their cases in a plain run, every case with ``--long``.
+
+A long job (many seeds, kill series, runs of thousands of seconds) is a parametrised test whose cases are small::
+
+    @pytest.mark.long
+    @pytest.mark.parametrize("seed", range(300))
+    def test_random_pushes(seed): ...
+
+A plain run takes a tenth of the cases of each such test, at least one; long tests of a single case form one group, of which
+it takes a tenth as well. The choice is a fixed one, so that every run of the same tests, on every worker, does the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from zlib import crc32
+
+import pytest
+
+_SEED = 12
+_SHARE = 0.1
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--long", action="store_true", help="run every case of the tests marked 'long', not a seeded tenth")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--long"):
+        return
+    groups = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker("long"):
+            groups[item.nodeid.partition("[")[0] if hasattr(item, "callspec") else ""].append(item)
+    left_out = {item for group in groups.values() for item in sorted(group, key=_rank)[math.ceil(_SHARE * len(group)) :]}
+    items[:] = [item for item in items if item not in left_out]
+    config.hook.pytest_deselected(items=list(left_out))
+
+
+def _rank(item: pytest.Item) -> int:
+    """A number that looks random and is the same everywhere: adding a case changes little of what is taken."""
+    return crc32(f"{_SEED} {item.nodeid}".encode())

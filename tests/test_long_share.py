@@ -1,0 +1,56 @@
+"""What a plain run takes of long tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests import long_share
+
+TESTS = """
+import pytest
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(45))
+def test_seeds(seed): ...
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", "abc")
+def test_few(case): ...
+
+@pytest.mark.long
+def test_alone(): ...
+
+@pytest.mark.long
+def test_alone_too(): ...
+
+def test_short(): ...
+"""
+
+
+@pytest.fixture
+def collected(pytester):
+    """Names of the tests that pytest runs with some options."""
+    pytester.makeconftest(Path(long_share.__file__).read_text())
+    pytester.makeini("[pytest]\nmarkers = long: long")
+    pytester.makepyfile(test_x=TESTS)
+
+    def names(*options):
+        result = pytester.runpytest_inprocess("--collect-only", "-q", "-p", "no:cacheprovider", *options)
+        return [line.partition("::")[2] for line in result.outlines if "::" in line]
+
+    return names
+
+
+def test_a_plain_run_takes_a_tenth_of_each_test(collected):
+    names = collected()
+    counts = {start: sum(name.startswith(start) for name in names) for start in ("test_seeds[", "test_few[", "test_alone")}
+    assert counts == {"test_seeds[": 5, "test_few[": 1, "test_alone": 1}
+    assert "test_short" in names
+    assert names[:5] != [f"test_seeds[{i}]" for i in range(5)], "a choice, not the first ones"
+    assert collected() == names, "the same choice every time"
+
+
+def test_every_case_on_demand(collected):
+    assert len(collected("--long")) == 45 + 3 + 2 + 1
