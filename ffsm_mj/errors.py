@@ -29,7 +29,7 @@ class InputError(FfsmError):
     """Bad input: a scenario, a model, a file or an argument. One line per fault; the CLI exits with 2."""
 
     def __init__(self, lines: str | Sequence[str]) -> None:
-        self.lines: tuple[str, ...] = (lines,) if isinstance(lines, str) else tuple(lines)
+        self.lines: tuple[str, ...] = tuple(map(one_line, (lines,) if isinstance(lines, str) else lines))
         super().__init__("\n".join(self.lines))
 
 
@@ -71,6 +71,11 @@ class MissingPackageError(FfsmError):
 
 class UnsupportedContactError(FfsmError):
     """A contact that the impact laws cannot resolve exactly; the run ends rather than guess."""
+
+
+def one_line(text: str) -> str:
+    """A text with everything escaped that is no printable character: line ends, colours of a terminal, half characters."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in text)
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:

@@ -13,7 +13,8 @@ from typing import Any
 
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.shipped import scenario_names, scenarios_dir
-from ffsm_mj.yaml_node import Node, read_node
+from ffsm_mj.yaml_node import Node
+from ffsm_mj.yaml_parser import read_node
 
 EXTENDS = "extends"
 MAX_DEPTH = 8

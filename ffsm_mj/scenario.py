@@ -24,6 +24,9 @@ else:
         Field(discriminator="kind"),
     ]
 
+# A multiple is one to 1e-9 of the ratio: beyond this that is half a period, and every ratio would pass.
+_MOST_PERIODS = 5e8
+
 Name = Annotated[str, Field(min_length=1)]
 Axis = Literal["x", "y", "z"]
 JointValue = float | tuple[float, ...]
@@ -187,7 +190,9 @@ def _timing_faults(scenario: Scenario) -> list[Fault]:
         ("duration_s", scenario.duration_s, scenario.control_period_s, "control_period_s"),
     ):
         ratio = whole / unit
-        if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+        if ratio > _MOST_PERIODS:
+            faults.append(Fault(f"is {ratio:.3g} times {unit_key} ({unit:g} s); at most {_MOST_PERIODS:g} times", (key,)))
+        elif round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
             nearest = max(1, round(ratio)) * unit
             faults.append(Fault(f"must be a multiple of {unit_key} ({unit:g} s); the nearest is {nearest:g}", (key,)))
     return faults

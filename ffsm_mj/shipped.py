@@ -28,10 +28,14 @@ def scenario_path(scenario: str | Path) -> Path:
     Raises:
         InputError: Neither a file nor a shipped scenario.
     """
-    path = Path(scenario)
-    if path.is_file():
-        return path
-    text = str(scenario)
+    path, text = Path(scenario), str(scenario)
+    if not text:
+        raise InputError("'': an empty name; name a scenario file, or a shipped scenario")
+    try:
+        if path.is_file():
+            return path
+    except OSError as error:  # a name that is too long, a folder that may not be read
+        raise InputError(f"{text}: cannot be read ({error.strerror})") from error
     if path.is_dir() and text not in scenario_names():
         raise InputError(f"{text}: is a folder; name the scenario file in it")
     if path.suffix in (".yaml", ".yml") or "/" in text or path.name != text:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from io import StringIO
@@ -9,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from ffsm_mj.errors import Fault, InputError
 from ffsm_mj.inheritance import read_inherited
-from ffsm_mj.yaml_node import KeyPath, Node, plain_value
+from ffsm_mj.yaml_node import KeyPath, Node
+from ffsm_mj.yaml_parser import MAX_DEPTH, YamlFault, plain_value
+
+_POSITION = re.compile(r"[0-9]{1,9}")
 
 
 @dataclass
@@ -83,19 +86,21 @@ def _apply(source: YamlSource, override: str) -> None:
         raise InputError(f"-s {override}: an override is written key=value, e.g. -s task.target_m='[3, 0]'")
     try:
         value = plain_value(text)
-    except YAMLError as error:
-        raise InputError(f"-s {override}: the value is malformed YAML") from error
+    except YamlFault as fault:
+        raise InputError(f"-s {override}: in the value: {fault.problem}") from fault
     parts = key.strip().split(".")
+    if len(parts) > MAX_DEPTH:
+        raise InputError(f"-s {override}: a key of {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
     path: tuple[str | int, ...] = ()
     node = source.data
     for depth, name in enumerate(parts):
         last = depth == len(parts) - 1
-        part: str | int = int(name) if isinstance(node, list) and name.isdigit() else name
+        part: str | int = int(name) if isinstance(node, list) and _POSITION.fullmatch(name) else name
         path += (part,)
         if isinstance(node, list):
             if not isinstance(part, int) or part >= len(node):
                 where = ".".join(parts[:depth])
-                raise InputError(f"-s {override}: {where} is a list of {len(node)}: its positions are 0 to {len(node) - 1}")
+                raise InputError(f"-s {override}: {where} is a list of {len(node)}: {_positions(len(node))}")
         elif not isinstance(node, dict):
             raise InputError(f"-s {override}: {'.'.join(parts[:depth])} is a single value and has no {part!r}")
         elif not last and part not in node:
@@ -105,3 +110,7 @@ def _apply(source: YamlSource, override: str) -> None:
         else:
             node = node[part]
     source._overrides[path] = override
+
+
+def _positions(length: int) -> str:
+    return f"its positions are 0 to {length - 1}" if length else "it has no positions"

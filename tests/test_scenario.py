@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
+from itertools import pairwise
 
 import jsonschema
 import pytest
 from pydantic import ValidationError
 
 from ffsm_mj.assembly import assemble
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import Fault, InputError
 from ffsm_mj.scenario import Scenario, load_scenario
 from ffsm_mj.scenario_schema import scenario_schema
 from ffsm_mj.shipped import scenario_names, scenario_path, scenarios_dir
+from ffsm_mj.yaml_parser import plain_value
 from ffsm_mj.yaml_source import read_yaml, write_yaml
 from tests.conftest import MJCF
 from tests.scenes import ball, scene
@@ -64,7 +67,7 @@ def faults(*overrides, path=BASELINE):
         ("objects.robot={mjcf: ../mjcf/box_1m.xml}", "this name is taken"),
         ("no_equals_sign", "an override is written key=value"),
         ("phases.9.name=x", "phases is a list of 3: its positions are 0 to 2"),
-        ("duration_s=[", "the value is malformed YAML"),
+        ("duration_s=[", "in the value: malformed YAML: "),
         ("duration=3", "duration: unknown key (did you mean 'duration_s'?)"),
         ("phases.2.name=approach", "another phase has the name 'approach'"),
         ("impact_pairs=[]", "phases.0.until: cannot end: the scenario has no impact_pairs"),
@@ -78,12 +81,37 @@ def faults(*overrides, path=BASELINE):
         ("objects=3", "objects: should be a mapping of keys, got 3"),
         ("phases=[]", "phases: should have at least 1 item"),
         ("robot.mjcf=.", "is a folder, not a model file"),
+        ("phases.²=3", "phases is a list of 3: its positions are 0 to 2"),
+        ("phases.0.controller.joints=!!int x", "in the value: !!int stands before 'x', which is none; leave the tag out"),
+        ('duration_s=!!int ""', "!!int stands before ''"),
+        ("stop_on_impact=!!bool maybe", "!!bool stands before 'maybe'"),
+        ("duration_s=0x_", 'duration_s: should be a valid number, got "0x_"'),
+        ("duration_s=1:2:3", 'duration_s: should be a valid number, got "1:2:3"'),
+        ("duration_s=2001-02-30", 'duration_s: should be a valid number, got "2001-02-30"'),
+        ("name=!!python/name:os.system", "the tag !!python/name:os.system means nothing here; leave it out"),
+        ("phases=[" + "[" * 3000, "in the value: more than 32 lists and mappings inside one another"),
+        ("phases=&a [*a]", "the alias *a stands inside of what it stands for"),
+        ("task=*nowhere", "the alias *nowhere stands for nothing"),
+        ("initial.joints={1: 2}", "a key must be a text, this is 1; write it in quotes"),
+        ("initial.joints={[1]: 2}", "a key must be a text, this is a list"),
+        ("initial.joints={<<: 3}", "'<<' takes a mapping, or a list of mappings, to merge in"),
+        ("impact.max_impacts=" + "1" * 5000, "a number of 5000 digits; at most 300 are read"),
+        ("duration_s=1e300", "is 1e+303 times control_period_s (0.001 s); at most 5e+08 times"),
+        ("time_step_s=5e-324", "control_period_s: is inf times time_step_s (4.94066e-324 s)"),
+        (".".join("a" * 40) + "=1", "a key of 40 parts; a scenario is at most 32 deep"),
+        (r'name="\UFFFFFFFF"', "in the value: malformed YAML"),
     ],
 )
 def test_one_clear_line(override, expected):
     (line,) = faults(override)
     assert line.startswith(("-s " + override, str(BASELINE)))
     assert expected in line
+
+
+def test_an_override_is_shown_on_one_line():
+    """Line ends, colours of a terminal and bytes that are no UTF-8 are escaped."""
+    (line,) = faults("dura\ntion_s=\x1b[31m\udcff")
+    assert line.startswith(r"-s dura\ntion_s=\x1b[31m\udcff: ")
 
 
 def test_faults_of_a_file_name_line_and_column(tmp_path):
@@ -115,14 +143,32 @@ def test_every_fault_has_a_line():
     assert len(faults("duration_s=-1", "task.tip=3", "log.rerun=1")) == 3
 
 
+def _aliases_of_aliases() -> str:
+    """Ten to the tenth values in twelve lines."""
+    return "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]\n" for a, b in pairwise("abcdefghij"))
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
         ("name: x\nduration_s: [1\n", ":3:1: malformed YAML"),
-        ("name: x\nname: y\n", ':2:1: malformed YAML: found duplicate key "name"'),
+        ("name: x\nname: y\n", ":2:1: the key 'name' stands twice in one mapping; first in line 1"),
         ("- 1\n", ":1:1: a scenario is a mapping"),
         ("", ":1:1: a scenario is a mapping"),
-        ("name: \xe4\n".encode("latin-1"), "cannot be read"),
+        ("name: \xe4\n".encode("latin-1"), ":1:7: is not UTF-8: byte 0xe4"),
+        ("a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + _aliases_of_aliases(), "; at most 100000 are read"),
+        (
+            "a: &a []\n" + "".join(f"k{i}: &{'ba'[i % 2]} [*{'ab'[i % 2]}]\n" for i in range(40)),
+            ":32:10: more than 32 lists and mappings",
+        ),
+        ("a: [" + "[" * 5000, ":1:35: more than 32 lists and mappings inside one another"),
+        ("a: 1\nb: \0\n", ":2:4: malformed YAML: the character 0x0000 is not allowed"),
+        ("a: 1\n---\nb: 1\n", ":2:1: a second document begins here; a file holds one"),
+        ("? [a, b]\n: 1\n", ":1:3: a key must be a text, this is a list"),
+        ("a: 1\n~: 1\n", ":2:1: a key must be a text, this is nothing"),
+        ("a: !!set {b}\n", ":1:4: the tag !!set means nothing here"),
+        ("a: !!timestamp 2001-99-99\n", ":1:4: the tag !!timestamp means nothing here"),
+        ("%YAML 9.9\n---\na: 1\n", ":1:1: malformed YAML"),
     ],
 )
 def test_malformed_yaml(tmp_path, text, expected):
@@ -133,7 +179,39 @@ def test_malformed_yaml(tmp_path, text, expected):
     assert expected in line
 
 
+def test_a_byte_order_mark_is_no_part_of_the_first_key(tmp_path):
+    path = tmp_path / "marked.yaml"
+    path.write_bytes(b"\xef\xbb\xbf" + BASELINE.read_bytes().replace(b"../mjcf", str(MJCF).encode()))
+    assert load_scenario(path)[0].name == "baseline"
+
+
+def test_merged_keys_and_aliases(tmp_path):
+    """A key of the mapping itself comes before a merged one, the first merged mapping before the second."""
+    path = tmp_path / "merged.yaml"
+    path.write_text("a: &a {x: 1, y: 1}\nb: &b {y: 2, z: 2}\nc:\n  <<: [*a, *b]\n  x: 0\nd: *a\ne: {<<: *b}\n")
+    source = read_yaml(path)
+    assert source.data["c"] == {"x": 0, "y": 1, "z": 2}
+    assert source.data["d"] == {"x": 1, "y": 1}
+    assert source.data["e"] == {"y": 2, "z": 2}
+    assert source.line(Fault("here", ("c", "z"))).startswith(f"{path}:4:3: c.z: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *(("1", 1), ("-0", 0), ("0o17", 15), ("0x1F", 31), ("1.", 1.0), (".5", 0.5), ("1e3", 1000.0), ("-.inf", -math.inf)),
+        *(("~", None), ("Null", None), ("TRUE", True), ("false", False), ("no", "no"), ("0b1", "0b1"), ("1_000", "1_000")),
+        *(("'1'", "1"), ("! 1", "1"), ("!!str 1", "1"), ("!!float 1", 1.0), ("!!int '7'", 7), ("2001-01-01", "2001-01-01")),
+    ],
+)
+def test_scalars_are_those_of_the_core_schema(text, value):
+    found = plain_value(text)
+    assert (found, type(found)) == (value, type(value))
+
+
 def test_missing_scenario():
+    with pytest.raises(InputError, match=r"x\.yaml: cannot be read \(File name too long"):
+        scenario_path("x" * 300 + ".yaml")
     with pytest.raises(InputError, match=r"unknown shipped scenario 'basline' \(did you mean 'baseline'"):
         scenario_path("basline")
     with pytest.raises(InputError, match="is a folder; name the scenario file in it"):
