@@ -9,30 +9,35 @@ from pathlib import Path
 from ffsm_mj.analysis import Run, compare, load_run
 from ffsm_mj.conservation import DEFAULT_TOLERANCE, LAW_NAMES, Tolerance
 from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.exit_codes import OK, VIOLATED
+from ffsm_mj.output_place import usable_file, usable_folder
+from ffsm_mj.progress import Report
+from ffsm_mj.run_folder import find_log
 from ffsm_mj.text_report import as_json, comparison_report, verification, verification_data, violated
 
 Say = Callable[[str], None]
+Stage = Callable[[str, str], Report | None]
+"""Begins a part of the work, given its name and the unit of what it reports; see :class:`ffsm_mj.progress.Progress`."""
 _EXPORT_SUFFIX = {"csv": ".csv", "parquet": ".parquet", "gif": ".gif", "mp4": ".mp4"}
 
 
-def analyze(options: argparse.Namespace, say: Say) -> bool:
+def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     """Verify each run, print, draw and compare as asked.
 
     Returns:
-        Whether every law that should hold does, in every run.
+        The exit code: whether every law that should hold does, in every run.
 
     Raises:
-        InputError: A run cannot be read or holds no sample, a tolerance names no law, or options exclude each other.
+        InputError: A run cannot be read or holds no sample, a tolerance names no law, options exclude each other, or
+            figures cannot be written where they should be.
+        OutputLostError: A figure could not be written to its end.
     """
-    if options.json and options.compare:
-        raise InputError("--compare prints text: leave --json out, or call ffsm_mj.compare(a, b) in Python")
-    if options.compare and len(options.runs) < 2:
-        raise InputError("--compare: name two runs or more")
+    _refuse_impossible(options)
     tolerance = _tolerance(options.tolerance)
     names = run_names(options.runs)
     several = len(names) > 1
     data, bad, kept = [], [], []
-    for path, name, run in _load_all(options.runs, names):
+    for path, name, run in _load_all(options.runs, names, stage):
         if violated(run, tolerance):
             bad.append(name)
         if options.json:
@@ -40,7 +45,8 @@ def analyze(options: argparse.Namespace, say: Say) -> bool:
         else:
             say(f"{path.resolve()}\n\n{verification(run, tolerance)}" + "\n" * (several or options.plots is not None))
         if options.plots:
-            _plot(run, Path(options.plots) / name if several else Path(options.plots), None if options.json else say)
+            folder = Path(options.plots) / name if several else Path(options.plots)
+            _plot(run, folder, None if options.json else say, stage(f"figures of {name}", "figures"))
         if several and (options.compare or options.plots):
             kept.append((name, run))
     if options.json:
@@ -48,14 +54,18 @@ def analyze(options: argparse.Namespace, say: Say) -> bool:
     elif several:
         say(f"{len(names) - len(bad)} of {len(names)} runs verified" + (f"; VIOLATED in {', '.join(bad)}" if bad else ""))
     if options.compare:
-        _compare(kept, say)
+        _compare(kept, say, stage)
     if options.plots and several:
-        _plot_comparison(kept, Path(options.plots), None if options.json else say)
-    return not bad
+        _plot_comparison(kept, Path(options.plots), None if options.json else say, stage)
+    return VIOLATED if bad else OK
 
 
 def _tolerance(given: Sequence[tuple[str, float]]) -> Tolerance:
     tolerances = dict.fromkeys(LAW_NAMES, DEFAULT_TOLERANCE)
+    names = [name for name, _ in given]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"--tolerance: given twice for {name or 'all laws'}")
     for name, value in sorted(given, key=lambda pair: pair[0] != ""):  # those for one law have the last word
         if name and name not in LAW_NAMES:
             raise InputError(f"--tolerance: {unknown_name('law', name, LAW_NAMES)}")
@@ -74,53 +84,72 @@ def run_names(paths: Sequence[str]) -> list[str]:
     return names
 
 
-def _load_all(paths: Sequence[str], names: Sequence[str]) -> Iterator[tuple[Path, str, Run]]:
-    for path, name in zip(paths, names, strict=True):
+def _load_all(paths: Sequence[str], names: Sequence[str], stage: Stage) -> Iterator[tuple[Path, str, Run]]:
+    for number, (path, name) in enumerate(zip(paths, names, strict=True), 1):
+        stage(f"analyze {name}" + (f" ({number} of {len(names)})" if len(names) > 1 else ""), "")
         run = load_run(path)
         if not len(run.time):
             raise InputError(f"{path}: the log holds no sample, there is nothing to verify")
         yield Path(path), name, run
 
 
-def _compare(runs: Sequence[tuple[str, Run]], say: Say) -> None:
+def _refuse_impossible(options: argparse.Namespace) -> None:
+    if options.json and options.compare:
+        raise InputError("--compare prints text: leave --json out, or call ffsm_mj.compare(a, b) in Python")
+    if options.compare and len(options.runs) < 2:
+        raise InputError("--compare: name two runs or more")
+    if options.plots:
+        usable_folder(Path(options.plots))
+
+
+def _compare(runs: Sequence[tuple[str, Run]], say: Say, stage: Stage) -> None:
     for name, run in runs[1:]:
+        stage(f"compare {name}", "")
         say("\n" + comparison_report((runs[0][0], name), compare(runs[0][1], run)))
 
 
-def _plot(run: Run, folder: Path, say: Say | None) -> None:
+def _plot(run: Run, folder: Path, say: Say | None, report: Report | None) -> None:
     from ffsm_mj.plots import save  # matplotlib: for those who want figures
 
-    files = save(run, folder)
+    files = save(run, folder, report=report)
     if say is not None:
         say(f"figures in {folder}: {', '.join(dict.fromkeys(file.stem for file in files))} (svg, png)")
 
 
-def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | None) -> None:
+def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | None, stage: Stage) -> None:
     from ffsm_mj.plots import MOST_RUNS, save_comparison
 
+    stage("comparison", "")
     save_comparison(runs, folder)
     if say is not None:
         left_out = f", the first {MOST_RUNS} runs" if len(runs) > MOST_RUNS else ""
         say(f"figures in {folder}: comparison (svg, png){left_out}")
 
 
-def export(options: argparse.Namespace, say: Say) -> None:
+def export(options: argparse.Namespace, say: Say, stage: Stage) -> None:
     """Write a table or an animation of a run.
 
     Raises:
-        InputError: The run cannot be read, or there is no such table.
+        InputError: The run cannot be read, there is no such table, or the file cannot be written to.
         MissingPackageError: A package that only this needs is not installed.
+        OutputLostError: The file could not be written to its end.
     """
-    run = load_run(options.run)
-    film = options.form in ("gif", "mp4")
-    assert run.path is not None
-    name = "motion" if film else options.table
-    out = Path(options.out) if options.out else run.path.with_name(name + _EXPORT_SUFFIX[options.form])
+    film, table = options.form in ("gif", "mp4"), options.table or "samples"
+    log = find_log(Path(options.run))
+    suffix = _EXPORT_SUFFIX[options.form]
+    out = Path(options.out) if options.out else log.with_name(("motion" if film else table) + suffix)
+    if out.suffix.lower() != suffix and (film or out.suffix.lower() in _EXPORT_SUFFIX.values()):
+        raise InputError(f"--{options.form} writes {suffix}, --out {out} ends otherwise")
+    usable_file(out)
+    stage(f"read {log}", "")
+    run = load_run(log)
     if film:
         from ffsm_mj.animation import write_animation
 
-        say(f"{out}: {write_animation(run, out, frames_per_second=options.fps, speed=options.speed)}")
+        report, rate = stage(out.name, "pictures"), options.fps or 20.0
+        say(f"{out}: {write_animation(run, out, frames_per_second=rate, speed=options.speed, report=report)}")
     else:
         from ffsm_mj.export import write_table
 
-        say(f"{out}: {write_table(run, options.table, out, options.form)}")
+        stage(out.name, "")
+        say(f"{out}: {write_table(run, table, out, options.form)}")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ffsm_mj.analysis import Run
-from ffsm_mj.errors import InputError, MissingPackageError
+from ffsm_mj.errors import InputError, MissingPackageError, OutputLostError
+from ffsm_mj.output_place import usable_file, writing
 from ffsm_mj.plots.motion import draw_plane, polygons, tree_colours, view_box
 from ffsm_mj.plots.style import BLACK, YELLOW, publication
 from ffsm_mj.plots.subject import Subject
@@ -26,7 +28,14 @@ _FLASH_S = 0.5
 _LAST_PICTURE_S = 1.5
 
 
-def write_animation(run: Run, path: Path, *, frames_per_second: float = 20.0, speed: float | None = None) -> str:
+def write_animation(
+    run: Run,
+    path: Path,
+    *,
+    frames_per_second: float = 20.0,
+    speed: float | None = None,
+    report: Callable[[float, float], None] | None = None,
+) -> str:
     """Write the motion of a run as ``.gif`` or ``.mp4``.
 
     Args:
@@ -34,28 +43,36 @@ def write_animation(run: Run, path: Path, *, frames_per_second: float = 20.0, sp
         path: The file; its suffix says which.
         frames_per_second: Pictures per second of the film.
         speed: Times real time; None: so that the film lasts 12 s at most.
+        report: Told how many pictures of how many are drawn.
 
     Returns:
         What was written, for a person.
 
     Raises:
-        InputError: No sample, models that do not compile any more, an unknown suffix, or a file that cannot be written.
+        InputError: No sample, models that do not compile any more, an unknown suffix, or a file that cannot be written to.
+        OutputLostError: The film could not be written to its end.
         MissingPackageError: MP4 without imageio-ffmpeg.
     """
     writers = {".gif": _write_gif, ".mp4": _write_mp4}
     if path.suffix.lower() not in writers:
         raise InputError(f"{path}: an animation is a .gif or an .mp4")
+    usable_file(path)
     subject = Subject(run)
     end = float(run.time[-1])
     fast = speed or next((s for s in _SPEEDS if end / s <= _LONGEST_S), end / _LONGEST_S)
     count = max(2, 1 + math.ceil(end / fast * frames_per_second))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with publication():
-            writers[path.suffix.lower()](path, _pictures(subject, np.linspace(0.0, end, count), fast), frames_per_second)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    with publication():
+        pictures = _counted(_pictures(subject, np.linspace(0.0, end, count), fast), count, report)
+        writers[path.suffix.lower()](path, pictures, frames_per_second)
     return f"{count} pictures, {count / frames_per_second:.1f} s at {fast:g} times real time"
+
+
+def _counted(pictures: Iterator[Any], count: int, report: Callable[[float, float], None] | None) -> Iterator[Any]:
+    """The same pictures; each that is done is told."""
+    for done, picture in enumerate(pictures, 1):
+        if report is not None:
+            report(done, count)
+        yield picture
 
 
 def _pictures(subject: Subject, times: Any, speed: float) -> Iterator[Any]:
@@ -106,7 +123,10 @@ def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) ->
     images = [Image.fromarray(picture).quantize(64, Image.Quantize.FASTOCTREE) for picture in pictures]
     step = max(20, round(1000 / frames_per_second / 10) * 10)  # GIF counts hundredths of a second
     durations = [step] * (len(images) - 1) + [round(1000 * _LAST_PICTURE_S)]
-    images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0)
+    film = BytesIO()  # Pillow does not tell when a disk is full
+    images[0].save(film, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
+    with writing(path):
+        path.write_bytes(film.getvalue())
 
 
 def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
@@ -117,10 +137,24 @@ def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) ->
     first = next(pictures)
     size = first.shape[1], first.shape[0]
     writer = ffmpeg.write_frames(str(path), size, fps=frames_per_second, quality=8, macro_block_size=2)
+    count = 1
     writer.send(None)
     try:
         writer.send(first.tobytes())
         for picture in pictures:
             writer.send(picture.tobytes())
+            count += 1
+    except OSError as error:  # several lines of ffmpeg's
+        raise OutputLostError(path, "ffmpeg stopped") from error
     finally:
         writer.close()
+    if not _holds(ffmpeg, path, count):
+        raise OutputLostError(path, "ffmpeg did not write it to its end")
+
+
+def _holds(ffmpeg: Any, path: Path, count: int) -> bool:
+    """Whether a film can be read and has so many pictures: ffmpeg's exit code is not to be had."""
+    try:
+        return int(ffmpeg.count_frames_and_secs(str(path))[0]) == count
+    except RuntimeError:
+        return False

@@ -57,6 +57,14 @@ class LogWriteError(FfsmError):
         super().__init__(f"{path}: {cause.strerror or cause}")
 
 
+class OutputLostError(FfsmError):
+    """A file that was asked for could not be written to its end (full disk)."""
+
+    def __init__(self, path: Path | str, reason: str) -> None:
+        self.path = Path(path)
+        super().__init__(f"{path}: output is lost ({reason})")
+
+
 class ControllerError(FfsmError):
     """A controller raised or returned something that no actuator can follow."""
 
@@ -66,7 +74,7 @@ class MissingPackageError(FfsmError):
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
         self.package = package
-        super().__init__(f"{purpose} needs the package {package}: pip install 'ffsm-mj[{extra}]' (or pip install {package})")
+        super().__init__(f"{purpose} needs the package {package}: uv sync --extra {extra} (or pip install {package})")
 
 
 class UnsupportedContactError(FfsmError):

@@ -12,6 +12,7 @@ import pyarrow.parquet
 
 from ffsm_mj.analysis import Run
 from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.output_place import usable_file, writing
 from ffsm_mj.tables import TABLES, Table
 
 
@@ -35,23 +36,18 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
         What was written, for a person.
 
     Raises:
-        InputError: No such table, or the file cannot be written.
+        InputError: No such table, or the file cannot be written to.
+        OutputLostError: It could not be written to its end.
     """
     if name not in TABLES:
         raise InputError(f"--table: {unknown_name('table', name, TABLES)}")
+    usable_file(path)
     table = to_arrow(run.table(name), {"scenario": run.name, **run.log.header.facts})
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    # pyarrow closes a Python stream itself and tells nobody that the last bytes did not go out; its own file tells.
+    with writing(path), pa.OSFile(str(path), "wb") as stream:
         if form == "parquet":
-            pyarrow.parquet.write_table(table, path)
+            pyarrow.parquet.write_table(table, stream)
         else:
-            _write_csv(table, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+            stream.write((",".join(table.column_names) + "\n").encode())
+            pyarrow.csv.write_csv(table, stream, pyarrow.csv.WriteOptions(include_header=False))
     return f"{table.num_rows} rows of {table.num_columns} columns"
-
-
-def _write_csv(table: Any, path: Path) -> None:
-    with path.open("wb") as stream:
-        stream.write((",".join(table.column_names) + "\n").encode())
-        pyarrow.csv.write_csv(table, stream, pyarrow.csv.WriteOptions(include_header=False))

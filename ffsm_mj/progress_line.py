@@ -71,6 +71,8 @@ class ProgressLine:
         (done, total), elapsed = self._state, time.monotonic() - self._start
         if elapsed < _PATIENCE_S:
             return
+        if total is not None and done >= total:
+            total = None  # the work that was counted is done, the part is not over
         numbers = f"{self._amount(done, total)}{_clock(done, total, elapsed)}"
         room = min(options.max_width - len(self._name) - len(numbers) - 4, _BAR_CELLS[1])
         if room >= _BAR_CELLS[0]:

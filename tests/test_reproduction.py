@@ -13,7 +13,7 @@ from ffsm_mj.cli import main
 from ffsm_mj.reproduction import Reproduction
 from ffsm_mj.reproduction.appendix import PRINTED_TERMS, energy_terms, momentum_row, solve_printed
 from ffsm_mj.reproduction.appendix_page import appendix_page
-from ffsm_mj.reproduction.cases import SCENARIOS
+from ffsm_mj.reproduction.cases import SCENARIOS, Case, Result, run_cases
 from ffsm_mj.reproduction.comparison import Comparison, Verdict
 from ffsm_mj.reproduction.current import stale_lines
 from ffsm_mj.reproduction.drift import drift
@@ -128,14 +128,43 @@ def test_every_printed_number_is_on_the_page():
             assert printed.why
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--check"], "docs/reproduction.md: cannot be read (No such file or directory); 'ffsm reproduce' writes it"),
+        (["--out", "file"], "file: cannot be used as a folder to write to (File exists)"),
+        (["--out", "file/docs"], "file/docs: cannot be used as a folder to write to (Not a directory)"),
+        (["--out", "x" * 300], f"{'x' * 300}: cannot be used as a folder to write to (File name too long)"),
+    ],
+)
+def test_a_place_that_cannot_be_used_is_refused_before_the_runs(arguments, message, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("ffsm_mj.reproduction.reproduce", lambda _: pytest.fail("it ran"))
+    assert main(["reproduce", *arguments]) == 2
+    assert capsys.readouterr().err.strip() == message
+
+
+def test_progress_counts_the_runs_from_the_first(monkeypatch):
+    """Known from the start how many there are; each that ends is told, in whatever order they end."""
+    told = []
+    cases = [Case("coasting", (f"duration_s={duration}",)) for duration in (2.0, 0.1)]
+    monkeypatch.setattr("ffsm_mj.reproduction.cases.run_case", _no_run)
+    results = run_cases(cases, lambda done, of: told.append((done, of)))
+    assert told == [(0, 2), (1, 2), (2, 2)]
+    assert [results[case].values for case in cases] == [{"duration": 2.0}, {"duration": 0.1}]
+
+
+def _no_run(case):
+    return Result({"duration": float(case.overrides[0].partition("=")[2])}, None)
+
+
 def test_pages_are_written_and_checked(tmp_path, capsys, monkeypatch):
     """The command around the runs; what is written is current, what is changed is named, what is missing is said."""
     pages = {"reproduction.md": "impulse 1.2224\n", "appendix-a.md": "A\n"}
     report = Report((Comparison(number("1.23"), 1.23, None, 0.0),), {}, {}, (), {})
     monkeypatch.setattr("ffsm_mj.reproduction.reproduce", lambda _: Reproduction(report, pages, 1, 0.1))
     arguments = ["reproduce", "--check", "--out", str(tmp_path)]
-    assert main(arguments) == 2
-    assert f"{tmp_path}/reproduction.md: cannot be read" in capsys.readouterr().err
     for name, text in pages.items():
         (tmp_path / name).write_text(text)
     assert main(arguments) == 0

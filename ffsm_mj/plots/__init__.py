@@ -6,11 +6,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ffsm_mj.analysis import Run
+from ffsm_mj.output_place import usable_folder, writing
 from ffsm_mj.plots.compared import MOST_RUNS, comparison
 from ffsm_mj.plots.motion import motion
 from ffsm_mj.plots.style import FORMATS, publication, write
@@ -36,6 +38,13 @@ def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
     Raises:
         InputError: The run has no samples, or its models do not compile any more.
     """
+    makers = _makers(run, names)
+    with publication():
+        return {name: make() for name, make in makers.items()}
+
+
+def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure that a run can have, by name; see :func:`figures`."""
     subject = Subject(run)
     makers = {"motion": motion, "base": base}
     makers |= {"joints": joints} if subject.arm_joints else {}
@@ -43,22 +52,43 @@ def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
     makers |= {"torques": torques} if subject.named("motor") else {}
     makers |= {"inputs": inputs} if subject.base_actuated else {}
     makers |= {"momenta": momenta, "energies": energies, "conservation": conservation}
-    with publication():
-        return {name: make(subject) for name, make in makers.items() if not names or name in names}
+    return {name: partial(make, subject) for name, make in makers.items() if not names or name in names}
 
 
-def save(run: Run, folder: str | Path, names: Sequence[str] = (), formats: tuple[str, ...] = FORMATS) -> list[Path]:
-    """Write the figures of a run into a folder as ``<name>.<format>``; see :func:`figures`.
+def save(
+    run: Run,
+    folder: str | Path,
+    names: Sequence[str] = (),
+    formats: tuple[str, ...] = FORMATS,
+    report: Callable[[float, float], None] | None = None,
+) -> list[Path]:
+    """Write the figures of a run into a folder as ``<name>.<format>``, one after the other; see :func:`figures`.
+
+    Args:
+        run: A run with at least one sample.
+        folder: Where to write; made where there is none.
+        names: Only these, where the run has them; all when empty.
+        formats: Of the files.
+        report: Told how many figures of how many are written.
 
     Returns:
         The files written.
 
     Raises:
-        InputError: See :func:`figures`.
+        InputError: See :func:`figures`; or the folder cannot be written to.
+        OutputLostError: A file could not be written to its end.
     """
-    target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
-    return [path for name, figure in figures(run, names).items() for path in write(figure, target, name, formats)]
+    target, makers = Path(folder), _makers(run, names)
+    usable_folder(target)
+    files: list[Path] = []
+    for done, (name, make) in enumerate(makers.items()):
+        if report is not None:
+            report(done, len(makers))
+        with publication():
+            figure = make()
+        with writing(target):
+            files += write(figure, target, name, formats)
+    return files
 
 
 def save_comparison(runs: Sequence[tuple[str, Run]], folder: str | Path, formats: tuple[str, ...] = FORMATS) -> list[Path]:
@@ -66,9 +96,14 @@ def save_comparison(runs: Sequence[tuple[str, Run]], folder: str | Path, formats
 
     Returns:
         The files written.
+
+    Raises:
+        InputError: The folder cannot be written to.
+        OutputLostError: A file could not be written to its end.
     """
     target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
+    usable_folder(target)
     with publication():
         figure = comparison(runs)
-    return write(figure, target, "comparison", formats)
+    with writing(target):
+        return write(figure, target, "comparison", formats)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.output_place import usable_folder, writing
 from ffsm_mj.reproduction.appendix_page import appendix_page
 from ffsm_mj.reproduction.cases import (
     LONG_BASELINE,
@@ -67,24 +68,23 @@ class Reproduction:
         """Write pages and figures; returns the files.
 
         Raises:
-            InputError: The folder cannot be written.
+            InputError: The folder cannot be written to.
+            OutputLostError: A page or a figure could not be written to its end.
         """
         from ffsm_mj import plots
         from ffsm_mj.reproduction.figures import save_drift, save_study
 
         study, long = folder / FIGURES / "reproduction-study.png", folder / FIGURES / "reproduction-drift.png"
-        try:
-            (folder / FIGURES).mkdir(parents=True, exist_ok=True)
+        usable_folder(folder / FIGURES)
+        with writing(folder):
             for name, text in self.pages.items():
                 (folder / name).write_text(text, encoding="utf-8")
             save_study(self.report.comparisons, self.report.results, study)
             save_drift(self.report.drifts, long)
-            for scenario, names in _figure_names().items():
-                run = self.report.results[paper_case(scenario)].run
-                if run is not None:
-                    plots.save(run, folder / FIGURES / scenario, names, ("svg",))
-        except OSError as error:
-            raise InputError(f"{folder}: cannot be written ({error.strerror})") from error
+        for scenario, names in _figure_names().items():
+            run = self.report.results[paper_case(scenario)].run
+            if run is not None:
+                plots.save(run, folder / FIGURES / scenario, names, ("svg",))
         return [*(folder / name for name in self.pages), folder / FIGURES]
 
     def stale(self, folder: Path) -> list[str]:
@@ -93,16 +93,26 @@ class Reproduction:
         Raises:
             InputError: A page cannot be read.
         """
-        lines = []
+        lines, committed = [], committed_pages(folder)
         for name, text in self.pages.items():
-            try:
-                committed = (folder / name).read_text(encoding="utf-8")
-            except OSError as error:
-                raise InputError(
-                    f"{folder / name}: cannot be read ({error.strerror}); 'ffsm reproduce' writes it"
-                ) from error
-            lines += [f"{folder / name}: {line}" for line in stale_lines(committed, text)]
+            lines += [f"{folder / name}: {line}" for line in stale_lines(committed[name], text)]
         return lines
+
+
+def committed_pages(folder: Path) -> dict[str, str]:
+    """Text of the pages in a folder by file name.
+
+    Raises:
+        InputError: A page cannot be read.
+    """
+    pages = {}
+    for name in (PAGE, APPENDIX_PAGE):
+        try:
+            pages[name] = (folder / name).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"{folder / name}: cannot be read ({reason}); 'ffsm reproduce' writes it") from error
+    return pages
 
 
 def _figure_names() -> dict[str, list[str]]:

@@ -1,0 +1,76 @@
+"""stdout and stderr of a command: a reader who has gone away ends nothing, output that is lost is told."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import sys
+from collections.abc import Callable
+
+_GONE = {errno.EPIPE, errno.EBADF}
+"""The reader of a pipe has closed it (``| head``), or stdout was closed from the start: nobody wants the output."""
+
+
+def secure() -> None:
+    """Give every standard stream a file, and every text a way out, whatever the shell and the locale are.
+
+    A log that is opened while descriptor 1 or 2 is free would get that number, and with it what any library prints.
+    """
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(number)
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_RDWR)  # the lowest free number, which is this one
+            os.set_inheritable(nowhere, True)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115 (as long as the process)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+class Output:
+    """Standard output. The first failure is kept; what comes after it is not tried.
+
+    Attributes:
+        lost: Why output was lost; empty where all was written, or nobody wanted it.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is lost yet."""
+        self.lost, self._open = "", True
+
+    def say(self, text: str) -> None:
+        """Print a line, or several."""
+        self._guarded(lambda: print(text, flush=True))
+
+    def flush(self) -> None:
+        """See that what others have printed is out."""
+        self._guarded(sys.stdout.flush)
+
+    def _guarded(self, write: Callable[[], None]) -> None:
+        if not self._open:
+            return
+        try:
+            write()
+        except OSError as error:
+            self._open = False
+            if error.errno not in _GONE:
+                self.lost = error.strerror or str(error)
+            _silence(1)
+
+
+def complain(text: str) -> None:
+    """Print a line to stderr; there is nowhere to tell that this fails."""
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except OSError:
+        _silence(2)
+
+
+def _silence(number: int) -> None:
+    """Let a descriptor lead nowhere: Python would complain of it again when it flushes at exit."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, number)
+    os.close(nowhere)
