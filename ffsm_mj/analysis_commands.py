@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from ffsm_mj.analysis import Run, compare, load_run
-from ffsm_mj.conservation import DEFAULT_TOLERANCE, LAW_NAMES, Tolerance
+from ffsm_mj.conservation import DEEPEST_M, DEFAULT_TOLERANCE, LAW_NAMES, RELATIVE_LAWS, Tolerance
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.exit_codes import OK, VIOLATED
 from ffsm_mj.output_place import usable_file, usable_folder
@@ -61,7 +61,7 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 
 
 def _tolerance(given: Sequence[tuple[str, float]]) -> Tolerance:
-    tolerances = dict.fromkeys(LAW_NAMES, DEFAULT_TOLERANCE)
+    tolerances = dict.fromkeys(RELATIVE_LAWS, DEFAULT_TOLERANCE) | {"no penetration": DEEPEST_M}
     names = [name for name, _ in given]
     for name in names:
         if names.count(name) > 1:
@@ -69,7 +69,7 @@ def _tolerance(given: Sequence[tuple[str, float]]) -> Tolerance:
     for name, value in sorted(given, key=lambda pair: pair[0] != ""):  # those for one law have the last word
         if name and name not in LAW_NAMES:
             raise InputError(f"--tolerance: {unknown_name('law', name, LAW_NAMES)}")
-        tolerances |= dict.fromkeys([name] if name else LAW_NAMES, value)
+        tolerances |= dict.fromkeys([name] if name else RELATIVE_LAWS, value)
     return tolerances
 
 

@@ -1,8 +1,22 @@
-"""Conservation laws checked over a whole run, recomputed from the accounts and the impacts in its log."""
+"""The laws that a run must obey, judged from the accounts and the impacts in its log, in one pass over its rows.
+
+How large a residual may be. P, L and T less work are constants of the exact motion, so nothing makes the error of a step
+grow or fade: after N steps the residual is the sum of N step errors. A law is therefore a bound on the step error, and the
+length of a run must not matter to it. One step's error is below rounding, so 100 000 of them are judged at once: in every
+stretch of 100 000 steps the residual may change by 1e-9 (1 + scale), 1e-14 of the scale a step. A run of one stretch (100 s
+at 1 ms) is judged by its residual as it is; one of K stretches may drift K times as far in all, and what leaks at once is
+found in any.
+
+The scale is the largest size, up to the end of the stretch, of the terms that cancel in the quantity: each of them is
+rounded to 1e-16 of itself, whatever is left of the sum. For T that is T; for P the sum of |P| of robot and objects; for L
+about the origin |L| + r |P|, where r is the norm of all coordinates that are lengths: the size of the terms r x m v. The
+lever belongs there twice over: L is spin plus r x P, and an error d of P is an error r d of L; a run that drifts away, or is
+seen from another origin, is judged as any other.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -11,32 +25,49 @@ import numpy as np
 from ffsm_mj.events import ImpactRecord
 from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.model import FloatArray
-from ffsm_mj.signals import COMPONENTS, PARTIES
+from ffsm_mj.residuals import Accounts, Change, Peak, free_components, stretch_s
+from ffsm_mj.signals import COMPONENTS, PARTIES, Layout
 
 DEFAULT_TOLERANCE = 1e-9
 """A law holds when its residual stays below this times (1 + scale), in SI units."""
+DEEPEST_M = 1e-9
+"""How deep an impact pair may overlap, m."""
 
-LAW_NAMES = ("energy", "linear momentum", "angular momentum", "momentum two ways", "impact energy", "impact restitution")
-"""What is checked. The last two only where something was hit."""
+RELATIVE_LAWS = (
+    *("energy", "linear momentum", "angular momentum", "momentum two ways"),
+    *("impact energy", "impact restitution"),
+)
+"""Laws with a tolerance against a scale; the impact's only where something was hit."""
+LAW_NAMES = (*RELATIVE_LAWS, "no penetration")
+"""All that is checked. The last one where the log tells the depth; its tolerance is a depth in m."""
 
 Tolerance = float | Mapping[str, float]
-"""One tolerance for all laws, or some laws' own by name; those not named keep the default."""
+"""One tolerance for all relative laws, or some laws' own by name; those not named keep the default."""
 
+_OVERLAP = "ledger.deepest_overlap_m"
 _AXES = ("P_x", "P_y", "P_z", "L_x", "L_y", "L_z")
+_MEASURES = {
+    "energy": ("J", ("T",)),
+    "linear momentum": ("N s", _AXES[:3]),
+    "angular momentum": ("N m s", _AXES[3:]),
+    "momentum two ways": ("SI", _AXES),
+    "no penetration": ("m", ("gap",)),
+}
 
 
 @dataclass(frozen=True)
 class Law:
-    """One conservation law over one run.
+    """One law over one run.
 
     Attributes:
         name: What is conserved.
         party: ``total``, ``robot`` or ``objects``.
-        component: Where the residual is worst: ``T``, ``P_x`` to ``L_z``, or ``impact 1``.
-        residual: Worst magnitude of what the ledger leaves unexplained.
+        component: Where the residual is worst: ``T``, ``P_x`` to ``L_z``, ``gap`` or ``impact 1``.
+        residual: Worst magnitude of what the accounts leave unexplained in a stretch of the run.
         time_s: When that was.
         tolerance: What is allowed: the relative tolerance times (1 + scale).
         unit: Unit of both.
+        drift: Worst magnitude since the first sample; that of ``residual`` in a run of one stretch.
     """
 
     name: str
@@ -46,6 +77,7 @@ class Law:
     time_s: float
     tolerance: float
     unit: str
+    drift: float
 
     @property
     def holds(self) -> bool:
@@ -53,99 +85,115 @@ class Law:
         return bool(self.residual <= self.tolerance)
 
 
-def column(log: RunLog, key: str) -> FloatArray:
-    """One signal over the run, (n,)."""
-    return log.rows[:, log.header.layout.index[key]]
+class Audit:
+    """Judges the laws of a run whose rows go past in blocks; keeps none of them.
 
+    Attributes:
+        samples: Rows so far.
+    """
 
-def vector(log: RunLog, prefix: str) -> FloatArray:
-    """The six components (P, L) of a momentum or impulse over the run, (n, 6)."""
-    start = log.header.layout.index[prefix + COMPONENTS[0]]
-    return log.rows[:, start : start + len(COMPONENTS)]
+    def __init__(self, layout: Layout, facts: Mapping[str, str]) -> None:
+        """Find the columns that count."""
+        self._conservative = facts.get("conservative") == "true"
+        self._accounts = {party: Accounts(layout, facts, party) for party in PARTIES}
+        self._changes = {(party, name): Change(stretch_s(facts)) for party in PARTIES for name in LAW_NAMES[:3]}
+        self._bodies, self._matrix = (
+            layout.columns(f"momentum.{way}_{COMPONENTS[0]}", 6) for way in ("robot", "robot_by_mass_matrix")
+        )
+        self._free, self._two_ways = free_components(facts, "robot"), Peak()
+        self._overlap, self._deepest = layout.index.get(_OVERLAP), Peak()
+        self.samples = 0
 
+    def rows(self, block: FloatArray) -> None:
+        """Take the next rows."""
+        self.samples += len(block)
+        times = block[:, 0]
+        for party, accounts in self._accounts.items():
+            momentum = accounts.momentum(block)
+            linear, angular = accounts.linear_scale(block), accounts.angular_scale(block)
+            self._changes[party, "energy"].add(times, accounts.energy(block)[:, None], accounts.energy_scale(block))
+            self._changes[party, "linear momentum"].add(times, momentum[:, :3], linear)
+            self._changes[party, "angular momentum"].add(times, momentum[:, 3:], angular)
+            if party == "robot":
+                difference = (block[:, self._matrix] - block[:, self._bodies]) * self._free
+                self._two_ways.add(times, difference, linear + angular)
+        if self._overlap is not None:
+            self._deepest.add(times, block[:, [self._overlap]], np.zeros(len(block)))
 
-def free_components(log: RunLog, party: str) -> FloatArray:
-    """1 for each component of (P, L about the origin) that the party's base joints leave free, else 0, (6,)."""
-    text = log.header.facts.get(f"free_components_{party}", "1 1 1 1 1 1")
-    return np.array([float(x) for x in text.split()])
+    def laws(self, impacts: Sequence[ImpactRecord], tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
+        """Every law that the run should obey, with its worst residual; none without rows.
 
+        Args:
+            impacts: The contacts of the run.
+            tolerance: See :func:`check_laws`.
 
-def residuals(log: RunLog, party: str) -> tuple[FloatArray, FloatArray]:
-    """What the accounts do not explain: energy (n,) in J and momentum (n, 6) in N s and N m s."""
-    external, contact = vector(log, "ledger.external_"), vector(log, "ledger.contact_")
-    booked = {"total": external, "robot": external - contact, "objects": contact}[party]
-    work = 0.0 if party == "objects" else column(log, "ledger.work_J")
-    energy, momentum = column(log, f"energy.{party}_J"), vector(log, f"momentum.{party}_")
-    energy_residual = energy - work - column(log, f"ledger.{party}_impact_energy_J")
-    momentum_residual = (momentum - booked) * free_components(log, party)
-    # Since the first sample that there is: the accounts begin at t = 0, a damaged log may not.
-    return energy_residual - energy_residual[:1], momentum_residual - momentum_residual[:1]
+        Raises:
+            KeyError: A tolerance for a law that there is not.
+        """
+        allowed = _tolerances(tolerance)
+        if not self.samples:
+            return ()
+        laws: list[Law] = []
+        if self._conservative:
+            for (party, name), change in self._changes.items():
+                laws.append(_law(name, party, change.worst, allowed, change.drift))
+            # Paper, Fig. 9b: the FFSM's momentum from its mass matrix, and body by body.
+            laws.append(_law("momentum two ways", "robot", self._two_ways, allowed))
+        if self._overlap is not None:
+            laws.append(_law("no penetration", "total", self._deepest, allowed))
+        return (*laws, *_impact_laws(impacts, allowed))
+
+    def drift(self, name: str) -> float:
+        """Largest change of a residual since the first row, of any party: of ``energy``, ``linear momentum`` and so on."""
+        return max(self._changes[party, name].drift for party in PARTIES)
 
 
 def check_laws(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
-    """Every conservation law with its worst residual; none for a log without rows.
+    """Every law that a run should obey, with its worst residual; none for a log without rows.
+
+    Where the scenario is not conservative, no conservation law is judged; what holds at impacts and against penetration is.
 
     Args:
         log: A run.
-        tolerance: A residual may reach this times (1 + largest magnitude of the quantity in the run).
+        tolerance: A residual may reach this times (1 + scale); for ``no penetration`` a depth in m, by name only.
 
     Raises:
         KeyError: A tolerance for a law that there is not.
     """
-    if not len(log.rows):
-        return ()
-    allowed = _tolerances(tolerance)
-    laws = []
-    for party in PARTIES:
-        energy, momentum = residuals(log, party)
-        values = vector(log, f"momentum.{party}_")
-        kinetic = column(log, f"energy.{party}_J")[:, None]
-        laws += [
-            _law(log, "energy", party, "J", energy[:, None], kinetic, allowed, ("T",)),
-            _law(log, "linear momentum", party, "N s", momentum[:, :3], values[:, :3], allowed, _AXES[:3]),
-            _law(log, "angular momentum", party, "N m s", momentum[:, 3:], values[:, 3:], allowed, _AXES[3:]),
-        ]
-    # Paper, Fig. 9b: the FFSM's momentum from its mass matrix, and body by body.
-    bodies = vector(log, "momentum.robot_")
-    difference = (vector(log, "momentum.robot_by_mass_matrix_") - bodies) * free_components(log, "robot")
-    laws.append(_law(log, "momentum two ways", "robot", "SI", difference, bodies, allowed, _AXES))
-    return (*laws, *_impact_laws(log, allowed))
+    return audit(log).laws(log.impacts, tolerance)
+
+
+def audit(log: RunLog) -> Audit:
+    """Go through the rows of a log."""
+    seen = Audit(log.header.layout, log.header.facts)
+    for block in log.blocks():
+        seen.rows(block)
+    return seen
 
 
 def _tolerances(tolerance: Tolerance) -> dict[str, float]:
     if not isinstance(tolerance, Mapping):
-        return dict.fromkeys(LAW_NAMES, tolerance)
+        return dict.fromkeys(RELATIVE_LAWS, tolerance) | {"no penetration": DEEPEST_M}
     for name in tolerance:
         if name not in LAW_NAMES:
             raise KeyError(f"no law is called {name!r}; there are {', '.join(LAW_NAMES)}")
-    return dict.fromkeys(LAW_NAMES, DEFAULT_TOLERANCE) | dict(tolerance)
+    return dict.fromkeys(LAW_NAMES, DEFAULT_TOLERANCE) | {"no penetration": DEEPEST_M} | dict(tolerance)
 
 
-def _law(
-    log: RunLog,
-    name: str,
-    party: str,
-    unit: str,
-    residual: FloatArray,
-    values: FloatArray,
-    allowed: Mapping[str, float],
-    components: tuple[str, ...],
-) -> Law:
-    """Worst of the norms of a residual, (n, number of components), judged by the greatest norm of the values."""
-    size, scale = np.linalg.norm(residual, axis=1), np.linalg.norm(values, axis=1)
-    worst = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
-    place = components[int(np.argmax(np.abs(np.nan_to_num(residual[worst], nan=np.inf))))]
-    time, limit = float(column(log, "state.time_s")[worst]), allowed[name] * (1.0 + float(np.max(scale)))
-    return Law(name, party, place, float(size[worst]), time, limit, unit)
+def _law(name: str, party: str, worst: Peak, allowed: Mapping[str, float], drift: float | None = None) -> Law:
+    unit, components = _MEASURES[name]
+    limit = allowed[name] * (1.0 + worst.scale)
+    drift = worst.size if drift is None else drift
+    return Law(name, party, components[worst.component], worst.size, worst.time_s, limit, unit, drift)
 
 
-def _impact_laws(log: RunLog, allowed: Mapping[str, float]) -> list[Law]:
+def _impact_laws(impacts: Sequence[ImpactRecord], allowed: Mapping[str, float]) -> list[Law]:
     """What every impact must obey whatever law of contact made it.
 
     The work of frictionless impulses is the sum of impulse (separation - approach) / 2, exactly; the accounts of energy take
     its change as given, so it is checked here. One contact alone separates at e times its approach.
     """
-    events = [list(contacts) for _, contacts in groupby(log.impacts, key=lambda record: record.event)]
+    events = [list(contacts) for _, contacts in groupby(impacts, key=lambda record: record.event)]
     if not events:
         return []
     works = [sum(c.impulse_N_s * (c.separation_speed_m_s - c.approach_speed_m_s) / 2 for c in event) for event in events]
@@ -171,4 +219,4 @@ def _worst_impact(
 ) -> Law:
     record, residual = max(found, key=lambda pair: np.inf if np.isnan(pair[1]) else pair[1])
     limit = allowed[name] * (1.0 + scale)
-    return Law(name, "total", f"impact {record.event + 1}", residual, record.time_s, limit, unit)
+    return Law(name, "total", f"impact {record.event + 1}", residual, record.time_s, limit, unit, residual)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.conservation import check_laws, column
+from ffsm_mj.conservation import audit
 from ffsm_mj.events import ImpactRecord
 from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.model import FloatArray
@@ -34,7 +34,7 @@ def tip_error(log: RunLog) -> FloatArray:
     if target is None:
         raise ValueError("the scenario has no task, so there is no tip error")
     axes, goal = target
-    tip = np.column_stack([column(log, f"state.tip_{'xyz'[axis]}_m") for axis in axes])
+    tip = np.column_stack([log.column(f"state.tip_{'xyz'[axis]}_m") for axis in axes])
     return np.asarray(np.linalg.norm(tip - goal, axis=1))
 
 
@@ -111,11 +111,11 @@ def _tip(log: RunLog) -> dict[str, Any] | None:
     if not np.all(np.isfinite(error)):
         return None
     best = int(np.argmin(error))
-    velocity = [column(log, f"state.tip_v{'xyz'[axis]}_m_s")[-1] for axis in target[0]]
+    velocity = [log.column(f"state.tip_v{'xyz'[axis]}_m_s")[-1] for axis in target[0]]
     return {
         "target_m": target[1].tolist(),
         "min_error_m": float(error[best]),
-        "min_error_time_s": float(column(log, "state.time_s")[best]),
+        "min_error_time_s": float(log.column("state.time_s")[best]),
         "final_error_m": float(error[-1]),
         "final_speed_m_s": math.hypot(*velocity),
     }
@@ -127,8 +127,6 @@ def _conservation(log: RunLog) -> dict[str, float]:
         "linear momentum": "linear_momentum_residual_N_s",
         "angular momentum": "angular_momentum_residual_N_m_s",
     }
-    worst = dict.fromkeys(names.values(), 0.0)
-    for law in check_laws(log):
-        if law.name in names and math.isfinite(law.residual):
-            worst[names[law.name]] = max(worst[names[law.name]], law.residual)
-    return worst
+    audited = audit(log)
+    drifts = {key: audited.drift(name) for name, key in names.items()}
+    return {key: drift if math.isfinite(drift) else 0.0 for key, drift in drifts.items()}

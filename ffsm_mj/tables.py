@@ -108,11 +108,12 @@ _LAW_COLUMNS = {
     "name": ("", "what is conserved"),
     "party": ("", "of whom"),
     "component": ("", "where the residual is worst"),
-    "residual": ("", "worst magnitude, in the unit of its row"),
+    "residual": ("", "worst magnitude in a stretch of 100 000 steps, in the unit of its row"),
     "time_s": ("s", "when that is"),
     "tolerance": ("", "what is allowed, in the unit of its row"),
     "unit": ("", "unit of residual and tolerance"),
     "holds": ("", "whether the residual is within the tolerance"),
+    "drift": ("", "worst magnitude since the first sample, in the unit of its row"),
 }
 
 

@@ -33,10 +33,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def run_report(run: Run) -> str:
     """Outcome, impacts, tip and conservation of a finished run."""
     parts = [headline(run), impact_table(run.impacts), *_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
-    if run.conservative:
-        laws = run.laws()
+    laws = run.laws()
+    if run.conservative or laws:
         parts.append(conservation_table(laws) + ("" if all(law.holds for law in laws) else _STEP_HINT))
-    else:
+    if not run.conservative:
         parts.append("not conservative: " + run.log.header.facts.get("not_conservative", ""))
     return "\n\n".join(part for part in parts if part)
 
@@ -135,10 +135,12 @@ def verification(run: Run, tolerance: Tolerance) -> str:
     """What ``ffsm analyze`` prints: everything recomputed from the log."""
     parts = [headline(run), impact_table(run.impacts), *_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
     laws = run.laws(tolerance)
-    parts.append(conservation_table(laws))
+    if run.conservative or laws:
+        parts.append(conservation_table(laws))
     if not run.conservative:
-        parts.append("not judged, the run is not conservative: " + run.log.header.facts.get("not_conservative", ""))
-    elif laws:
+        fault = run.log.header.facts.get("not_conservative", "")
+        parts.append(f"energy and momenta are not judged, the run is not conservative: {fault}")
+    if laws:
         parts.append(verdict(run, laws) + (_STEP_HINT if violated(run, tolerance) else ""))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
@@ -156,7 +158,7 @@ def verdict(run: Run, laws: Sequence[Law]) -> str:
 
 def violated(run: Run, tolerance: Tolerance) -> bool:
     """Whether a law that the run should obey is violated."""
-    return run.conservative and not all(law.holds for law in run.laws(tolerance))
+    return not all(law.holds for law in run.laws(tolerance))
 
 
 def verification_data(run: Run, tolerance: Tolerance) -> dict[str, Any]:
@@ -171,6 +173,7 @@ def verification_data(run: Run, tolerance: Tolerance) -> dict[str, Any]:
             "time_s": law.time_s,
             "tolerance": law.tolerance,
             "holds": law.holds,
+            "drift": law.drift if math.isfinite(law.drift) else None,
         }
         for law in run.laws(tolerance)
     ]

@@ -36,6 +36,14 @@ class RunLog:
     outcome: OutcomeRecord | None = None
     damage: str = ""
 
+    def column(self, key: str) -> FloatArray:
+        """One signal over the run, (n,).
+
+        Raises:
+            KeyError: No such signal.
+        """
+        return self.rows[:, self.header.layout.index[key]]
+
     def blocks(self) -> Iterator[FloatArray]:
         """The rows in order, a few thousand at a time: what a long run should be read by, (n, number of signals) each."""
         for first in range(0, len(self.rows), _BLOCK_ROWS):

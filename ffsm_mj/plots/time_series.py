@@ -6,11 +6,12 @@ import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
-from ffsm_mj.conservation import DEFAULT_TOLERANCE, free_components, residuals
+from ffsm_mj.conservation import DEFAULT_TOLERANCE
 from ffsm_mj.model import FloatArray, Joint, Tree
 from ffsm_mj.plots.panels import Line, Panel, running_maximum, stacked
 from ffsm_mj.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILLION
 from ffsm_mj.plots.subject import Subject
+from ffsm_mj.residuals import Accounts, free_components, norms, stretch_s
 from ffsm_mj.signals import COMPONENTS, PARTIES, coordinate_names, identifier, rate_names
 from ffsm_mj.summary import task_target
 
@@ -154,7 +155,7 @@ def momenta(subject: Subject) -> Figure:
 
 
 def _momentum_lines(subject: Subject, party: str, first: int, letter: str) -> list[Line]:
-    free = free_components(subject.run.log, party) > 0
+    free = free_components(subject.run.log.header.facts, party) > 0
     values = subject.run.momentum(party)
     lines: list[Line] = []
     again: list[Line] = []
@@ -186,11 +187,14 @@ def energies(subject: Subject) -> Figure:
 
 def conservation(subject: Subject) -> Figure:
     """What the ledgers leave unexplained of energy and momenta, the worst in each slice of time, and what is allowed."""
-    run = subject.run
+    run, header = subject.run, subject.run.log.header
     sizes = {}
     for party in PARTIES:
-        energy, momentum = residuals(run.log, party)
-        sizes[party] = np.abs(energy), np.linalg.norm(momentum[:, :3], axis=1), np.linalg.norm(momentum[:, 3:], axis=1)
+        accounts = Accounts(header.layout, header.facts, party)
+        energy, momentum = accounts.energy(run.log.rows), accounts.momentum(run.log.rows)
+        energy, momentum = energy - energy[0], momentum - momentum[0]
+        sizes[party] = np.abs(energy), norms(momentum[:, :3]), norms(momentum[:, 3:])
+    stretches = np.maximum(np.ceil(run.time / stretch_s(header.facts) - 1e-9), 1.0)
     panels = []
     for i, (law, unit) in enumerate((("energy", "J"), ("linear momentum", "N s"), ("angular momentum", "N m s"))):
         lines = []
@@ -199,7 +203,8 @@ def conservation(subject: Subject) -> Figure:
             label = PARTY_NAMES[party] if np.any(worst) else f"{PARTY_NAMES[party]}: 0"
             # A logarithmic axis has no place for zero: what is exactly zero is left out.
             lines.append(Line(label, np.where(worst > 0.0, worst, np.nan), colour, style, 1.1, time))
-        allowed = min(x.tolerance for x in run.laws(DEFAULT_TOLERANCE) if x.name == law)
-        lines.append(Line("allowed", np.full(len(run.time), allowed), _GREY, (0, (4.0, 1.5)), 0.9))
+        allowed = [x.tolerance for x in run.laws(DEFAULT_TOLERANCE) if x.name == law]
+        if allowed:
+            lines.append(Line("allowed", min(allowed) * stretches, _GREY, (0, (4.0, 1.5)), 0.9))
         panels.append(Panel(f"{law.replace(' ', chr(10))}\nresidual, {unit}", lines, log=True))
     return stacked(run, panels, height_in=1.6)
