@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from ffsm_mj.errors import InputError
-from ffsm_mj.impact.manifold import extreme_points, touching_set
+from ffsm_mj.impact.manifold import touching_set
+from ffsm_mj.impact.shape import PARALLEL, Shape
 from ffsm_mj.runner import prepare
-from tests.scenes import HEAD, ball, scene
+from tests.scenes import HEAD, ball, box, scene
 
 _hull = np.random.default_rng(5).normal(size=(14, 3))
 MESHES = {
@@ -105,7 +106,7 @@ def test_touch_is_exact_for_every_pair(tmp_path, rng, a, b):
             reach = support(name, model, data, geom, direction)
             sides.append(reach)
             assert point @ direction == pytest.approx(reach, abs=1e-12)
-            own = extreme_points(model, data, geom, direction)
+            own = Shape(model, data, geom).extreme(direction, PARALLEL)
             if len(own) == 1:
                 np.testing.assert_allclose(point, own[0], rtol=0, atol=1e-12)
         assert -sides[1] - sides[0] == pytest.approx(0.0, abs=1e-12)
@@ -166,3 +167,43 @@ def test_touching_set(first, second, count):
     assert len(one) == len(other) == count
     if count:
         np.testing.assert_allclose(np.sort(one.round(9), axis=0), np.sort(other.round(9), axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("radius", [1e-3, 0.02, 0.15, 1.0])
+def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, radius):
+    """Against the closed form (the centre clipped to the box), at gaps of 0 to 1e-7 m, whatever the pair saw before.
+
+    A direction that is off by d loses extent * d at a face: 1e-14 m, forty times the rounding of coordinates of 1 m, leaves
+    room for 1e-14 rad. Near an edge the face's normal and the edge's differ by the angle drawn here, down to 1e-12 rad.
+    """
+    half = np.full(3, 0.5)
+    prepared = prepare(
+        scene(
+            tmp_path,
+            ball("ball", radius=radius),
+            {"block": box("block", half=tuple(half))},
+            initial={"joints": {"block/free": [5.0, 0, 0, 1, 0, 0, 0]}},
+            impact_pairs=[{"robot_geom": "ball", "object_geom": "block/block"}],
+        )
+    )
+    (pair,), model = prepared.assembly.pairs, prepared.assembly.system.mj
+    data = mujoco.MjData(model)
+    for _ in range(300):
+        across = rng.permutation(3)[: rng.integers(1, 4)]
+        point, outward = rng.uniform(-0.5, 0.5, 3), np.zeros(3)
+        point[across] = np.copysign(half[across], point[across])
+        outward[across] = np.copysign(10.0 ** rng.uniform(-12, 0, len(across)), point[across])
+        outward /= np.linalg.norm(outward)
+        centre = point + (radius + rng.choice([0.0, 1e-12, 1e-9, 1e-7])) * outward
+        quaternion = rng.normal(size=4)
+        quaternion /= np.linalg.norm(quaternion)
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, quaternion)
+        rotation = rotation.reshape(3, 3)
+        data.qpos[:] = [0, 0, 0, 1, 0, 0, 0, *(-rotation @ centre), *quaternion]
+        mujoco.mj_forward(model, data)
+        seen = rotation @ -outward + rng.choice([0.0, 1e-6, 0.3]) * rng.normal(size=3)
+        pair._normal = seen / np.linalg.norm(seen)
+        centre = rotation.T @ (data.geom_xpos[0] - data.geom_xpos[1])
+        true = np.linalg.norm(centre - np.clip(centre, -half, half)) - radius
+        assert pair.proximity(model, data).gap == pytest.approx(true, abs=1e-14)

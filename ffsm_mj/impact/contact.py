@@ -14,8 +14,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.impact.manifold import PARALLEL, extreme_points, touching_set
+from ffsm_mj.impact.manifold import touching_set
 from ffsm_mj.impact.normal import polished, separation
+from ffsm_mj.impact.shape import PARALLEL, Shape
 from ffsm_mj.model import FloatArray, System
 
 _UNSUPPORTED = {
@@ -25,8 +26,10 @@ _UNSUPPORTED = {
 }
 FAR = 1e3
 """Gaps are not told apart beyond this, m."""
-# Stand-off of the shifted query in m, and its passes: each leaves shift / (shift + curvature radius) of the error.
-_SHIFT, _PASSES = 1e-2, 3
+# Passes of the shifted query, each leaving shift / (shift + radius of curvature) of the error, until it is this small.
+_PASSES, _SETTLED = 20, 1e-5
+# Its stand-off, as a share of the pair's size (half the thinnest extent), and in m at most.
+_SHARE, _SHIFT = 0.2, 1e-2
 # Rotations and accelerations inside a step may exceed what its ends show; the bound keeps this margin.
 _BOUND_MARGIN = 1.1
 
@@ -128,16 +131,10 @@ class ImpactPair:
 
     def proximity(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
-
-        def first(direction: FloatArray, width: float) -> FloatArray:
-            return extreme_points(model, data, self._g1, direction, width)
-
-        def second(direction: FloatArray, width: float) -> FloatArray:
-            return extreme_points(model, data, self._g2, direction, width)
-
+        first, second = Shape(model, data, self._g1), Shape(model, data, self._g2)
         estimate, witness = self._shifted_query(model, data)
         normal = self._normal = polished(first, second, estimate)
-        points = touching_set(first(normal, PARALLEL), second(-normal, PARALLEL), normal)
+        points = touching_set(first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL), normal)
         points = points if len(points) else witness[None]
         rates = self._velocity(data, self.object_body, self._root2, points)
         rates -= self._velocity(data, self.robot_body, self._root1, points)
@@ -153,7 +150,7 @@ class ImpactPair:
         """Normal and the midpoint of the witnesses, asked with the object's geom moved clear of the robot's."""
         centre = data.geom_xpos[self._g2].copy()
         normal = self._estimate(model, data)
-        shift = _SHIFT
+        shift = min(_SHIFT, _SHARE * self.size)
         try:
             for _ in range(_PASSES):
                 data.geom_xpos[self._g2] = centre + shift * normal
@@ -161,7 +158,9 @@ class ImpactPair:
                 if distance <= 0.0:  # overlapping deeper than the shift: move further out
                     shift *= 4.0
                     continue
-                normal = _direction(self._fromto)
+                before, normal = normal, _direction(self._fromto)
+                if math.dist(before, normal) < _SETTLED:
+                    break
         finally:
             data.geom_xpos[self._g2] = centre
         return normal, 0.5 * (self._fromto[:3] + self._fromto[3:] - shift * normal)

@@ -6,78 +6,19 @@ the geoms' own features: everything of a geom that is extreme along the contact 
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Any
 
-import mujoco
 import numpy as np
 
+from ffsm_mj.impact.shape import PARALLEL
 from ffsm_mj.model import FloatArray
 
-PARALLEL = 1e-6
-"""Normals closer than this in rad count as parallel."""
-_SINGLE = 2e-7
-_DISC_POINTS = 8
-"""A disc is represented by this many points of its rim."""
 _KINDS = {1: "point", 2: "edge"}
 
 
 def manifold_name(count: int) -> str:
     """``point``, ``edge`` or ``face`` by the number of extreme points."""
     return _KINDS.get(count, "face")
-
-
-def extreme_points(model: Any, data: Any, geom: int, direction: FloatArray, width: float = PARALLEL) -> FloatArray:
-    """All extreme points of a geom along a world direction, (k, 3), at the poses in ``data``.
-
-    Args:
-        model: MuJoCo model.
-        data: Its data with current kinematics.
-        geom: Id of a convex geom.
-        direction: Unit vector.
-        width: Edges and faces within this angle of being square to the direction count whole, rad.
-    """
-    rotation = data.geom_xmat[geom].reshape(3, 3)
-    local = rotation.T @ direction
-    size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        points = size[0] * local[None]
-    elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        points = (size**2 * local / np.linalg.norm(size * local))[None]
-    elif kind == mujoco.mjtGeom.mjGEOM_BOX:
-        points = np.array(list(product(*(_ends(c, half, width) for c, half in zip(local, size, strict=True)))))
-    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        points = np.array([[0.0, 0.0, z] for z in _ends(local[2], size[1], width)]) + size[0] * local
-    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        points = _cylinder_points(local, size[0], size[1], width)
-    else:
-        points = _mesh_points(model, geom, local, width)
-    return np.asarray(data.geom_xpos[geom] + points @ rotation.T)
-
-
-def _ends(component: float, half: float, width: float) -> tuple[float, ...]:
-    """Extreme coordinate along one axis; both ends where the direction is square to it."""
-    return (-half, half) if abs(component) <= width else (float(np.copysign(half, component)),)
-
-
-def _cylinder_points(local: FloatArray, radius: float, half: float, width: float) -> FloatArray:
-    radial = float(np.hypot(local[0], local[1]))
-    if radial <= width:
-        angles = 2.0 * np.pi * np.arange(_DISC_POINTS) / _DISC_POINTS
-        rim = np.column_stack((radius * np.cos(angles), radius * np.sin(angles)))
-    else:
-        rim = radius / radial * local[None, :2]
-    return np.array([[x, y, z] for z in _ends(local[2], half, width) for x, y in rim])
-
-
-def _mesh_points(model: Any, geom: int, local: FloatArray, width: float) -> FloatArray:
-    mesh = int(model.geom_dataid[geom])
-    first = int(model.mesh_vertadr[mesh])
-    vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64)
-    heights = vertices @ local
-    # Vertices are stored in single precision: a face is flat to that only.
-    reach = max(width, _SINGLE) * float(model.geom_rbound[geom]) if width > 0.0 else 0.0
-    return np.unique(vertices[heights >= heights.max() - reach], axis=0)
 
 
 def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray) -> FloatArray:

@@ -8,79 +8,72 @@ it, two edges or a face leave no choice.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 
+from ffsm_mj.impact.shape import Shape
 from ffsm_mj.model import FloatArray
 
-Feature = Callable[[FloatArray, float], FloatArray]
-"""Extreme points along a direction, those within an angle of being extreme included: (direction, angle) -> (k, 3)."""
-
-# The query's direction is good to about 1e-5 rad: features are sought that wide, and as it says; the better one counts.
-_WIDTHS = (1e-4, 1e-7)
-_ROUNDING = 1e-13
-_ITERATIONS = 8
-_DIFFERENCE = 1e-5
+_WIDTH = 1e-4
+"""The query's direction is good to about 1e-5 rad: edges and faces within this may be the ones that touch."""
+_ROUNDING = 1e-15
+_ITERATIONS = 20
 _LONGEST_STEP = 0.1
+_FLATTEST = 1e-9
 
 
-def polished(first: Feature, second: Feature, estimate: FloatArray) -> FloatArray:
-    """Unit normal from the first geom to the second, from an estimate that is good to about 1e-4 rad."""
-    best = _maximise(first, second, estimate, _WIDTHS[-1])
-    largest = separation(first, second, best)
-    for normal in (_maximise(first, second, estimate, _WIDTHS[0]), estimate):
+def polished(first: Shape, second: Shape, estimate: FloatArray) -> FloatArray:
+    """Unit normal from the first geom to the second, from an estimate that is good to about 1e-4 rad.
+
+    Which of the edges and faces near the estimate touch is not known beforehand: every choice of them gives a direction,
+    and the separation along none is larger than that along the normal.
+    """
+    edges = np.vstack((first.edges(estimate, _WIDTH), second.edges(-estimate, _WIDTH)))
+    best, largest = estimate, -np.inf
+    # Where directions tie to rounding the one with more edges counts, and the estimate itself, which is less exact, last.
+    for normal in (*(_maximise(first, second, estimate, fixed) for fixed in _choices(edges)), estimate):
         value = separation(first, second, normal)
         if value > largest + _ROUNDING:
             best, largest = normal, value
     return best
 
 
-def separation(first: Feature, second: Feature, normal: FloatArray) -> float:
+def separation(first: Shape, second: Shape, normal: FloatArray) -> float:
     """Signed gap along a direction, m: the distance, or minus the depth, where the direction is the normal."""
-    return float((second(-normal, 0.0) @ normal).min() - (first(normal, 0.0) @ normal).max())
+    return float((second.extreme(-normal) @ normal).min() - (first.extreme(normal) @ normal).max())
 
 
-def _maximise(first: Feature, second: Feature, normal: FloatArray, width: float) -> FloatArray:
-    """Maximum of the separation, with the edges and faces that are extreme within ``width`` at the start kept so."""
-    edges = _directions(first(normal, width), second(-normal, width))
-    if len(edges) >= 2:
+def _choices(edges: FloatArray) -> Iterator[FloatArray]:
+    """Sets of edge directions that the normal may have to be square to: two, one or none, (k, 3) each."""
+    for one, other in combinations(edges, 2):
+        if np.linalg.norm(np.cross(one, other)) > _WIDTH:
+            yield np.stack((one, other))
+    yield from edges[:, None]
+    yield edges[:0]
+
+
+def _maximise(first: Shape, second: Shape, normal: FloatArray, edges: FloatArray) -> FloatArray:
+    """Maximum of the separation among the directions square to the edges."""
+    if len(edges) == 2:
         return _towards(np.cross(edges[0], edges[1]), normal)
     if len(edges) == 1:
         normal = _towards(normal - (normal @ edges[0]) * edges[0], normal)
     for _ in range(_ITERATIONS):
         tangents = _tangents(normal, edges)
-        residual = _offset(first, second, normal, width) @ tangents
-        slope = np.stack(
-            [
-                (_offset(first, second, _unit(normal + _DIFFERENCE * t), width) @ tangents - residual) / _DIFFERENCE
-                for t in tangents.T
-            ],
-            axis=1,
-        )
-        if abs(np.linalg.det(slope)) < 1e-12:
+        offset = second.extreme(-normal).mean(axis=0) - first.extreme(normal).mean(axis=0)
+        # The Hessian on the sphere: both geoms' radii, and the gap because a turned direction stays a unit vector.
+        slope = tangents.T @ (first.radii(normal) + second.radii(-normal)) @ tangents
+        slope += float(offset @ normal) * np.eye(len(slope))
+        if float(np.linalg.eigvalsh(slope)[0]) < _FLATTEST:
             break  # nothing is curved: the direction has no better neighbour
-        step = np.linalg.solve(slope, -residual)
+        step = np.linalg.solve(slope, offset @ tangents)
         length = float(np.linalg.norm(step))
         normal = _unit(normal + tangents @ step * min(1.0, _LONGEST_STEP / max(length, _LONGEST_STEP)))
         if length < 1e-15:
             break
     return normal
-
-
-def _offset(first: Feature, second: Feature, normal: FloatArray, width: float) -> FloatArray:
-    """From the extreme feature of the first geom to that of the second; along the normal where the direction is right."""
-    return np.asarray(second(-normal, width).mean(axis=0) - first(normal, width).mean(axis=0))
-
-
-def _directions(*features: FloatArray) -> FloatArray:
-    """Orthonormal directions within the features: none for points, one for an edge, two or three for more."""
-    spans = [points - points[0] for points in features if len(points) > 1]
-    if not spans:
-        return np.empty((0, 3))
-    spread = np.vstack([span / np.abs(span).max() for span in spans])
-    _, sizes, axes = np.linalg.svd(spread, full_matrices=False)
-    return np.asarray(axes[sizes > 1e-3])
 
 
 def _tangents(normal: FloatArray, edges: FloatArray) -> FloatArray:
