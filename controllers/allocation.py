@@ -8,8 +8,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
 from ffsm_mj.model import FloatArray, IntArray, System
+
+_SMALL_SHARES = 1e-7
+_PASSES = 100
 
 
 def actuators_by_name(system: System, names: Sequence[str], key: str) -> IntArray:
@@ -44,14 +47,35 @@ class ThrusterAllocation:
 
     def efforts(self, data: Any, force: FloatArray) -> FloatArray:
         """Effort of each thruster for a generalised force on the base dofs, at the pose in ``data``."""
-        from scipy.optimize import nnls  # a second to import, needed by runs that steer by thrusters
-
         effect = moments(self._model, data)[self._thrusters][:, self._base].T
         columns = np.hstack((effect, -effect[:, self._both_ways]))
-        shares = np.asarray(nnls(columns, force)[0])
+        shares = _shares(columns, force)
         efforts = shares[: len(self._thrusters)]
         efforts[self._both_ways] -= shares[len(self._thrusters) :]
         return efforts
+
+
+def _shares(columns: FloatArray, force: FloatArray) -> FloatArray:
+    """Non-negative shares of columns that together come closest to a force.
+
+    Redundant columns can send the method round in circles. Where they do, small shares are asked for as well, with a weight
+    that costs a millionth of the force: then no two sets of shares are equally good.
+
+    Raises:
+        ControllerError: It does not end even so.
+    """
+    from scipy.optimize import nnls  # a second to import, needed by runs that steer by thrusters
+
+    try:
+        return np.asarray(nnls(columns, force)[0])
+    except RuntimeError:  # its iteration limit
+        count = columns.shape[1]
+    weight = _SMALL_SHARES * float(np.linalg.norm(columns, axis=0).max())
+    stacked, wanted = np.vstack((columns, weight * np.eye(count))), np.append(force, np.zeros(count))
+    try:
+        return np.asarray(nnls(stacked, wanted, maxiter=_PASSES * count)[0])
+    except RuntimeError as error:
+        raise ControllerError("no shares of the thrusters in the force on the base were found") from error
 
 
 class WheelAllocation:

@@ -98,7 +98,7 @@ class Osdre:
         else:
             self._law = BlockLaw(self._kinematics, data, BlockRiccati(self._Q), driven, axes, target, self._whole_stack)
 
-    def control(self, observation: Observation, command: Command) -> None:
+    def control(self, observation: Observation, command: Command) -> None:  # noqa: ARG002
         """Command u = -R^-1 B^T K [y - y_d; ydot], paper (32).
 
         Raises:
@@ -107,7 +107,7 @@ class Osdre:
         try:
             self._law.tick()
         except RiccatiError as error:
-            raise ControllerError(f"OSDRE at t = {observation.time_s:.6g} s: {error}") from error
+            raise ControllerError(str(error)) from error
         u = self._law.effort
         if self._damping > 0.0:
             B_lower, brake = self._kinematics.W @ self._driven.T, self._damping * self._qvel[self._joints.dofs]

@@ -52,6 +52,12 @@ class PhaseMachine:
         self._start_s = 0.0
         self._begun: list[PhaseRecord] = []
 
+    @property
+    def in_charge(self) -> str:
+        """Name of the phase and kind of its controller."""
+        phase = self._phases[max(self.phase_index, 0)]
+        return f"phase {phase.name!r} ({phase.kind})"
+
     def control(self, observation: Observation, command: Command) -> None:
         """Change phase where it is due, then ask its controller."""
         if self.phase_index < 0:

@@ -15,7 +15,7 @@ from controllers import kinds
 from controllers.phases import Phase, PhaseMachine
 from ffsm_mj.actuation import Actuation
 from ffsm_mj.controller_protocol import ControllerContext, Task
-from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.errors import Fault, ScenarioFaults, described, unknown_name
 from ffsm_mj.impact.contact import ImpactPair
 from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.impact.watch import ContactWatch
@@ -242,6 +242,9 @@ def _controller(scenario: Scenario, context: ControllerContext) -> PhaseMachine:
             controller = classes[kind](config.controller, context)
         except ScenarioFaults as error:
             faults += [Fault(f.message, ("phases", i, "controller", *f.path)) for f in error.faults]
+            continue
+        except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is a fault of this phase)
+            faults.append(Fault(f"the controller cannot be made ({described(error)})", ("phases", i, "controller", "kind")))
             continue
         phases.append(Phase(config.name, kind, controller, config.until == "impact", config.for_s))
     if faults:

@@ -107,6 +107,10 @@ class TaskController(Protocol):
     """Reports of the phases' controllers after the last call, NaN in the columns of other phases; one live array."""
     phase_index: int
 
+    @property
+    def in_charge(self) -> str:
+        """Who decides now, for a person: phase and kind of controller."""
+
     def control(self, observation: Observation, command: Command) -> None:
         """Like :meth:`Controller.control`."""
 

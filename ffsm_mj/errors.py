@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
+_LONGEST_TEXT = 300
+
 
 class FfsmError(Exception):
     """Root of every error that ffsm-mj raises on purpose."""
@@ -84,6 +86,16 @@ class UnsupportedContactError(FfsmError):
 def one_line(text: str) -> str:
     """A text with everything escaped that is no printable character: line ends, colours of a terminal, half characters."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in text)
+
+
+def described(error: BaseException) -> str:
+    """Kind and text of an exception of someone else's code, on one line that can be printed and logged whatever it says."""
+    try:
+        text = one_line(" ".join(str(error).split()))
+    except Exception:  # noqa: BLE001 (its text is its author's code too)
+        text = ""
+    shown = text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
+    return f"{type(error).__name__}: {shown}" if shown else type(error).__name__
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:

@@ -15,11 +15,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from ffsm_mj.actuation import Actuation
 from ffsm_mj.controller_protocol import Command, Observation, TaskController
-from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError
+from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described
 from ffsm_mj.events import Outcome, OutcomeRecord
 from ffsm_mj.impact.contact import ImpactPair, Proximity
 from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
@@ -109,6 +108,8 @@ class Simulation:
                 outcome, message = Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence
             except LogWriteError as error:
                 outcome, message = Outcome.WRITE_FAILED, str(error)
+            except mujoco.FatalError as error:
+                outcome, message = Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: MuJoCo gave up ({described(error)})"
         return OutcomeRecord(
             outcome=outcome.value,
             message=message,
@@ -149,10 +150,9 @@ class Simulation:
         try:
             self._controller.control(observation, self._command)
             self._plant.actuation.apply(self._command, observation.data, observation.time_s)
-        except ControllerError as error:
-            raise RunEnded(Outcome.CONTROLLER_FAILED, str(error)) from error
-        except (ArithmeticError, ValueError, LookupError, TypeError, AttributeError, np.linalg.LinAlgError) as error:
-            message = f"the controller raised {type(error).__name__} at t = {observation.time_s:.6g} s: {error}"
+        except Exception as error:
+            reason = str(error) if isinstance(error, ControllerError) else described(error)
+            message = f"{self._controller.in_charge} at t = {observation.time_s:.6g} s: {reason}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
         self._done.ticks += 1
 

@@ -175,6 +175,22 @@ def test_sweeps_take_over_when_nnls_fails(monkeypatch, rng):
     np.testing.assert_allclose(w + A.T @ project(A, w), expected[0], atol=1e-6)
 
 
+@pytest.mark.parametrize("law", ["blend", "poisson", "newton"])
+def test_without_nnls_redundant_contacts_get_the_same_velocities(monkeypatch, law):
+    """Only how four corners share the load is open then: no impulse pulls, and their sum, 1 kg turned round, is given.
+
+    The sweeps end at a normal velocity of 1e-9 of the approach, 1 m/s.
+    """
+    expected, _ = flat_box((0, 0, -1, 0, 0, 0), law=law)
+    import scipy.optimize
+
+    monkeypatch.setattr(scipy.optimize, "nnls", fail)
+    after, result = flat_box((0, 0, -1, 0, 0, 0), law=law)
+    np.testing.assert_allclose(after, expected, rtol=0, atol=1e-8)
+    assert result.impulses.min() >= 0.0
+    assert result.impulses.sum() == pytest.approx(2.0, abs=1e-8)
+
+
 def fail(*_):
     raise RuntimeError("maximum number of iterations reached")
 

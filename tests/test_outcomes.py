@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import errno
+import json
 
+import mujoco
 import numpy as np
 import pytest
 
 import ffsm_mj
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError
+from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.log.mcap_sink import McapSink
 from ffsm_mj.runner import prepare
 from tests.scenes import ball, box, scene, two_balls
@@ -129,15 +132,30 @@ def test_unsupported_contact(tmp_path):
     assert "'newton' needs equal restitution and no contact that separates; use 'poisson'" in run.message
 
 
+class Unprintable(Exception):
+    def __str__(self):
+        raise ValueError("no text")
+
+
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
         (ControllerError("no gain"), "no gain"),
-        (ZeroDivisionError("division by zero"), "ZeroDivisionError"),
-        (None, "not finite for robot/push_x"),
+        (ZeroDivisionError("division by zero"), "ZeroDivisionError: division by zero"),
+        (RuntimeError("Maximum number of iterations reached."), "RuntimeError: Maximum number of iterations reached."),
+        (AssertionError(), "AssertionError"),
+        (NotImplementedError("later"), "NotImplementedError: later"),
+        (MemoryError("huge"), "MemoryError: huge"),
+        (OSError(5, "no such table"), "OSError: [Errno 5] no such table"),
+        (Exception("two\nlines and half a \ud83d"), "Exception: two lines and half a \\ud83d"),
+        (RuntimeError("x" * 1000), f"RuntimeError: {'x' * 300}..."),
+        (Unprintable(), "Unprintable"),
+        (None, "the controller commands an effort that is not finite for robot/push_x"),
     ],
+    ids=lambda value: type(value).__name__ if isinstance(value, Exception) else None,
 )
 def test_controller_failed(tmp_path, fault, words):
+    """Whatever a control law raises: the outcome, one line that says whose fault it was, and a closed log."""
     prepared = prepare(two_balls(tmp_path, gap=5.0))
 
     def fail(observation, command: Command):
@@ -149,8 +167,87 @@ def test_controller_failed(tmp_path, fault, words):
     prepared.assembly.controller._phases[0].controller.control = fail
     run = prepared.run(out=tmp_path / "out", rerun=False)
     assert run.outcome == "controller_failed"
-    assert words in run.message
-    assert ffsm_mj.load_run(tmp_path / "out").time[-1] == pytest.approx(0.199)
+    assert run.message == f"phase 'coast' (off) at t = 0.2 s: {words}"
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert read.path.name == "run.mcap"
+    assert (read.outcome, read.message) == (run.outcome, run.message)
+    assert read.time[-1] == pytest.approx(0.199)
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["message"] == run.message
+
+
+@pytest.mark.parametrize("method", ["start", "control", "telemetry"])
+def test_controller_failed_at_an_impact(tmp_path, method):
+    """The phase that the impact begins fails in each of its methods: the impact before it is in the log."""
+    phases = [
+        {"name": "approach", "until": "impact", "controller": {"kind": "off"}},
+        {"name": "after", "until": "end", "controller": {"kind": "off"}},
+    ]
+    prepared = prepare(two_balls(tmp_path, phases=phases))
+    controller = prepared.assembly.controller._phases[1].controller
+    controller.telemetry_signals = (object(),)  # so that it is asked for a report
+
+    def fail(*_):
+        raise RuntimeError("not now")
+
+    setattr(controller, method, fail)
+    run = prepared.run(out=tmp_path / "out", rerun=False)
+    assert run.outcome == "controller_failed"
+    assert run.message == "phase 'after' (off) at t = 0.3 s: RuntimeError: not now"
+    assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
+
+
+def test_a_command_that_is_not_finite_at_an_impact(tmp_path):
+    """The record of the impact carries the efforts that act after it: none do."""
+    prepared = prepare(two_balls(tmp_path))
+
+    def fail(observation, command: Command):
+        if observation.impacts:
+            command.drive(np.array([0]), np.array([np.nan]))
+
+    prepared.assembly.controller._phases[0].controller.control = fail
+    run = prepared.run(out=tmp_path / "out", rerun=False)
+    assert run.outcome == "controller_failed"
+    assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["outcome"] == "controller_failed"
+
+
+def test_leaving_the_program_is_no_fault_of_a_controller(tmp_path):
+    """``sys.exit`` in a control law leaves, with everything so far in the log."""
+    prepared = prepare(two_balls(tmp_path, gap=5.0))
+
+    def leave(observation, _):
+        if observation.time_s >= 0.2 - 1e-9:
+            raise SystemExit(7)
+
+    prepared.assembly.controller._phases[0].controller.control = leave
+    with pytest.raises(SystemExit):
+        prepared.run(out=tmp_path / "out", rerun=False)
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert read.time[-1] == pytest.approx(0.199)
+    assert not read.complete
+
+
+def test_a_fault_of_our_own_is_not_hidden_and_costs_no_data(tmp_path, monkeypatch):
+    """No outcome pretends that a defect is a result: it propagates, and the log up to it is readable."""
+    prepared = prepare(two_balls(tmp_path))
+
+    def defect(*_):
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr("ffsm_mj.simulation.party_energies", defect)
+    with pytest.raises(RuntimeError, match="a defect"):
+        prepared.run(out=tmp_path / "out", rerun=False)
+    assert ffsm_mj.load_run(tmp_path / "out").time[-1] == pytest.approx(0.3, abs=2e-3)
+
+
+def test_mujocos_own_errors_end_the_run(tmp_path, monkeypatch):
+    def fatal(*_):
+        raise mujoco.FatalError("mj_stackAlloc: insufficient memory")
+
+    monkeypatch.setattr(Detector, "advance", fatal)
+    run = run_and_read(two_balls(tmp_path), tmp_path)
+    assert run.outcome == "diverged"
+    assert "MuJoCo gave up (FatalError: mj_stackAlloc: insufficient memory)" in run.message
 
 
 def test_write_failed(tmp_path, monkeypatch):

@@ -66,3 +66,14 @@ def test_a_plugin_without_a_config_is_named(tmp_path):
     done = ffsm(environment, "check", "baseline", "-s", "phases.1.controller={kind: bare}")
     assert done.returncode == 2
     assert "bare_laws:Law has no class attribute Config" in done.stderr
+
+
+def test_a_plugin_that_fails_when_it_is_made_is_a_fault_of_the_phase(tmp_path, example):
+    code, entry, phases = example
+    code = code.replace("        model = context.system.mj\n", '        raise RuntimeError("no licence")\n')
+    (tmp_path / "mine.yaml").write_text(f"extends: coasting\nname: mine\n{phases}")
+    done = ffsm(install(tmp_path, "my_laws", code, entry), "check", str(tmp_path / "mine.yaml"))
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith(f"{tmp_path}/mine.yaml:6:")
+    assert line.endswith("phases.0.controller.kind: the controller cannot be made (RuntimeError: no licence)")

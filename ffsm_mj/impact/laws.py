@@ -160,7 +160,10 @@ def _least_norm(A: FloatArray, impulses: FloatArray) -> FloatArray:
         return impulses
     weight = 1e-7 * float(np.linalg.norm(A, axis=1).max())
     stacked = np.vstack((A.T, weight * np.eye(len(A))))
-    shortest = scale * np.asarray(nnls(stacked, np.append(A.T @ impulses / scale, np.zeros(len(A))))[0])
+    try:
+        shortest = scale * np.asarray(nnls(stacked, np.append(A.T @ impulses / scale, np.zeros(len(A))))[0])
+    except RuntimeError:  # its iteration limit: the impulses do have this effect, only others could be shorter
+        return impulses
     # The small weight costs about 1e-14 of the effect; one correction gives it back, a negative part is not accepted.
     shortest += np.linalg.pinv(A.T) @ (A.T @ (impulses - shortest))
     return shortest if shortest.min() >= 0.0 else impulses
