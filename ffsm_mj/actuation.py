@@ -127,6 +127,14 @@ class _Valve:
         self.firing = firing
         return firing * self._force
 
+    def stand(self, force: float, time_s: float) -> float:
+        """Stand as a force says, from a time on; gives the force that the valve has then."""
+        firing = math.copysign(1.0, force) if force else 0.0
+        if firing not in (0.0, self.firing):
+            self._lit_at_s = time_s
+        self.firing = firing
+        return firing * self._force
+
 
 class Actuation:
     """Limits of all actuators, as arrays.
@@ -136,6 +144,7 @@ class Actuation:
         signals: What is logged of them.
         table: By actuator: command, applied effort, least and greatest possible effort, (nu, 4).
         applied: Efforts that act now, (nu,).
+        gear: Effort per ctrl, (nu,).
         counts: Seconds on and unsigned impulse in N s of each on-off actuator, (number of them, 2).
     """
 
@@ -146,8 +155,8 @@ class Actuation:
             ScenarioFaults: An unknown actuator, or one that MJCF does not define as a plain motor.
         """
         self.names = system.names("actuator")
-        self._gear = _effort_per_ctrl(system)
-        limits = [_Limits(*ends) for ends in zip(*_mjcf_range(system.mj, self._gear).tolist(), strict=True)]
+        self.gear = _effort_per_ctrl(system)
+        limits = [_Limits(*ends) for ends in zip(*_mjcf_range(system.mj, self.gear).tolist(), strict=True)]
         faults = []
         for name, config in configs.items():
             try:
@@ -160,9 +169,9 @@ class Actuation:
             low=np.array([one.low for one in limits]),
             high=np.array([one.high for one in limits]),
             stall=np.array([one.stall for one in limits]),
-            slope=np.array([one.slope for one in limits]) / self._gear,
+            slope=np.array([one.slope for one in limits]) / self.gear,
             saturation=np.array([one.saturation for one in limits]),
-            gear=self._gear,
+            gear=self.gear,
         )
         self._valves = [(i, one.valve) for i, one in enumerate(limits) if one.valve is not None]
         self.table = np.zeros((len(self.names), 4))
@@ -197,10 +206,24 @@ class Actuation:
             if powered[i]:
                 lower, upper = float(self._lower[i]), float(self._upper[i])
                 force = valve.fire(float(self._wanted[i]), lower, upper, time_s)
-                self.applied[i], self._ctrl[i] = force, force / self._gear[i]
+                self.applied[i], self._ctrl[i] = force, force / self.gear[i]
             else:
                 valve.firing = 0.0
             self._valves_open |= valve.firing != 0.0
+
+    def hold(self, efforts: FloatArray, data: Any, time_s: float) -> None:
+        """Take up efforts that were decided before, within limits as ever; valves stand as the efforts say.
+
+        Args:
+            efforts: Of all actuators, (nu,).
+            data: State at which they were decided.
+            time_s: When that was.
+        """
+        self.apply(Command(efforts, efforts != 0.0), data, time_s)
+        for i, valve in self._valves:
+            force = valve.stand(float(efforts[i]), time_s)
+            self.applied[i], self._ctrl[i] = force, force / self.gear[i]
+        self._valves_open = any(valve.firing != 0.0 for _, valve in self._valves)
 
     def by_name(self) -> dict[str, tuple[float, ...]]:
         """Effort that acts now by actuator, N or N m."""

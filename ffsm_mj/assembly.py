@@ -61,11 +61,11 @@ def assemble(scenario: Scenario, source: YamlSource) -> Assembly:
     system = compile_scenario(scenario, source)
     try:
         data = _initial_state(scenario, system)
-        pairs = _impact_pairs(scenario, system)
+        pairs = impact_pairs(scenario, system)
         known = _known_pairs(scenario, system, pairs)
         _refuse_overlap(system, data, pairs)
         actuation = Actuation(system, scenario.actuators)
-        task = _task(scenario, system)
+        task = task_of(scenario, system)
         controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s))
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
@@ -133,7 +133,12 @@ def _set_joint(joint: Joint, key: str, value: JointValue, target: Any) -> str:
     return ""
 
 
-def _impact_pairs(scenario: Scenario, system: System) -> tuple[ImpactPair, ...]:
+def impact_pairs(scenario: Scenario, system: System) -> tuple[ImpactPair, ...]:
+    """Impact pairs of a scenario, in its order.
+
+    Raises:
+        ScenarioFaults: A geom that there is not, on the wrong side, or without an exact distance.
+    """
     pairs, faults = [], []
     for i, config in enumerate(scenario.impact_pairs):
         for key in ("robot_geom", "object_geom"):
@@ -222,7 +227,12 @@ def _geoms_of(system: System, name: str) -> list[int]:
     return []
 
 
-def _task(scenario: Scenario, system: System) -> Task | None:
+def task_of(scenario: Scenario, system: System) -> Task | None:
+    """Task of a scenario, or None where it has none.
+
+    Raises:
+        ScenarioFaults: There is no such tip.
+    """
     config = scenario.task
     if config is None:
         return None

@@ -58,10 +58,20 @@ class Ledger:
         self.momentum = momentum
         self._notes = _Notes(system, data, notes, momentum, self._accounts)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
+        self.resume(np.zeros(COLUMNS))
+
+    def resume(self, line: FloatArray) -> None:
+        """Go on at the state in ``data`` from what a line of the table said there: accounts, and what they left unexplained.
+
+        Args:
+            line: The line, zeros to begin, (COLUMNS,).
+        """
+        self._accounts[:] = line[ACCOUNTS]
         self._energy_0, self._momentum_0 = np.zeros(3), np.zeros((3, 6))
         self.note()
         start = self.table()[0]
-        self._energy_0, self._momentum_0 = start[ENERGY], start[MOMENTUM].reshape(3, 6)
+        self._energy_0 = start[ENERGY_RESIDUAL] - line[ENERGY_RESIDUAL]
+        self._momentum_0 = (start[MOMENTUM_RESIDUAL] - line[MOMENTUM_RESIDUAL]).reshape(3, 6)
 
     def note(self) -> None:
         """Keep the state in ``data`` and the accounts; ``momentum`` must be current."""

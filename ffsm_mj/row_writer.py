@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from ffsm_mj.actuation import Actuation
 from ffsm_mj.compiled import fastest
-from ffsm_mj.controller_protocol import TaskController
 from ffsm_mj.ledger import COLUMNS, Ledger
 from ffsm_mj.model import FloatArray, System
 from ffsm_mj.sampler import Sampler
 from ffsm_mj.signals import PARTIES, Layout
+
+
+class Reporter(Protocol):
+    """What a row takes from the controller."""
+
+    telemetry: FloatArray
+    phase_index: int
 
 
 class RowWriter:
@@ -25,7 +31,7 @@ class RowWriter:
         data: Any,
         actuation: Actuation,
         ledger: Ledger,
-        controller: TaskController,
+        controller: Reporter,
         tip_site: int | None,
         block: FloatArray,
     ) -> None:

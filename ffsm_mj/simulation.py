@@ -99,7 +99,7 @@ class Simulation:
         """
         started = time.perf_counter()
         outcome, message = Outcome.COMPLETED, ""
-        with _collected_warnings(self._warnings):
+        with collected_warnings(self._warnings):
             try:
                 self._loop(interrupted, report)
             except RunEnded as end:
@@ -260,7 +260,7 @@ class Simulation:
 
 
 @contextmanager
-def _collected_warnings(messages: list[str]) -> Any:
+def collected_warnings(messages: list[str]) -> Any:
     """Keep MuJoCo's warnings instead of letting it write MUJOCO_LOG.TXT where the user stands."""
     previous = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(messages.append)

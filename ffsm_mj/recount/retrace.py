@@ -1,0 +1,252 @@
+"""The way from sample to sample of a log, flown again with the efforts that it says acted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from ffsm_mj.compiled import fastest
+from ffsm_mj.controller_protocol import Command
+from ffsm_mj.flight import WHOLE_STATE, Flight
+from ffsm_mj.ledger import COLUMNS, Ledger
+from ffsm_mj.log.memory_sink import RunLog
+from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.log.sampling import BETWEEN, NOWHERE
+from ffsm_mj.model import FloatArray
+from ffsm_mj.recount.agreement import Agreement, scales
+from ffsm_mj.recount.impact_check import Encounter, ImpactCheck
+from ffsm_mj.recount.scene import LogScene
+from ffsm_mj.row_writer import RowWriter
+from ffsm_mj.signals import PARTIES
+
+_HUGE = 1e10
+"""MuJoCo takes no larger number for a state."""
+
+
+@dataclass
+class _Report:
+    """What only a controller knows, taken over from the log."""
+
+    telemetry: FloatArray
+    phase_index: int = 0
+
+
+class _Lines:
+    """A block of rows, taken apart."""
+
+    def __init__(self, block: FloatArray, state: slice, efforts: slice, gear: FloatArray) -> None:
+        finite = np.nan_to_num(block)
+        self.rows, self.states, self.phases = block, np.ascontiguousarray(block[:, state]), finite[:, -1].astype(np.int64)
+        self.asked, self.applied = (np.ascontiguousarray(finite[:, efforts][:, i::4]) for i in (0, 1))
+        self.ctrl = self.applied / gear
+        # One without power is asked for nothing and gives nothing.
+        self.powered = (self.asked != 0.0) | (self.applied != 0.0)
+
+
+class Retrace:
+    """Flies from each sample to the next and writes what the ledger, the limits and the models make of it.
+
+    Attributes:
+        motion: Every sample against the end of the flight from the one before.
+        columns: Every column that follows from states and efforts against the log's.
+        impacts: Every field of the impacts, and the states at which they happened.
+    """
+
+    def __init__(self, scene: LogScene, log: RunLog) -> None:
+        """Prepare the models of a log; nothing is flown yet."""
+        model, layout, scenario = scene.system.mj, log.header.layout, scene.scenario
+        self._layout, self._model, self._data = layout, model, mujoco.MjData(model)
+        self._step_s, self._steps, self._last_tick = scenario.time_step_s, scenario.steps_per_tick, scenario.ticks
+        self._period_s = self._step_s * self._steps
+        mujoco.mj_forward(model, self._data)
+        momentum, state = np.empty(model.nv), np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
+        self._flight = fastest(Flight)(model, self._data, state, momentum)
+        self._ledger = Ledger(scene.system, self._data, momentum, notes=BLOCK_ROWS)
+        self._actuation, self._command = scene.actuation, Command.off(int(model.nu))
+        self._find_columns()
+        self._again, self._flown = np.zeros((BLOCK_ROWS, len(layout.keys))), np.zeros((BLOCK_ROWS, model.nq + model.nv))
+        parts = scene.system, self._data, self._actuation, self._ledger, self._report
+        self._rows = RowWriter(layout, *parts, scene.task.tip_site if scene.task else None, self._again)
+        self.motion, self.columns, self.impacts = Agreement(), Agreement(), Agreement()
+        self._check = ImpactCheck(scene, self._data, log.impacts, self.impacts)
+        self._tick: int | None = None
+        self._noted = 0
+
+    def _find_columns(self) -> None:
+        """Where the parts of a row are."""
+        groups = np.array([key.split(".")[0] for key in self._layout.keys])
+        self._state = slice(1, 1 + self._model.nq + self._model.nv)
+        self._books = self._layout.columns(f"energy.{PARTIES[0]}_J", COLUMNS)
+        start = self._books.stop
+        self._efforts = slice(start, start + self._actuation.table.size)
+        self._counts = slice(self._efforts.stop, self._efforts.stop + self._actuation.counts.size)
+        self._told = np.flatnonzero(groups == "controller")
+        self._report = _Report(np.zeros(len(self._told)))
+        known = ~np.isin(groups, ("controller", "phase"))
+        known[self._state] = False
+        self._known, self._mass = np.flatnonzero(known), float(self._model.body_mass.sum())
+
+    def take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
+        """The next samples recomputed, and compared with the log's on the way.
+
+        Args:
+            block: Rows of the log, (n, columns).
+            ticks: Control tick of each, from :class:`ffsm_mj.log.sampling.Sampling`.
+
+        Returns:
+            Rows, (n, columns); what only a controller knows is taken over, a row without a usable state is NaN.
+        """
+        ways = [slice(i, i + BLOCK_ROWS) for i in range(0, len(block), BLOCK_ROWS)]
+        return np.concatenate([self._take(block[way], ticks[way]) for way in ways]) if ways else block.copy()
+
+    def finish(self) -> None:
+        """Fly on from the last sample to the impacts behind it, at which the run may have ended."""
+        if self._tick is not None:
+            first = self._tick * self._steps
+            for step in range(first, first + self._steps):
+                self._through(step)
+                if not self._check.pending:
+                    return
+                self._fly(self._left)
+
+    def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
+        self._noted = 0
+        lines = self._lines = _Lines(block, self._state, self._efforts, self._actuation.gear)
+        usable = np.all(np.isfinite(lines.states) & (np.abs(lines.states) < _HUGE), axis=1) & (ticks != NOWHERE)
+        for line, (tick, good) in enumerate(zip(ticks.tolist(), usable.tolist(), strict=True)):
+            if good:
+                self._line(line, tick)
+                continue
+            self._complete(line)
+            self._tick, self._noted = None, line + 1
+            self._again[line] = self._flown[line] = np.nan
+        self._complete(len(block))
+        again = self._again[: len(block)].copy()
+        self._compare(block, again, self._flown[: len(block)])
+        return again
+
+    def _complete(self, line: int) -> None:
+        """Work out the books of the lines noted so far."""
+        if line > self._noted:
+            self._rows.complete(self._again[self._noted : line])
+        self._noted = line
+
+    def _line(self, line: int, tick: int) -> None:
+        """Fly to a sample, and write it as the run would have."""
+        lines, table = self._lines, self._actuation.table
+        time = float(lines.rows[line, 0]) if tick == BETWEEN else tick * self._period_s
+        if self._tick is not None and tick in (self._tick + 1, BETWEEN):
+            self._flown[line] = self._fly_to(lines.states[line], self._tick, time if tick == BETWEEN else math.inf)
+            if tick in (self._last_tick, BETWEEN):
+                table[:, 0] = lines.asked[line]  # nothing is decided at the end: what acts was decided before
+            else:
+                self._decide(line, time)
+        else:
+            self._complete(line)
+            self._seat(line, max(tick, 0), time)
+            self._flown[line] = lines.states[line]
+        self._data.ctrl[:] = lines.ctrl[line]
+        self._report.telemetry[:], self._report.phase_index = lines.rows[line, self._told], lines.phases[line]
+        self._rows.fill(line, time)
+        self._tick = None if tick == BETWEEN else tick
+
+    def _seat(self, line: int, tick: int, time_s: float) -> None:
+        """Begin at a sample: the first, or the first behind a gap, whose books the log must be believed."""
+        lines = self._lines
+        self._put(lines.states[line])
+        self._check.skip_to(tick * self._steps)
+        if not tick:
+            self._ledger.resume(np.zeros(COLUMNS))
+            self._actuation.counts.fill(0.0)
+            self._decide(line, time_s)
+            return
+        self._ledger.resume(lines.rows[line, self._books])
+        self._actuation.counts[:] = lines.rows[line, self._counts].reshape(-1, 2)
+        self._actuation.hold(lines.applied[line], self._data, time_s)
+        self._actuation.table[:, 0] = lines.asked[line]
+
+    def _decide(self, line: int, time_s: float) -> None:
+        """What the limits make of the command at a sample."""
+        self._command.effort[:], self._command.powered[:] = self._lines.asked[line], self._lines.powered[line]
+        self._actuation.apply(self._command, self._data, time_s)
+
+    def _fly_to(self, state: FloatArray, tick: int, until_s: float) -> FloatArray:
+        """Fly from the sample at a tick to the next, or to the one of an impact that ends the run; gives where that is."""
+        first = tick * self._steps
+        for step in range(first, first + self._steps):
+            if self._through(step, until_s):
+                self._left = 0.0
+                break
+            if step + 1 < first + self._steps:
+                self._fly(self._left)
+        return self._arrive(self._left, state)
+
+    def _through(self, step: int, until_s: float = math.inf) -> bool:
+        """Fly through the impacts in a step, and say whether one at a given time was met; ``_left`` is left of the step."""
+        self._left = self._step_s
+        for event in self._check.within(step):
+            left = (step + 1) * self._step_s - event.time_s
+            self._meet(event, self._arrive(self._left - left, event.state))
+            self._left = left
+            if event.time_s == until_s:
+                return True
+        return False
+
+    def _meet(self, event: Encounter, flown: FloatArray) -> None:
+        self._check.meet(event, flown, self._ledger)
+        self._put(event.state_after)
+        self._check.efforts(event, self._actuation)
+
+    def _fly(self, duration_s: float) -> None:
+        """Fly on with the efforts held, and book the flight; nothing is flown where the duration is not positive."""
+        if duration_s > 0.0:
+            self._ledger.open()
+            self._move(duration_s)
+            self._book(duration_s)
+
+    def _arrive(self, duration_s: float, state: FloatArray) -> FloatArray:
+        """Fly to a logged state, which is what is booked; gives the state at the end of the flight."""
+        if duration_s > 0.0:
+            self._ledger.open()
+            self._move(duration_s)
+        flown = np.concatenate((self._data.qpos, self._data.qvel))
+        if flown.tobytes() != state.tobytes():
+            self._put(state)
+        if duration_s > 0.0:
+            self._book(duration_s)
+        return flown
+
+    def _move(self, duration_s: float) -> None:
+        if duration_s == self._step_s:
+            self._flight.step(duration_s)
+            return
+        self._model.opt.timestep = duration_s
+        self._flight.step(duration_s)
+        self._model.opt.timestep = self._step_s
+
+    def _book(self, duration_s: float) -> None:
+        self._ledger.close(duration_s)
+        self._actuation.elapse(duration_s)
+
+    def _put(self, state: FloatArray) -> None:
+        """Move to a logged state, all derived quantities current."""
+        self._data.qpos[:], self._data.qvel[:] = np.split(state, [self._model.nq])
+        if not np.isfinite(self._data.qacc_warmstart).all():  # a flight with absurd efforts leaves that behind
+            self._data.qacc_warmstart.fill(0.0)
+        mujoco.mj_forward(self._model, self._data)
+        self._flight.clear(math.inf)
+
+    def _compare(self, block: FloatArray, again: FloatArray, flown: FloatArray) -> None:
+        nq = self._model.nq
+        size = np.abs(flown)
+        lever, speed = size[:, :nq].max(axis=1, keepdims=True), size[:, nq:].max(axis=1, keepdims=True)
+        scale = np.concatenate((np.repeat(lever, nq, axis=1), np.repeat(speed, self._model.nv, axis=1)), axis=1)
+        self.motion.rows(self._layout, np.arange(self._state.start, self._state.stop), block, flown, scale)
+        # The sum of all m |v| is at most sqrt(2 M T).
+        momentum = (1.0 + lever[:, 0]) * np.sqrt(2.0 * self._mass * np.abs(again[:, self._books.start]))
+        measured = scales(self._layout, self._known, again, momentum)
+        self.columns.rows(self._layout, self._known, block, again[:, self._known], measured)

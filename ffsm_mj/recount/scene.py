@@ -1,0 +1,72 @@
+"""What moved in a run, made again from its log alone by the functions that made it for the run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from ffsm_mj.actuation import Actuation
+from ffsm_mj.assembly import impact_pairs, task_of
+from ffsm_mj.controller_protocol import Task
+from ffsm_mj.errors import InputError, ScenarioFaults
+from ffsm_mj.impact.contact import ImpactPair
+from ffsm_mj.log.memory_sink import RunLog
+from ffsm_mj.log_model import compile_log
+from ffsm_mj.model import System
+from ffsm_mj.scenario import Scenario
+
+_NO_LAW = [{"name": "any", "until": "end", "controller": {"kind": "off"}}]
+
+
+@dataclass(frozen=True)
+class LogScene:
+    """The parts of a run that its control laws do not make; see :class:`ffsm_mj.assembly.Assembly`."""
+
+    scenario: Scenario
+    system: System
+    pairs: tuple[ImpactPair, ...]
+    actuation: Actuation
+    task: Task | None
+
+
+def log_scene(log: RunLog) -> LogScene:
+    """Build the models, impact pairs and limits of a run; control laws of others need not be installed for that.
+
+    Raises:
+        InputError: The log carries no scenario or no models, or they do not make a scene.
+    """
+    scenario = _scenario(log.header.scenario_yaml)
+    system = compile_log(log)
+    try:
+        return LogScene(
+            scenario,
+            system,
+            impact_pairs(scenario, system),
+            Actuation(system, scenario.actuators),
+            task_of(scenario, system),
+        )
+    except ScenarioFaults as error:
+        raise InputError([f"{'.'.join(map(str, fault.path))}: {fault.message}" for fault in error.faults]) from error
+
+
+def _scenario(text: str) -> Scenario:
+    """The scenario with nothing for its control laws.
+
+    Raises:
+        InputError: It is none.
+    """
+    try:
+        data: Any = YAML(typ="safe", pure=True).load(text)
+    except YAMLError as error:
+        raise InputError("the scenario in the log is no YAML") from error
+    if not isinstance(data, dict):
+        raise InputError("the log carries no scenario")
+    try:
+        return Scenario.model_validate(data | {"phases": _NO_LAW})
+    except ValidationError as error:
+        keys = ", ".join(sorted({".".join(map(str, fault["loc"])) for fault in error.errors()}))
+        raise InputError(f"the scenario in the log is not of this version ({keys})") from error

@@ -1,0 +1,193 @@
+"""What a log says against what its states say: every changed number shows, and nothing else does."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.events import ImpactRecord
+from ffsm_mj.recount import recount
+from tests.scenes import ball, two_balls
+
+CHANGE = 1e-8
+"""Planted in a log. What agrees is told apart to 1e-10 (1 + scale), and all scales here are below 5."""
+
+
+@pytest.fixture(scope="module")
+def hit(tmp_path_factory, ffsm_run):
+    """2 kg at 1 m/s on 3 kg at 0.3 s, held by a motor on its torque-speed line before, braked after; 801 samples."""
+    phases = [
+        {"name": "go", "until": "impact", "controller": {"kind": "pd", "joints": ["robot/x"], "kp": 0.5, "kd": 0.1}},
+        {"name": "brake", "until": "end", "controller": {"kind": "pd", "joints": ["robot/x"], "kp": 0.5, "kd": 2.0}},
+    ]
+    motor = {"robot/push_x": {"kind": "torque_speed", "stall_torque_N_m": 0.45, "no_load_speed_rad_s": 5.0}}
+    folder = tmp_path_factory.mktemp("hit")
+    run = ffsm_run(two_balls(folder, duration_s=0.8, phases=phases, actuators=motor, restitution=0.7))
+    assert len(run.impacts) == 1
+    return run
+
+
+def changed(run, key, line, by=CHANGE):
+    """The log with one number of one sample changed."""
+    rows = run.log.rows.copy()
+    rows[line, run.keys.index(key)] += by
+    return replace(run.log, rows=rows)
+
+
+SCENES = {
+    "two balls": lambda folder: (two_balls(folder, restitution=0.5), {}),
+    "plastic": lambda folder: (two_balls(folder, restitution=0.0), {}),
+    "stopped at the impact": lambda folder: (two_balls(folder, gap=0.3005, stop_on_impact=True), {}),
+    "stopped by the number of impacts": lambda folder: (two_balls(folder, impact={"max_impacts": 1}), {}),
+    "several steps a tick": lambda folder: (two_balls(folder, time_step_s=0.001, control_period_s=0.02), {}),
+    "baseline with its impact": lambda _: ("coasting", {"time_step_s": 0.002, "control_period_s": 0.01}),
+    "spatial": lambda _: ("spatial", {"duration_s": 3.0}),
+    "thrusters and a wheel": lambda _: ("free-flying-hardware", {"duration_s": 1.0}),
+    "thrusters, steps in a tick": lambda _: ("free-flying-hardware", {"duration_s": 1.0, "control_period_s": 0.004}),
+    "pushed base": lambda _: ("free-flying", {"duration_s": 1.0}),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_log_as_it_was_written_agrees(tmp_path, scene):
+    """On the machine that wrote it every number is found again to a few units in the last place: 1e-14 (1 + scale)."""
+    run = ffsm_mj.run(*SCENES[scene](tmp_path))
+    again = recount(run.log)
+    assert (again.obstacle, again.gaps) == ("", "")
+    assert again.samples == len(run.time)
+    assert again.agrees
+    assert max(worst.excess for worst in again.worst.values()) < 1e-14 / 1e-10
+    np.testing.assert_allclose(again.log.rows, run.log.rows, rtol=1e-12, atol=1e-12)
+
+
+STATES = ("state.q_robot_x_m", "state.q_target_x_m", "state.v_robot_x_m_s", "state.v_target_x_m_s", "state.time_s")
+EFFORTS = tuple(f"actuators.robot_push_x_{what}_N" for what in ("command", "applied", "lower", "upper"))
+
+
+@pytest.mark.parametrize("line", [0, 150, 300, 301, 799, 800])
+@pytest.mark.parametrize("key", STATES + EFFORTS)
+def test_a_changed_state_or_effort_shows(hit, key, line):
+    """At the first and last sample too, around the impact (between 300 and 301), and where no flight follows."""
+    if line == 800 and key == EFFORTS[0]:
+        pytest.skip("what a controller asked for last acts no more and follows from nothing else")
+    again = recount(changed(hit, key, line))
+    assert not again.agrees
+    worst = max(again.worst.values(), key=lambda one: one.excess)
+    if line:  # the books of the whole run begin with the first state
+        assert worst.time_s == pytest.approx(hit.time[line], abs=0.0011)
+
+
+def test_every_column_that_follows_from_states_shows_a_change_and_names_itself(hit):
+    followed = [key for key in hit.keys if key.split(".")[0] in ("energy", "momentum", "ledger")]
+    assert len(followed) >= 64
+    for key in followed:
+        again = recount(changed(hit, key, 456))
+        assert not again.agrees
+        worst = again.worst["columns"]
+        assert (worst.what, worst.time_s) == (key, hit.time[456])
+        assert worst.size == pytest.approx(CHANGE, rel=1e-6)
+        assert again.worst["motion"].holds
+
+
+@pytest.mark.parametrize("field", [each.name for each in fields(ImpactRecord)])
+def test_every_field_of_an_impact_shows_a_change(hit, field):
+    (record,) = hit.impacts
+
+    def other(value):
+        if isinstance(value, str):
+            return value + "x"
+        if isinstance(value, int):
+            return value + 1
+        if isinstance(value, tuple):
+            # What acts after it is known by the step that follows: 1e-6 N for 0.5 ms on 2 kg are 2.5e-10 m/s.
+            return (value[0] + (1e-6 if field == "efforts_after" else CHANGE), *value[1:])
+        return value + CHANGE
+
+    given = getattr(record, field)
+    wrong = {name: other(value) for name, value in given.items()} if isinstance(given, dict) else other(given)
+    again = recount(replace(hit.log, impacts=(replace(record, **{field: wrong}),)))
+    assert not again.agrees
+
+
+def test_an_impact_that_is_missing_or_made_up_shows(hit):
+    (record,) = hit.impacts
+    assert not recount(replace(hit.log, impacts=())).agrees
+    twice = (record, replace(record, event=1, time_s=0.5, step=500))
+    assert not recount(replace(hit.log, impacts=twice)).agrees
+
+
+def test_a_mass_that_was_not_the_runs_shows(hit):
+    files = {name: text.replace(b'mass="2.0"', b'mass="2.1"') for name, text in hit.log.header.files.items()}
+    again = recount(replace(hit.log, header=replace(hit.log.header, files=files)))
+    assert not again.agrees
+
+
+def test_books_are_recomputed_and_not_believed(hit):
+    """A log that says that energy was conserved while its states lose it: its own numbers hold, theirs do not."""
+    rows, keys = hit.log.rows.copy(), list(hit.keys)
+    rows[400:, keys.index("state.v_target_x_m_s")] *= 0.99
+    again = recount(replace(hit.log, rows=rows))
+    assert all(law.holds for law in ffsm_mj.analysis.Run(replace(hit.log, rows=rows)).laws())
+    assert "energy" in {law.name for law in again.laws() if not law.holds}
+    assert not again.agrees
+
+
+GAPS = {
+    "dropped": (lambda i: i[(i < 300) | (i >= 400)], "samples are missing from 0.299 to 0.4 s"),
+    "dropped at the start": (lambda i: i[50:], "samples are missing from 0 to 0.05 s"),
+    "dropped at the end": (lambda i: i[:-50], "samples are missing from 0.75 to 0.8 s"),
+    "twice": (lambda i: np.insert(i, 100, 99), "the sample at 0.099 s is there twice"),
+    "a stretch twice": (lambda i: np.r_[i[:200], i[100:]], "the sample at 0.1 s comes after that at 0.199 s"),
+    "swapped": (
+        lambda i: np.r_[i[:100], i[200:300], i[100:200], i[300:]],
+        "the sample at 0.1 s comes after that at 0.299 s",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", GAPS)
+def test_samples_follow_each_other_by_the_control_period(hit, kind):
+    """What is missing, twice or in another order is told with its place; what is left agrees, and its laws hold."""
+    choose, words = GAPS[kind]
+    log = replace(hit.log, rows=hit.log.rows[choose(np.arange(801))])
+    again = recount(log)
+    assert words in again.gaps
+    assert again.agrees
+    assert all(law.holds for law in again.laws())
+
+
+def test_without_models_nothing_is_claimed(hit):
+    again = recount(replace(hit.log, header=replace(hit.log.header, files={})))
+    assert again.obstacle
+    assert not again.agrees
+    assert (again.samples, again.worst) == (0, {})
+
+
+def test_states_that_are_no_numbers_end_nothing(hit):
+    for value in (np.nan, np.inf, 1e300):
+        for key in STATES + EFFORTS:
+            again = recount(changed(hit, key, 500, by=value))
+            assert not again.agrees
+    again = recount(changed(hit, "state.q_robot_x_m", 500, by=np.nan))
+    np.testing.assert_array_equal(again.log.rows[501:, 1:3], hit.log.rows[501:, 1:3])
+
+
+def test_control_laws_of_others_need_not_be_there(hit):
+    text = hit.log.header.scenario_yaml.replace("kind: pd", "kind: someones_own")
+    assert text != hit.log.header.scenario_yaml
+    assert recount(replace(hit.log, header=replace(hit.log.header, scenario_yaml=text))).agrees
+
+
+def test_where_models_are_not_conservative_the_way_is_flown_all_the_same(tmp_path):
+    """Damping and a joint limit that is hit: the solver repeats itself."""
+    slow = ball("ball", mass=2.0, joints="x").replace(
+        'axis="1 0 0"/>', 'axis="1 0 0" damping="0.5" range="-1 0.2" limited="true"/>'
+    )
+    path = two_balls(tmp_path, conservative=False, gap=0.9)
+    (tmp_path / "robot.xml").write_text(slow)
+    run = ffsm_mj.run(path)
+    assert run["state.v_robot_x_m_s"].min() < -0.01
+    assert recount(run.log).agrees
