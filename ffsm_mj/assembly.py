@@ -20,6 +20,7 @@ from ffsm_mj.impact.contact import ImpactPair
 from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.impact.watch import ContactWatch
 from ffsm_mj.model import Joint, System, compile_system
+from ffsm_mj.model_files import read_model
 from ffsm_mj.scenario import JointValue, Scenario, located
 from ffsm_mj.yaml_source import YamlSource
 
@@ -78,20 +79,29 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
     Raises:
         InputError: A file is missing or malformed, or a model is not what a free-floating system needs.
     """
-    paths: dict[str, Path] = {}
+    paths: dict[str, tuple[Path, list[Path]]] = {}
     faults = []
-    models = {"robot": scenario.robot.mjcf} | {f"objects.{k}": v.mjcf for k, v in scenario.objects.items()}
-    for key, mjcf in models.items():
-        keys = (*key.split("."), "mjcf")
-        path = Path(os.path.normpath(source.folder(keys) / mjcf))
+    models = {("robot",): scenario.robot} | {("objects", name): part for name, part in scenario.objects.items()}
+    for keys, part in models.items():
+        path = _beside(source, (*keys, "mjcf"), part.mjcf)
         if not path.is_file():
             what = "is a folder, not a model file:" if path.is_dir() else "no such model file"
-            faults.append(Fault(f"{what} {path}", keys))
-        paths[key.split(".")[-1]] = path
+            faults.append(Fault(f"{what} {path}", (*keys, "mjcf")))
+        folders = [_beside(source, (*keys, "asset_folders"), folder) for folder in part.asset_folders]
+        for i, folder in enumerate(folders):
+            if not folder.is_dir():
+                faults.append(Fault(f"no such folder: {folder}", (*keys, "asset_folders", i)))
+        paths[keys[-1]] = path, folders
     if faults:
         raise located(ScenarioFaults(faults), source)
-    robot = paths.pop("robot")
-    return compile_system(robot, paths, time_step_s=scenario.time_step_s, conservative=scenario.conservative)
+    files = {name: read_model(path, folders) for name, (path, folders) in paths.items()}
+    robot = files.pop("robot")
+    return compile_system(robot, files, time_step_s=scenario.time_step_s, conservative=scenario.conservative)
+
+
+def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:
+    """A path in a scenario: relative to the file that states it."""
+    return Path(os.path.normpath(source.folder(keys) / name))
 
 
 def _initial_state(scenario: Scenario, system: System) -> Any:

@@ -8,10 +8,10 @@ from itertools import zip_longest
 from typing import Any
 
 import numpy as np
-from ruamel.yaml import YAML
 
 from ffsm_mj.events import ImpactRecord
 from ffsm_mj.log.memory_sink import RunLog
+from ffsm_mj.log_scenario import scenario_data
 from ffsm_mj.model import FloatArray
 
 
@@ -118,7 +118,7 @@ def _different_files(a: RunLog, b: RunLog) -> set[str]:
 
 
 def _scenario(log: RunLog) -> Any:
-    return YAML(typ="safe", pure=True).load(log.header.scenario_yaml)
+    return scenario_data(log)
 
 
 def _differences(a: Any, b: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:

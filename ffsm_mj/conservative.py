@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+
+from ffsm_mj.model_files import ModelFiles
 
 # Bits of MjSpec.authored.option that are set when <option> names the field (order of mjOption's fields).
 _AUTHORED_INTEGRATOR = 1 << 16
@@ -21,35 +22,38 @@ def authored_integrator(spec: Any) -> str | None:
     return str(mujoco.mjtIntegrator(spec.option.integrator).name.removeprefix("mjINT_"))
 
 
-def spec_faults(spec: Any, path: Path) -> list[str]:
+def spec_faults(spec: Any, files: ModelFiles) -> list[str]:
     """Options of one model file that act on free motion: gravity, fluid, wind, another integrator.
 
     A URDF has no words for options, so its defaults are not held against it.
     """
     option = spec.option
     faults = []
-    if path.suffix.lower() != ".urdf" and np.any(option.gravity):
+    if not files.urdf and np.any(option.gravity):
         value = " ".join(f"{g:g}" for g in option.gravity)
-        faults.append(f'{path}: gravity is {value}; write <option gravity="0 0 0"/>')
+        faults.append(f'{files.place}: gravity is {value}; write <option gravity="0 0 0"/>')
     for name in ("density", "viscosity"):
         if getattr(option, name):
-            faults.append(f"{path}: <option {name}={getattr(option, name):g}> makes a fluid; remove it")
+            faults.append(f"{files.place}: <option {name}={getattr(option, name):g}> makes a fluid; remove it")
     if np.any(option.wind):
-        faults.append(f"{path}: <option wind> moves the medium; remove it")
+        faults.append(f"{files.place}: <option wind> moves the medium; remove it")
     integrator = authored_integrator(spec)
     if integrator not in (None, "RK4"):
-        faults.append(f'{path}: integrator {integrator} leaks momentum; write <option integrator="RK4"/> or leave it out')
+        faults.append(
+            f'{files.place}: integrator {integrator} leaks momentum; write <option integrator="RK4"/> or leave it out'
+        )
     return faults
 
 
-def model_faults(model: Any, scene: Any, files: Mapping[str, Path]) -> list[str]:
+def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
     """Dissipative or elastic elements of the compiled scene, each with the file and line of the model it came from."""
     found = []
     for kind, name, what in _elements(model):
         prefix, _, short = name.partition("/")
         element = getattr(scene, kind)(name)
         line = re.search(r"line (\d+)", element.info or "") if element is not None else None
-        where = f"{files.get(prefix, prefix)}:{line.group(1)}" if line else f"{files.get(prefix, prefix)}"
+        file = files[prefix].place if prefix in files else prefix
+        where = f"{file}:{line.group(1)}" if line else file
         found.append(f"{where}: {kind} {short!r} has {what}; remove it")
     return found
 

@@ -1,33 +1,38 @@
-"""The models of a run from its log alone, compiled again."""
+"""The models of a run from its log alone, compiled again in memory."""
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
-from ruamel.yaml import YAML
-
+from ffsm_mj.errors import InputError
 from ffsm_mj.log.memory_sink import RunLog
+from ffsm_mj.log_scenario import logged_scenario
 from ffsm_mj.model import System, compile_system
+from ffsm_mj.model_files import ModelFiles, carried_model, logged_name
 
 
-def compile_log(log: RunLog) -> System:
-    """Compile what the log carries; control laws of others need not be installed for that.
+def compile_log(log: RunLog, place: str = "the log") -> System:
+    """Compile what the log carries, by what a run compiles with; control laws of others need not be installed for that.
+
+    Nothing is written, and nothing but the log is read: a model of the log that refers to another file is refused.
+
+    Args:
+        log: The log.
+        place: Its name for messages.
 
     Raises:
-        InputError: A model is missing from the log or does not compile any more.
+        InputError: The log carries no scenario, or a model that is not whole or does not compile any more.
     """
-    data = YAML(typ="safe", pure=True).load(log.header.scenario_yaml)
-    with tempfile.TemporaryDirectory(prefix="ffsm-") as folder:
-        root = Path(folder)
-        for name, content in log.header.files.items():
-            file = root / name
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(content)
-        objects = {name: root / part["mjcf"] for name, part in data.get("objects", {}).items()}
-        return compile_system(
-            root / data["robot"]["mjcf"],
-            objects,
-            time_step_s=float(data["time_step_s"]),
-            conservative=log.header.facts.get("conservative") == "true",
-        )
+    scenario = logged_scenario(log)
+
+    def carried(name: str, main: str) -> ModelFiles:
+        prefix = logged_name(name, "")
+        if not main.startswith(prefix):
+            raise InputError(f"{place}: the model of {name} is {main!r}, not a file below {prefix}")
+        files = {key.removeprefix(prefix): content for key, content in log.header.files.items() if key.startswith(prefix)}
+        return carried_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
+
+    return compile_system(
+        carried("robot", scenario.robot),
+        {name: carried(name, main) for name, main in scenario.objects.items()},
+        time_step_s=scenario.time_step_s,
+        conservative=log.header.facts.get("conservative") == "true",
+    )

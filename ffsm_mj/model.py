@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
 import mujoco
@@ -17,7 +16,7 @@ import numpy.typing as npt
 
 from ffsm_mj.conservative import authored_integrator, model_faults, spec_faults
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.model_files import ModelFiles, model_files
+from ffsm_mj.model_files import ModelFiles
 from ffsm_mj.model_source import load_spec, mujoco_line
 
 FloatArray = npt.NDArray[np.float64]
@@ -140,8 +139,10 @@ class System:
         return next((tree for tree in self.trees if body in tree.bodies), None)
 
 
-def compile_system(robot: Path, objects: Mapping[str, Path], *, time_step_s: float, conservative: bool = True) -> System:
-    """Compose robot and objects into one model and freeze its index maps.
+def compile_system(
+    robot: ModelFiles, objects: Mapping[str, ModelFiles], *, time_step_s: float, conservative: bool = True
+) -> System:
+    """Compose robot and objects into one model and freeze its index maps; nothing is read from disk.
 
     Args:
         robot: MJCF or URDF of the robot: one tree whose root is the base.
@@ -150,22 +151,22 @@ def compile_system(robot: Path, objects: Mapping[str, Path], *, time_step_s: flo
         conservative: Refuse whatever breaks the conservation of energy or momentum.
 
     Raises:
-        InputError: A file is missing or malformed, a model has no single moving tree, or it is not conservative.
+        InputError: A model is malformed, has no single moving tree, or is not conservative.
     """
+    files = {"robot": robot, **objects}
     scene = _empty_scene(time_step_s)
-    files: dict[str, ModelFiles] = {}
     faults: list[str] = []
-    for name, path in {"robot": robot, **objects}.items():
-        spec = load_spec(path)
-        files[name] = model_files(path)
-        faults += spec_faults(spec, path)
-        _take_options(scene, spec, conservative=conservative)
-        scene.attach(spec, prefix=f"{name}/", frame=scene.worldbody.add_frame())
-    model = _compile(scene, [robot, *objects.values()])
-    faults += model_faults(model, scene, {name: model_file.main for name, model_file in files.items()})
+    with mujoco.MjVfs() as vfs:
+        for name, model_files in files.items():
+            spec = load_spec(model_files, vfs)
+            faults += spec_faults(spec, model_files)
+            _take_options(scene, spec, conservative=conservative)
+            scene.attach(spec, prefix=f"{name}/", frame=scene.worldbody.add_frame())
+        model = _compile(scene, files.values(), vfs)
+    faults += model_faults(model, scene, files)
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
-    trees = [_tree(model, name, files[name].main) for name in files]
+    trees = [_tree(model, name, files[name].place) for name in files]
     return System(
         mj=model,
         robot=trees[0],
@@ -191,15 +192,15 @@ def _empty_scene(time_step_s: float) -> Any:
     return scene
 
 
-def _compile(scene: Any, paths: Iterable[Path]) -> Any:
+def _compile(scene: Any, models: Iterable[ModelFiles], vfs: Any) -> Any:
     try:
-        return scene.compile()
+        return scene.compile(vfs=vfs)
     except ValueError as error:
-        for path in paths:  # the scene's message names no file: ask each model alone
+        for files in models:  # the scene's message names no file: ask each model alone
             try:
-                load_spec(path).compile()
+                load_spec(files, vfs).compile(vfs=vfs)
             except ValueError as own:
-                raise InputError(mujoco_line(path, own)) from own
+                raise InputError(mujoco_line(files, own)) from own
         raise InputError(" ".join(str(error).split())) from error
 
 
@@ -216,7 +217,7 @@ def _take_options(scene: Any, spec: Any, *, conservative: bool) -> None:
         setattr(spec.option, name, getattr(scene.option, name))
 
 
-def _tree(model: Any, name: str, path: Path) -> Tree:
+def _tree(model: Any, name: str, place: str) -> Tree:
     """Index map of one attached model.
 
     Raises:
@@ -227,7 +228,7 @@ def _tree(model: Any, name: str, path: Path) -> Tree:
     if len(roots) != 1:
         found = ", ".join(model.body(i).name.split("/", 1)[1] for i in roots) or "none"
         raise InputError(
-            f"{path}: a model must be one tree of moving bodies below <worldbody>; found {len(roots)} ({found}). "
+            f"{place}: a model must be one tree of moving bodies below <worldbody>; found {len(roots)} ({found}). "
             + (
                 "Give the root body a <freejoint/> or slide and hinge joints"
                 if not roots
@@ -239,7 +240,7 @@ def _tree(model: Any, name: str, path: Path) -> Tree:
     base = [joint for joint in joints if joint.body == roots[0]]
     if not base:
         raise InputError(
-            f"{path}: the root body {model.body(roots[0]).name.split('/', 1)[1]!r} has no joint: it cannot float"
+            f"{place}: the root body {model.body(roots[0]).name.split('/', 1)[1]!r} has no joint: it cannot float"
         )
     return Tree(
         name=name,

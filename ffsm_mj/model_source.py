@@ -1,31 +1,50 @@
-"""A model file as MuJoCo's editable specification, completed: names for all, and what URDF has no words for."""
+"""A model as MuJoCo's editable specification, completed: names for all, and what URDF has no words for."""
 
 from __future__ import annotations
 
-from pathlib import Path
+import hashlib
 from typing import Any
 
 import mujoco
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model_files import ModelFiles
 
 
-def load_spec(path: Path) -> Any:
-    """Read an MJCF or URDF file; every body, joint, geom, site and actuator has a name afterwards.
+def load_spec(files: ModelFiles, vfs: Any) -> Any:
+    """Parse an MJCF or URDF; every body, joint, geom, site and actuator has a name afterwards.
+
+    Args:
+        files: The model.
+        vfs: MuJoCo's virtual files; the model's are added. They are needed until the model is compiled.
 
     Raises:
-        InputError: No such file, or MuJoCo cannot parse it.
+        InputError: MuJoCo cannot parse it.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such model file")
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(_mounted(files, vfs), vfs=vfs)
     except ValueError as error:
-        raise InputError(mujoco_line(path, error)) from error
-    if path.suffix.lower() == ".urdf":
+        raise InputError(mujoco_line(files, error)) from error
+    if files.urdf:
         _complete_urdf(spec)
     _name_all(spec)
     return spec
+
+
+def _mounted(files: ModelFiles, vfs: Any) -> str:
+    """Name of the main file among the virtual ones.
+
+    The digest keeps apart what MuJoCo keeps by name (compiled meshes), and no such folder exists: a file that is missing
+    here is not found on disk either.
+    """
+    digest = hashlib.sha256()
+    for name, content in files.files.items():
+        digest.update(f"{len(name)} {name} {len(content)} ".encode() + content)
+    folder = f"ffsm-{digest.hexdigest()}"
+    if f"{folder}/{files.main}" not in vfs:  # two objects may be of one kind
+        for name, content in files.files.items():
+            vfs[f"{folder}/{name}"] = content
+    return f"{folder}/{files.main}"
 
 
 def _complete_urdf(spec: Any) -> None:
@@ -67,6 +86,6 @@ def _name_all(spec: Any) -> None:
         name(actuator, f"{actuator.target or 'actuator'}_motor")
 
 
-def mujoco_line(path: Path, error: ValueError) -> str:
+def mujoco_line(files: ModelFiles, error: ValueError) -> str:
     """MuJoCo's own message on one line, with the file in front."""
-    return f"{path}: {' '.join(str(error).split())}"
+    return f"{files.place}: {' '.join(str(error).split())}"

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ruamel.yaml import YAML
-
 from ffsm_mj.events import Event
 from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.log.narration import event_time
 from ffsm_mj.log.rerun_sink import RerunSink
 from ffsm_mj.log_model import compile_log
+from ffsm_mj.log_scenario import logged_scenario
 
 
 def write_recording(log: RunLog, path: Path) -> None:
@@ -19,8 +18,7 @@ def write_recording(log: RunLog, path: Path) -> None:
     Raises:
         InputError: The log's models do not compile any more.
     """
-    rate = float(YAML(typ="safe", pure=True).load(log.header.scenario_yaml)["log"]["view_rate_hz"])
-    sink = RerunSink(path, compile_log(log), rate)
+    sink = RerunSink(path, compile_log(log), logged_scenario(log).view_rate_hz)
     sink.open(log.header)
     events: list[Event] = [*log.phases, *log.impacts, *log.unhandled]
     for event in sorted(events, key=event_time):

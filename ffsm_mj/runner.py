@@ -26,6 +26,7 @@ from ffsm_mj.ledger import Ledger
 from ffsm_mj.log.memory_sink import MemorySink
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.log.sink import RunHeader, Sink
+from ffsm_mj.model_files import logged_name
 from ffsm_mj.row_writer import RowWriter
 from ffsm_mj.run_folder import RunFolder
 from ffsm_mj.scenario import Scenario, load_scenario
@@ -138,7 +139,7 @@ def _simulate(
     layout = build_layout(
         system, assembly.actuation.signals, assembly.controller.telemetry_signals, tip=assembly.task is not None
     )
-    files = {f"mjcf/{name}/{f.relative(path)}": path.read_bytes() for name, f in system.files.items() for path in f.files}
+    files = {logged_name(model, n): data for model, each in system.files.items() for n, data in each.files.items()}
     detector = Detector(system.mj, assembly.data, assembly.pairs)
     ledger = Ledger(system, assembly.data, detector.momentum, notes=BLOCK_ROWS)
     header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly, ledger))
@@ -223,7 +224,8 @@ def _resolved_yaml(assembly: Assembly) -> str:
     data = assembly.scenario.model_dump(mode="json")
     for name, files in assembly.system.files.items():
         part = data["robot"] if name == "robot" else data["objects"][name]
-        part["mjcf"] = f"mjcf/{name}/{files.relative(files.main)}"
+        part["mjcf"] = logged_name(name, files.main)
+        part["asset_folders"] = [] if files.beside else [logged_name(name, "")]
     return write_yaml(_without_none(data))
 
 

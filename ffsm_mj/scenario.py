@@ -37,6 +37,8 @@ class RobotConfig(StrictModel):
 
     mjcf: Name
     """MJCF or URDF file, relative to the scenario file that names it; its root body is the base."""
+    asset_folders: tuple[Name, ...] = ()
+    """Folders, beside the model's own, that it may use files of (meshes, includes); relative to the scenario file."""
 
 
 class ObjectConfig(StrictModel):
@@ -44,6 +46,8 @@ class ObjectConfig(StrictModel):
 
     mjcf: Name
     """MJCF or URDF file, relative to the scenario file that names it."""
+    asset_folders: tuple[Name, ...] = ()
+    """Folders, beside the model's own, that it may use files of (meshes, includes); relative to the scenario file."""
 
 
 class InitialConfig(StrictModel):

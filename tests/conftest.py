@@ -11,9 +11,10 @@ from filelock import FileLock
 
 import ffsm_mj
 from ffsm_mj.analysis import Run
-from ffsm_mj.model import System, compile_system
+from ffsm_mj.model import System
 from ffsm_mj.shipped import scenarios_dir
 from tests.long_share import pytest_addoption, pytest_collection_modifyitems  # noqa: F401 (found by pytest)
+from tests.scenes import compile_paths
 
 MJCF = scenarios_dir().parent / "mjcf"
 
@@ -24,7 +25,7 @@ IMPACT_V = (0.120940886, -0.073253284, -0.012543561, 0.013182572, -0.273187717, 
 
 @pytest.fixture(scope="session")
 def case_study() -> System:
-    return compile_system(MJCF / "ffsm_3dof.xml", {"object": MJCF / "box_1m.xml"}, time_step_s=1e-3)
+    return compile_paths(MJCF / "ffsm_3dof.xml", {"object": MJCF / "box_1m.xml"})
 
 
 @pytest.fixture

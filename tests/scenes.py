@@ -9,6 +9,8 @@ from typing import Any
 import mujoco
 
 from ffsm_mj.dynamics import subtree_momenta
+from ffsm_mj.model import System, compile_system
+from ffsm_mj.model_files import read_model
 
 HEAD = '<option gravity="0 0 0"/>'
 
@@ -42,6 +44,12 @@ _AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 def _motors(joints: str) -> str:
     return "" if joints == "free" else "".join(f'<motor name="push_{a}" joint="{a}"/>' for a in joints)
+
+
+def compile_paths(robot: Path, objects: dict[str, Path] | None = None, **options: Any) -> System:
+    """A system from model files on disk, with a step of 1 ms unless ``options`` say otherwise."""
+    models = {name: read_model(path) for name, path in (objects or {}).items()}
+    return compile_system(read_model(robot), models, **{"time_step_s": 1e-3, **options})
 
 
 def of_subtree(model, data, root):

@@ -9,8 +9,7 @@ import pytest
 from ffsm_mj.actuation import Actuation, OnOffConfig, TorqueSpeedConfig
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError, ScenarioFaults
-from ffsm_mj.model import compile_system
-from tests.scenes import HEAD
+from tests.scenes import HEAD, compile_paths
 
 MOTOR = TorqueSpeedConfig(kind="torque_speed", stall_torque_N_m=14.0, no_load_speed_rad_s=0.54)
 THRUSTER = OnOffConfig(kind="on_off", force_N=50.0, threshold_N=1.0)
@@ -74,7 +73,7 @@ def model(tmp_path, actuator):
         <body name="arm"><joint name="j" axis="0 0 1"/><geom size="0.1" pos="1 0 0"/></body></body></worldbody>
         <actuator>{actuator}</actuator></mujoco>"""
     )
-    return compile_system(tmp_path / "r.xml", {}, time_step_s=1e-3)
+    return compile_paths(tmp_path / "r.xml")
 
 
 def test_effort_is_at_the_joint_whatever_the_gear(tmp_path):

@@ -17,9 +17,8 @@ from ffsm_mj.compiled import fastest, is_compiled
 from ffsm_mj.flight import WHOLE_STATE, Flight
 from ffsm_mj.joint_work import JointWork
 from ffsm_mj.limits import Bounds, Limits
-from ffsm_mj.model import compile_system
 from ffsm_mj.sampler import Sampler
-from tests.scenes import scene
+from tests.scenes import compile_paths, scene
 
 twins = pytest.importorskip("ffsm_mj_fast", reason="the extra 'fast' is not installed")
 # Sums of at most ten products, each term of the size of the result or below.
@@ -231,7 +230,7 @@ def test_block_newton_refuses_other_sizes():
 def spatial_arm(tmp_path_factory):
     path = tmp_path_factory.mktemp("arm") / "robot.xml"
     path.write_text(ARM.format(options="", joint="", rest=MOTORS))
-    return compile_system(path, {}, time_step_s=1e-3)
+    return compile_paths(path)
 
 
 @pytest.mark.parametrize("whole_stack", [True, False])

@@ -15,8 +15,7 @@ from ffsm_mj.dynamics import (
     momentum_matrix,
     reduced_model,
 )
-from ffsm_mj.model import compile_system
-from tests.scenes import ball, box, of_subtree
+from tests.scenes import ball, box, compile_paths, of_subtree
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +30,7 @@ def spatial(tmp_path_factory):
           <joint name="b" axis="1 0 0"/><geom size="0.1" mass="0"/><site name="tip" pos="0.4 0.2 0.1"/></body></body>
       </body></worldbody><actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>""")
     (folder / "box.xml").write_text(box())
-    return compile_system(folder / "robot.xml", {"box": folder / "box.xml"}, time_step_s=1e-3)
+    return compile_paths(folder / "robot.xml", {"box": folder / "box.xml"})
 
 
 def random_state(system, rng):
@@ -89,7 +88,7 @@ def test_free_components(case_study, spatial, tmp_path):
     assert free_components(case_study, case_study.objects[0]).tolist() == planar
     assert free_components(spatial, spatial.robot).all()
     (tmp_path / "rail.xml").write_text(ball(joints="y"))
-    rail = compile_system(tmp_path / "rail.xml", {}, time_step_s=1e-3)
+    rail = compile_paths(tmp_path / "rail.xml")
     assert free_components(rail, rail.robot).tolist() == [False, True, False, False, False, False]
 
 

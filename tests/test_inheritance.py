@@ -124,9 +124,9 @@ def test_models_lie_beside_the_file_that_states_them(folder):
     (folder / "target.xml").write_text((folder / "parent" / "target.xml").read_text())
     scenario, source = load_scenario(child(folder, OFF + "objects: {target: {mjcf: target.xml}}\n"))
     assembly = assemble(scenario, source)
-    assert [files.main for files in assembly.system.files.values()] == [
-        folder / "parent" / "robot.xml",
-        folder / "target.xml",
+    assert [files.place for files in assembly.system.files.values()] == [
+        f"{folder}/parent/robot.xml",
+        f"{folder}/target.xml",
     ]
     (line,) = faults(folder / "child.yaml", "robot.mjcf=robot.xml")
     assert line == f"-s robot.mjcf=robot.xml: robot.mjcf: no such model file {folder}/robot.xml"

@@ -9,7 +9,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.shipped import scenario_path
 from tests.conftest import MJCF
-from tests.scenes import HEAD, ball, box, scene
+from tests.scenes import HEAD, ball, box, compile_paths, scene
 
 # A free base with a bent two-joint arm: off-centre everything, nothing planar.
 REACHER = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
@@ -186,9 +186,8 @@ def test_thruster_log_adds_up(hardware):
 def test_hardware_robot_is_the_case_study_with_its_wheel_at_rest(case_study):
     """The wheel's 0.5 kg and 0.2 kg m^2 are taken out of the base: same mass matrix of base and arm when it is locked."""
     from ffsm_mj.dynamics import mass_matrix
-    from ffsm_mj.model import compile_system
 
-    hardware = compile_system(MJCF / "ffsm_3dof_hardware.xml", {"object": MJCF / "box_1m.xml"}, time_step_s=1e-3)
+    hardware = compile_paths(MJCF / "ffsm_3dof_hardware.xml", {"object": MJCF / "box_1m.xml"})
     plain, real = mujoco.MjData(case_study.mj), mujoco.MjData(hardware.mj)
     plain.qpos[:6] = (1, 2, 0.3, 0.4, -0.5, 0.6)
     real.qpos[:7] = (1, 2, 0.3, 7.0, 0.4, -0.5, 0.6)

@@ -8,8 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.ledger import ENERGY_RESIDUAL, MOMENTUM_RESIDUAL, Ledger, hermite_midpoint
-from ffsm_mj.model import compile_system
-from tests.scenes import HEAD, ball, scene
+from tests.scenes import HEAD, ball, compile_paths, scene
 
 TUMBLER = f"""<mujoco>{HEAD}<worldbody><body name="bus">
   <inertial pos="0.05 -0.02 0.01" mass="3" diaginertia="0.2 0.3 0.35"/><freejoint name="free"/><geom size="0.1" mass="0"/>
@@ -20,7 +19,7 @@ TUMBLER = f"""<mujoco>{HEAD}<worldbody><body name="bus">
 def held_jet(folder, step, *, seconds=1.0):
     """Residuals after a body-fixed thruster pushes a tumbling body."""
     (folder / "robot.xml").write_text(TUMBLER)
-    system = compile_system(folder / "robot.xml", {}, time_step_s=step)
+    system = compile_paths(folder / "robot.xml", time_step_s=step)
     data = mujoco.MjData(system.mj)
     data.qvel[:] = (0.2, -0.1, 0.3, 1.0, -2.0, 1.5)
     data.ctrl[:] = 2.0
@@ -55,7 +54,7 @@ def test_hermite_midpoint_is_fourth_order(tmp_path):
     (tmp_path / "robot.xml").write_text(TUMBLER)
     errors = []
     for step in (0.04, 0.02):
-        system = compile_system(tmp_path / "robot.xml", {}, time_step_s=step)
+        system = compile_paths(tmp_path / "robot.xml", time_step_s=step)
         model = system.mj
         start, middle, end = (mujoco.MjData(model) for _ in range(3))
         for data, h in ((middle, step / 2), (end, step)):
@@ -90,7 +89,7 @@ def test_world_force_on_a_base_joint(tmp_path):
 def test_a_wrong_account_is_noticed(tmp_path):
     """The ledgers can fail: a velocity changed behind their back shows up as a residual of that size."""
     (tmp_path / "robot.xml").write_text(TUMBLER)
-    system = compile_system(tmp_path / "robot.xml", {}, time_step_s=1e-3)
+    system = compile_paths(tmp_path / "robot.xml")
     data = mujoco.MjData(system.mj)
     mujoco.mj_forward(system.mj, data)
     ledger = Ledger(system, data, np.empty(system.mj.nv))

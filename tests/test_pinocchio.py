@@ -15,9 +15,8 @@ import pytest
 
 from ffsm_mj.dynamics import base_jacobian, base_wrench, free_components, mass_matrix
 from ffsm_mj.impact import Contact, resolve
-from ffsm_mj.model import compile_system
 from tests.conftest import MJCF
-from tests.scenes import of_subtree
+from tests.scenes import compile_paths, of_subtree
 
 STATES = 500
 
@@ -97,7 +96,7 @@ def system(request, tmp_path_factory):
         for path in MJCF.glob("*.xml"):
             text = path.read_text()
             (folder / path.name).write_text(without_wheels(text) if path.stem == robot else text)
-    compiled = compile_system(folder / f"{robot}.xml", {"object": folder / f"{target}.xml"}, time_step_s=1e-3)
+    compiled = compile_paths(folder / f"{robot}.xml", {"object": folder / f"{target}.xml"})
     assert any("wheel" in name for name in compiled.names("joint")) == (not strip and robot != "ffsm_3dof")
     return compiled
 

@@ -14,10 +14,9 @@ from rerun.chunk import RrdReader
 import ffsm_mj
 from ffsm_mj.log.drawing import Frames
 from ffsm_mj.log.rerun_plumes import Switching, plume_vectors
-from ffsm_mj.model import compile_system
 from ffsm_mj.recording import write_recording
 from tests.conftest import MJCF
-from tests.scenes import two_balls
+from tests.scenes import compile_paths, two_balls
 
 ENTITIES = (
     "/world/robot/ball",
@@ -69,7 +68,7 @@ def test_a_recording_holds_scene_plots_phases_and_events(tmp_path, source):
 
 def test_arrow_and_plume_data():
     """A plume leaves against the push; a thruster on a turned body turns with it."""
-    system = compile_system(MJCF / "ffsm_3dof_hardware.xml", {"object": MJCF / "box_1m.xml"}, time_step_s=1e-3)
+    system = compile_paths(MJCF / "ffsm_3dof_hardware.xml", {"object": MJCF / "box_1m.xml"})
     model = system.mj
     data = mujoco.MjData(model)
     data.qpos[2] = 0.7  # base yaw

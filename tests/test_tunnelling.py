@@ -12,8 +12,7 @@ import pytest
 
 from ffsm_mj.impact.contact import ImpactPair
 from ffsm_mj.impact.time_of_impact import Detector
-from ffsm_mj.model import compile_system
-from tests.scenes import HEAD, box
+from tests.scenes import HEAD, box, compile_paths
 
 SPIN = 50.0
 
@@ -26,7 +25,7 @@ def flight(tmp_path_factory):
       <inertial pos="0 0 0" mass="0.1" diaginertia="1e-5 1e-5 1e-5"/>
       <geom name="ball" type="ellipsoid" size="0.01 0.008 0.009" mass="0"/></body></worldbody></mujoco>""")
     (folder / "plate.xml").write_text(box("plate", mass=10.0, half=(0.0005, 0.3, 0.3)))
-    system = compile_system(folder / "ball.xml", {"plate": folder / "plate.xml"}, time_step_s=1e-3)
+    system = compile_paths(folder / "ball.xml", {"plate": folder / "plate.xml"})
     return system, mujoco.MjData(system.mj)
 
 

@@ -24,9 +24,8 @@ from ffsm_mj.log.narration import event_time, is_warning, sentence
 from ffsm_mj.log.outline import outline_cloud
 from ffsm_mj.log.sink import RunHeader
 from ffsm_mj.log.viewer_topics import ViewerTopics
-from ffsm_mj.model import compile_system
 from ffsm_mj.signals import Layout, Signal
-from tests.scenes import HEAD, ball, box, scene
+from tests.scenes import HEAD, ball, box, compile_paths, scene
 
 
 def decoded(path):
@@ -162,7 +161,7 @@ ALL_SHAPES = f"""<mujoco>{HEAD}<asset><mesh name="wedge" vertex="0 0 0 1 0 0 0 1
 @pytest.fixture
 def all_shapes(tmp_path):
     (tmp_path / "all.xml").write_text(ALL_SHAPES)
-    return compile_system(tmp_path / "all.xml", {}, time_step_s=1e-3)
+    return compile_paths(tmp_path / "all.xml")
 
 
 def distance_in_sizes(shape, points):
@@ -213,7 +212,7 @@ def test_plumes_show_what_fires(tmp_path):
       <motor name="left" site="left" gear="0 -1 0 0 0 0"/><motor name="right" site="right" gear="0 1 0 0 0 0"/>
       <motor name="twist" site="left" gear="0 0 0 0 0 1"/></actuator></mujoco>"""
     (tmp_path / "jets.xml").write_text(jets.format(HEAD))
-    system = compile_system(tmp_path / "jets.xml", {}, time_step_s=1e-3)
+    system = compile_paths(tmp_path / "jets.xml")
     names = ["time_s", *(f"q{i}" for i in range(7)), "robot_left_applied_N", "robot_right_applied_N"]
     layout = Layout(tuple(Signal("actuators" if "applied" in name else "state", name, "", "") for name in names))
     viewer = ViewerTopics(system, 10.0)

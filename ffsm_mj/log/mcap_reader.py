@@ -13,6 +13,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from ffsm_mj.errors import LogError
 from ffsm_mj.events import Event, OutcomeRecord
 from ffsm_mj.log import mcap_format as form
+from ffsm_mj.log.attachments import fault_of_names
 from ffsm_mj.log.memory_sink import RunLog, run_log
 from ffsm_mj.log.salvage import MAGIC, Salvage
 from ffsm_mj.log.sink import RunHeader
@@ -91,6 +92,8 @@ class _Contents:
             raise LogError(path, f"not of this version's format ({error})") from error
         outcome = next((record for record in records if isinstance(record, OutcomeRecord)), None)
         events: list[Event] = [record for record in records if not isinstance(record, OutcomeRecord)]
+        if fault := fault_of_names(self.attachments):
+            raise LogError(path, fault)
         files = dict(self.attachments)
         scenario = files.pop(form.SCENARIO_ATTACHMENT, b"").decode()
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata)

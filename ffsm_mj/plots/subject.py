@@ -7,11 +7,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from ruamel.yaml import YAML
 
 from ffsm_mj.analysis import Run
 from ffsm_mj.errors import InputError
 from ffsm_mj.log_model import compile_log
+from ffsm_mj.log_scenario import logged_scenario
 from ffsm_mj.model import FloatArray, Joint
 from ffsm_mj.plots.silhouette import Plane, Silhouette
 from ffsm_mj.signals import identifier
@@ -31,7 +31,7 @@ class Subject:
         """
         if not len(run.time):
             raise InputError(f"{run.name}: the log holds no sample, there is nothing to draw")
-        self.run, self.system = run, compile_log(run.log)
+        self.run, self.system = run, compile_log(run.log, f"log {run.path}" if run.path else "the log")
         self.silhouette = Silhouette(self.system)
 
     @cached_property
@@ -72,8 +72,11 @@ class Subject:
     @cached_property
     def _kinds(self) -> dict[str, str]:
         """Kind of each actuator that the scenario limits, by its full name."""
-        data = YAML(typ="safe", pure=True).load(self.run.log.header.scenario_yaml)
-        return {self.system.resolve("actuator", k): v["kind"] for k, v in (data.get("actuators") or {}).items()}
+        kinds = logged_scenario(self.run.log).kinds
+        try:
+            return {self.system.resolve("actuator", name): kind for name, kind in kinds.items()}
+        except LookupError as error:
+            raise InputError(f"scenario.yaml in the log: actuators: {error.args[0]}") from error
 
     def _joint_of(self, actuator: int) -> Joint | None:
         model = self.system.mj
