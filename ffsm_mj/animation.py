@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from importlib import import_module
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -123,10 +122,8 @@ def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) ->
     images = [Image.fromarray(picture).quantize(64, Image.Quantize.FASTOCTREE) for picture in pictures]
     step = max(20, round(1000 / frames_per_second / 10) * 10)  # GIF counts hundredths of a second
     durations = [step] * (len(images) - 1) + [round(1000 * _LAST_PICTURE_S)]
-    film = BytesIO()  # Pillow does not tell when a disk is full
-    images[0].save(film, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
     with writing(path):
-        path.write_bytes(film.getvalue())
+        images[0].save(path, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
 
 
 def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
@@ -136,7 +133,9 @@ def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) ->
         raise MissingPackageError("--mp4", "imageio-ffmpeg", "mp4") from error
     first = next(pictures)
     size = first.shape[1], first.shape[0]
-    writer = ffmpeg.write_frames(str(path), size, fps=frames_per_second, quality=8, macro_block_size=2)
+    writer = ffmpeg.write_frames(
+        str(path), size, fps=frames_per_second, quality=8, macro_block_size=2, ffmpeg_log_level="quiet"
+    )
     count = 1
     writer.send(None)
     try:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from ffsm_mj.command_line import parse, parser
+from ffsm_mj.command_line import HelpAsked, parse, parser
 from ffsm_mj.exit_codes import BAD_INPUT, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED, VIOLATED
 from ffsm_mj.progress import Progress, progress
 from ffsm_mj.standard_streams import Output, complain, secure
@@ -21,7 +21,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     secure()
     output = Output()
     code = _perform(sys.argv[1:] if arguments is None else arguments, output)
-    output.flush()
     if output.lost:
         complain(f"stdout: output is lost ({output.lost})")
         return code or OUTPUT_LOST
@@ -37,7 +36,8 @@ def _perform(arguments: Sequence[str], output: Output) -> int:
     try:
         options = parse(arguments)
         return _COMMANDS[options.command](options, output)
-    except SystemExit:  # help was asked for, and printed
+    except HelpAsked as asked:
+        output.say(str(asked))
         return OK
     except InputError as error:
         for line in error.lines:

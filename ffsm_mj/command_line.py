@@ -32,7 +32,15 @@ _WORKS_WITH: dict[str, dict[str, tuple[str, ...]]] = {
 """By command and option: it does something only where one of these is given."""
 
 
+class HelpAsked(Exception):
+    """Help is what was asked for; carries its text."""
+
+
 class _Parser(argparse.ArgumentParser):
+    def print_help(self, _: object = None) -> NoReturn:
+        """Leave it to the caller to print: argparse does not tell that it could not."""
+        raise HelpAsked(self.format_help().rstrip())
+
     def error(self, message: str) -> NoReturn:
         """One line like every other fault of the input."""
         raise InputError(f"{self.prog}: {message}")
@@ -43,7 +51,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
     Raises:
         InputError: An unknown command or option, a value that is none, or an option that has no effect here.
-        SystemExit: Help was asked for, and printed.
+        HelpAsked: Help was asked for.
     """
     if arguments and not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
         raise InputError(f"ffsm: {unknown_name('command', arguments[0], COMMANDS)}")

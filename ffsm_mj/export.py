@@ -43,8 +43,7 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
         raise InputError(f"--table: {unknown_name('table', name, TABLES)}")
     usable_file(path)
     table = to_arrow(run.table(name), {"scenario": run.name, **run.log.header.facts})
-    # pyarrow closes a Python stream itself and tells nobody that the last bytes did not go out; its own file tells.
-    with writing(path), pa.OSFile(str(path), "wb") as stream:
+    with writing(path), path.open("wb") as stream:  # a path would be removed by pyarrow where writing fails, be it a device
         if form == "parquet":
             pyarrow.parquet.write_table(table, stream)
         else:

@@ -6,7 +6,6 @@ import errno
 import io
 import os
 import sys
-from collections.abc import Callable
 
 _GONE = {errno.EPIPE, errno.EBADF}
 """The reader of a pipe has closed it (``| head``), or stdout was closed from the start: nobody wants the output."""
@@ -43,17 +42,10 @@ class Output:
 
     def say(self, text: str) -> None:
         """Print a line, or several."""
-        self._guarded(lambda: print(text, flush=True))
-
-    def flush(self) -> None:
-        """See that what others have printed is out."""
-        self._guarded(sys.stdout.flush)
-
-    def _guarded(self, write: Callable[[], None]) -> None:
         if not self._open:
             return
         try:
-            write()
+            print(text, flush=True)
         except OSError as error:
             self._open = False
             if error.errno not in _GONE:

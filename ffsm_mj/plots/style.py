@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 
 import matplotlib as mpl
@@ -73,8 +72,6 @@ def write(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = FO
         for form in formats:
             path = folder / f"{name}.{form}"
             metadata = {"Date": None, "Creator": "ffsm-mj"} if form == "svg" else {"Software": "ffsm-mj"}
-            picture = BytesIO()  # Pillow does not tell when a disk is full
-            figure.savefig(picture, format=form, dpi=220, metadata=metadata)
-            path.write_bytes(picture.getvalue())
+            figure.savefig(path, format=form, dpi=220, metadata=metadata)
             paths.append(path)
     return paths
