@@ -159,7 +159,7 @@ def _view(options: argparse.Namespace, _: Output) -> int:
         complain(f"no display to open the Rerun viewer on; {recording or log} shows on any machine that has one")
         return RUN_FAILED
     if recording is not None:
-        return _open_viewer(recording)
+        return _open_viewer(recording, options.listen)
     from ffsm_mj.analysis import load_run
     from ffsm_mj.recording import write_recording
 
@@ -168,15 +168,15 @@ def _view(options: argparse.Namespace, _: Output) -> int:
         with progress() as shown:
             shown.stage(f"recording of {log}")
             write_recording(load_run(log).log, made)
-        return _open_viewer(made)
+        return _open_viewer(made, options.listen)
 
 
-def _open_viewer(recording: Path) -> int:
+def _open_viewer(recording: Path, listen: str) -> int:
     import subprocess
 
     from ffsm_mj.log.viewer import viewer_command
 
-    if subprocess.call(viewer_command(str(recording))) == 0:
+    if subprocess.call(viewer_command(str(recording.absolute()), listen=listen)) == 0:
         return OK
     complain("the Rerun viewer did not open; its own message is above")
     return RUN_FAILED

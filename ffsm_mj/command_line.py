@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from ipaddress import ip_address
 from typing import Any, NoReturn
 
 from ffsm_mj.errors import InputError, unknown_name
@@ -79,7 +80,7 @@ def parser() -> argparse.ArgumentParser:
     _add_overrides(parsers["check"])
     _describe_analyze(parsers["analyze"])
     _describe_export(parsers["export"])
-    _add_run(parsers["view"])
+    _describe_view(parsers["view"])
     again = parsers["reproduce"]
     again.add_argument("--out", metavar="DIR", default="docs", help="folder of the pages (default: docs)")
     again.add_argument("--check", action="store_true", help="write nothing; exit 1 if the pages in DIR are not current")
@@ -127,6 +128,24 @@ def _describe_export(export: argparse.ArgumentParser) -> None:
         "--speed", type=_positive, metavar="X", help="times real time (default: so that it lasts 12 s at most)"
     )
     export.add_argument("--out", metavar="FILE", help="where to write (default: beside the log)")
+
+
+def _describe_view(view: argparse.ArgumentParser) -> None:
+    _add_run(view)
+    view.add_argument(
+        "--listen",
+        type=_address,
+        metavar="ADDRESS",
+        default="127.0.0.1",
+        help="address that the viewer takes data of other programs on (default: 127.0.0.1, this machine only)",
+    )
+
+
+def _address(text: str) -> str:
+    try:
+        return str(ip_address(text))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text} is no IP address, e.g. 192.168.0.5, or 0.0.0.0 for all") from error
 
 
 def _add_overrides(to: argparse.ArgumentParser) -> None:

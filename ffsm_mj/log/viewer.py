@@ -5,12 +5,20 @@ from __future__ import annotations
 import os
 import sys
 
+ONLY_HERE = "127.0.0.1"
+"""The address that a viewer listens on unless told otherwise: that of this machine, unreachable from any other."""
+
 
 def has_display() -> bool:
     """Whether a window can open on this machine."""
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
-def viewer_command(*arguments: str) -> list[str]:
-    """Command line of the viewer that belongs to this Python."""
-    return [sys.executable, "-m", "rerun", *arguments]
+def viewer_command(*arguments: str, listen: str = ONLY_HERE) -> list[str]:
+    """Command line of the viewer that belongs to this Python.
+
+    Args:
+        arguments: For the viewer.
+        listen: Address it takes data on; its own default is every address of the machine, for anybody in the network.
+    """
+    return [sys.executable, "-m", "rerun", "--bind", listen, *arguments]
