@@ -38,19 +38,39 @@ class Shown:
 
 
 def on_terminal(
-    command: list[str], *, columns: int = 120, stdout: Path | None = None, limit_s: float = 60.0, **environment: str
+    command: list[str],
+    *,
+    columns: int = 120,
+    stdout: Path | None = None,
+    keys: dict[str, bytes] | None = None,
+    limit_s: float = 120.0,
+    **environment: str,
 ) -> Shown:
-    """Run a command on a terminal of its own, as its stdin, stdout (or a file in its place) and stderr."""
+    """Run a command on a terminal of its own, as its stdin, stdout (or a file in its place) and stderr.
+
+    Args:
+        command: The command with its arguments.
+        columns: Width of the terminal.
+        stdout: A file in place of the terminal.
+        keys: What is typed when a text has been written.
+        limit_s: It must be done after this time.
+        environment: Variables to set.
+    """
     ours, its = pty.openpty()
     fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", _ROWS, columns, 0, 0))
     kept = {key: value for key, value in os.environ.items() if key not in _ENVIRONMENT_OF_RICH}
     out = os.open(stdout, os.O_WRONLY | os.O_CREAT) if stdout is not None else os.dup(its)
     process = subprocess.Popen(
-        command, stdin=its, stdout=out, stderr=its, start_new_session=True, env=kept | {"TERM": "xterm"} | environment
+        command,
+        stdin=its,
+        stdout=out,
+        stderr=its,
+        preexec_fn=_own_terminal,  # noqa: PLW1509 (no threads are about)
+        env=kept | {"TERM": "xterm"} | environment,
     )
     os.close(its)
     os.close(out)
-    written = _read(ours, time.monotonic() + limit_s)
+    written = _read(ours, time.monotonic() + limit_s, dict(keys or {}))
     os.close(ours)
     code = process.wait(timeout=10.0)
     screen = pyte.Screen(columns, _ROWS)
@@ -66,9 +86,15 @@ def ffsm(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "ffsm_mj.cli", *arguments]
 
 
-def _read(terminal: int, end: float) -> str:
-    """Everything that is written until nobody holds the other side any more."""
-    parts = []
+def _own_terminal() -> None:
+    """In the child: the terminal on stdin controls it, so that Ctrl-C there interrupts it."""
+    os.setsid()
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
+def _read(terminal: int, end: float, keys: dict[str, bytes]) -> str:
+    """Everything that is written until nobody holds the other side any more; keys are typed where they are due."""
+    parts: list[bytes] = []
     while time.monotonic() < end:
         if not select.select([terminal], [], [], 0.1)[0]:
             continue
@@ -79,4 +105,6 @@ def _read(terminal: int, end: float) -> str:
         if not part:
             return b"".join(parts).decode()
         parts.append(part)
+        for text in [text for text in keys if text.encode() in b"".join(parts)]:
+            os.write(terminal, keys.pop(text))
     raise TimeoutError(b"".join(parts).decode(errors="replace"))
