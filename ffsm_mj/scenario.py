@@ -105,20 +105,22 @@ class IgnoredPairConfig(StrictModel):
 
 
 class PhaseConfig(StrictModel):
-    """A phase of the task: it ends at the first impact, after a time, or with the run."""
+    """A phase of the task: it ends at the first impact, after a time, at the earlier of the two, or with the run."""
 
     name: Name
     until: Literal["impact", "end"] | None = None
     """``impact``: the first impact after its start; ``end``: the end of the run."""
     for_s: PositiveFloat | None = None
-    """Duration in s; it ends at the first control tick at or after that."""
+    """Duration in s; it ends at the first control tick at or after that, with ``until: impact`` at an impact before it."""
     controller: ControllerConfig
     """Control law, chosen by ``kind``."""
 
     @model_validator(mode="after")
-    def _one_end(self) -> PhaseConfig:
-        if (self.until is None) == (self.for_s is None):
-            raise ValueError("a phase needs either 'until' (impact, end) or 'for_s'")
+    def _has_an_end(self) -> PhaseConfig:
+        if self.until is None and self.for_s is None:
+            raise ValueError("a phase needs 'until' (impact, end) or 'for_s', or 'until: impact' and 'for_s'")
+        if self.until == "end" and self.for_s is not None:
+            raise ValueError("'for_s' has no effect with 'until: end'; leave one of them out")
         return self
 
 

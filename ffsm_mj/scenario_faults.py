@@ -152,8 +152,8 @@ def _is_model(node: Any) -> bool:
 
 
 def _unknown_kind(tag: str, expected: str, path: KeyPath, names: KindNames) -> str:
-    allowed = expected.replace("'", "")
+    usable = [kind.strip("' ") for kind in expected.split(",")]
     broken = names.broken.get(tag) if "controller" in path else None
     if broken:
-        return f"the plugin for kind {tag!r} cannot be used ({broken}); usable: {allowed}"
-    return f"unknown kind {tag!r}; allowed: {allowed}"
+        return f"the plugin for kind {tag!r} cannot be used ({broken}); usable: {', '.join(usable)}"
+    return unknown_name("kind", tag, usable)

@@ -21,9 +21,10 @@ def scenario_names() -> tuple[str, ...]:
 
 
 def scenario_path(scenario: str | Path) -> Path:
-    """Path of a scenario given as a path or as the name of a shipped one.
+    """Path of a scenario given as a path, as a run folder (its ``scenario.yaml``), or as the name of a shipped one.
 
-    A string with a separator or a YAML suffix is a path; any other word is a name, unless a file of that name exists.
+    A string with a separator or a YAML suffix is a path; any other word is a name, unless a file of that name exists, or
+    a folder while no shipped scenario has that name.
 
     Raises:
         InputError: Neither a file nor a shipped scenario.
@@ -37,7 +38,10 @@ def scenario_path(scenario: str | Path) -> Path:
     except OSError as error:  # a name that is too long, a folder that may not be read
         raise InputError(f"{text}: cannot be read ({error.strerror})") from error
     if path.is_dir() and text not in scenario_names():
-        raise InputError(f"{text}: is a folder; name the scenario file in it")
+        inside = path / "scenario.yaml"
+        if not inside.is_file():
+            raise InputError(f"{text}: is a folder without a {inside.name}; name a scenario file or a run folder")
+        return inside
     if path.suffix in (".yaml", ".yml") or "/" in text or path.name != text:
         raise InputError(f"{text}: no such scenario file")
     if text not in scenario_names():

@@ -230,3 +230,28 @@ def test_a_closed_stdout_ends_nothing(tmp_path):
     assert process.returncode == 0
     assert process.stderr == ""
     assert json.loads((tmp_path / "cwd" / "piped" / "summary.json").read_text())["outcome"] == "completed"
+
+
+def test_a_run_that_violates_a_law_says_so_last_and_exits_1(capsys):
+    """A step of 0.1 s, far too coarse for the spatial robot: its momenta are off by 1e-5."""
+    coarse = [f"-s{key}=0.1" for key in ("time_step_s", "control_period_s")]
+    arguments = ["run", "spatial", *coarse, "-s", "duration_s=1", "--no-rerun"]
+    for allowed, code in (([], 1), (["--allow-violations"], 0)):
+        assert main([*arguments, *allowed, "--out", f"run{code}"]) == code
+        captured = capsys.readouterr()
+        assert captured.err.startswith("VIOLATED: ")
+        assert "linear momentum of robot" in captured.err
+        assert captured.err.count("\n") == 1
+    assert main(["analyze", "run0"]) == 1
+
+
+def test_a_run_folder_runs_again(tmp_path, capsys):
+    assert main(["run", str(two_balls(tmp_path, speed=3.7)), "--no-rerun", "--out", "a"]) == 0
+    assert main(["check", "a"]) == 0
+    assert main(["run", "a", "--no-rerun", "--out", "b"]) == 0
+    capsys.readouterr()
+    assert main(["analyze", "a", "b", "--compare"]) == 0
+    assert "b against a: the same, number by number" in capsys.readouterr().out
+    (tmp_path / "cwd" / "none").mkdir()
+    assert main(["run", "none"]) == 2
+    assert capsys.readouterr().err == "none: is a folder without a scenario.yaml; name a scenario file or a run folder\n"

@@ -100,7 +100,7 @@ def test_phases_start_from_those_of_the_same_name(folder):
 def test_the_end_of_a_phase_is_changed_by_taking_the_other_away(folder):
     phases = "phases:\n- name: wait\n- name: coast\n  until: end\n"
     (line,) = faults(child(folder, phases))
-    assert line == f"{folder}/child.yaml:5:3: phases.1: a phase needs either 'until' (impact, end) or 'for_s'"
+    assert line == f"{folder}/child.yaml:5:3: phases.1: 'for_s' has no effect with 'until: end'; leave one of them out"
     scenario, _ = load_scenario(child(folder, phases + "  for_s: null\n"))
     assert scenario.phases[1].until == "end"
 

@@ -62,6 +62,29 @@ def test_a_timed_phase_ends_at_the_first_tick_at_or_after_its_time():
     assert machine.drain_phases() == []
 
 
+@pytest.mark.parametrize(
+    ("for_s", "start_s", "reason"),
+    [
+        (0.2501, 0.251, "time"),  # the first tick at or after it; the touch is at 0.3 s
+        (0.4, 0.3, "impact"),
+        (30.0, 0.3, "impact"),
+    ],
+)
+def test_the_first_of_impact_and_time_ends_a_phase_and_the_next_one_says_which(tmp_path, for_s, start_s, reason):
+    path = two_balls(
+        tmp_path,
+        gap=0.3,
+        speed=1.0,
+        phases=[
+            {"name": "approach", "until": "impact", "for_s": for_s, "controller": {"kind": "off"}},
+            {"name": "after", "until": "end", "controller": {"kind": "off"}},
+        ],
+    )
+    phase = ffsm_mj.run(path).phases[1]
+    assert (phase.name, phase.reason) == ("after", reason)
+    assert phase.start_s == pytest.approx(start_s, abs=1e-9)
+
+
 def test_telemetry_of_other_phases_is_nan():
     machine = PhaseMachine([Phase("a", "x", Recorder(), duration_s=1.0), Phase("b", "y", Silent())])
     machine.control(Observation(0.0, None), Command.off(0))

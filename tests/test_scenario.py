@@ -54,7 +54,7 @@ def faults(*overrides, path=BASELINE):
         ("impact_pairs.0.restitution=1.5", "restitution must be in [0, 1]; above 1 only with 'super_elastic: true'"),
         ("ignored_pairs.0.pair=[robot, nobody]", "unknown geom, body or model 'nobody'"),
         ("actuators.motor_9={kind: ideal}", "unknown actuator 'motor_9'"),
-        ("phases.0.controller.kind=lqr", "unknown kind 'lqr'; allowed: off, pd, osdre, free_flying"),
+        ("phases.0.controller.kind=lqr", "unknown kind 'lqr'; allowed: free_flying, off, osdre, pd"),
         ("phases.0.controller={}", "needs a 'kind'"),
         ("phases.0.controller.joints=[joint_1, elbow]", "phases.0.controller.joints.1: unknown joint of the robot 'elbow'"),
         ("phases.0.controller.joints=[joint_1]", "2 outputs need at least 2 joints, there are 1"),
@@ -62,7 +62,13 @@ def faults(*overrides, path=BASELINE):
         ("phases.0.controller.Q=[1, 1, 1, -1]", "must be positive semidefinite"),
         ("phases.0.controller.Q=[1, 1, 1]", "must be 4 numbers (a diagonal) or 4 rows of 4"),
         ("phases.0.controller.R=[1, 0, 1]", "must be positive definite; its smallest eigenvalue is 0"),
-        ("phases.0.for_s=1", "a phase needs either 'until' (impact, end) or 'for_s'"),
+        ("phases.0.controller.kind=osdr", "unknown kind 'osdr' (did you mean 'osdre'?); allowed: free_flying, "),
+        (
+            "actuators.motor_1.kind=torque-speed",
+            "unknown kind 'torque-speed' (did you mean 'torque_speed'?); allowed: ideal, ",
+        ),
+        ("phases.0.until=null", "a phase needs 'until' (impact, end) or 'for_s', or 'until: impact' and 'for_s'"),
+        ("phases.2.for_s=1", "'for_s' has no effect with 'until: end'; leave one of them out"),
         ("robot.mjcf=nothing.xml", "no such model file"),
         ("objects.robot={mjcf: ../mjcf/box_1m.xml}", "this name is taken"),
         ("no_equals_sign", "an override is written key=value"),
@@ -214,7 +220,7 @@ def test_missing_scenario():
         scenario_path("x" * 300 + ".yaml")
     with pytest.raises(InputError, match=r"unknown shipped scenario 'basline' \(did you mean 'baseline'"):
         scenario_path("basline")
-    with pytest.raises(InputError, match="is a folder; name the scenario file in it"):
+    with pytest.raises(InputError, match=r"is a folder without a scenario\.yaml"):
         scenario_path(MJCF)
     with pytest.raises(InputError, match="no such scenario file"):
         scenario_path("nowhere/mine.yaml")

@@ -137,7 +137,7 @@ def test_reproduce_counts_its_runs(tmp_path, columns):
     assert "line1:committed'1.2229',now'1.2224'" in squeezed("".join(shown.screen))
     assert "?" not in shown.written.replace("\x1b[?", "")
     for done in range(3):
-        assert (f"{done} of 3 runs" if columns == 200 else f"{100 * done // 3} %  reproduce") in shown.written
+        assert (f"{done} of 3 runs" if columns == 200 else f"{100 * done / 3:.0f} %  reproduce") in shown.written
 
 
 def test_an_interrupted_command_leaves_a_clean_terminal(tmp_path):
