@@ -9,11 +9,12 @@ from pathlib import Path
 from ffsm_mj.analysis import Run, compare, load_run
 from ffsm_mj.conservation import DEEPEST_M, DEFAULT_TOLERANCE, LAW_NAMES, RELATIVE_LAWS, Tolerance
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.exit_codes import OK, VIOLATED
+from ffsm_mj.exit_codes import DAMAGED, OK, VIOLATED
 from ffsm_mj.output_place import usable_file, usable_folder
 from ffsm_mj.progress import Report
+from ffsm_mj.recount import Recount, recount
 from ffsm_mj.run_folder import find_log
-from ffsm_mj.text_report import as_json, comparison_report, verification, verification_data, violated
+from ffsm_mj.text_report import as_json, comparison_report, damage_of, verification, verification_data
 
 Say = Callable[[str], None]
 Stage = Callable[[str, str], Report | None]
@@ -25,7 +26,8 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     """Verify each run, print, draw and compare as asked.
 
     Returns:
-        The exit code: whether every law that should hold does, in every run.
+        The exit code: VIOLATED where a law does not hold or a log does not agree with its states, else DAMAGED where one is
+        damaged, incomplete or without models to verify it with.
 
     Raises:
         InputError: A run cannot be read or holds no sample, a tolerance names no law, options exclude each other, or
@@ -36,14 +38,15 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     tolerance = _tolerance(options.tolerance)
     names = run_names(options.runs)
     several = len(names) > 1
-    data, bad, kept = [], [], []
+    data, kept = [], []
+    found: dict[int, list[str]] = {OK: [], VIOLATED: [], DAMAGED: []}
     for path, name, run in _load_all(options.runs, names, stage):
-        if violated(run, tolerance):
-            bad.append(name)
+        again = recount(run.log, stage(f"recompute {name}", "samples"))
+        found[_judge(run, again, tolerance)].append(name)
         if options.json:
-            data.append(verification_data(run, tolerance))
+            data.append(verification_data(run, again, tolerance))
         else:
-            say(f"{path.resolve()}\n\n{verification(run, tolerance)}" + "\n" * (several or options.plots is not None))
+            say(f"{path.resolve()}\n\n{verification(run, again, tolerance)}" + "\n" * (several or options.plots is not None))
         if options.plots:
             folder = Path(options.plots) / name if several else Path(options.plots)
             _plot(run, folder, None if options.json else say, stage(f"figures of {name}", "figures"))
@@ -52,12 +55,21 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     if options.json:
         say(as_json(data if several else data[0]))
     elif several:
-        say(f"{len(names) - len(bad)} of {len(names)} runs verified" + (f"; VIOLATED in {', '.join(bad)}" if bad else ""))
+        words = ((VIOLATED, "; VIOLATED in "), (DAMAGED, "; damaged or incomplete: "))
+        rest = "".join(head + ", ".join(found[code]) for code, head in words if found[code])
+        say(f"{len(found[OK])} of {len(names)} runs verified{rest}")
     if options.compare:
         _compare(kept, say, stage)
     if options.plots and several:
         _plot_comparison(kept, Path(options.plots), None if options.json else say, stage)
-    return VIOLATED if bad else OK
+    return next((code for code in (VIOLATED, DAMAGED) if found[code]), OK)
+
+
+def _judge(run: Run, again: Recount, tolerance: Tolerance) -> int:
+    """Exit code of one run; what is violated is worse than what is missing."""
+    if not all(law.holds for law in again.laws(tolerance)) or not (again.agrees or again.obstacle):
+        return VIOLATED
+    return OK if run.complete and not damage_of(run, again) and not again.obstacle else DAMAGED
 
 
 def _tolerance(given: Sequence[tuple[str, float]]) -> Tolerance:

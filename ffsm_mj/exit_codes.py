@@ -6,7 +6,8 @@ OK, VIOLATED, BAD_INPUT, RUN_FAILED, DAMAGED, INTERRUPTED = 0, 1, 2, 3, 4, 130
 OUTPUT_LOST = RUN_FAILED
 
 EXIT_CODES = (
-    f"exit codes: {OK} done; {VIOLATED} a law is violated (run, analyze), or a page is stale (reproduce --check); "
+    f"exit codes: {OK} done; {VIOLATED} a law is violated (run, analyze), a log does not agree with its states (analyze), "
+    "or a page is stale (reproduce --check); "
     f"{BAD_INPUT} bad input; {RUN_FAILED} the run failed (log kept), or output was lost (full disk); "
     f"{DAMAGED} analyze: the log is damaged or incomplete; {INTERRUPTED} interrupted (log kept)"
 )

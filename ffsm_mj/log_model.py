@@ -34,5 +34,5 @@ def compile_log(log: RunLog, place: str = "the log") -> System:
         carried("robot", scenario.robot),
         {name: carried(name, main) for name, main in scenario.objects.items()},
         time_step_s=scenario.time_step_s,
-        conservative=log.header.facts.get("conservative") == "true",
+        conservative=scenario.conservative,
     )

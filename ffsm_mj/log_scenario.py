@@ -21,6 +21,7 @@ class LoggedScenario:
         robot: Name of the robot's model among the files of the log.
         objects: The same of each object by its name.
         time_step_s: Integration step, s.
+        conservative: Whether the models had to be conservative.
         view_rate_hz: Frames per simulated second for viewers.
         kinds: Kind of each actuator that has limits, by the name that the scenario gives it.
     """
@@ -28,6 +29,7 @@ class LoggedScenario:
     robot: str
     objects: Mapping[str, str]
     time_step_s: float
+    conservative: bool
     view_rate_hz: float
     kinds: Mapping[str, str]
 
@@ -60,6 +62,7 @@ def logged_scenario(log: RunLog) -> LoggedScenario:
             robot=_text(data["robot"]["mjcf"]),
             objects={_text(name): _text(part["mjcf"]) for name, part in (data.get("objects") or {}).items()},
             time_step_s=_positive(data["time_step_s"]),
+            conservative=data["conservative"] is not False,
             view_rate_hz=_positive(data["log"]["view_rate_hz"]),
             kinds={_text(name): _text(part["kind"]) for name, part in (data.get("actuators") or {}).items()},
         )

@@ -243,6 +243,7 @@ def _facts(assembly: Assembly, ledger: Ledger) -> dict[str, str]:
         "created_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "duration_s": repr(config.duration_s),
         "time_step_s": repr(config.time_step_s),
+        "control_period_s": repr(config.time_step_s * config.steps_per_tick),
         "phases": "\n".join(phase.name for phase in config.phases),
         "conservative": "true" if not assembly.system.faults else "false",
         "not_conservative": "; ".join(assembly.system.faults),

@@ -11,6 +11,8 @@ from ffsm_mj.analysis import Run
 from ffsm_mj.comparison import Comparison, ImpactDifference
 from ffsm_mj.conservation import Law, Tolerance
 from ffsm_mj.events import ImpactRecord
+from ffsm_mj.recount import Recount
+from ffsm_mj.recount.agreement import Difference
 
 _STEP_HINT = (
     "\n  what RK4 itself leaves falls with the fourth power of the step: try half the time_step_s, or state what you accept"
@@ -131,22 +133,45 @@ def _contact_lines(run: Run) -> list[str]:
     return [table(head, rows) + "\n  nothing pushed these apart: make them impact pairs, or list them in ignored_pairs"]
 
 
-def verification(run: Run, tolerance: Tolerance) -> str:
-    """What ``ffsm analyze`` prints: everything recomputed from the log."""
+def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
+    """What ``ffsm analyze`` prints: everything recomputed from the states in the log."""
     parts = [headline(run), impact_table(run.impacts), *_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
-    laws = run.laws(tolerance)
+    laws = again.laws(tolerance)
     if run.conservative or laws:
         parts.append(conservation_table(laws))
     if not run.conservative:
         fault = run.log.header.facts.get("not_conservative", "")
         parts.append(f"energy and momenta are not judged, the run is not conservative: {fault}")
     if laws:
-        parts.append(verdict(run, laws) + (_STEP_HINT if violated(run, tolerance) else ""))
+        parts.append(verdict(run, laws) + ("" if all(law.holds for law in laws) else _STEP_HINT))
+    parts.append(agreement(again))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
-    if run.damage:
-        parts.append(f"damaged: {run.damage}")
+    if damage := damage_of(run, again):
+        parts.append(f"damaged: {damage}")
     return "\n\n".join(part for part in parts if part)
+
+
+def agreement(again: Recount) -> str:
+    """One line: whether the columns of the log are what its states say; more where they are not."""
+    if again.obstacle:
+        why = f"nothing can be recomputed ({again.obstacle})"
+        return f"NOT VERIFIED: {why}; the laws are judged by what the log says of itself"
+    worst = sorted(again.worst.values(), key=lambda one: -one.excess)
+    if again.agrees:
+        of = f"{again.numbers} numbers of {again.samples} samples"
+        return f"columns agree with states: worst difference {_difference(worst[0])}; {of}"
+    return "COLUMNS DO NOT AGREE WITH STATES:" + "".join(f"\n  {_difference(one)}" for one in worst if not one.holds)
+
+
+def _difference(worst: Difference) -> str:
+    unit = f" {worst.unit}" if worst.unit else ""
+    return f"{worst.size:.1e}{unit} in {worst.what} at {worst.time_s:.3f} s (allowed {worst.allowed:.1e})"
+
+
+def damage_of(run: Run, again: Recount) -> str:
+    """What is wrong with the log: with its bytes, and with the times of its samples."""
+    return run.damage if again.gaps in run.damage else "; ".join(part for part in (run.damage, again.gaps) if part)
 
 
 def verdict(run: Run, laws: Sequence[Law]) -> str:
@@ -161,23 +186,44 @@ def violated(run: Run, tolerance: Tolerance) -> bool:
     return not all(law.holds for law in run.laws(tolerance))
 
 
-def verification_data(run: Run, tolerance: Tolerance) -> dict[str, Any]:
+def verification_data(run: Run, again: Recount, tolerance: Tolerance) -> dict[str, Any]:
     """The same for scripts, as plain data."""
     laws = [
         {
             "law": law.name,
             "of": law.party,
             "component": law.component,
-            "residual": law.residual if math.isfinite(law.residual) else None,
+            "residual": _finite(law.residual),
             "unit": law.unit,
             "time_s": law.time_s,
             "tolerance": law.tolerance,
             "holds": law.holds,
-            "drift": law.drift if math.isfinite(law.drift) else None,
+            "drift": _finite(law.drift),
         }
-        for law in run.laws(tolerance)
+        for law in again.laws(tolerance)
     ]
-    return {"summary": run.summary(), "laws": laws, "complete": run.complete, "damage": run.damage}
+    states = {
+        "agree": again.agrees,
+        "obstacle": again.obstacle,
+        "samples": again.samples,
+        "numbers": again.numbers,
+        "worst": {
+            name: {
+                "in": worst.what,
+                "difference": _finite(worst.size),
+                "allowed": worst.allowed,
+                "unit": worst.unit,
+                "time_s": _finite(worst.time_s),
+            }
+            for name, worst in again.worst.items()
+        },
+    }
+    damage = damage_of(run, again)
+    return {"summary": run.summary(), "laws": laws, "states": states, "complete": run.complete, "damage": damage}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def as_json(data: Any) -> str:

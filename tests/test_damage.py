@@ -100,7 +100,7 @@ def test_reading_goes_on_behind_a_damaged_chunk(finished, tmp_path, capsys, offs
     assert got.complete
     assert 0 < len(run.time) - len(got.time) <= CHUNK_ROWS
     assert got.time[-1] == 4.0
-    assert main(["analyze", str(tmp_path / "x.mcap")]) == 0
+    assert main(["analyze", str(tmp_path / "x.mcap")]) == 4
     said = capsys.readouterr()
     (line,) = (line for line in said.out.splitlines() if line.startswith("damaged: "))
     assert "bytes cannot be read; samples are missing from " in line

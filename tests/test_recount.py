@@ -55,12 +55,13 @@ SCENES = {
 def test_a_log_as_it_was_written_agrees(tmp_path, scene):
     """On the machine that wrote it every number is found again to a few units in the last place: 1e-14 (1 + scale)."""
     run = ffsm_mj.run(*SCENES[scene](tmp_path))
-    again = recount(run.log)
+    rows = []
+    again = recount(run.log, rows=rows.append)
     assert (again.obstacle, again.gaps) == ("", "")
     assert again.samples == len(run.time)
     assert again.agrees
     assert max(worst.excess for worst in again.worst.values()) < 1e-14 / 1e-10
-    np.testing.assert_allclose(again.log.rows, run.log.rows, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(np.concatenate(rows), run.log.rows, rtol=1e-12, atol=1e-12)
 
 
 STATES = ("state.q_robot_x_m", "state.q_target_x_m", "state.v_robot_x_m_s", "state.v_target_x_m_s", "state.time_s")
@@ -171,8 +172,11 @@ def test_states_that_are_no_numbers_end_nothing(hit):
         for key in STATES + EFFORTS:
             again = recount(changed(hit, key, 500, by=value))
             assert not again.agrees
-    again = recount(changed(hit, "state.q_robot_x_m", 500, by=np.nan))
-    np.testing.assert_array_equal(again.log.rows[501:, 1:3], hit.log.rows[501:, 1:3])
+    rows = []
+    recount(changed(hit, "state.q_robot_x_m", 500, by=np.nan), rows=rows.append)
+    again = np.concatenate(rows)
+    assert np.isnan(again[500]).all()
+    np.testing.assert_allclose(again[501:], hit.log.rows[501:], rtol=1e-12, atol=1e-12)  # the books go on as they were
 
 
 def test_control_laws_of_others_need_not_be_there(hit):

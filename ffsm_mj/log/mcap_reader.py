@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,12 @@ from google.protobuf.message import DecodeError
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from ffsm_mj.errors import LogError
-from ffsm_mj.events import Event, OutcomeRecord
+from ffsm_mj.events import Event, ImpactRecord, OutcomeRecord
 from ffsm_mj.log import mcap_format as form
 from ffsm_mj.log.attachments import fault_of_names
 from ffsm_mj.log.memory_sink import RunLog, run_log
 from ffsm_mj.log.salvage import MAGIC, Salvage
+from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.log.sink import RunHeader
 from ffsm_mj.model import FloatArray
 
@@ -97,28 +99,30 @@ class _Contents:
         files = dict(self.attachments)
         scenario = files.pop(form.SCENARIO_ATTACHMENT, b"").decode()
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata)
-        damage = _damage(salvage, size, rows, outcome.end_s if outcome is not None else None)
+        impacts = (event.time_s for event in events if isinstance(event, ImpactRecord))
+        gaps = _gaps(channel.metadata, rows, impacts, outcome.end_s if outcome is not None else None)
+        damage = _damage(salvage, size, gaps, ended=outcome is not None)
         return run_log(header, rows, events, outcome, damage)
 
 
-def _holes(times: FloatArray, end_s: float | None) -> list[tuple[float, float]]:
-    """Times between which samples are missing, from t = 0 to the end of the run where that is known."""
-    if not len(times):
-        return []
-    ends = [times[-1]] if end_s is None else [end_s]
-    marks = np.concatenate(([0.0], times, ends))
-    usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    return [(float(marks[i]), float(marks[i + 1])) for i in np.flatnonzero(np.diff(marks) > 1.5 * usual)]
+def _gaps(facts: Mapping[str, str], rows: FloatArray, impacts: Iterable[float], end_s: float | None) -> str:
+    """Where samples do not follow each other by the control period; nothing where the log does not tell it."""
+    try:
+        sampling = Sampling(float(facts.get("control_period_s", "")), impacts)
+    except ValueError:
+        return ""
+    sampling.ticks(rows[:, 0])
+    sampling.end(end_s)
+    return sampling.sentence()
 
 
-def _damage(salvage: Salvage, size: int, rows: FloatArray, end_s: float | None) -> str:
+def _damage(salvage: Salvage, size: int, gaps: str, *, ended: bool) -> str:
     """What is wrong with a file, beyond that it may break off; empty where nothing is."""
-    if salvage.lost_bytes:
-        text = f"{salvage.lost_bytes} of {size} bytes cannot be read"
-        missing = ", ".join(f"{a:g} to {b:g} s" for a, b in _holes(rows[:, 0], end_s))
-        return f"{text}; samples are missing from {missing}" if missing else text
+    lost = f"{salvage.lost_bytes} of {size} bytes cannot be read" if salvage.lost_bytes else ""
+    if lost or gaps:
+        return "; ".join(part for part in (lost, gaps) if part)
     if not salvage.data_match:
         return "a checksum does not hold: all samples were read, but descriptions and units may be wrong"
-    if end_s is not None and not salvage.index_match:
+    if ended and not salvage.index_match:
         return "its index is missing or damaged; all data were read"
     return ""

@@ -30,7 +30,12 @@ class Sampling:
         Args:
             period_s: Control period.
             instants: Times of impacts, s: a run that stops at one has a sample there, between two ticks.
+
+        Raises:
+            ValueError: The period is not positive.
         """
+        if not period_s > 0.0:
+            raise ValueError(f"a control period of {period_s} s")
         self._period, self._last = period_s, NOWHERE
         self._instants = np.array(sorted(instants))
         self.breaks: list[str] = []

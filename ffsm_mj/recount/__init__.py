@@ -8,18 +8,18 @@ the next impact. The books are kept on the way by the ledger that keeps them in 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import numpy as np
-
-from ffsm_mj.conservation import DEFAULT_TOLERANCE, Law, Tolerance, check_laws
+from ffsm_mj.conservation import DEFAULT_TOLERANCE, Audit, Law, Tolerance, audit
 from ffsm_mj.errors import InputError
+from ffsm_mj.events import ImpactRecord
 from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.log.sampling import Sampling
+from ffsm_mj.model import FloatArray
 from ffsm_mj.recount.agreement import Difference
 from ffsm_mj.recount.retrace import Retrace
 from ffsm_mj.recount.scene import LogScene, log_scene
-from ffsm_mj.signals import build_layout
+from ffsm_mj.signals import PARTIES, build_layout
 from ffsm_mj.simulation import collected_warnings
 
 
@@ -28,7 +28,6 @@ class Recount:
     """What the states of a log say.
 
     Attributes:
-        log: The log, its energies, momenta and ledgers as its states say; as it was where nothing could be recomputed.
         worst: Worst difference between the log and its states in ``motion``, ``columns`` and ``impacts``.
         samples: How many samples were recomputed.
         numbers: How many numbers were compared.
@@ -36,12 +35,13 @@ class Recount:
         obstacle: Why nothing could be recomputed; empty where it was.
     """
 
-    log: RunLog
     worst: Mapping[str, Difference]
-    samples: int = 0
-    numbers: int = 0
-    gaps: str = ""
-    obstacle: str = ""
+    samples: int
+    numbers: int
+    gaps: str
+    obstacle: str
+    _audit: Audit
+    _impacts: tuple[ImpactRecord, ...]
 
     @property
     def agrees(self) -> bool:
@@ -49,41 +49,60 @@ class Recount:
         return not self.obstacle and all(difference.holds for difference in self.worst.values())
 
     def laws(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
-        """Every law, judged by what the states say; see :func:`ffsm_mj.conservation.check_laws`."""
-        return check_laws(self.log, tolerance)
+        """Every law by what the states say, or by what the log says where nothing could be recomputed.
+
+        Args:
+            tolerance: See :func:`ffsm_mj.conservation.check_laws`.
+        """
+        return self._audit.laws(self._impacts, tolerance)
 
 
-def recount(log: RunLog, report: Callable[[int], None] = lambda _: None) -> Recount:
+def recount(
+    log: RunLog,
+    report: Callable[[float, float], None] | None = None,
+    rows: Callable[[FloatArray], None] | None = None,
+) -> Recount:
     """Recompute a run from its log.
 
     Args:
         log: What was read.
-        report: Told how many samples are done as it goes.
+        report: Told (how many samples are done, of how many) as it goes.
+        rows: Given the recomputed samples block by block, (n, number of signals).
     """
     try:
         scene = log_scene(log)
         _refuse_other_columns(log, scene)
     except InputError as error:
-        return Recount(log, {}, obstacle=error.lines[0])
-    sampling = Sampling(
-        scene.scenario.time_step_s * scene.scenario.steps_per_tick, [record.time_s for record in log.impacts]
-    )
-    retrace, rows, done = Retrace(scene, log), [], 0
+        return Recount({}, 0, 0, "", error.lines[0], audit(log), log.impacts)
+    retrace = Retrace(scene, log)
+    seen = Audit(log.header.layout, dict(log.header.facts) | _facts(scene, retrace))
+    sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, (x.time_s for x in log.impacts))
     with collected_warnings([]):
         for block in log.blocks():
-            rows.append(retrace.take(block, sampling.ticks(block[:, 0])))
-            done += len(block)
-            report(done)
+            again = retrace.take(block, sampling.ticks(block[:, 0]))
+            seen.rows(again)
+            if rows is not None:
+                rows(again)
+            if report is not None:
+                report(seen.samples, max(scene.scenario.ticks + 1, seen.samples))
         retrace.finish()
     sampling.end(log.outcome.end_s if log.outcome else None)
     found = {"motion": retrace.motion, "columns": retrace.columns, "impacts": retrace.impacts}
-    return Recount(
-        replace(log, rows=np.concatenate(rows) if rows else log.rows),
-        {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None},
-        done,
-        sum(agreement.numbers for agreement in found.values()),
-        sampling.sentence(),
-    )
+    worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
+    numbers = sum(agreement.numbers for agreement in found.values())
+    return Recount(worst, seen.samples, numbers, sampling.sentence(), "", seen, log.impacts)
+
+
+def _facts(scene: LogScene, retrace: Retrace) -> dict[str, str]:
+    """What the models and the scenario say, whatever the log says of them."""
+    free = {
+        f"free_components_{party}": " ".join(f"{x:.0f}" for x in row)
+        for party, row in zip(PARTIES, retrace.free, strict=True)
+    }
+    return free | {
+        "conservative": "true" if not scene.system.faults else "false",
+        "time_step_s": repr(scene.scenario.time_step_s),
+    }
 
 
 def _refuse_other_columns(log: RunLog, scene: LogScene) -> None:

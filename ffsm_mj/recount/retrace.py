@@ -54,6 +54,7 @@ class Retrace:
         motion: Every sample against the end of the flight from the one before.
         columns: Every column that follows from states and efforts against the log's.
         impacts: Every field of the impacts, and the states at which they happened.
+        free: See :class:`ffsm_mj.ledger.Ledger`.
     """
 
     def __init__(self, scene: LogScene, log: RunLog) -> None:
@@ -66,6 +67,7 @@ class Retrace:
         momentum, state = np.empty(model.nv), np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
         self._flight = fastest(Flight)(model, self._data, state, momentum)
         self._ledger = Ledger(scene.system, self._data, momentum, notes=BLOCK_ROWS)
+        self.free = self._ledger.free
         self._actuation, self._command = scene.actuation, Command.off(int(model.nu))
         self._find_columns()
         self._again, self._flown = np.zeros((BLOCK_ROWS, len(layout.keys))), np.zeros((BLOCK_ROWS, model.nq + model.nv))

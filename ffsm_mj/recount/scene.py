@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from pydantic import ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from ffsm_mj.actuation import Actuation
 from ffsm_mj.assembly import impact_pairs, task_of
@@ -16,6 +13,7 @@ from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.impact.contact import ImpactPair
 from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.log_model import compile_log
+from ffsm_mj.log_scenario import scenario_data
 from ffsm_mj.model import System
 from ffsm_mj.scenario import Scenario
 
@@ -39,7 +37,7 @@ def log_scene(log: RunLog) -> LogScene:
     Raises:
         InputError: The log carries no scenario or no models, or they do not make a scene.
     """
-    scenario = _scenario(log.header.scenario_yaml)
+    scenario = _scenario(log)
     system = compile_log(log)
     try:
         return LogScene(
@@ -53,20 +51,14 @@ def log_scene(log: RunLog) -> LogScene:
         raise InputError([f"{'.'.join(map(str, fault.path))}: {fault.message}" for fault in error.faults]) from error
 
 
-def _scenario(text: str) -> Scenario:
+def _scenario(log: RunLog) -> Scenario:
     """The scenario with nothing for its control laws.
 
     Raises:
-        InputError: It is none.
+        InputError: It is none of this version.
     """
     try:
-        data: Any = YAML(typ="safe", pure=True).load(text)
-    except YAMLError as error:
-        raise InputError("the scenario in the log is no YAML") from error
-    if not isinstance(data, dict):
-        raise InputError("the log carries no scenario")
-    try:
-        return Scenario.model_validate(data | {"phases": _NO_LAW})
+        return Scenario.model_validate(scenario_data(log) | {"phases": _NO_LAW})
     except ValidationError as error:
         keys = ", ".join(sorted({".".join(map(str, fault["loc"])) for fault in error.errors()}))
         raise InputError(f"the scenario in the log is not of this version ({keys})") from error
