@@ -145,7 +145,7 @@ class OutcomeRecord:
         message: What there is to say of it.
         end_s: Simulation time at the end.
         steps: Integration steps taken.
-        wall_s: Wall time of the simulation.
+        wall_s: Wall time of the simulation; 0 where SOURCE_DATE_EPOCH is set.
         controller_ticks: Control ticks taken.
         riccati_fallbacks: Ticks that needed the robust Riccati solver: the first of a phase, or the warm start failed.
         worst_riccati_residual: Greatest residual of the Riccati equation, relative.

@@ -33,6 +33,7 @@ from ffsm_mj.scenario import Scenario, load_scenario
 from ffsm_mj.shipped import scenario_path
 from ffsm_mj.signals import PARTIES, build_layout
 from ffsm_mj.simulation import Plant, Settings, Simulation
+from ffsm_mj.source_date import source_date
 from ffsm_mj.yaml_source import write_yaml
 
 _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
@@ -102,6 +103,7 @@ class Prepared:
         report: Callable[[float, float], None] | None = None,
     ) -> Run:
         """Simulate; see :func:`run`."""
+        source_date()  # one that is malformed is refused before there is a folder
         folder = RunFolder.create(out, force=force) if out is not None else None
         with_rerun = self.scenario.log.rerun if rerun is None else rerun
         return _simulate(self.assembly, folder, with_rerun=with_rerun, live=live, report=report)
@@ -163,7 +165,7 @@ def _simulate(
     tip = assembly.task.tip_site if assembly.task else None
     block = np.zeros((BLOCK_ROWS, len(layout.signals)))
     rows = RowWriter(layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, tip, block)
-    recorder = Recorder(block, sinks, rows.complete)
+    recorder = Recorder(block, sinks, rows.complete, by_clock=source_date() is None)
     simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
     try:
         with _interrupts() as interrupted, recorder:
@@ -195,7 +197,7 @@ def _settings(config: Scenario) -> Settings:
 
 
 def _with_controller(outcome: OutcomeRecord, memory: MemorySink) -> OutcomeRecord:
-    """Add what the rows say of the Riccati solver, and the versions that made the run."""
+    """Add what the rows say of the Riccati solver, and the versions that made the run; see :mod:`ffsm_mj.source_date`."""
     log = memory.log()
     index = log.header.layout.index
 
@@ -207,6 +209,7 @@ def _with_controller(outcome: OutcomeRecord, memory: MemorySink) -> OutcomeRecor
 
     return replace(
         outcome,
+        wall_s=outcome.wall_s if source_date() is None else 0.0,
         riccati_fallbacks=int(column("controller.osdre_riccati_fallback").sum()),
         worst_riccati_residual=float(column("controller.osdre_riccati_residual").max()),
         versions=versions(),
@@ -240,7 +243,7 @@ def _facts(assembly: Assembly, ledger: Ledger) -> dict[str, str]:
     facts = {
         "format_version": "1",
         "scenario": config.name,
-        "created_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "created_utc": (source_date() or datetime.now(UTC)).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "duration_s": repr(config.duration_s),
         "time_step_s": repr(config.time_step_s),
         "control_period_s": repr(config.time_step_s * config.steps_per_tick),

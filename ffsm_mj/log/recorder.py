@@ -22,17 +22,21 @@ class Recorder:
         line: The line of the block that is to be filled next, before :meth:`commit`.
     """
 
-    def __init__(self, block: FloatArray, sinks: Sequence[Sink], complete: Callable[[FloatArray], None]) -> None:
+    def __init__(
+        self, block: FloatArray, sinks: Sequence[Sink], complete: Callable[[FloatArray], None], *, by_clock: bool = True
+    ) -> None:
         """Start with an empty block.
 
         Args:
             block: Where rows are filled in, (lines, number of signals).
             sinks: Where rows and events go.
             complete: Fills in what is worked out for a block of rows at once, just before it is passed on.
+            by_clock: Flush at least once per wall second; otherwise whenever the block is full, so that the same rows
+                give the same bytes at any speed.
         """
         self._sinks, self._complete = tuple(sinks), complete
         self._block, self.line = block, 0
-        self._next_flush = time.monotonic() + _FLUSH_PERIOD_S
+        self._by_clock, self._next_flush = by_clock, time.monotonic() + _FLUSH_PERIOD_S
         self.outcome: OutcomeRecord | None = None
 
     def open(self, header: RunHeader) -> None:
@@ -45,7 +49,9 @@ class Recorder:
         self.line += 1
         if self.line == len(self._block):
             self._pass_on()
-        if time.monotonic() >= self._next_flush:
+            if not self._by_clock:
+                self.flush()
+        if self._by_clock and time.monotonic() >= self._next_flush:
             self.flush()
 
     def event(self, event: Event) -> None:
