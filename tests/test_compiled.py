@@ -287,7 +287,7 @@ def test_twins_of_another_version_are_refused(monkeypatch):
     compiled._twins.cache_clear()
     monkeypatch.setattr(compiled, "version", {"ffsm-mj": "2.0", "ffsm-mj-fast": "1.0"}.__getitem__)
     with pytest.raises(
-        ImportError, match=r"ffsm-mj-fast 1.0 does not fit ffsm-mj 2.0: pip install .* or set FFSM_COMPILED=0"
+        ImportError, match=r"ffsm-mj-fast 1.0 does not fit ffsm-mj 2.0: uv sync --extra fast .* or set FFSM_COMPILED=0"
     ):
         fastest(Flight)
     compiled._twins.cache_clear()

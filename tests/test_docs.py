@@ -115,3 +115,15 @@ def test_the_log_reference_is_current():
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", (ROOT / page).read_text()):
         assert target.startswith("http") or (ROOT / page).parent.joinpath(target).exists(), target
+
+
+def test_pages_install_from_a_checkout():
+    """ffsm-mj is on no package index: no page, and no message, may send people there."""
+    pages = [
+        ROOT / "README.md",
+        ROOT / "fast" / "README.md",
+        *(ROOT / "docs").glob("*.md"),
+        *(ROOT / "ffsm_mj").rglob("*.py"),
+    ]
+    for page in pages:
+        assert not re.search(r"(pip install|uv add|uvx|pipx)\b[^\n]*ffsm", page.read_text(encoding="utf-8")), page
