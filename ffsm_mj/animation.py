@@ -25,6 +25,7 @@ _SPEEDS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.
 _SIZE_PX = (960, 720)
 _FLASH_S = 0.5
 _LAST_PICTURE_S = 1.5
+_MOST_PICTURES = 6000
 
 
 def write_animation(
@@ -59,7 +60,13 @@ def write_animation(
     subject = Subject(run)
     end = float(run.time[-1])
     fast = speed or next((s for s in _SPEEDS if end / s <= _LONGEST_S), end / _LONGEST_S)
-    count = max(2, 1 + math.ceil(end / fast * frames_per_second))
+    wanted = end / fast * frames_per_second
+    if not wanted < _MOST_PICTURES:
+        raise InputError(
+            f"{path}: {end:g} s at {fast:g} times real time are {wanted:.3g} pictures, more than {_MOST_PICTURES}; "
+            "raise --speed or lower --fps"
+        )
+    count = max(2, 1 + math.ceil(wanted))
     with publication():
         pictures = _counted(_pictures(subject, np.linspace(0.0, end, count), fast), count, report)
         writers[path.suffix.lower()](path, pictures, frames_per_second)

@@ -21,7 +21,9 @@ from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.impact.watch import ContactWatch
 from ffsm_mj.model import Joint, System, compile_system
 from ffsm_mj.model_files import read_model
+from ffsm_mj.run_size import too_large
 from ffsm_mj.scenario import JointValue, Scenario, located
+from ffsm_mj.signals import Layout, build_layout
 from ffsm_mj.yaml_source import YamlSource
 
 _HUGE = 1e10
@@ -41,6 +43,7 @@ class Assembly:
         actuation: Plant limits.
         controller: The phase machine.
         task: The tip's task, if any.
+        layout: Columns of the log.
     """
 
     scenario: Scenario
@@ -51,6 +54,7 @@ class Assembly:
     actuation: Actuation
     controller: PhaseMachine
     task: Task | None
+    layout: Layout
 
 
 def assemble(scenario: Scenario, source: YamlSource) -> Assembly:
@@ -68,9 +72,12 @@ def assemble(scenario: Scenario, source: YamlSource) -> Assembly:
         actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
         controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s))
+        layout = build_layout(system, actuation.signals, controller.telemetry_signals, tip=task is not None)
+        if fault := too_large(scenario.ticks, len(layout.signals), scenario.log.max_size_GB):
+            raise ScenarioFaults([Fault(fault, ("duration_s",))])
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
-    return Assembly(scenario, system, data, pairs, known, actuation, controller, task)
+    return Assembly(scenario, system, data, pairs, known, actuation, controller, task, layout)
 
 
 def compile_scenario(scenario: Scenario, source: YamlSource) -> System:

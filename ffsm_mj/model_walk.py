@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import posixpath
+from dataclasses import replace
 from typing import Protocol
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model_limits import MOST_ELEMENTS, MOST_PIXELS, image_pixels, pixels
 from ffsm_mj.model_xml import Element, assets, elements, is_urdf
 
 _MAX_DEPTH = 8
@@ -44,19 +46,24 @@ class _Walk:
     def __init__(self, shelf: Shelf) -> None:
         self._shelf, self.found = shelf, dict[str, bytes]()
         self._by_last_part: dict[str, str] = {}
+        self._elements = self._pixels = 0.0
 
-    def model(self, name: str, written: str, place: str, chain: tuple[str, ...]) -> None:
+    def model(self, name: str, written: str, place: str, chain: tuple[str, ...], copies: float = 1.0) -> None:
         """A model and all that it attaches, each with its own settings."""
         home = posixpath.dirname(name)
         whole = self._document(name, written, place, home, chain)
+        repeats = max(element.copies for element in whole)
+        for element in whole:
+            self._count(element.place, element.copies * copies, pixels(element.tag, element.attributes))
         if not is_urdf(whole):
             for element in whole:
                 inner = element.attributes.get("file")
                 if element.tag == "model" and inner:
-                    self.model(_join(home, inner), inner, element.place, (*chain, name))
+                    self.model(_join(home, inner), inner, element.place, (*chain, name), copies * repeats)
         for asset in assets(whole):
             path = _join(home, posixpath.join(asset.folder, asset.name))
-            self._take(path, posixpath.join(asset.folder, asset.name), asset.place)
+            content = self._take(path, posixpath.join(asset.folder, asset.name), asset.place)
+            self._count(asset.place, 0.0, image_pixels(content))
             if asset.stripped:
                 self._by_last_part[path] = asset.place
 
@@ -76,8 +83,17 @@ class _Walk:
             path = _join(home, inner)
             if not self._shelf.has(path) and self._shelf.has(beside := _join(posixpath.dirname(name), inner)):
                 path, self._by_last_part[beside] = beside, element.place
-            filled += self._document(path, inner, element.place, home, (*chain, name))[1:]
+            included = self._document(path, inner, element.place, home, (*chain, name))[1:]
+            filled += [replace(each, copies=each.copies * element.copies) for each in included]
         return filled
+
+    def _count(self, place: str, elements: float, pixels: float) -> None:
+        """Add to what the model asks for in all."""
+        self._elements, self._pixels = self._elements + elements, self._pixels + pixels
+        if self._elements > MOST_ELEMENTS:
+            raise InputError(f"{place}: with this the model has more than {MOST_ELEMENTS} elements, repeated ones included")
+        if self._pixels > MOST_PIXELS:
+            raise InputError(f"{place}: with this the model's images have more than {MOST_PIXELS} pixels")
 
     def _take(self, name: str, written: str, place: str) -> bytes:
         if name not in self.found:

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from xml.parsers import expat
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model_limits import MOST_ELEMENTS, copies, refuse_giant
 
 _CUBE_SIDES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 _FOLDER_OF = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "flexcomp": "meshdir", "texture": "texturedir"}
 _MAX_DEPTH = 200
-_MAX_ELEMENTS = 200_000
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,14 @@ class Element:
         attributes: Its attributes.
         parents: Tags of the elements around it, the root first.
         place: ``file:line`` for messages.
+        copies: How often it is there: once for each time that a ``<replicate>`` around it repeats what it holds.
     """
 
     tag: str
     attributes: dict[str, str]
     parents: tuple[str, ...]
     place: str
+    copies: float
 
 
 @dataclass(frozen=True)
@@ -60,10 +62,12 @@ def elements(xml: bytes, place: str) -> list[Element]:
         place: Name of the file for messages.
 
     Raises:
-        InputError: It is not UTF-8, not well-formed, too deep or too long, has a document type, or asks for a plugin.
+        InputError: It is not UTF-8, not well-formed, too deep or too long, has a document type, or asks for a plugin or
+            for too much.
     """
     found: list[Element] = []
     parents: list[str] = []
+    repeats: list[float] = []
     parser = expat.ParserCreate("UTF-8")
 
     def refuse(message: str) -> None:
@@ -73,13 +77,20 @@ def elements(xml: bytes, place: str) -> list[Element]:
         tag = name.lower()
         if tag in ("plugin", "extension"):
             refuse(f"<{name}>: plugins are not modelled, what they do is in no balance; remove it")
-        if len(parents) >= _MAX_DEPTH or len(found) >= _MAX_ELEMENTS:
-            refuse(f"more than {_MAX_DEPTH} levels or {_MAX_ELEMENTS} elements of XML")
-        found.append(Element(tag, attributes, tuple(parents), f"{place}:{parser.CurrentLineNumber}"))
+        if len(parents) >= _MAX_DEPTH or len(found) >= MOST_ELEMENTS:
+            refuse(f"more than {_MAX_DEPTH} levels or {MOST_ELEMENTS} elements of XML")
+        line = f"{place}:{parser.CurrentLineNumber}"
+        refuse_giant(tag, attributes, line)
+        found.append(Element(tag, attributes, tuple(parents), line, repeats[-1] if repeats else 1.0))
+        repeats.append(found[-1].copies * copies(tag, attributes))
         parents.append(tag)
 
+    def end(_: str) -> None:
+        parents.pop()
+        repeats.pop()
+
     parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: parents.pop()
+    parser.EndElementHandler = end
     parser.StartDoctypeDeclHandler = lambda *_: refuse("<!DOCTYPE>: a model has no document type; remove it")
     try:
         parser.Parse(xml, True)

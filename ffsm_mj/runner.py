@@ -29,9 +29,10 @@ from ffsm_mj.log.sink import RunHeader, Sink
 from ffsm_mj.model_files import logged_name
 from ffsm_mj.row_writer import RowWriter
 from ffsm_mj.run_folder import RunFolder
+from ffsm_mj.run_size import refuse_without_room
 from ffsm_mj.scenario import Scenario, load_scenario
 from ffsm_mj.shipped import scenario_path
-from ffsm_mj.signals import PARTIES, build_layout
+from ffsm_mj.signals import PARTIES
 from ffsm_mj.simulation import Plant, Settings, Simulation
 from ffsm_mj.source_date import source_date
 from ffsm_mj.yaml_source import write_yaml
@@ -104,6 +105,7 @@ class Prepared:
     ) -> Run:
         """Simulate; see :func:`run`."""
         source_date()  # one that is malformed is refused before there is a folder
+        refuse_without_room(self.scenario.ticks, len(self.assembly.layout.signals), out)
         folder = RunFolder.create(out, force=force) if out is not None else None
         with_rerun = self.scenario.log.rerun if rerun is None else rerun
         return _simulate(self.assembly, folder, with_rerun=with_rerun, live=live, report=report)
@@ -137,10 +139,7 @@ def _simulate(
     live: str | None,
     report: Callable[[float, float], None] | None,
 ) -> Run:
-    config, system = assembly.scenario, assembly.system
-    layout = build_layout(
-        system, assembly.actuation.signals, assembly.controller.telemetry_signals, tip=assembly.task is not None
-    )
+    config, system, layout = assembly.scenario, assembly.system, assembly.layout
     files = {logged_name(model, n): data for model, each in system.files.items() for n, data in each.files.items()}
     detector = Detector(system.mj, assembly.data, assembly.pairs)
     ledger = Ledger(system, assembly.data, detector.momentum, notes=BLOCK_ROWS)

@@ -26,6 +26,7 @@ else:
 
 # A multiple is one to 1e-9 of the ratio: beyond this that is half a period, and every ratio would pass.
 _MOST_PERIODS = 5e8
+_MOST_FRAMES = 1e6
 
 Name = Annotated[str, Field(min_length=1)]
 Axis = Literal["x", "y", "z"]
@@ -144,6 +145,8 @@ class LogConfig(StrictModel):
     """Write ``run.rrd`` for the Rerun viewer."""
     view_rate_hz: PositiveFloat = 50.0
     """Frames per simulated second in ``run.rrd`` and in the viewer topics of ``run.mcap``."""
+    max_size_GB: PositiveFloat = 100.0
+    """A run whose samples are more than this before compression is refused, GB; the log is a half to a fifth of it."""
 
 
 class Scenario(StrictModel):
@@ -206,6 +209,9 @@ def _timing_faults(scenario: Scenario) -> list[Fault]:
 
 def _other_faults(scenario: Scenario) -> list[Fault]:
     faults = _timing_faults(scenario)
+    frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
+    if frames > _MOST_FRAMES and not faults:
+        faults.append(Fault(f"makes {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", ("log", "view_rate_hz")))
     if scenario.extends is not None:
         faults.append(Fault("can only stand in a scenario file", ("extends",)))
     for reserved in {"robot", "world"} & set(scenario.objects):

@@ -25,6 +25,8 @@ _KINDS = {
 }
 # MuJoCo's own viewer draws groups 0 to 2; contact-only geoms live in higher ones.
 _DRAWN_GROUPS = 3
+_MOST_VERTICES = 2_000_000
+"""Corners of meshes that are drawn; a mesh beyond them is drawn as the box around it, each geom for itself."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def moving_bodies(system: System) -> list[int]:
 
 def shapes(system: System) -> Iterator[Shape]:
     """Every geom that is drawn; planes and height fields are not."""
-    model = system.mj
+    model, corners = system.mj, 0
     for geom in range(model.ngeom):
         kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[geom]))
         if kind is None or model.geom_group[geom] >= _DRAWN_GROUPS:
@@ -89,7 +91,11 @@ def shapes(system: System) -> Iterator[Shape]:
         size, material = model.geom_size[geom].copy(), int(model.geom_matid[geom])
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE:
             size[:] = size[0]
-        vertices, triangles = _mesh(model, int(model.geom_dataid[geom]) if kind == "mesh" else -1)
+        mesh = int(model.geom_dataid[geom]) if kind == "mesh" else -1
+        corners += 3 * int(model.mesh_facenum[mesh]) if mesh >= 0 else 0
+        if mesh >= 0 and corners > _MOST_VERTICES:
+            kind, mesh = "box", -1  # its size is that of the box around the mesh
+        vertices, triangles = _mesh(model, mesh)
         yield Shape(
             name=(model.geom(geom).name or f"geom_{geom}").rsplit("/", 1)[-1],
             body=int(model.geom_bodyid[geom]),

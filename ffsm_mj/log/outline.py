@@ -15,15 +15,19 @@ from ffsm_mj.log.foxglove_messages import timestamp
 from ffsm_mj.model import FloatArray
 
 _SPACING_M = 0.01
+_MOST_POINTS = 100_000
+"""Points of a body's straight and round edges together, and of each of its meshes; of large ones they are farther apart."""
 _NAMES = ("x", "y", "z", "red", "green", "blue", "alpha")
 _POINT = np.dtype(list(zip(_NAMES, ["<f4"] * 3 + ["u1"] * 4, strict=True)))
 
 
 def outline_cloud(shapes: Sequence[Shape], frame_id: str, time_ns: int) -> PointCloud:
     """The edges of all shapes of one body, in its frame."""
+    lines = [[] if shape.kind == "mesh" else _edges(shape) for shape in shapes]
+    spacing = max(_SPACING_M, sum(_lengths(line)[-1] for edges in lines for line in edges) / _MOST_POINTS)
     clouds = []
-    for shape in shapes:
-        points = _edge_points(shape)
+    for shape, edges in zip(shapes, lines, strict=True):
+        points = _placed(shape, np.vstack([_along(line, spacing) for line in edges]) if edges else _thinned(shape.vertices))
         cloud = np.empty(len(points), dtype=_POINT)
         for name, column in zip(_NAMES[:3], points.T, strict=True):
             cloud[name] = column
@@ -40,9 +44,12 @@ def outline_cloud(shapes: Sequence[Shape], frame_id: str, time_ns: int) -> Point
     return message
 
 
-def _edge_points(shape: Shape) -> FloatArray:
-    """Points along the edges, in the frame of the body, (n, 3), m."""
-    local = shape.vertices if shape.kind == "mesh" else np.vstack([_along(line) for line in _edges(shape)])
+def _thinned(points: FloatArray) -> FloatArray:
+    return points[:: -(-len(points) // _MOST_POINTS) or 1]
+
+
+def _placed(shape: Shape, local: FloatArray) -> FloatArray:
+    """Points of the frame of the geom in that of the body, (n, 3), m."""
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, shape.quaternion)
     return np.asarray(local @ rotation.reshape(3, 3).T + shape.position)
@@ -70,8 +77,13 @@ def _edges(shape: Shape) -> list[FloatArray]:
     return [*ends, np.column_stack((wide, level, high)), np.column_stack((level, wide, high))]
 
 
-def _along(line: FloatArray) -> FloatArray:
+def _lengths(line: FloatArray) -> FloatArray:
+    """Way along a polyline from its first point to each, m."""
+    return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))))
+
+
+def _along(line: FloatArray, spacing: float) -> FloatArray:
     """Points along a polyline, evenly spaced."""
-    length = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))))
-    at = np.linspace(0.0, length[-1], max(2, round(length[-1] / _SPACING_M)))
+    length = _lengths(line)
+    at = np.linspace(0.0, length[-1], max(2, round(length[-1] / spacing)))
     return np.column_stack([np.interp(at, length, line[:, i]) for i in range(3)])

@@ -14,6 +14,8 @@ from ffsm_mj.model import FloatArray, System
 _DRAWN_GROUPS = 3
 _TURN = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 _CIRCLE = np.stack((np.cos(_TURN), np.sin(_TURN)))
+_MOST_VERTICES = 2000
+"""Of a mesh with more vertices those that stick out farthest are drawn."""
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
@@ -59,6 +61,8 @@ class Silhouette:
         drawn = [g for g in range(model.ngeom) if model.geom_group[g] < _DRAWN_GROUPS]
         shown = drawn or list(range(model.ngeom))  # a bare model may have contact geoms only
         self._geoms = [(g, system.tree_of_body(int(model.geom_bodyid[g]))) for g in shown]
+        meshes = {int(model.geom_dataid[g]) for g in shown if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH}
+        self._corners = {mesh: _corners(model, mesh) for mesh in meshes}
 
     def place(self, qpos: FloatArray) -> Any:
         """MuJoCo's data with all poses at a configuration, (nq,)."""
@@ -72,17 +76,37 @@ class Silhouette:
         found = []
         for geom, tree in self._geoms:
             centre, rotation = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
-            flat = _outline(self._system.mj, geom, rotation[plane.axes])
+            flat = self._outline(geom, rotation[plane.axes])
             if flat is not None:
                 depth = float(centre @ plane.towards)
                 shape = Outline(flat + centre[plane.axes], tree.name if tree else "world", _lightness(self._system.mj, geom))
                 found.append((depth, shape))
         return [shape for _, shape in sorted(found, key=lambda pair: pair[0])]
 
+    def _outline(self, geom: int, view: FloatArray) -> FloatArray | None:
+        """Convex outline of a geom about its centre, seen through two rows of its rotation, (2, 3); None for a plane."""
+        model = self._system.mj
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            return hull(self._corners[int(model.geom_dataid[geom])] @ view.T)
+        return _outline(model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom]), view)
 
-def _outline(model: Any, geom: int, view: FloatArray) -> FloatArray | None:
-    """Convex outline of a geom about its centre, seen through two rows of its rotation matrix, (2, 3); None for a plane."""
-    size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
+
+def _corners(model: Any, mesh: int) -> FloatArray:
+    """Vertices of a mesh that its outline is made of, (n, 3), m; of many vertices the outermost in many directions."""
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    vertices: FloatArray = model.mesh_vert[first : first + count].astype(np.float64)
+    if count <= _MOST_VERTICES:
+        return vertices
+    turn = np.arange(_MOST_VERTICES) * np.pi * (1.0 + np.sqrt(5.0))  # evenly over the sphere
+    z = 1.0 - (2.0 * np.arange(_MOST_VERTICES) + 1.0) / _MOST_VERTICES
+    flat = np.sqrt(1.0 - z**2)
+    directions = np.column_stack((flat * np.cos(turn), flat * np.sin(turn), z))
+    outermost = np.unique([int(np.argmax(vertices @ direction)) for direction in directions])
+    return np.asarray(vertices[outermost])
+
+
+def _outline(size: FloatArray, kind: Any, view: FloatArray) -> FloatArray | None:
+    """Convex outline of a geom that is no mesh."""
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return hull((_CORNERS * size) @ view.T)
     if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID):
@@ -94,10 +118,6 @@ def _outline(model: Any, geom: int, view: FloatArray) -> FloatArray | None:
         disc = size[0] * _CIRCLE.T
     elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
         disc = size[0] * (view[:, :2] @ _CIRCLE).T
-    elif kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = int(model.geom_dataid[geom])
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        return hull(model.mesh_vert[first : first + count] @ view.T)
     else:
         return None
     return hull(np.vstack((disc + end, disc - end)))

@@ -1,0 +1,72 @@
+"""How much a few words of a model may ask for: repeated elements, generated meshes and textures, images, reserved memory."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+
+from ffsm_mj.errors import InputError
+
+MOST_ELEMENTS = 200_000
+"""Elements of a model, each counted as often as ``<replicate>`` repeats it."""
+MOST_PIXELS = 1 << 26
+"""Pixels of all textures and height fields of a model."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+_UNITS = {"": 1.0, "K": 2.0**10, "M": 2.0**20, "G": 2.0**30, "T": 2.0**40, "P": 2.0**50, "E": 2.0**60}
+_MOST: dict[tuple[str, str], float] = {
+    ("flexcomp", "count"): 1e5,
+    ("mesh", "params"): 1e6,
+    ("size", "memory"): 2.0**30,
+    ("size", "nstack"): 2.0**27,
+}
+_MOST_OF_OTHER_SIZES = 1e5
+
+
+def refuse_giant(tag: str, attributes: Mapping[str, str], place: str) -> None:
+    """Refuse an element that asks for more than a model needs.
+
+    Args:
+        tag: Its name in lower case.
+        attributes: Its attributes.
+        place: ``file:line``.
+
+    Raises:
+        InputError: A product of numbers is beyond its limit.
+    """
+    for name, text in attributes.items():
+        limit = _MOST.get((tag, name), _MOST_OF_OTHER_SIZES if tag == "size" else math.inf)
+        if _product(text) > limit:
+            raise InputError(f"{place}: <{tag} {name}={text[:40]!r}> asks for more than {limit:g}")
+
+
+def copies(tag: str, attributes: Mapping[str, str]) -> float:
+    """How often what stands in an element is there."""
+    return max(1.0, _product(attributes.get("count", "1"))) if tag == "replicate" else 1.0
+
+
+def pixels(tag: str, attributes: Mapping[str, str]) -> float:
+    """Pixels that an element makes without a file."""
+    if tag == "texture" and attributes.get("builtin", "none") != "none":
+        width = _product(attributes.get("width", "0"))
+        return width * (_product(attributes.get("height", "0")) if attributes.get("type") == "2d" else 6.0 * width)
+    return _product(f"{attributes.get('nrow', '0')} {attributes.get('ncol', '0')}") if tag == "hfield" else 0.0
+
+
+def image_pixels(content: bytes) -> float:
+    """Pixels that a PNG says it has; zero of anything else."""
+    if not content.startswith(_PNG):
+        return 0.0
+    return float(int.from_bytes(content[16:20], "big")) * int.from_bytes(content[20:24], "big")
+
+
+def _product(text: str) -> float:
+    """Product of the numbers of a text, those below 1 left out; with MuJoCo's units of memory."""
+    product = 1.0
+    for word in text.split():
+        number = re.fullmatch(r"([-+.\deE]+?)([KMGTPE]?)", word, re.IGNORECASE)
+        try:
+            product *= max(1.0, float(number[1]) * _UNITS[number[2].upper()]) if number else 1.0
+        except ValueError:
+            continue  # no number: MuJoCo says so
+    return product
