@@ -161,7 +161,7 @@ def agreement(again: Recount) -> str:
     worst = sorted(again.worst.values(), key=lambda one: -one.excess)
     if again.agrees:
         of = f"{again.numbers} numbers of {again.samples} samples"
-        return f"columns agree with states: worst difference {_difference(worst[0])}; {of}"
+        return f"columns agree with states ({of}); the worst difference:\n  {_difference(worst[0])}"
     return "COLUMNS DO NOT AGREE WITH STATES:" + "".join(f"\n  {_difference(one)}" for one in worst if not one.holds)
 
 
