@@ -40,6 +40,7 @@ def _twins() -> ModuleType | None:
     ours, theirs = version("ffsm-mj"), version("ffsm-mj-fast")
     if ours != theirs:
         raise ImportError(
-            f"ffsm-mj-fast {theirs} does not fit ffsm-mj {ours}: uv sync --extra fast --reinstall-package ffsm-mj-fast, or set FFSM_COMPILED=0"
+            f"ffsm-mj-fast {theirs} does not fit ffsm-mj {ours}: "
+            "uv sync --extra fast --reinstall-package ffsm-mj-fast, or set FFSM_COMPILED=0"
         )
     return importlib.import_module("ffsm_mj_fast")

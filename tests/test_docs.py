@@ -126,4 +126,4 @@ def test_pages_install_from_a_checkout():
         *(ROOT / "ffsm_mj").rglob("*.py"),
     ]
     for page in pages:
-        assert not re.search(r"(pip install|uv add|uvx|pipx)\b[^\n]*ffsm", page.read_text(encoding="utf-8")), page
+        assert not re.search(r"(pip install|uv add|uvx|pipx)\b[^\n]*ffsm-mj", page.read_text(encoding="utf-8")), page
