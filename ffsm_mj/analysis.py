@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.comparison import Comparison, compare_logs
-from ffsm_mj.conservation import DEFAULT_TOLERANCE, Law, Tolerance, check_laws
+from ffsm_mj.conservation import DEFAULT_TOLERANCE, Law, Tolerance
+from ffsm_mj.digest import Digest, digest
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.log.mcap_reader import read_log
@@ -27,12 +28,18 @@ class Run:
 
     Attributes:
         log: Everything that was recorded.
-        path: The file it was read from; None for a run in memory.
+        path: The file that holds it; None for a run in memory.
     """
 
-    def __init__(self, log: RunLog, path: Path | None = None) -> None:
-        """Wrap a log."""
-        self.log, self.path = log, path
+    def __init__(self, log: RunLog, path: Path | None = None, digested: Digest | None = None) -> None:
+        """Wrap a log.
+
+        Args:
+            log: What was recorded.
+            path: The file that holds it.
+            digested: What its rows came to, where they went past already; None: gone through when it is asked for.
+        """
+        self.log, self.path, self._given = log, path, digested
 
     def __getitem__(self, key: str) -> FloatArray:
         """Column of a signal, one value per control tick.
@@ -43,7 +50,7 @@ class Run:
         layout = self.log.header.layout
         if key not in layout.index:
             raise KeyError(unknown_name("signal", key, layout.keys))
-        return self.log.rows[:, layout.index[key]]
+        return self.log.column(key)
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -109,7 +116,7 @@ class Run:
         return self._columns(f"momentum.{party}_P_", f"momentum.{party}_L_")
 
     def _columns(self, *prefixes: str) -> FloatArray:
-        return self.log.rows[:, [i for i, key in enumerate(self.keys) if key.startswith(prefixes)]]
+        return np.asarray(self.log.rows[:, [i for i, key in enumerate(self.keys) if key.startswith(prefixes)]])
 
     @property
     def impacts(self) -> tuple[ImpactRecord, ...]:
@@ -152,8 +159,13 @@ class Run:
         return self.log.header.facts.get("conservative") == "true"
 
     def laws(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
-        """Every conservation law with its worst residual; see :func:`ffsm_mj.conservation.check_laws`."""
-        return check_laws(self.log, tolerance)
+        """Every law with its worst residual; see :func:`ffsm_mj.conservation.check_laws`."""
+        return self.digest.audit.laws(self.log.impacts, tolerance)
+
+    @cached_property
+    def digest(self) -> Digest:
+        """What verdicts and summary need of the rows, gathered in one pass over them."""
+        return self._given or digest(self.log)
 
     def table(self, name: str = "samples") -> Table:
         """A table of named columns with units: ``samples``, ``impacts`` (one row per contact), ``phases`` or ``laws``.
@@ -193,7 +205,7 @@ class Run:
 
     @cached_property
     def _summary(self) -> dict[str, Any]:
-        return summarise(self.log)
+        return summarise(self.log, self.digest)
 
 
 def load_run(path: str | Path) -> Run:

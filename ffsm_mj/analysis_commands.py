@@ -100,7 +100,7 @@ def _load_all(paths: Sequence[str], names: Sequence[str], stage: Stage) -> Itera
     for number, (path, name) in enumerate(zip(paths, names, strict=True), 1):
         stage(f"analyze {name}" + (f" ({number} of {len(names)})" if len(names) > 1 else ""), "")
         run = load_run(path)
-        if not len(run.time):
+        if not len(run.log.rows):
             raise InputError(f"{path}: the log holds no sample, there is nothing to verify")
         yield Path(path), name, run
 

@@ -98,5 +98,5 @@ def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, laws: Sequence[st
             f"allowed {law.tolerance:.3e}"
             for law in broken
         ]
-        head = f"{run.name}: {len(broken)} of {len(checked)} conservation laws violated in {run.time[-1]:g} s"
+        head = f"{run.name}: {len(broken)} of {len(checked)} conservation laws violated in {run.digest.end_s:g} s"
         raise AssertionError("\n  ".join([head, *lines]))

@@ -23,5 +23,6 @@ def write_recording(log: RunLog, path: Path) -> None:
     events: list[Event] = [*log.phases, *log.impacts, *log.unhandled]
     for event in sorted(events, key=event_time):
         sink.event(event)
-    sink.rows(log.rows)
+    for block in log.blocks():
+        sink.rows(block)
     sink.close(log.outcome)

@@ -48,6 +48,11 @@ class RunFolder:
 
     path: Path
 
+    @property
+    def log(self) -> Path:
+        """The log, by the name that it has now."""
+        return self.path / (LOG if (self.path / LOG).is_file() else PARTIAL_LOG)
+
     @classmethod
     def create(cls, path: Path, *, force: bool) -> RunFolder:
         """Make the folder, or take one that holds no run.

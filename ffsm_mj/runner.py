@@ -18,11 +18,13 @@ import numpy as np
 
 from ffsm_mj.analysis import Run
 from ffsm_mj.assembly import Assembly, assemble, unwatched_overlaps
+from ffsm_mj.digest import Digest, DigestSink
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.events import Outcome, OutcomeRecord
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.impact.watch import ContactWatch
 from ffsm_mj.ledger import Ledger
+from ffsm_mj.log.mcap_reader import stored_rows
 from ffsm_mj.log.memory_sink import MemorySink
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.log.sink import RunHeader, Sink
@@ -144,8 +146,8 @@ def _simulate(
     detector = Detector(system.mj, assembly.data, assembly.pairs)
     ledger = Ledger(system, assembly.data, detector.momentum, notes=BLOCK_ROWS)
     header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly, ledger))
-    memory = MemorySink()
-    sinks: list[Sink] = [memory]
+    memory, digested = MemorySink(keep_rows=folder is None), DigestSink()
+    sinks: list[Sink] = [memory, digested]
     if folder is not None:
         folder.write_inputs(header)
         sinks += folder.sinks(system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
@@ -170,15 +172,18 @@ def _simulate(
         with _interrupts() as interrupted, recorder:
             recorder.open(header)
             outcome = simulation.run(interrupted, lambda t: report(t, config.duration_s) if report else None)
-            recorder.outcome = _with_controller(outcome, memory)
+            recorder.outcome = outcome
+            recorder.pass_on()
+            recorder.outcome = _with_controller(outcome, digested.digest)
     except LogWriteError as error:
         if recorder.outcome is None:
             raise
-        # The run is over and a log could not be finished: everything is still in memory for the summary.
+        # The run is over and a log could not be finished: what the summary needs of it is in memory.
         memory.close(replace(recorder.outcome, outcome=Outcome.WRITE_FAILED.value, message=str(error)))
-    finished = Run(memory.log())
-    if folder is not None:
-        folder.write_summary(finished.summary())
+    if folder is None:
+        return Run(memory.log(), digested=digested.digest)
+    finished = Run(memory.log(stored_rows(folder.log, layout)), folder.log, digested.digest)
+    folder.write_summary(finished.summary())
     return finished
 
 
@@ -195,22 +200,13 @@ def _settings(config: Scenario) -> Settings:
     )
 
 
-def _with_controller(outcome: OutcomeRecord, memory: MemorySink) -> OutcomeRecord:
+def _with_controller(outcome: OutcomeRecord, digest: Digest) -> OutcomeRecord:
     """Add what the rows say of the Riccati solver, and the versions that made the run; see :mod:`ffsm_mj.source_date`."""
-    log = memory.log()
-    index = log.header.layout.index
-
-    def column(name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-        if name not in index:
-            return np.zeros(1)
-        values = log.rows[:, index[name]]
-        return np.append(values[np.isfinite(values)], 0.0)
-
     return replace(
         outcome,
         wall_s=outcome.wall_s if source_date() is None else 0.0,
-        riccati_fallbacks=int(column("controller.osdre_riccati_fallback").sum()),
-        worst_riccati_residual=float(column("controller.osdre_riccati_residual").max()),
+        riccati_fallbacks=digest.riccati_fallbacks,
+        worst_riccati_residual=digest.worst_riccati_residual,
         versions=versions(),
     )
 

@@ -7,21 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.conservation import audit
+from ffsm_mj.conservation import Audit
+from ffsm_mj.digest import Digest, TipDigest, task_target
 from ffsm_mj.events import ImpactRecord
 from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.model import FloatArray
 
 SCHEMA_VERSION = 1
-
-
-def task_target(log: RunLog) -> tuple[list[int], FloatArray] | None:
-    """Axes (0, 1, 2 for x, y, z) and target of the tip in m, or None without a task."""
-    facts = log.header.facts
-    if "task_axes" not in facts:
-        return None
-    axes = ["xyz".index(axis) for axis in facts["task_axes"].split()]
-    return axes, np.array([float(x) for x in facts["task_target_m"].split()])
 
 
 def tip_error(log: RunLog) -> FloatArray:
@@ -30,7 +22,7 @@ def tip_error(log: RunLog) -> FloatArray:
     Raises:
         ValueError: The scenario has no task.
     """
-    target = task_target(log)
+    target = task_target(log.header.facts)
     if target is None:
         raise ValueError("the scenario has no task, so there is no tip error")
     axes, goal = target
@@ -38,11 +30,11 @@ def tip_error(log: RunLog) -> FloatArray:
     return np.asarray(np.linalg.norm(tip - goal, axis=1))
 
 
-def summarise(log: RunLog) -> dict[str, Any]:
+def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
     """Content of ``summary.json``, the contract of the run folder."""
     outcome = log.outcome
     wall = outcome.wall_s if outcome else 0.0
-    end = outcome.end_s if outcome else float(log.rows[-1, 0]) if len(log.rows) else 0.0
+    end = outcome.end_s if outcome else digest.end_s
     return {
         "schema_version": SCHEMA_VERSION,
         "scenario": log.header.scenario_name,
@@ -59,13 +51,13 @@ def summarise(log: RunLog) -> dict[str, Any]:
             for c in log.unhandled
         ],
         "phases": _phases(log, end),
-        "tip": _tip(log),
+        "tip": _tip(digest.tip),
         "controller": {
             "ticks": outcome.controller_ticks if outcome else 0,
             "riccati_fallbacks": outcome.riccati_fallbacks if outcome else 0,
             "worst_riccati_residual": outcome.worst_riccati_residual if outcome else 0.0,
         },
-        "conservation": _conservation(log),
+        "conservation": _conservation(digest.audit),
         "versions": dict(outcome.versions) if outcome else {},
     }
 
@@ -103,30 +95,23 @@ def _phases(log: RunLog, end_s: float) -> list[dict[str, Any]]:
     ]
 
 
-def _tip(log: RunLog) -> dict[str, Any] | None:
-    target = task_target(log)
-    if target is None or not len(log.rows):
+def _tip(tip: TipDigest | None) -> dict[str, Any] | None:
+    if tip is None or not tip.finite or math.isinf(tip.best_m):
         return None
-    error = tip_error(log)
-    if not np.all(np.isfinite(error)):
-        return None
-    best = int(np.argmin(error))
-    velocity = [log.column(f"state.tip_v{'xyz'[axis]}_m_s")[-1] for axis in target[0]]
     return {
-        "target_m": target[1].tolist(),
-        "min_error_m": float(error[best]),
-        "min_error_time_s": float(log.column("state.time_s")[best]),
-        "final_error_m": float(error[-1]),
-        "final_speed_m_s": math.hypot(*velocity),
+        "target_m": tip.goal.tolist(),
+        "min_error_m": tip.best_m,
+        "min_error_time_s": tip.best_s,
+        "final_error_m": tip.last_m,
+        "final_speed_m_s": tip.last_m_s,
     }
 
 
-def _conservation(log: RunLog) -> dict[str, float]:
+def _conservation(audit: Audit) -> dict[str, float]:
     names = {
         "energy": "energy_residual_J",
         "linear momentum": "linear_momentum_residual_N_s",
         "angular momentum": "angular_momentum_residual_N_m_s",
     }
-    audited = audit(log)
-    drifts = {key: audited.drift(name) for name, key in names.items()}
+    drifts = {key: audit.drift(name) for name, key in names.items()}
     return {key: drift if math.isfinite(drift) else 0.0 for key, drift in drifts.items()}

@@ -179,7 +179,7 @@ def verdict(run: Run, laws: Sequence[Law]) -> str:
     """One line: which laws are violated, or that all hold."""
     broken = [f"{law.name} of {law.party}" for law in laws if not law.holds]
     words = f"VIOLATED: {', '.join(broken)}" if broken else f"all {len(laws)} laws hold"
-    return f"{words} over {run.time[-1]:g} s ({len(run.time)} samples)"
+    return f"{words} over {run.digest.end_s:g} s ({run.digest.samples} samples)"
 
 
 def violated(run: Run, tolerance: Tolerance) -> bool:

@@ -6,7 +6,7 @@ constant template with float64 values at fixed offsets, and a block of rows is e
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -110,7 +110,8 @@ class SampleCodec:
         names = [f"f{i}" for i in range(len(offsets))]
         formats = ["<f8"] * len(offsets)
         self._record = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(template)})
-        self._positions = (np.array(offsets, dtype=np.intp)[:, None] + np.arange(8)).ravel()
+        self._positions = np.array(offsets, dtype=np.intp)[:, None] + np.arange(8)
+        self._fixed = np.setdiff1d(np.arange(len(template)), self._positions)
 
     @property
     def message_size(self) -> int:
@@ -125,20 +126,18 @@ class SampleCodec:
             record[name] = column
         return out
 
-    def decode(self, messages: list[bytes]) -> FloatArray:
-        """Rows of messages.
+    def decode(self, messages: npt.NDArray[np.uint8], columns: Sequence[int] | None = None) -> FloatArray:
+        """Rows of messages, (n, bytes of one): all columns, or some of them.
 
         Raises:
             ValueError: A message has not the layout of its schema.
         """
-        if any(len(message) != self.message_size for message in messages):
+        if messages.shape[1] != self.message_size:
             raise ValueError("a sample has not the size that its schema implies")
-        raw = np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), self.message_size)
-        fixed = np.ones(self.message_size, dtype=np.bool_)
-        fixed[self._positions] = False
-        if not np.array_equal(raw[:, fixed], np.broadcast_to(self._template[fixed], (len(messages), int(fixed.sum())))):
+        if (messages[:, self._fixed] != self._template[self._fixed]).any():
             raise ValueError("a sample has not the fields that its schema states")
-        values: npt.NDArray[np.uint8] = np.ascontiguousarray(raw[:, self._positions])
+        positions = self._positions if columns is None else self._positions[list(columns)]
+        values: npt.NDArray[np.uint8] = np.ascontiguousarray(messages[:, positions.ravel()])
         return values.view("<f8").astype(np.float64)
 
 

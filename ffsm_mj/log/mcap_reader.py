@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 
 from ffsm_mj.errors import LogError
-from ffsm_mj.events import Event, ImpactRecord, OutcomeRecord
+from ffsm_mj.events import Event, OutcomeRecord
 from ffsm_mj.log import mcap_format as form
 from ffsm_mj.log.attachments import fault_of_names
+from ffsm_mj.log.chunks import MESSAGE_HEAD, Batch, content_of
+from ffsm_mj.log.file_bytes import FileBytes
 from ffsm_mj.log.memory_sink import RunLog, run_log
 from ffsm_mj.log.salvage import MAGIC, Salvage
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.log.sink import RunHeader
-from ffsm_mj.model import FloatArray
+from ffsm_mj.log.stored_rows import StoredRows
+from ffsm_mj.signals import Layout
 
 _RECORD_TYPES = {topic: record_type for record_type, topic in form.RECORD_TOPICS.items()}
 
 
 def read_log(path: Path) -> RunLog:
-    """Read a run from its MCAP file.
+    """Read a run from its MCAP file; the rows of a long one stay there until they are asked for.
 
     A file that breaks off gives what comes before, with ``outcome`` None; a damaged one everything that its checksums vouch
     for, and a sentence in ``damage``.
@@ -33,16 +37,38 @@ def read_log(path: Path) -> RunLog:
     Raises:
         LogError: No such file, not an MCAP file, not one of a run of ffsm-mj, or nothing of it can be read.
     """
+    with _opened(path) as data:
+        salvage = Salvage(data)
+        found = _contents(salvage)
+        return found.run_log(path, salvage, data)
+
+
+def stored_rows(path: Path, layout: Layout) -> StoredRows:
+    """The rows of a log that was just written, not looked for before they are asked for."""
+
+    def find() -> Sequence[Batch]:
+        with _opened(path) as data:
+            return _contents(Salvage(data)).samples
+
+    return StoredRows(path, layout, find)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[FileBytes]:
     try:
-        data = path.read_bytes()
+        with FileBytes(path) as data:
+            if data.take(0, len(MAGIC)) != MAGIC:
+                raise LogError(path, "not an MCAP file")
+            yield data
     except OSError as error:
         raise LogError(path, f"cannot be read ({error.strerror})") from error
-    if not data.startswith(MAGIC):
-        raise LogError(path, "not an MCAP file")
-    salvage, found = Salvage(data), _Contents()
+
+
+def _contents(salvage: Salvage) -> _Contents:
+    found = _Contents()
     for record in salvage.records():
         found.take(record)
-    return found.run_log(path, salvage, len(data))
+    return found
 
 
 @dataclass
@@ -53,12 +79,12 @@ class _Contents:
     schemas: dict[int, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
-    messages: dict[int, list[bytes]] = field(default_factory=dict)
+    batches: dict[int, list[Batch]] = field(default_factory=dict)
 
     def take(self, record: Any) -> None:
         """Sort a record of the file by what it is."""
-        if isinstance(record, Message):
-            self.messages.setdefault(record.channel_id, []).append(record.data)
+        if isinstance(record, Batch):
+            self.batches.setdefault(record.channel, []).append(record)
         elif isinstance(record, Schema):
             self.schemas.setdefault(record.id, record.data)
         elif isinstance(record, Channel):
@@ -68,7 +94,19 @@ class _Contents:
         elif isinstance(record, Attachment):
             self.attachments[record.name] = record.data
 
-    def run_log(self, path: Path, salvage: Salvage, size: int) -> RunLog:
+    @property
+    def samples(self) -> list[Batch]:
+        """Where the samples are."""
+        number = next((channel.id for channel in self.channels.values() if channel.topic == form.SAMPLE_TOPIC), 0)
+        return self.batches.get(number, [])
+
+    def messages(self, channel: Channel, data: FileBytes) -> Iterator[bytes]:
+        """Messages of a channel, in order."""
+        for batch in self.batches.get(channel.id, []):
+            for message in batch.messages(content_of(data.take(*batch.chunk))):
+                yield message.tobytes()
+
+    def run_log(self, path: Path, salvage: Salvage, data: FileBytes) -> RunLog:
         """Everything together.
 
         Raises:
@@ -82,13 +120,16 @@ class _Contents:
             raise LogError(path, "not a log of ffsm-mj, or it breaks off before it begins")
         try:
             layout = form.layout_of_schema(self.schemas[channel.schema_id], self.metadata.get(form.SIGNALS_METADATA, {}))
-            samples = self.messages.get(channel.id, [])
-            rows = form.SampleCodec(layout).decode(samples) if samples else np.empty((0, len(layout.signals)))
+            size = MESSAGE_HEAD + form.SampleCodec(layout).message_size
+            if any(batch.size != size for batch in self.samples):
+                raise ValueError("a sample has not the size that its schema implies")
+            stored = StoredRows(path, layout, self.samples)
+            rows = stored.copy() if stored.small else stored
             records = [
-                form.decode_record(_RECORD_TYPES[topic], data)
+                form.decode_record(_RECORD_TYPES[topic], message)
                 for topic, event_channel in channels.items()
                 if topic in _RECORD_TYPES
-                for data in self.messages.get(event_channel.id, [])
+                for message in self.messages(event_channel, data)
             ]
         except (ValueError, LookupError, TypeError, DecodeError) as error:
             raise LogError(path, f"not of this version's format ({error})") from error
@@ -99,20 +140,18 @@ class _Contents:
         files = dict(self.attachments)
         scenario = files.pop(form.SCENARIO_ATTACHMENT, b"").decode()
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata)
-        impacts = (event.time_s for event in events if isinstance(event, ImpactRecord))
-        gaps = _gaps(channel.metadata, rows, impacts, outcome.end_s if outcome is not None else None)
-        damage = _damage(salvage, size, gaps, ended=outcome is not None)
-        return run_log(header, rows, events, outcome, damage)
+        log = run_log(header, rows, events, outcome)
+        return replace(log, damage=_damage(salvage, len(data), _gaps(log), ended=outcome is not None))
 
 
-def _gaps(facts: Mapping[str, str], rows: FloatArray, impacts: Iterable[float], end_s: float | None) -> str:
+def _gaps(log: RunLog) -> str:
     """Where samples do not follow each other by the control period; nothing where the log does not tell it."""
     try:
-        sampling = Sampling(float(facts.get("control_period_s", "")), impacts)
+        sampling = Sampling(float(log.header.facts.get("control_period_s", "")), (hit.time_s for hit in log.impacts))
     except ValueError:
         return ""
-    sampling.ticks(rows[:, 0])
-    sampling.end(end_s)
+    sampling.ticks(np.asarray(log.rows[:, 0]))
+    sampling.end(log.outcome.end_s if log.outcome is not None else None)
     return sampling.sentence()
 
 

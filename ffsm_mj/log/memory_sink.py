@@ -9,9 +9,8 @@ import numpy as np
 
 from ffsm_mj.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.log.sink import RunHeader
+from ffsm_mj.log.stored_rows import BLOCK_ROWS, Rows, StoredRows
 from ffsm_mj.model import FloatArray
-
-_BLOCK_ROWS = 1000
 
 
 @dataclass(frozen=True)
@@ -20,7 +19,7 @@ class RunLog:
 
     Attributes:
         header: Names, scenario, files.
-        rows: One row per control tick, (n, number of signals).
+        rows: One row per control tick, (n, number of signals): an array, or on disk and read when asked for.
         impacts: Contacts of all impacts in order.
         phases: Beginnings of phases in order.
         unhandled: Contacts that nobody resolved.
@@ -29,7 +28,7 @@ class RunLog:
     """
 
     header: RunHeader
-    rows: FloatArray
+    rows: Rows
     impacts: tuple[ImpactRecord, ...] = ()
     phases: tuple[PhaseRecord, ...] = ()
     unhandled: tuple[UnhandledContactRecord, ...] = ()
@@ -42,16 +41,19 @@ class RunLog:
         Raises:
             KeyError: No such signal.
         """
-        return self.rows[:, self.header.layout.index[key]]
+        return np.asarray(self.rows[:, self.header.layout.index[key]])
 
     def blocks(self) -> Iterator[FloatArray]:
         """The rows in order, a few thousand at a time: what a long run should be read by, (n, number of signals) each."""
-        for first in range(0, len(self.rows), _BLOCK_ROWS):
-            yield self.rows[first : first + _BLOCK_ROWS]
+        if isinstance(self.rows, StoredRows):
+            yield from self.rows.blocks()
+            return
+        for first in range(0, len(self.rows), BLOCK_ROWS):
+            yield np.asarray(self.rows[first : first + BLOCK_ROWS])
 
 
 def run_log(
-    header: RunHeader, rows: FloatArray, events: Sequence[Event], outcome: OutcomeRecord | None, damage: str = ""
+    header: RunHeader, rows: Rows, events: Sequence[Event], outcome: OutcomeRecord | None, damage: str = ""
 ) -> RunLog:
     """Sort events by kind."""
     return RunLog(
@@ -67,8 +69,9 @@ def run_log(
 
 @dataclass
 class MemorySink:
-    """Keeps every row and event."""
+    """Keeps every event, and every row where that is wanted."""
 
+    keep_rows: bool = True
     header: RunHeader | None = None
     blocks: list[FloatArray] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
@@ -80,7 +83,8 @@ class MemorySink:
 
     def rows(self, block: FloatArray) -> None:
         """Keep a copy of a block."""
-        self.blocks.append(block.copy())
+        if self.keep_rows:
+            self.blocks.append(block.copy())
 
     def event(self, event: Event) -> None:
         """Keep an event."""
@@ -93,14 +97,17 @@ class MemorySink:
         """End the run."""
         self.outcome = outcome
 
-    def log(self) -> RunLog:
+    def log(self, rows: Rows | None = None) -> RunLog:
         """The run so far.
+
+        Args:
+            rows: Where its rows are, where they were not kept.
 
         Raises:
             ValueError: Nothing was opened.
         """
         if self.header is None:
             raise ValueError("no run was recorded")
-        width = len(self.header.layout.signals)
-        rows = np.concatenate(self.blocks) if self.blocks else np.empty((0, width))
+        if rows is None:
+            rows = np.concatenate((np.empty((0, len(self.header.layout.signals))), *self.blocks))
         return run_log(self.header, rows, self.events, self.outcome)

@@ -48,7 +48,7 @@ class Recorder:
         """The line is complete."""
         self.line += 1
         if self.line == len(self._block):
-            self._pass_on()
+            self.pass_on()
             if not self._by_clock:
                 self.flush()
         if self._by_clock and time.monotonic() >= self._next_flush:
@@ -56,19 +56,20 @@ class Recorder:
 
     def event(self, event: Event) -> None:
         """Pass an event on, after all rows before it, and flush."""
-        self._pass_on()
+        self.pass_on()
         for sink in self._sinks:
             sink.event(event)
         self.flush()
 
     def flush(self) -> None:
         """Make everything survive a kill."""
-        self._pass_on()
+        self.pass_on()
         for sink in self._sinks:
             sink.flush()
         self._next_flush = time.monotonic() + _FLUSH_PERIOD_S
 
-    def _pass_on(self) -> None:
+    def pass_on(self) -> None:
+        """Hand the rows so far to every sink."""
         block, self.line = self._block[: self.line], 0
         if len(block):
             self._complete(block)
@@ -83,7 +84,7 @@ class Recorder:
         """Close every sink, the later ones too when an earlier one fails; the first failure is raised."""
         failures: list[Exception] = []
         try:
-            self._pass_on()
+            self.pass_on()
         except Exception as failure:  # noqa: BLE001 (raised below, once every sink is closed)
             failures.append(failure)
         for sink in self._sinks:

@@ -1,7 +1,7 @@
 """Every record of an MCAP file that can still be read, whatever happened to the file.
 
 Chunks and attachments carry checksums: what does not match is left out, and reading goes on behind it. Where even the length
-of a record is wrong, reading goes on at the next chunk.
+of a record is wrong, reading goes on at the next chunk. The file is read record by record; a long one is never in memory.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader
 from zstandard import ZstdError
 
+from ffsm_mj.log.chunks import RECORD, content_of, records_of
+from ffsm_mj.log.file_bytes import FileBytes
+
 MAGIC = b"\x89MCAP0\r\n"
-_PREFIX = struct.Struct("<BQ")  # opcode and length of the content
 _NOISE = (McapError, ZstdError, ArithmeticError, LookupError, ValueError, MemoryError, struct.error, StopIteration)
 _USED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END}
 # What stands in every chunk of ours, and where: after opcode, length, two times, size and checksum.
@@ -36,7 +37,7 @@ class Salvage:
         index_match: Whether the index behind it is whole.
     """
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: FileBytes) -> None:
         """Begin before the first record."""
         self._data = data
         self.lost_bytes = 0
@@ -45,7 +46,8 @@ class Salvage:
     def records(self) -> Iterator[Any]:
         """Records in the order of the file, those of chunks one by one, and at last the summary's schemas and channels.
 
-        A record that breaks off with the file is where a kill or a full disk stopped the writer: reading ends there.
+        Messages come as :class:`~ffsm_mj.log.chunks.Batch`. A record that breaks off with the file is where a kill or a full
+        disk stopped the writer: reading ends there.
         """
         at = len(MAGIC)
         while at < len(self._data):
@@ -59,29 +61,34 @@ class Salvage:
                 at = behind
                 continue
             yield from found
-            if self._data[at] == Opcode.DATA_END:
+            if self._opcode(at) == Opcode.DATA_END:
                 yield from self._summary(at, int(end or 0))
                 return
             at = int(end or 0)
 
+    def _opcode(self, at: int) -> int:
+        return self._data.take(at, at + 1)[0]
+
     def _end(self, at: int) -> int | None:
         """Where the record at some place ends; None where there is none, or where it does not fit into the file."""
-        if at + _PREFIX.size > len(self._data):
+        if at + RECORD.size > len(self._data):
             return None
-        opcode, length = _PREFIX.unpack_from(self._data, at)
-        end = at + _PREFIX.size + int(length)
+        opcode, length = RECORD.unpack(self._data.take(at, at + RECORD.size))
+        end = at + RECORD.size + int(length)
         return end if Opcode.HEADER <= opcode <= Opcode.DATA_END and end <= len(self._data) else None
 
     def _read(self, at: int, end: int) -> list[Any] | None:
         """What a record holds; None where it is damaged."""
-        if self._data[at] not in _USED:
+        opcode = self._opcode(at)
+        if opcode not in _USED:
             return []
-        checksum = int.from_bytes(self._data[end - 4 : end], "little")
-        if self._data[at] == Opcode.ATTACHMENT and zlib.crc32(self._data[at + _PREFIX.size : end - 4]) != checksum:
+        record = self._data.take(at, end)
+        if opcode == Opcode.ATTACHMENT and zlib.crc32(record[RECORD.size : -4]) != int.from_bytes(record[-4:], "little"):
             return None
         try:
-            record = next(StreamReader(BytesIO(self._data[at:end]), skip_magic=True, emit_chunks=True).records)
-            return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+            if opcode == Opcode.CHUNK:
+                return list(records_of(content_of(record), (at, end)))
+            return [next(StreamReader(BytesIO(record), skip_magic=True, emit_chunks=True).records)]
         except _NOISE:
             return None
 
@@ -90,7 +97,7 @@ class Salvage:
         mark = self._data.find(_CHUNK_MARK, start + _CHUNK_MARK_AT)
         while mark >= 0:
             at = mark - _CHUNK_MARK_AT
-            if self._data[at] == Opcode.CHUNK and self._end(at) is not None:
+            if self._opcode(at) == Opcode.CHUNK and self._end(at) is not None:
                 return at
             mark = self._data.find(_CHUNK_MARK, mark + 1)
         return None
@@ -98,15 +105,14 @@ class Salvage:
     def _summary(self, data_end: int, start: int) -> Iterator[Any]:
         """What stands behind the data, where its checksum holds."""
         self.ended = True
-        stated = int.from_bytes(self._data[data_end + _PREFIX.size : start], "little")
-        self.data_match = stated in {0, zlib.crc32(memoryview(self._data)[:data_end])}
+        stated = int.from_bytes(self._data.take(data_end + RECORD.size, start), "little")
+        self.data_match = stated in {0, self._data.checksum(0, data_end)}
         checksum = len(self._data) - len(MAGIC) - 4
-        summary = memoryview(self._data)[start:checksum]
-        self.index_match = self._data.endswith(MAGIC) and (
-            zlib.crc32(summary) == int.from_bytes(self._data[checksum : checksum + 4], "little")
+        self.index_match = self._data.take(checksum + 4, len(self._data)) == MAGIC and (
+            self._data.checksum(start, checksum) == int.from_bytes(self._data.take(checksum, checksum + 4), "little")
         )
         at = start
-        while self.index_match and self._data[at] in {Opcode.SCHEMA, Opcode.CHANNEL}:
+        while self.index_match and self._opcode(at) in {Opcode.SCHEMA, Opcode.CHANNEL}:
             end = self._end(at) or len(self._data)
             yield from self._read(at, end) or []
             at = end

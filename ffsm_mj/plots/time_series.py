@@ -7,13 +7,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ffsm_mj.conservation import DEFAULT_TOLERANCE
+from ffsm_mj.digest import task_target
 from ffsm_mj.model import FloatArray, Joint, Tree
 from ffsm_mj.plots.panels import Line, Panel, running_maximum, stacked
 from ffsm_mj.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILLION
 from ffsm_mj.plots.subject import Subject
 from ffsm_mj.residuals import Accounts, free_components, norms, stretch_s
 from ffsm_mj.signals import COMPONENTS, PARTIES, coordinate_names, identifier, rate_names
-from ffsm_mj.summary import task_target
 
 _GREY = "#7F7F7F"
 PARTY_NAMES = {"total": "whole system", "robot": "FFSM", "objects": "object"}
@@ -72,7 +72,7 @@ def joints(subject: Subject) -> Figure:
 
 def tip(subject: Subject) -> Figure:
     """Error of the tip along the task's axes, and its velocity (paper, Fig. 6)."""
-    run, target = subject.run, task_target(subject.run.log)
+    run, target = subject.run, task_target(subject.run.log.header.facts)
     assert target is not None, "a figure for runs with a task"
     axes, goal = target
     error, best = run.tip_error(), run.summary()["tip"]
@@ -190,8 +190,8 @@ def conservation(subject: Subject) -> Figure:
     run, header = subject.run, subject.run.log.header
     sizes = {}
     for party in PARTIES:
-        accounts = Accounts(header.layout, header.facts, party)
-        energy, momentum = accounts.energy(run.log.rows), accounts.momentum(run.log.rows)
+        accounts, rows = Accounts(header.layout, header.facts, party), np.asarray(run.log.rows)
+        energy, momentum = accounts.energy(rows), accounts.momentum(rows)
         energy, momentum = energy - energy[0], momentum - momentum[0]
         sizes[party] = np.abs(energy), norms(momentum[:, :3]), norms(momentum[:, 3:])
     stretches = np.maximum(np.ceil(run.time / stretch_s(header.facts) - 1e-9), 1.0)

@@ -13,9 +13,9 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.analysis import Run
+from ffsm_mj.digest import task_target
 from ffsm_mj.model import FloatArray, System
 from ffsm_mj.reproduction.measure import state_at
-from ffsm_mj.summary import task_target
 
 _EVERY = 50  # rows
 
@@ -49,7 +49,7 @@ def drift(run: Run, system: System) -> Drift:
     """Look at a run from the robot's mass centre."""
     model, root = system.mj, system.robot.root
     centres = _mass_centres(run, system)
-    target = task_target(run.log)
+    target = task_target(run.log.header.facts)
     goal = np.zeros(3) if target is None else np.array([*target[1], 0.0])
     time = run.time[::_EVERY]
     last = time >= run.phases[-1].start_s

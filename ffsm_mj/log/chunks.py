@@ -1,0 +1,109 @@
+"""Chunks of an MCAP file, opened one at a time: what their checksums vouch for, as batches of messages of one kind."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+
+import numpy as np
+import numpy.typing as npt
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+
+RECORD = struct.Struct("<BQ")  # opcode and length of what follows
+_HEAD = struct.Struct("<QQQII")  # times of first and last message, size and checksum of the content, length of a name
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, two times
+MESSAGE_HEAD = RECORD.size + _MESSAGE.size
+_MOST_BYTES = 1 << 28
+"""A chunk that says it holds more is no chunk of ours: they are closed at 1 MiB and a block of rows."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Messages of one channel and one size that stand behind each other in a chunk.
+
+    Attributes:
+        chunk: Where the chunk's record begins and ends in the file.
+        channel: Id of the channel.
+        at: Where the first record begins in the content of the chunk.
+        size: Bytes of a record, head included.
+        count: How many.
+    """
+
+    chunk: tuple[int, int]
+    channel: int
+    at: int
+    size: int
+    count: int
+
+    def messages(self, content: bytes) -> npt.NDArray[np.uint8]:
+        """The messages in the content of the chunk, (count, bytes of one)."""
+        table = np.frombuffer(content, dtype=np.uint8, count=self.size * self.count, offset=self.at)
+        return table.reshape(self.count, self.size)[:, MESSAGE_HEAD:]
+
+
+def content_of(record: bytes) -> bytes:
+    """What a chunk holds, given the bytes of its record.
+
+    Raises:
+        ValueError: Its checksum does not hold, it is too large, or compressed in a way that is not ours.
+        struct.error: It is too short.
+        zstandard.ZstdError: It cannot be decompressed.
+    """
+    at = RECORD.size + _HEAD.size
+    *_, size, checksum, length = _HEAD.unpack_from(record, RECORD.size)
+    compression, at = record[at : at + length], at + length
+    (packed_size,) = struct.unpack_from("<Q", record, at)
+    packed = record[at + 8 : at + 8 + packed_size]
+    if compression not in {b"", b"zstd"} or size > _MOST_BYTES:
+        raise ValueError("no chunk of ours")
+    # The frame states a size of its own, for which the decompressor takes memory before it looks.
+    if compression and zstandard.frame_content_size(packed) != size:
+        raise ValueError("two sizes")
+    content = zstandard.decompress(packed, max_output_size=size) if compression else packed
+    if len(content) != size or (checksum and zlib.crc32(content) != checksum):
+        raise ValueError("wrong checksum")
+    return bytes(content)
+
+
+def records_of(content: bytes, chunk: tuple[int, int]) -> Iterator[Batch | Channel | Schema]:
+    """What stands in the content of a chunk, in order.
+
+    Raises:
+        ValueError: A record does not fit.
+        struct.error: The same.
+        mcap.exceptions.McapError: A channel or schema is damaged.
+    """
+    at = 0
+    while at < len(content):
+        opcode, length = RECORD.unpack_from(content, at)
+        size = RECORD.size + length
+        if at + size > len(content):
+            raise ValueError("a record that does not fit")
+        count = 1
+        if opcode == Opcode.MESSAGE:
+            channel = _MESSAGE.unpack_from(content, at + RECORD.size)[0]
+            count = _alike(content, at, size)
+            yield Batch(chunk, channel, at, size, count)
+        elif opcode in {Opcode.CHANNEL, Opcode.SCHEMA}:
+            body = ReadDataStream(BytesIO(content[at + RECORD.size : at + size]))
+            yield Channel.read(body) if opcode == Opcode.CHANNEL else Schema.read(body)
+        at += size * count
+
+
+def _alike(content: bytes, at: int, size: int) -> int:
+    """How many records from some place on have the opcode, length and channel of the first; in steps that double."""
+    head = np.frombuffer(content, dtype=np.uint8, count=RECORD.size + 2, offset=at)
+    count, step = 1, 1
+    while True:
+        step = min(2 * step, (len(content) - at) // size - count)
+        table = np.frombuffer(content, dtype=np.uint8, count=step * size, offset=at + count * size).reshape(step, size)
+        same = (table[:, : len(head)] == head).all(axis=1)
+        if step == 0 or not same.all():
+            return count + (int(np.argmin(same)) if step else 0)
+        count += step
