@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
+from warnings import catch_warnings
 
 import mujoco
 import numpy as np
@@ -18,6 +19,7 @@ from ffsm_mj.conservative import authored_integrator, model_faults, spec_faults
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model_files import ModelFiles
 from ffsm_mj.model_source import load_spec, mujoco_line
+from ffsm_mj.mujoco_warnings import collected_warnings
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -79,7 +81,7 @@ class System:
         objects: Trees of the floating objects, in the order of the scenario.
         files: Files of each model by tree name.
         faults: What breaks conservation; empty for a conservative system.
-        notes: What MJCF says and the simulation does not do (joint limits).
+        notes: What MJCF says and the simulation does not do (joint limits); what MuJoCo warned of.
     """
 
     mj: Any
@@ -156,7 +158,9 @@ def compile_system(
     files = {"robot": robot, **objects}
     scene = _empty_scene(time_step_s)
     faults: list[str] = []
-    with mujoco.MjVfs() as vfs:
+    warned: list[str] = []
+    # The compiler tells Python of its warnings too.
+    with mujoco.MjVfs() as vfs, collected_warnings(warned), catch_warnings(action="ignore"):
         for name, model_files in files.items():
             spec = load_spec(model_files, vfs)
             faults += spec_faults(spec, model_files)
@@ -173,7 +177,7 @@ def compile_system(
         objects=tuple(trees[1:]),
         files=files,
         faults=tuple(faults),
-        notes=_notes(model) if conservative else (),
+        notes=(*(_notes(model) if conservative else ()), *(f"MuJoCo: {' '.join(text.split())}" for text in warned)),
         joints={joint.name: joint for tree in trees for joint in tree.joints},
     )
 

@@ -10,7 +10,6 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -28,6 +27,7 @@ from ffsm_mj.impact.watch import ContactWatch
 from ffsm_mj.ledger import Ledger
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model import System
+from ffsm_mj.mujoco_warnings import collected_warnings
 from ffsm_mj.row_writer import RowWriter
 
 
@@ -257,14 +257,3 @@ class Simulation:
             if len(recent) > settings.max_impacts_per_second:
                 message = f"{name} hit {len(recent)} times within a second at t = {time_s:.6g} s"
                 raise RunEnded(Outcome.LASTING_CONTACT, f"{message}; pushing is not modelled")
-
-
-@contextmanager
-def collected_warnings(messages: list[str]) -> Any:
-    """Keep MuJoCo's warnings instead of letting it write MUJOCO_LOG.TXT where the user stands."""
-    previous = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(messages.append)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(previous)

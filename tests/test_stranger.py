@@ -104,6 +104,19 @@ def test_a_log_is_compiled_without_touching_the_disk(log, monkeypatch):
     assert compile_log(read_log(log)).names("body") == ("robot/ball", "target/target")
 
 
+def test_mujoco_leaves_no_file_of_warnings(tmp_path, log, monkeypatch, capfd):
+    """A model that MuJoCo warns of: it would write MUJOCO_LOG.TXT where the reader stands."""
+    head = '<option cone="elliptic" tolerance="1e-3" gravity="0 0 0"/><size nkey="2"/>'
+    path = forged(log, tmp_path / "log.mcap", {"mjcf/target/target.xml": BALL.format(head=head).encode()})
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    (note,) = compile_log(read_log(path)).notes
+    assert note.startswith("MuJoCo: Attach conflict")
+    assert "\n" not in note
+    assert tree(tmp_path / "here") == set()
+    assert capfd.readouterr() == ("", "")
+
+
 def test_attachments_of_others_do_no_harm(tmp_path, log):
     path = forged(log, tmp_path / "more.mcap", {"notes.txt": b"hello", "mjcf/robot/other.xml": b"not even XML"})
     assert compile_log(read_log(path)).names("geom") == ("robot/ball", "target/target")

@@ -16,11 +16,11 @@ from ffsm_mj.events import ImpactRecord
 from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model import FloatArray
+from ffsm_mj.mujoco_warnings import collected_warnings
 from ffsm_mj.recount.agreement import Difference
 from ffsm_mj.recount.retrace import Retrace
 from ffsm_mj.recount.scene import LogScene, log_scene
 from ffsm_mj.signals import PARTIES, build_layout
-from ffsm_mj.simulation import collected_warnings
 
 
 @dataclass(frozen=True)
