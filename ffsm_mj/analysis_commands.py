@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from ffsm_mj.analysis import Run, compare, load_run
@@ -40,8 +40,9 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     several = len(names) > 1
     data, kept = [], []
     found: dict[int, list[str]] = {OK: [], VIOLATED: [], DAMAGED: []}
-    for path, name, run in _load_all(options.runs, names, stage):
-        again = recount(run.log, stage(f"recompute {name}", "samples"))
+    shown = {name: f"{name} ({number} of {len(names)})" if several else name for number, name in enumerate(names, 1)}
+    for path, name, run in _load_all(options.runs, shown, stage):
+        again = recount(run.log, stage(f"recompute {shown[name]}", "samples"))
         found[_judge(run, again, tolerance)].append(name)
         if options.json:
             data.append(verification_data(run, again, tolerance))
@@ -49,7 +50,7 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
             say(f"{path.resolve()}\n\n{verification(run, again, tolerance)}" + "\n" * (several or options.plots is not None))
         if options.plots:
             folder = Path(options.plots) / name if several else Path(options.plots)
-            _plot(run, folder, None if options.json else say, stage(f"figures of {name}", "figures"))
+            _plot(run, folder, None if options.json else say, stage(f"figures of {shown[name]}", "figures"))
         if several and (options.compare or options.plots):
             kept.append((name, run))
     if options.json:
@@ -96,9 +97,10 @@ def run_names(paths: Sequence[str]) -> list[str]:
     return names
 
 
-def _load_all(paths: Sequence[str], names: Sequence[str], stage: Stage) -> Iterator[tuple[Path, str, Run]]:
-    for number, (path, name) in enumerate(zip(paths, names, strict=True), 1):
-        stage(f"analyze {name}" + (f" ({number} of {len(names)})" if len(names) > 1 else ""), "")
+def _load_all(paths: Sequence[str], names: Mapping[str, str], stage: Stage) -> Iterator[tuple[Path, str, Run]]:
+    """Each run with its path and name; what is shown for a name stands behind it."""
+    for path, (name, shown) in zip(paths, names.items(), strict=True):
+        stage(f"read {shown}", "")
         run = load_run(path)
         if not len(run.log.rows):
             raise InputError(f"{path}: the log holds no sample, there is nothing to verify")
