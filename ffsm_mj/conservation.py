@@ -26,7 +26,7 @@ from ffsm_mj.events import ImpactRecord
 from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.model import FloatArray
 from ffsm_mj.residuals import Accounts, Change, Peak, free_components, stretch_s
-from ffsm_mj.signals import COMPONENTS, PARTIES, Layout
+from ffsm_mj.signals import COMPONENTS, OVERLAP, PARTIES, Layout
 
 DEFAULT_TOLERANCE = 1e-9
 """A law holds when its residual stays below this times (1 + scale), in SI units."""
@@ -44,7 +44,7 @@ LAW_NAMES = (*RELATIVE_LAWS, "no penetration")
 Tolerance = float | Mapping[str, float]
 """One tolerance for all relative laws, or some laws' own by name; those not named keep the default."""
 
-_OVERLAP = "ledger.deepest_overlap_m"
+_OVERLAP = f"ledger.{OVERLAP}"
 _AXES = ("P_x", "P_y", "P_z", "L_x", "L_y", "L_z")
 _MEASURES = {
     "energy": ("J", ("T",)),

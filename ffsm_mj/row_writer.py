@@ -11,7 +11,7 @@ from ffsm_mj.compiled import fastest
 from ffsm_mj.ledger import COLUMNS, Ledger
 from ffsm_mj.model import FloatArray, System
 from ffsm_mj.sampler import Sampler
-from ffsm_mj.signals import PARTIES, Layout
+from ffsm_mj.signals import OVERLAP, PARTIES, Layout
 
 
 class Reporter(Protocol):
@@ -32,15 +32,17 @@ class RowWriter:
         actuation: Actuation,
         ledger: Ledger,
         controller: Reporter,
+        overlap: FloatArray,
         tip_site: int | None,
         block: FloatArray,
     ) -> None:
         """Find each part's columns in a block of rows."""
-        self._ledger, self._controller = ledger, controller
+        self._ledger, self._controller, self._overlap = ledger, controller, overlap
         groups = [key.split(".")[0] for key in layout.keys]
         nq, nv = system.mj.nq, system.mj.nv
         self._books = layout.columns(f"energy.{PARTIES[0]}_J", COLUMNS)
-        efforts = slice(self._books.stop, self._books.stop + groups.count("actuators"))
+        deepest = layout.columns(f"ledger.{OVERLAP}", 1)
+        efforts = slice(deepest.stop, deepest.stop + groups.count("actuators"))
         report = slice(efforts.stop, efforts.stop + groups.count("controller"))
         self._time, self._phase = np.zeros(1), np.zeros(1)
         self._sampler = fastest(Sampler)(system.mj, data, tip=-1 if tip_site is None else tip_site)
@@ -48,6 +50,7 @@ class RowWriter:
             (self._time, block[:, :1]),
             (data.qpos, block[:, 1 : 1 + nq]),
             (data.qvel, block[:, 1 + nq : 1 + nq + nv]),
+            (overlap, block[:, deepest]),
             *actuation.copies(block[:, efforts]),
             (controller.telemetry, block[:, report]),
             (self._phase, block[:, -1:]),
@@ -65,6 +68,7 @@ class RowWriter:
         self._ledger.note()
         self._time[0], self._phase[0] = time_s, self._controller.phase_index
         self._sampler.take(line)
+        self._overlap[0] = 0.0
 
     def complete(self, block: FloatArray) -> None:
         """Write what follows from the notes of the rows filled since the last block: energies, momenta, ledgers."""

@@ -21,6 +21,7 @@ from ffsm_mj.assembly import Assembly, assemble, unwatched_overlaps
 from ffsm_mj.digest import Digest, DigestSink
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.events import Outcome, OutcomeRecord
+from ffsm_mj.impact.resting import RestRule
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.impact.watch import ContactWatch
 from ffsm_mj.ledger import Ledger
@@ -165,7 +166,9 @@ def _simulate(
     )
     tip = assembly.task.tip_site if assembly.task else None
     block = np.zeros((BLOCK_ROWS, len(layout.signals)))
-    rows = RowWriter(layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, tip, block)
+    rows = RowWriter(
+        layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, detector.overlap, tip, block
+    )
     recorder = Recorder(block, sinks, rows.complete, by_clock=source_date() is None)
     simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
     try:
@@ -188,13 +191,13 @@ def _simulate(
 
 
 def _settings(config: Scenario) -> Settings:
+    interval = config.impact.rest_interval_s
     return Settings(
         time_step_s=config.time_step_s,
         steps_per_tick=config.steps_per_tick,
         ticks=config.ticks,
         stop_on_impact=config.stop_on_impact,
-        rest_speed_m_s=config.impact.rest_speed_m_s,
-        max_impacts_per_second=config.impact.max_impacts_per_second,
+        rest=RestRule(config.time_step_s if interval is None else interval, config.impact.rest_speed_m_s),
         max_impacts=config.impact.max_impacts,
         law=config.impact.law,
     )

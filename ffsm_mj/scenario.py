@@ -130,12 +130,19 @@ class ImpactConfig(StrictModel):
 
     law: Literal["blend", "poisson", "newton"] = "blend"
     """What rules where several contacts meet at one instant; a single contact is the same under all."""
-    rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 1e-4
-    """An approach slower than this with e < 1 is lasting contact."""
-    max_impacts_per_second: PositiveInt = 100
-    """More impacts of one pair within a second are lasting contact."""
+    rest_interval_s: Annotated[float, Field(ge=0.0)] | None = None
+    """A contact with e < 1 lasts once its next flight, as it is pressed, would be shorter, s; left out: time_step_s."""
+    rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 0.0
+    """A pressed contact with e < 1 that would separate slower than this lasts too, m/s."""
     max_impacts: PositiveInt = 10_000
     """The run ends after this many impacts."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_cap_per_second(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "max_impacts_per_second" in data:
+            raise ValueError("max_impacts_per_second is gone: rest_interval_s says when a contact lasts; leave it out")
+        return data
 
 
 class LogConfig(StrictModel):

@@ -29,6 +29,9 @@ PARTIES = ("total", "robot", "objects")
 # Components of a momentum or wrench about the world origin, with units.
 COMPONENTS = ("P_x_N_s", "P_y_N_s", "P_z_N_s", "L_x_N_m_s", "L_y_N_m_s", "L_z_N_m_s")
 
+OVERLAP = "deepest_overlap_m"
+"""Signal of the ledger that tells of penetration."""
+
 _COORDINATES = {
     "free": ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"),
     "ball": ("qw", "qx", "qy", "qz"),
@@ -164,6 +167,12 @@ def _ledger_signals() -> Iterable[Signal]:
                 unit_of(component),
                 f"momentum - momentum(0) - impulses, {party}; zero where the base joints are not free",
             )
+    yield Signal(
+        "ledger",
+        OVERLAP,
+        "m",
+        "deepest overlap of an impact pair at the ends of the steps and sub-steps since the sample before",
+    )
 
 
 _UNITS = (("_N_m_s", "N m s"), ("_N_m", "N m"), ("_N_s", "N s"), ("_rad_s", "rad/s"), ("_m_s", "m/s"), ("_rad", "rad"))

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any
 
 import mujoco
@@ -19,16 +19,18 @@ from ffsm_mj.actuation import Actuation
 from ffsm_mj.controller_protocol import Command, Observation, TaskController
 from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described
 from ffsm_mj.events import Outcome, OutcomeRecord
-from ffsm_mj.impact.contact import ImpactPair, Proximity
 from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
-from ffsm_mj.impact.resolution import Contact, resolve
-from ffsm_mj.impact.time_of_impact import REST_RATE, Detector
+from ffsm_mj.impact.resolution import Contact, Impact, resolve
+from ffsm_mj.impact.resting import RestRule, Touching, lasting_contact
+from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.impact.watch import ContactWatch
 from ffsm_mj.ledger import Ledger
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model import System
 from ffsm_mj.mujoco_warnings import collected_warnings
 from ffsm_mj.row_writer import RowWriter
+
+MOST_TOUCHES_PER_STEP = 1000
 
 
 @dataclass(frozen=True)
@@ -39,8 +41,7 @@ class Settings:
     steps_per_tick: int
     ticks: int
     stop_on_impact: bool
-    rest_speed_m_s: float
-    max_impacts_per_second: int
+    rest: RestRule
     max_impacts: int
     law: str
 
@@ -71,7 +72,6 @@ class _Progress:
     steps: int = 0
     ticks: int = 0
     events: int = 0
-    recent: dict[str, deque[float]] = field(default_factory=dict)
 
 
 class Simulation:
@@ -91,7 +91,7 @@ class Simulation:
         """Simulate to the end, or to what ends the run before.
 
         Args:
-            interrupted: Asked at each tick; True ends the run there.
+            interrupted: Asked at each tick and often in steps with a contact; True ends the run there.
             report: Told the simulation time at each tick.
 
         Returns:
@@ -124,14 +124,19 @@ class Simulation:
     def _loop(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> None:
         settings, data = self._settings, self._plant.data
         period = settings.time_step_s * settings.steps_per_tick
+
+        def poll() -> None:
+            if interrupted():
+                raise RunEnded(Outcome.INTERRUPTED)
+
+        self._plant.detector.interrupt_by(poll)
         try:
             for tick in range(settings.ticks):
                 now = tick * period
                 self._decide(Observation(now, data))
                 self._record(now)
                 report(now)
-                if interrupted():
-                    raise RunEnded(Outcome.INTERRUPTED)
+                poll()
                 for _ in range(settings.steps_per_tick):
                     self._step()
             self._record(settings.ticks * period)
@@ -170,7 +175,7 @@ class Simulation:
         """One integration step, with as many impacts as happen in it."""
         plant, step_s = self._plant, self._settings.time_step_s
         end_s, left = (self._done.steps + 1) * step_s, step_s
-        while True:
+        for touches in count(1):
             plant.ledger.open()
             try:
                 touch = plant.detector.advance(left)
@@ -183,7 +188,7 @@ class Simulation:
                 break
             left -= touch
             plant.data.time = self._done.time_s = end_s - left
-            self._impact(end_s - left)
+            self._impact(end_s - left, touches)
             if left <= 0.0:
                 break
         self._done.steps += 1
@@ -195,14 +200,14 @@ class Simulation:
             message = self._warnings[-1] if self._warnings else "the state is not finite"
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
 
-    def _impact(self, time_s: float) -> None:
+    def _impact(self, time_s: float, touches: int) -> None:
         """Resolve the contacts at this instant, book and record them, and ask the controller at once."""
         plant, data, model = self._plant, self._plant.data, self._plant.system.mj
         touching = plant.detector.contacts()
-        if not any(near.rate < -REST_RATE for _, near in touching):
-            plant.detector.restart()
-            return
-        self._refuse_lasting(touching, time_s)
+        names = "; ".join(f"{pair.robot_geom} - {pair.object_geom}" for pair, _ in touching)
+        if touches > MOST_TOUCHES_PER_STEP:
+            message = f"{names} touched {touches - 1} times within the step before t = {time_s:.6g} s"
+            raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; a shorter time_step_s follows it further")
         contacts = [
             Contact(pair.robot_body, pair.object_body, point, near.normal, pair.restitution)
             for pair, near in touching
@@ -211,8 +216,11 @@ class Simulation:
         try:
             impact = resolve(model, data, contacts, self._settings.law)
         except (UnsupportedContactError, ValueError) as error:
-            names = "; ".join(f"{pair.robot_geom} - {pair.object_geom}" for pair, _ in touching)
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"at t = {time_s:.6g} s: {error} ({names})") from error
+        self._refuse_lasting(touching, impact, time_s)
+        if not any(near.approaches for _, near in touching):
+            plant.detector.restart()  # a root at rounding level: what comes next decides
+            return
         energies = party_energies(plant.system, data, impact)
         data.qvel[:] = impact.after.qvel
         mujoco.mj_forward(model, data)
@@ -240,20 +248,14 @@ class Simulation:
         if limit:
             raise RunEnded(Outcome.EVENT_LIMIT, f"{self._done.events} impacts; raise impact.max_impacts to go on")
 
-    def _refuse_lasting(self, touching: list[tuple[ImpactPair, Proximity]], time_s: float) -> None:
-        """End the run where a contact lasts: too slow to bounce, or bouncing without end."""
-        settings = self._settings
-        for pair, near in touching:
-            if near.rate >= -REST_RATE:
-                continue
-            name = f"{pair.robot_geom} - {pair.object_geom}"
-            if pair.restitution < 1.0 and near.rate > -settings.rest_speed_m_s:
-                message = f"{name} approaches at {-near.rate:.3g} m/s at t = {time_s:.6g} s with e = {pair.restitution:g}"
-                raise RunEnded(Outcome.LASTING_CONTACT, f"{message}; pushing is not modelled")
-            recent = self._done.recent.setdefault(name, deque())
-            recent.append(time_s)
-            while recent[0] < time_s - 1.0:
-                recent.popleft()
-            if len(recent) > settings.max_impacts_per_second:
-                message = f"{name} hit {len(recent)} times within a second at t = {time_s:.6g} s"
-                raise RunEnded(Outcome.LASTING_CONTACT, f"{message}; pushing is not modelled")
+    def _refuse_lasting(self, touching: Touching, impact: Impact, time_s: float) -> None:
+        """End the run where a contact lasts: it would not fly, or for less than the scenario's rest interval."""
+        rule = self._settings.rest
+        lasting = lasting_contact(self._plant.system.mj, self._plant.data, touching, impact, rule)
+        if lasting is None:
+            return
+        name = f"{lasting.pair.robot_geom} - {lasting.pair.object_geom}"
+        flight = f"its next flight would last {2.0 * lasting.speed / lasting.pressing:.3g} s"
+        why = f"pressed at {lasting.pressing:.3g} m/s^2, {flight} (impact.rest_interval_s: {rule.interval_s:g} s)"
+        message = f"{name} stays in contact from t = {time_s:.6g} s: {why}; contact that lasts is not modelled"
+        raise RunEnded(Outcome.LASTING_CONTACT, message)

@@ -9,14 +9,14 @@ import scipy.optimize
 
 from controllers.allocation import ThrusterAllocation, moments
 from ffsm_mj.errors import ControllerError
-from ffsm_mj.model import compile_system
 from tests.conftest import MJCF
+from tests.scenes import compile_paths
 
 
 @pytest.fixture(scope="module")
 def hardware():
     """Allocation of the body-fixed one-way thrusters of a turned robot, its data, and the force on the base per effort."""
-    system = compile_system(MJCF / "ffsm_3dof_hardware.xml", {"object": MJCF / "box_1m.xml"}, time_step_s=1e-3)
+    system = compile_paths(MJCF / "ffsm_3dof_hardware.xml", {"object": MJCF / "box_1m.xml"})
     data = mujoco.MjData(system.mj)
     data.qpos[2] = 0.7
     mujoco.mj_forward(system.mj, data)

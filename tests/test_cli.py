@@ -33,7 +33,7 @@ def test_run_writes_the_folder_and_links_latest(tmp_path, capsys):
     assert {p.name for p in latest.iterdir()} == {"run.mcap", "run.rrd", "scenario.yaml", "summary.json", "mjcf"}
     assert json.loads((latest / "summary.json").read_text())["scenario"] == "scene"
     assert main(["analyze"]) == 0
-    assert "all 12 laws hold over 0.5 s (501 samples)" in capsys.readouterr().out
+    assert "all 13 laws hold over 0.5 s (501 samples)" in capsys.readouterr().out
 
 
 def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path, capsys):
@@ -67,7 +67,7 @@ def test_analyze_several_runs(tmp_path, capsys):
     assert "impact_pairs.0.restitution: 1.0 -> 0.5" in out
     assert "the motions part at 0.082 s" in out  # 0.3 m at 3.7 m/s
     assert main(["analyze", "a", "b", "--json"]) == 0
-    assert [len(report["laws"]) for report in json.loads(capsys.readouterr().out)] == [12, 12]
+    assert [len(report["laws"]) for report in json.loads(capsys.readouterr().out)] == [13, 13]
     assert main(["analyze", "a", "b", "--tolerance", "impact_restitution=1e-30", "--tolerance", "1e-6"]) == 1
     assert "of 2 runs verified; VIOLATED in" in capsys.readouterr().out
     for wrong in (["--tolerance", "charm=1e-9"], ["--compare", "--json"]):
@@ -99,10 +99,10 @@ def test_export_writes_beside_the_log(tmp_path, capsys):
 
 
 def test_a_run_that_fails_exits_3(tmp_path, capsys):
-    path = two_balls(tmp_path, speed=5e-5, gap=1e-5, restitution=0.5)
+    path = two_balls(tmp_path, impact={"max_impacts": 1})
     assert main(["run", str(path), "--no-rerun", "--out", "mine"]) == 3
     captured = capsys.readouterr()
-    assert "lasting_contact" in captured.err
+    assert "event_limit" in captured.err
     assert main(["analyze", "mine"]) == 0
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from ffsm_mj.impact.manifold import touching_set
 from ffsm_mj.impact.normal import polished, separation
+from ffsm_mj.impact.second_rate import SecondRate, second_rate
 from ffsm_mj.impact.shape import PARALLEL, Shape
 from ffsm_mj.model import FloatArray, System
 
@@ -24,6 +25,11 @@ _UNSUPPORTED = {
     int(mujoco.mjtGeom.mjGEOM_HFIELD): "height field",
     int(mujoco.mjtGeom.mjGEOM_SDF): "signed distance field",
 }
+REST_RATE = 1e-12
+"""Gap rates within this share of (1 m/s + the speeds involved) of zero are rounding."""
+# A gap is below zero where it is so many times its rounding below; there, rates are told from zero more finely.
+_FALLEN, _EXACT = 1e3, 1e-3
+_ROUNDING, _EPSILON = 1e-14, 2.0**-52
 FAR = 1e3
 """Gaps are not told apart beyond this, m."""
 # Passes of the shifted query, each leaving shift / (shift + radius of curvature) of the error, until it is this small.
@@ -43,17 +49,26 @@ class Proximity:
         normal: Unit normal from the robot to the object, (3,).
         points: Where they touch, or would: one point, or the extreme points of an edge or a face, (k, 3).
         rates: Rate of the gap at each point in m/s, negative when approaching, (k,).
+        still: Rates within this of zero in m/s are rounding: neither approaching nor separating.
+        rounding: Gaps within this of each other in m are the same.
     """
 
     gap: float
     normal: FloatArray
     points: FloatArray
     rates: FloatArray
+    still: float
+    rounding: float
 
     @property
     def rate(self) -> float:
         """Rate at the point that approaches most."""
         return float(self.rates.min())
+
+    @property
+    def approaches(self) -> bool:
+        """Whether the gap closes: by more than rounding, or at all where it has fallen below zero by much more than that."""
+        return self.rate < (-self.still if self.gap > -_FALLEN * self.rounding else -_EXACT * self.still)
 
 
 class ImpactPair:
@@ -136,9 +151,23 @@ class ImpactPair:
         normal = self._normal = polished(first, second, estimate)
         points = touching_set(first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL), normal)
         points = points if len(points) else witness[None]
-        rates = self._velocity(data, self.object_body, self._root2, points)
-        rates -= self._velocity(data, self.robot_body, self._root1, points)
-        return Proximity(separation(first, second, normal), normal, points, rates @ normal)
+        here = self._velocity(data, self.robot_body, self._root1, points)
+        there = self._velocity(data, self.object_body, self._root2, points)
+        still = REST_RATE * (1.0 + float(np.abs(here).max()) + float(np.abs(there).max()))
+        rounding = _ROUNDING + 4.0 * _EPSILON * float(np.abs(points).max())
+        return Proximity(separation(first, second, normal), normal, points, (there - here) @ normal, still, rounding)
+
+    def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
+        """Second rate of the gap at one of the points of a proximity; accelerations in ``data`` must be current."""
+        shapes = Shape(model, data, self._g1), Shape(model, data, self._g2)
+        half = 0.5 * near.gap * near.normal
+        bodies, points = (self.robot_body, self.object_body), (point - half, point + half)
+        return second_rate(model, data, bodies, shapes, near.normal, points)
+
+    def pressed(self, model: Any, data: Any, near: Proximity) -> bool:
+        """Whether a pair that is closed and still begins to overlap with the efforts in ``data``."""
+        rates = (self.second_rate(model, data, near, point) for point in near.points)
+        return any(rate.value < -rate.rounding for rate in rates)
 
     @staticmethod
     def _velocity(data: Any, body: int, root: int, points: FloatArray) -> FloatArray:

@@ -93,11 +93,13 @@ def project(A: FloatArray, w: FloatArray) -> FloatArray:
     Non-negative least squares needs no inverse of A A^T, so redundant contacts are no special case. Its optimality
     conditions, 0 <= lambda and A (w + A^T lambda) >= 0, complementary, are verified: else a solution could create energy.
     """
-    from scipy.optimize import nnls  # a second to import, needed when several contacts meet
-
     speeds = A @ w
     if not np.any(speeds < 0.0):
         return np.zeros(len(A))
+    if len(A) == 1:
+        return np.asarray(-speeds / (A[0] @ A[0]))
+    from scipy.optimize import nnls  # a second to import, needed when several contacts meet
+
     lengths = np.linalg.norm(A, axis=1)
     rows = A / lengths[:, None]
     try:
@@ -146,15 +148,15 @@ def _reflections(A: FloatArray, w: FloatArray) -> tuple[FloatArray, bool]:
 
 
 def _result(A: FloatArray, w: FloatArray, impulses: FloatArray, *, jammed: bool = False) -> LawResult:
-    return LawResult(_least_norm(A, impulses), w + A.T @ impulses, jammed)
+    return LawResult(least_norm(A, impulses), w + A.T @ impulses, jammed)
 
 
-def _least_norm(A: FloatArray, impulses: FloatArray) -> FloatArray:
+def least_norm(A: FloatArray, impulses: FloatArray) -> FloatArray:
     """Among non-negative impulses with the same effect, the shortest: four corners share a face's load evenly."""
-    from scipy.optimize import nnls
-
     if np.linalg.matrix_rank(A) == len(A):
         return impulses
+    from scipy.optimize import nnls
+
     scale = float(np.abs(impulses).max())
     if scale == 0.0:
         return impulses

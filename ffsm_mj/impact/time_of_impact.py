@@ -20,35 +20,51 @@ from ffsm_mj.compiled import fastest
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.flight import WHOLE_STATE, Flight
 from ffsm_mj.impact.contact import FAR, ImpactPair, Proximity
+from ffsm_mj.impact.first_touch import first_touch
 
 GAP_TOLERANCE = 1e-9
 """Pairs at most this far apart in m are in contact."""
-REST_RATE = 1e-12
-"""Gap rates within this of zero in m/s are rounding: neither approaching nor separating."""
-_ROOT_GAP = 1e-14
 # MuJoCo's distance is trusted to this in m; closer pairs are asked exactly.
 _NEAR = 1e-7
-_ROOT_ITERATIONS = 100
+# Where only near pairs count, gaps beyond this in m need not be told apart.
+_LOOK = 1e-3
 _MAX_HALVINGS = 48
 # In one step; a hit at 1000 m/s on a plate of 1 mm within 10 ms takes about 60.
 _MOST_HALVINGS = 20_000
 
 
 class StepPath:
-    """One integration step as a path: the state at any time since its start, reproducible bit by bit."""
+    """One integration step as a path: the state at any time since its start, reproducible bit by bit.
+
+    Attributes:
+        start: The state that the path starts from.
+        at_s: Time at which ``data`` is, where that is known: who moves it by other means says so here.
+        poll: Called before every move; what it raises ends the search.
+    """
 
     def __init__(self, model: Any, data: Any) -> None:
         """Wrap model and data; the model's own time step is restored after every move."""
         self._model, self._data = model, data
+        self.poll: Callable[[], None] = _nothing
+        self.at_s = math.nan
         self.start = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
 
     def move_to(self, time_s: float) -> None:
         """Put ``data`` at a time since the ``start`` state, all derived quantities current."""
+        if time_s == self.at_s:
+            return
+        self.poll()
+        self.at_s = math.nan
         mujoco.mj_setState(self._model, self._data, self.start, WHOLE_STATE)
         if time_s > 0.0:
             with _time_step(self._model, time_s):
                 mujoco.mj_step(self._model, self._data)
         mujoco.mj_forward(self._model, self._data)
+        self.at_s = time_s
+
+
+def _nothing() -> None:
+    """Nobody wants to interrupt."""
 
 
 @contextmanager
@@ -78,6 +94,7 @@ class Detector:
 
     Attributes:
         momentum: Generalised momentum M qdot at the state in ``data``, (nv,).
+        overlap: Deepest overlap of any pair at the ends of (sub-)steps since it was last set to zero, m, (1,).
     """
 
     def __init__(self, model: Any, data: Any, pairs: Sequence[ImpactPair]) -> None:
@@ -85,9 +102,13 @@ class Detector:
         self._model, self._data, self._pairs = model, data, tuple(pairs)
         self._path, self._usual = StepPath(model, data), model.opt.timestep
         self._reach = [pair.reach_per_root_energy(model, data) for pair in self._pairs]
-        self.momentum = np.empty(model.nv)
+        self.momentum, self.overlap = np.empty(model.nv), np.zeros(1)
         self._flight = fastest(Flight)(model, data, self._path.start, self.momentum)
         self.restart()
+
+    def interrupt_by(self, poll: Callable[[], None]) -> None:
+        """Have something called before every evaluation of the path; what it raises ends :meth:`advance`."""
+        self._path.poll = poll
 
     @property
     def kinetic_energy_J(self) -> float:
@@ -97,6 +118,7 @@ class Detector:
     def restart(self) -> None:
         """Look again after velocities were changed at one instant."""
         # How far the flight must go before each pair can have touched.
+        self._seen: dict[tuple[int, float], Proximity] = {}
         self._safe = [
             (pair.gap(self._model, self._data, FAR) - _NEAR) / reach
             for pair, reach in zip(self._pairs, self._reach, strict=True)
@@ -104,7 +126,7 @@ class Detector:
         self._flight.clear(min(self._safe, default=math.inf))
 
     def advance(self, duration_s: float) -> float | None:
-        """Integrate for a time, or until a pair touches while approaching.
+        """Integrate for a time, or until a pair touches: it approaches, or is closed and pressed together.
 
         Returns:
             Time of the touch since the start in s, with ``data`` there; None when the whole time has passed.
@@ -112,7 +134,7 @@ class Detector:
         Raises:
             UnsupportedContactError: Bodies close in too fast to follow.
         """
-        flight = self._flight
+        flight, path = self._flight, self._path
         if flight.horizon <= flight.way and self._touching_now():
             return 0.0
         if duration_s == self._usual:
@@ -122,16 +144,20 @@ class Detector:
                 clear = flight.step(duration_s)
         # What is not finite is for the caller to notice.
         if clear or not math.isfinite(flight.energy) or self._surely_clear():
+            self._seen.clear()
             return None
-        path = self._path
+        path.at_s = duration_s
+        end = self._edge(duration_s)
         path.move_to(0.0)
         start = self._edge(0.0)
-        path.move_to(duration_s)
-        end = self._edge(duration_s)
         self._halvings = 0
         touch = self._first_touch(start, end, 0)
-        path.move_to(duration_s if touch is None else touch)
+        at_s = duration_s if touch is None else touch
+        path.move_to(at_s)
+        self.note_overlap(at_s)
+        here = {(i, 0.0): near for (i, time), near in self._seen.items() if time == at_s}
         self.restart()
+        self._seen = here  # the next step starts where this one ends
         return touch
 
     def _surely_clear(self) -> bool:
@@ -151,9 +177,27 @@ class Detector:
     def contacts(self) -> list[tuple[ImpactPair, Proximity]]:
         """All pairs in contact at the state in ``data``."""
         model, data = self._model, self._data
-        close = [pair for pair in self._pairs if pair.gap(model, data, 1.0) <= _NEAR]
+        close = [pair for pair in self._pairs if pair.gap(model, data, _LOOK) <= _NEAR]
         near = [(pair, pair.proximity(model, data)) for pair in close]
         return [(pair, proximity) for pair, proximity in near if proximity.gap <= GAP_TOLERANCE]
+
+    def note_overlap(self, time: float | None = None) -> None:
+        """Keep account of how deep pairs overlap at the state in ``data``; far pairs are asked for no exact gap.
+
+        Args:
+            time: Since the start of the step, where what was seen in it may be used.
+        """
+        for i, pair in enumerate(self._pairs):
+            if pair.gap(self._model, self._data, _LOOK) <= _NEAR:
+                self.overlap[0] = max(self.overlap[0], -self._look(i, time).gap)
+
+    def _look(self, i: int, time: float | None) -> Proximity:
+        """A pair at the state in ``data``; looked at once where the time since the start of the step is known."""
+        if time is None:
+            return self._pairs[i].proximity(self._model, self._data)
+        if (i, time) not in self._seen:
+            self._seen[i, time] = self._pairs[i].proximity(self._model, self._data)
+        return self._seen[i, time]
 
     def _edge(self, time: float) -> _Edge:
         model, data = self._model, self._data
@@ -163,12 +207,22 @@ class Detector:
 
     def _touching_now(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
-        for pair, safe in zip(self._pairs, self._safe, strict=True):
+        for i, safe in enumerate(self._safe):
             if safe <= self._flight.way:
-                near = pair.proximity(self._model, self._data)
-                if near.gap <= GAP_TOLERANCE and near.rate < -REST_RATE:
+                near = self._look(i, 0.0)
+                if near.gap <= 0.0 and near.approaches:
                     return True
         return False
+
+    def _touch_of(self, i: int, start: float, end: float) -> float | None:
+        """First touch of one pair on a stretch where its gap is simple."""
+        pair, model, data = self._pairs[i], self._model, self._data
+
+        def at(time: float) -> Proximity:
+            self._path.move_to(time)
+            return self._look(i, time)
+
+        return first_touch(at, start, end, lambda near: pair.pressed(model, data, near))
 
     def _first_touch(self, a: _Edge, b: _Edge, depth: int) -> float | None:
         """Earliest touch in an interval, halving it until each pair that may touch moves simply."""
@@ -180,7 +234,7 @@ class Detector:
             return None
         simple = all(max(a.bounds[i], b.bounds[i]) * span <= self._pairs[i].size for i in open_pairs)
         if simple or depth >= _MAX_HALVINGS:
-            touches = [t for t in (self._root(i, a.time, b.time) for i in open_pairs) if t is not None]
+            touches = [t for t in (self._touch_of(i, a.time, b.time) for i in open_pairs) if t is not None]
             return min(touches, default=None)
         self._halvings += 1
         if self._halvings > _MOST_HALVINGS:
@@ -191,44 +245,3 @@ class Detector:
         middle = self._edge(a.time + 0.5 * span)
         first = self._first_touch(a, middle, depth + 1)
         return first if first is not None else self._first_touch(middle, b, depth + 1)
-
-    def _root(self, i: int, start: float, end: float) -> float | None:
-        """First touch of one pair where its gap is monotone, or has one extremum."""
-
-        def at(time: float) -> Proximity:
-            self._path.move_to(time)
-            return self._pairs[i].proximity(self._model, self._data)
-
-        first, last = at(start), at(end)
-        if first.gap > 0.0 and first.rate < 0.0 < last.rate and last.gap > 0.0:
-            lowest = _bracketed_root(lambda t: at(t).rate, start, end, first.rate, last.rate, REST_RATE)
-            end, last = lowest, at(lowest)  # it dips in between: a graze, or a touch on the way down
-        elif first.gap <= 0.0 <= first.rate and last.rate < 0.0:
-            highest = _bracketed_root(lambda t: at(t).rate, start, end, first.rate, last.rate, REST_RATE)
-            start, first = highest, at(highest)  # it leaves the contact it starts in, and comes back
-        if first.gap <= 0.0 or last.gap > 0.0:
-            return None
-        return _bracketed_root(lambda t: at(t).gap, start, end, first.gap, last.gap, _ROOT_GAP)
-
-
-def _bracketed_root(f: Callable[[float], float], a: float, b: float, fa: float, fb: float, tolerance: float) -> float:
-    """Root of f between a and b, where it changes sign: Illinois' secant, kept inside its bracket."""
-    if fa == 0.0:
-        return a
-    side = 0
-    for _ in range(_ROOT_ITERATIONS):
-        c = (a * fb - b * fa) / (fb - fa)
-        if not min(a, b) < c < max(a, b):
-            break
-        fc = f(c)
-        if abs(fc) <= tolerance:
-            return c
-        if (fc > 0.0) == (fb > 0.0):
-            b, fb = c, fc
-            fa = 0.5 * fa if side < 0 else fa
-            side = -1
-        else:
-            a, fa = c, fc
-            fb = 0.5 * fb if side > 0 else fb
-            side = 1
-    return b

@@ -50,12 +50,17 @@ class Encounter:
 
 
 class ImpactCheck:
-    """Hands out the impacts step by step, and compares each with what the laws of contact make of its state."""
+    """Hands out the impacts step by step, and compares each with what the laws of contact make of its state.
+
+    Attributes:
+        detector: Watches the pairs at the state that flies.
+        pending: Impacts not met yet, in order.
+    """
 
     def __init__(self, scene: LogScene, data: Any, records: Sequence[ImpactRecord], found: Agreement) -> None:
         """Bind to the state that flies; differences go to ``found``."""
         self._scene, self._data, self._found = scene, data, found
-        self._detector = Detector(scene.system.mj, data, scene.pairs)
+        self.detector = Detector(scene.system.mj, data, scene.pairs)
         self._step_s = scene.scenario.time_step_s
         groups = [tuple(group) for _, group in groupby(records, key=lambda record: record.event)]
         self.pending = [event for i, group in enumerate(groups) if (event := self._encounter(i, group)) is not None]
@@ -135,7 +140,7 @@ class ImpactCheck:
         """What the run's own functions make of the state in ``data``; nothing where they refuse it."""
         system, first = self._scene.system, event.contacts[0]
         try:
-            touching = self._detector.contacts()
+            touching = self.detector.contacts()
             contacts = [
                 Contact(pair.robot_body, pair.object_body, point, near.normal, pair.restitution)
                 for pair, near in touching

@@ -71,10 +71,10 @@ class Retrace:
         self._actuation, self._command = scene.actuation, Command.off(int(model.nu))
         self._find_columns()
         self._again, self._flown = np.zeros((BLOCK_ROWS, len(layout.keys))), np.zeros((BLOCK_ROWS, model.nq + model.nv))
-        parts = scene.system, self._data, self._actuation, self._ledger, self._report
-        self._rows = RowWriter(layout, *parts, scene.task.tip_site if scene.task else None, self._again)
         self.motion, self.columns, self.impacts = Agreement(), Agreement(), Agreement()
         self._check = ImpactCheck(scene, self._data, log.impacts, self.impacts)
+        parts = scene.system, self._data, self._actuation, self._ledger, self._report, self._check.detector.overlap
+        self._rows = RowWriter(layout, *parts, scene.task.tip_site if scene.task else None, self._again)
         self._tick: int | None = None
         self._noted = 0
 
@@ -83,7 +83,7 @@ class Retrace:
         groups = np.array([key.split(".")[0] for key in self._layout.keys])
         self._state = slice(1, 1 + self._model.nq + self._model.nv)
         self._books = self._layout.columns(f"energy.{PARTIES[0]}_J", COLUMNS)
-        start = self._books.stop
+        start = self._books.stop + 1  # behind the deepest overlap
         self._efforts = slice(start, start + self._actuation.table.size)
         self._counts = slice(self._efforts.stop, self._efforts.stop + self._actuation.counts.size)
         self._told = np.flatnonzero(groups == "controller")
@@ -231,6 +231,7 @@ class Retrace:
         self._model.opt.timestep = self._step_s
 
     def _book(self, duration_s: float) -> None:
+        self._check.detector.note_overlap()
         self._ledger.close(duration_s)
         self._actuation.elapse(duration_s)
 
