@@ -57,8 +57,7 @@ def write_animation(
     if path.suffix.lower() not in writers:
         raise InputError(f"{path}: an animation is a .gif or an .mp4")
     usable_file(path)
-    subject = Subject(run)
-    end = float(run.time[-1])
+    end = run.digest.end_s
     fast = speed or next((s for s in _SPEEDS if end / s <= _LONGEST_S), end / _LONGEST_S)
     wanted = end / fast * frames_per_second
     if not wanted < _MOST_PICTURES:
@@ -67,8 +66,10 @@ def write_animation(
             "raise --speed or lower --fps"
         )
     count = max(2, 1 + math.ceil(wanted))
+    times = np.linspace(0.0, end, count)
+    subject = Subject(run, times.tolist())
     with publication():
-        pictures = _counted(_pictures(subject, np.linspace(0.0, end, count), fast), count, report)
+        pictures = _counted(_pictures(subject, times, fast), count, report)
         writers[path.suffix.lower()](path, pictures, frames_per_second)
     return f"{count} pictures, {count / frames_per_second:.1f} s at {fast:g} times real time"
 

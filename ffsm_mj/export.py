@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -12,8 +14,11 @@ import pyarrow.parquet
 
 from ffsm_mj.analysis import Run
 from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.model import FloatArray
 from ffsm_mj.output_place import usable_file, writing
-from ffsm_mj.tables import TABLES, Table
+from ffsm_mj.tables import TABLES, Table, samples
+
+_ROWS_AT_ONCE = 50_000
 
 
 def to_arrow(table: Table, facts: dict[str, str] | None = None) -> Any:
@@ -42,11 +47,42 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
     if name not in TABLES:
         raise InputError(f"--table: {unknown_name('table', name, TABLES)}")
     usable_file(path)
-    table = to_arrow(run.table(name), {"scenario": run.name, **run.log.header.facts})
+    write = _write_parquet if form == "parquet" else _write_csv
     with writing(path), path.open("wb") as stream:  # a path would be removed by pyarrow where writing fails, be it a device
-        if form == "parquet":
-            pyarrow.parquet.write_table(table, stream)
-        else:
-            stream.write((",".join(table.column_names) + "\n").encode())
-            pyarrow.csv.write_csv(table, stream, pyarrow.csv.WriteOptions(include_header=False))
-    return f"{table.num_rows} rows of {table.num_columns} columns"
+        rows, columns = write(_parts(run, name), stream)
+    return f"{rows} rows of {columns} columns"
+
+
+def _parts(run: Run, name: str) -> Iterator[Any]:
+    """One table of a run in parts, at least one: samples come some ten thousand at a time."""
+    facts, held = {"scenario": run.name, **run.log.header.facts}, list[FloatArray]()
+    if name != "samples" or not len(run.log.rows):
+        yield to_arrow(run.table(name), facts)
+        return
+    for block in run.log.blocks():
+        held.append(block)
+        if sum(map(len, held)) >= _ROWS_AT_ONCE:
+            yield to_arrow(samples(run.log.header.layout, np.concatenate(held)), facts)
+            held = []
+    if held:
+        yield to_arrow(samples(run.log.header.layout, np.concatenate(held)), facts)
+
+
+def _write_parquet(parts: Iterator[Any], stream: BinaryIO) -> tuple[int, int]:
+    first = next(parts)
+    rows = 0
+    with pyarrow.parquet.ParquetWriter(stream, first.schema) as writer:
+        for part in chain([first], parts):
+            writer.write_table(part)
+            rows += part.num_rows
+    return rows, first.num_columns
+
+
+def _write_csv(parts: Iterator[Any], stream: BinaryIO) -> tuple[int, int]:
+    rows = columns = 0
+    for part in parts:
+        if not columns:
+            stream.write((",".join(part.column_names) + "\n").encode())
+        pyarrow.csv.write_csv(part, stream, pyarrow.csv.WriteOptions(include_header=False))
+        rows, columns = rows + part.num_rows, part.num_columns
+    return rows, columns

@@ -13,6 +13,8 @@ import numpy.typing as npt
 from ffsm_mj.conservation import DEFAULT_TOLERANCE, Tolerance, check_laws
 from ffsm_mj.errors import MissingPackageError, unknown_name
 from ffsm_mj.log.memory_sink import RunLog
+from ffsm_mj.model import FloatArray
+from ffsm_mj.signals import Layout
 
 TABLES = ("samples", "impacts", "phases", "laws")
 """Names of the tables of every run."""
@@ -87,7 +89,7 @@ def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> T
         KeyError: No such table.
     """
     if name == "samples":
-        return _samples(log)
+        return samples(log.header.layout, np.asarray(log.rows[:]))
     if name == "impacts":
         return _impacts(log)
     if name == "phases":
@@ -117,13 +119,13 @@ _LAW_COLUMNS = {
 }
 
 
-def _samples(log: RunLog) -> Table:
-    signals = log.header.layout.signals
+def samples(layout: Layout, rows: FloatArray) -> Table:
+    """Some or all rows of a run, (n, number of signals), as a table."""
     return Table(
         "samples",
-        {signal.key: log.rows[:, i] for i, signal in enumerate(signals)},
-        {signal.key: signal.unit for signal in signals},
-        {signal.key: signal.description for signal in signals},
+        {signal.key: rows[:, i] for i, signal in enumerate(layout.signals)},
+        {signal.key: signal.unit for signal in layout.signals},
+        {signal.key: signal.description for signal in layout.signals},
     )
 
 

@@ -7,13 +7,18 @@ import subprocess
 import sys
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 
 import ffsm_mj
+from ffsm_mj import export
 from ffsm_mj.analysis import Run
+from ffsm_mj.animation import write_animation
 from ffsm_mj.errors import LogError
 from ffsm_mj.log import stored_rows
 from ffsm_mj.log.stored_rows import StoredRows
+from ffsm_mj.plots import figures, thinning
+from ffsm_mj.residuals import norms
 from tests.scenes import two_balls
 
 
@@ -82,6 +87,65 @@ def test_a_log_that_was_replaced_is_not_taken_for_the_run(tmp_path):
     ffsm_mj.run(path, {"duration_s": 0.5}, out=tmp_path / "out", rerun=False, force=True)
     with pytest.raises(LogError, match="is not what it was when the run was read"):
         run.time  # noqa: B018
+
+
+def test_a_thinned_run_keeps_what_stands_out(baseline, monkeypatch):
+    """Least and greatest of every column in every slice, of tip error and residual norms too; rows at events."""
+    assert thinning.thinned(baseline) is baseline
+    monkeypatch.setattr(thinning, "KEPT_BYTES", 0)
+    monkeypatch.setattr(thinning, "_SLICES", 20)
+    times = [1.2345, 17.0, 29.9999, 30.0]
+    thin = thinning.thinned(baseline, times)
+    assert len(thin.time) < len(baseline.time) / 5
+    assert np.all(np.diff(thin.time) > 0.0)
+    place = np.searchsorted(baseline.time, thin.time)
+    np.testing.assert_array_equal(thin.log.rows, baseline.log.rows[place])
+    edges = np.arange(0, len(baseline.time), -(-len(baseline.time) // 20))
+    of_slice = np.searchsorted(edges, place, side="right")
+    curves = {key: (baseline[key], thin[key]) for key in baseline.keys}
+    curves["tip"] = baseline.tip_error(), thin.tip_error()
+    for party in ("total", "robot"):
+        change, kept = (run.momentum(party) - baseline.momentum(party)[0] for run in (baseline, thin))
+        curves[party] = norms(change[:, 3:]), norms(kept[:, 3:])
+    for i, (start, stop) in enumerate(zip(edges, [*edges[1:], len(baseline.time)], strict=True), 1):
+        for whole, kept in curves.values():
+            part = whole[start:stop]
+            if np.isfinite(part).any():
+                assert np.nanmin(kept[of_slice == i]) == np.nanmin(part)
+                assert np.nanmax(kept[of_slice == i]) == np.nanmax(part)
+    hit = int(np.searchsorted(baseline.time, baseline.impacts[0].time_s))
+    assert {hit - 1, hit, *np.searchsorted(baseline.time, np.array(times) - 1e-9)} <= set(place.tolist())
+    assert thin.laws() == baseline.laws()
+    assert thin.summary() == baseline.summary()
+
+
+def test_figures_and_films_of_a_long_run_are_drawn_from_the_thinned_one(baseline, monkeypatch, tmp_path):
+    names = set(figures(baseline, ("tip", "conservation", "motion")))
+    monkeypatch.setattr(thinning, "KEPT_BYTES", 0)
+    monkeypatch.setattr(thinning, "_SLICES", 100)
+    drawn = figures(baseline, ("tip", "conservation", "motion"))
+    assert set(drawn) == names
+    (error, *_) = drawn["tip"].axes[0].get_lines()
+    assert error.get_ydata().min() == baseline.tip_error().min()
+    assert error.get_ydata()[-1] == baseline.tip_error()[-1]
+    write_animation(baseline, tmp_path / "film.gif", speed=30.0, frames_per_second=4.0)
+    assert (tmp_path / "film.gif").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_a_long_run_is_exported_in_parts(tmp_path, monkeypatch, form):
+    ffsm_mj.run(two_balls(tmp_path, duration_s=3.0), out=tmp_path / "out", rerun=False)
+    run = ffsm_mj.load_run(tmp_path / "out")
+    assert export.write_table(run, "samples", tmp_path / f"whole.{form}", form) == f"3001 rows of {len(run.keys)} columns"
+    monkeypatch.setattr(stored_rows, "KEPT_BYTES", 0)
+    monkeypatch.setattr(export, "_ROWS_AT_ONCE", 700)
+    export.write_table(ffsm_mj.load_run(tmp_path / "out"), "samples", tmp_path / f"parts.{form}", form)
+    if form == "csv":
+        assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
+    else:
+        parts, whole = (pyarrow.parquet.ParquetFile(tmp_path / f"{name}.parquet") for name in ("parts", "whole"))
+        assert parts.num_row_groups > 1
+        assert parts.read().equals(whole.read(), check_metadata=True)
 
 
 PEAK = """

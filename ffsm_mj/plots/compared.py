@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from ffsm_mj.analysis import Run
 from ffsm_mj.plots.panels import envelope
 from ffsm_mj.plots.style import COLOURS, LINE_STYLES, WIDTH_IN
+from ffsm_mj.plots.thinning import thinned
 
 MOST_RUNS = len(COLOURS)
 """More curves than this cannot be told apart in one pair of axes."""
@@ -17,7 +18,7 @@ MOST_RUNS = len(COLOURS)
 
 def comparison(runs: Sequence[tuple[str, Run]]) -> Figure:
     """Figure of several runs, each with a label; the first ``MOST_RUNS`` of them."""
-    shown = runs[:MOST_RUNS]
+    shown = [(label, thinned(run)) for label, run in runs[:MOST_RUNS]]
     panels = ["kinetic energy, J", "FFSM $|P|$, N s", "object $|P|$, N s"]
     tipped = [(label, run) for label, run in shown if run.summary()["tip"] is not None]
     labels = (["tip error, m"] if tipped else []) + panels

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +15,7 @@ from ffsm_mj.log_model import compile_log
 from ffsm_mj.log_scenario import logged_scenario
 from ffsm_mj.model import FloatArray, Joint
 from ffsm_mj.plots.silhouette import Plane, Silhouette
+from ffsm_mj.plots.thinning import thinned
 from ffsm_mj.signals import identifier
 
 _POSES = 1500
@@ -23,15 +25,19 @@ _PLANES = (Plane(0, 1), Plane(0, 2), Plane(1, 2))
 class Subject:
     """A run and its model, compiled from the log."""
 
-    def __init__(self, run: Run) -> None:
-        """Take a run.
+    def __init__(self, run: Run, times: Sequence[float] = ()) -> None:
+        """Take a run, of a long one what stands out; see :func:`ffsm_mj.plots.thinning.thinned`.
+
+        Args:
+            run: A run with at least one sample.
+            times: When it is to be looked at, s.
 
         Raises:
             InputError: It has no samples, or its models do not compile any more.
         """
-        if not len(run.time):
+        if not len(run.log.rows):
             raise InputError(f"{run.name}: the log holds no sample, there is nothing to draw")
-        self.run, self.system = run, compile_log(run.log, f"log {run.path}" if run.path else "the log")
+        self.run, self.system = thinned(run, times), compile_log(run.log, f"log {run.path}" if run.path else "the log")
         self.silhouette = Silhouette(self.system)
 
     @cached_property
