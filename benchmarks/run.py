@@ -37,7 +37,9 @@ from ffsm_mj.impact.contact import ImpactPair
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.log.mcap_sink import McapSink
 from ffsm_mj.log.memory_sink import RunLog
+from ffsm_mj.log.partial_file import PartialFile
 from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.run_folder import RunFolder
 from ffsm_mj.runner import Prepared, prepare
 
 STEPS = 30_000
@@ -87,7 +89,7 @@ def whole(*, out: bool, rerun: bool) -> float:
     with tempfile.TemporaryDirectory() as folder:
         prepared = prepare("baseline")
         start = time.perf_counter()
-        prepared.run(out=Path(folder) / "run" if out else None, rerun=rerun)
+        prepared.run(folder=RunFolder(Path(folder) / "run") if out else None, rerun=rerun)
         return time.perf_counter() - start
 
 
@@ -98,11 +100,19 @@ def logged() -> tuple[Prepared, RunLog]:
     return prepared, prepared.run().log
 
 
+def begun(path: Path, opening: bytes) -> PartialFile:
+    """A log file with its first bytes."""
+    file = PartialFile(path)
+    file.begin(opening)
+    return file
+
+
 def writing() -> float:
     """The baseline's rows into a log file, and nothing else: samples and viewer topics."""
     prepared, log = logged()
     with tempfile.TemporaryDirectory() as folder:
-        sink = McapSink(Path(folder) / "run.mcap", prepared.assembly.system, prepared.scenario.log.view_rate_hz)
+        path = Path(folder) / "run.mcap"
+        sink = McapSink(lambda opening: begun(path, opening), prepared.assembly.system, prepared.scenario.log.view_rate_hz)
         start = time.perf_counter()
         sink.open(log.header)
         for first in range(0, len(log.rows), BLOCK_ROWS):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ffsm_mj.command_line import HelpAsked, parse, parser
 from ffsm_mj.exit_codes import BAD_INPUT, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED, VIOLATED
+from ffsm_mj.interrupts import raised
 from ffsm_mj.progress import Progress, progress
 from ffsm_mj.standard_streams import Output, complain, secure
 
@@ -34,8 +35,9 @@ def _perform(arguments: Sequence[str], output: Output) -> int:
 
     one_blas_thread()
     try:
-        options = parse(arguments)
-        return _COMMANDS[options.command](options, output)
+        with raised():
+            options = parse(arguments)
+            return _COMMANDS[options.command](options, output)
     except HelpAsked as asked:
         output.say(str(asked))
         return OK
@@ -74,23 +76,24 @@ def _run(options: argparse.Namespace, output: Output) -> int:
     if options.scenario is None:
         complain("ffsm run: name a scenario; 'ffsm run --list' shows the shipped ones")
         return BAD_INPUT
-    from ffsm_mj.run_folder import default_folder, link_latest
+    from ffsm_mj.run_folder import RunFolder
     from ffsm_mj.runner import prepare
 
     prepared = prepare(options.scenario, options.overrides)
-    folder = Path(options.out) if options.out else default_folder(prepared.scenario.name)
+    scenario = prepared.scenario
+    folder = RunFolder(Path(options.out), force=options.force) if options.out else RunFolder.in_logs(scenario.name)
     live, rerun = (options.viewer or _VIEWER) if options.live else None, False if options.no_rerun else None
     with progress() as shown:
-        report = shown.stage(prepared.scenario.name, "s", prepared.scenario.duration_s)
-        run = prepared.run(out=folder, force=options.force, rerun=rerun, live=live, report=report)
+        report = shown.stage(scenario.name, "s", scenario.duration_s)
+        run = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
     if not options.out:
-        link_latest(folder)
+        folder.link_latest()
     from ffsm_mj.conservation import DEFAULT_TOLERANCE
     from ffsm_mj.text_report import run_report, verdict, violated
 
     output.say(run_report(run))
-    where = "" if not options.out else f" {folder}"
-    output.say(f"\nfiles in {folder}: {', '.join(sorted(p.name for p in folder.iterdir()))}")
+    where = "" if not options.out else f" {folder.path}"
+    output.say(f"\nfiles in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
     output.say(f"look at it: ffsm view{where}   verify the log: ffsm analyze{where}")
     if run.outcome != "completed":
         complain(f"{run.outcome}: {run.message}")

@@ -18,7 +18,7 @@ def write_recording(log: RunLog, path: Path) -> None:
     Raises:
         InputError: The log's models do not compile any more.
     """
-    sink = RerunSink(path, compile_log(log), logged_scenario(log).view_rate_hz)
+    sink = RerunSink(lambda: path, compile_log(log), logged_scenario(log).view_rate_hz)
     sink.open(log.header)
     events: list[Event] = [*log.phases, *log.impacts, *log.unhandled]
     for event in sorted(events, key=event_time):

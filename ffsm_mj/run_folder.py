@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ffsm_mj.earlier_run import in_the_way, remove, replaceable
 from ffsm_mj.errors import InputError, LogWriteError
+from ffsm_mj.events import Event, OutcomeRecord
 from ffsm_mj.log.mcap_sink import McapSink
+from ffsm_mj.log.partial_file import PartialFile
 from ffsm_mj.log.sink import RunHeader, Sink
-from ffsm_mj.model import System
+from ffsm_mj.model import FloatArray, System
 
 LOG = "run.mcap"
 PARTIAL_LOG = "run.mcap.partial"
@@ -22,31 +26,23 @@ SUMMARY = "summary.json"
 _OURS = (LOG, PARTIAL_LOG, RECORDING, SCENARIO, SUMMARY)
 
 
-def default_folder(scenario_name: str) -> Path:
-    """``logs/<scenario>-<UTC time>`` below the current folder, with a number behind where that exists."""
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    base = Path("logs") / f"{scenario_name}-{stamp}"
-    candidates = [base, *(base.with_name(f"{base.name}-{i}") for i in range(2, 1000))]
-    return next(path for path in candidates if not path.exists())
-
-
-def link_latest(folder: Path) -> None:
-    """Point ``logs/latest`` to a folder in ``logs/``; where links are not possible, leave it."""
-    link = folder.parent / "latest"
-    try:
-        temporary = link.with_name(f".latest-{os.getpid()}")
-        temporary.unlink(missing_ok=True)
-        temporary.symlink_to(folder.name, target_is_directory=True)
-        os.replace(temporary, link)
-    except OSError:
-        return
-
-
-@dataclass(frozen=True)
 class RunFolder:
-    """A folder for one run."""
+    """A folder for one run. It is made when the run's log begins, not before: a start-up that is killed leaves nothing.
 
-    path: Path
+    Attributes:
+        path: The folder; of one that is to get the next free name, the first that is tried, until it is made.
+    """
+
+    def __init__(self, path: Path, *, force: bool = False, next_name: bool = False) -> None:
+        """Nothing is made yet.
+
+        Args:
+            path: The folder.
+            force: Replace the run that it holds.
+            next_name: Where it exists take the next name that does not, with a number behind.
+        """
+        self.path, self._force, self._next_name = path, force, next_name
+        self._replaced: Sequence[str] = ()
 
     @property
     def log(self) -> Path:
@@ -54,55 +50,143 @@ class RunFolder:
         return self.path / (LOG if (self.path / LOG).is_file() else PARTIAL_LOG)
 
     @classmethod
-    def create(cls, path: Path, *, force: bool) -> RunFolder:
-        """Make the folder, or take one that holds no run.
+    def in_logs(cls, scenario_name: str) -> RunFolder:
+        """``logs/<scenario>-<UTC time>`` below the current folder, with a number behind where that exists."""
+        stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+        return cls(Path("logs") / f"{scenario_name}-{stamp}", next_name=True)
 
-        Raises:
-            InputError: It holds a run and ``force`` is not given, or cannot be made.
-        """
-        held = [name for name in _OURS if (path / name).exists()]
-        if held and not force:
-            raise InputError(f"{path}: holds a run already ({held[0]}); choose another --out, or --force to replace it")
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            for name in held:
-                (path / name).unlink()
-        except OSError as error:
-            raise InputError(f"{path}: cannot be used as a run folder ({error.strerror})") from error
-        return cls(path)
-
-    def write_inputs(self, header: RunHeader) -> None:
-        """Write the resolved scenario and the models it refers to.
-
-        Raises:
-            LogWriteError: A file cannot be written (full disk).
-        """
-        for name, content in {SCENARIO: header.scenario_yaml.encode(), **header.files}.items():
-            file = self.path / name
-            try:
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_bytes(content)
-            except OSError as error:
-                raise LogWriteError(file, error) from error
-
-    def sinks(self, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
-        """The log, and the recording where it is wanted."""
-        sinks: list[Sink] = [McapSink(self.path / LOG, system, view_rate_hz)]
+    def sinks(self, header: RunHeader, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
+        """The log, which makes the folder when it is opened, then the inputs, and the recording where it is wanted."""
+        sinks: list[Sink] = [
+            McapSink(lambda opening: self._take(opening, header.files), system, view_rate_hz),
+            _Inputs(self),
+        ]
         if with_rerun:
             # Rerun reports an error at the end of its file (full disk) on stderr and nowhere else.
             os.environ.setdefault("RUST_LOG", "error")
             from ffsm_mj.log.rerun_sink import RerunSink  # a second to import, for those who want a recording
 
-            sinks.append(RerunSink(self.path / RECORDING, system, view_rate_hz))
+            sinks.append(RerunSink(lambda: self.path / RECORDING, system, view_rate_hz))
         return sinks
+
+    def _take(self, opening: bytes, models: Iterable[str]) -> PartialFile:
+        """Make the folder, or take one that holds no run, and the log in it, for this run alone.
+
+        Nothing comes between a folder and its log but the making of the file: a kill there has some 1e-5 s to hit.
+
+        Raises:
+            InputError: It holds a run that is not to be replaced, another run is writing there, or it cannot be used.
+            LogWriteError: The log cannot be written (full disk).
+        """
+        try:
+            file = self._log() if self._make() else self._claim([*_OURS, *models])
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be used as a run folder ({error.strerror})") from error
+        try:
+            file.begin(opening)
+        except OSError as error:
+            raise LogWriteError(file.partial, error) from error
+        return file
+
+    def _make(self) -> bool:
+        """Make the folder; False where it is there already."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        first, number = self.path, 1
+        while True:
+            try:
+                self.path.mkdir()
+            except FileExistsError:
+                if not self._next_name:
+                    return False
+                number += 1
+                self.path = first.with_name(f"{first.name}-{number}")
+            else:
+                return True
+
+    def _claim(self, names: Sequence[str]) -> PartialFile:
+        """The log's file, where nothing is in the way that may not be replaced."""
+        self._refuse(in_the_way(self.path, names))
+        if (self.path / PARTIAL_LOG).is_symlink():  # by force: the link goes, what it leads to stays
+            (self.path / PARTIAL_LOG).unlink()
+        file = self._log()
+        try:
+            # Once more: another run may have come and gone before the file was ours.
+            taken = in_the_way(self.path, names)
+            self._refuse([name for name in taken if name != PARTIAL_LOG or file.left_bytes])
+        except BaseException:
+            file.discard()
+            raise
+        return file
+
+    def _log(self) -> PartialFile:
+        try:
+            return PartialFile(self.path / LOG)
+        except BlockingIOError as error:
+            raise InputError(f"{self.path}: another run is being written there; choose another --out") from error
+
+    def _refuse(self, taken: Sequence[str]) -> None:
+        if taken and not self._force:
+            holds = f"a run already ({taken[0]})" if taken[0] in _OURS else f"{taken[0]}, a name that the run needs,"
+            raise InputError(f"{self.path}: holds {holds}; choose another --out, or --force to replace a run")
+        if self._force:
+            self._replaced = replaceable(self.path, taken, (LOG, PARTIAL_LOG), _OURS)
+
+    def write_inputs(self, header: RunHeader) -> None:
+        """Write the resolved scenario and the models it refers to, in place of those of the run that is replaced.
+
+        Raises:
+            LogWriteError: A file cannot be written (full disk).
+        """
+        file = self.path
+        try:
+            remove(self.path, [name for name in self._replaced if name != PARTIAL_LOG])
+            for name, content in {SCENARIO: header.scenario_yaml.encode(), **header.files}.items():
+                file = self.path / name
+                file.parent.mkdir(parents=True, exist_ok=True)
+                with file.open("xb") as stream:
+                    stream.write(content)
+        except OSError as error:
+            raise LogWriteError(file, error) from error
 
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Write ``summary.json``, whole or not at all; a full disk here loses nothing that the log does not hold."""
         file = self.path / SUMMARY
+        unfinished = file.with_name(f".{file.name}-{os.getpid()}")
         try:
-            file.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            with unfinished.open("x", encoding="utf-8") as stream:
+                stream.write(json.dumps(summary, indent=2, allow_nan=False) + "\n")
+            os.replace(unfinished, file)
         except OSError:
-            file.unlink(missing_ok=True)
+            unfinished.unlink(missing_ok=True)
+
+    def link_latest(self) -> None:
+        """Point ``latest`` beside the folder to it; where that is not possible, or something else has the name, leave it."""
+        link = self.path.parent / "latest"
+        unfinished = link.with_name(f".latest-{os.getpid()}")
+        try:
+            unfinished.symlink_to(self.path.name, target_is_directory=True)
+            os.replace(unfinished, link)
+        except OSError:
+            with suppress(OSError):
+                unfinished.unlink(missing_ok=True)
+
+
+class _Inputs:
+    """Writes scenario and models when the run is opened, and nothing while it goes."""
+
+    def __init__(self, folder: RunFolder) -> None:
+        self._folder = folder
+
+    def open(self, header: RunHeader) -> None:
+        self._folder.write_inputs(header)
+
+    def rows(self, block: FloatArray) -> None: ...
+
+    def event(self, event: Event) -> None: ...
+
+    def flush(self) -> None: ...
+
+    def close(self, outcome: OutcomeRecord | None) -> None: ...
 
 
 def find_log(run: Path) -> Path:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import signal
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
@@ -24,6 +21,7 @@ from ffsm_mj.events import Outcome, OutcomeRecord
 from ffsm_mj.impact.resting import RestRule
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.impact.watch import ContactWatch
+from ffsm_mj.interrupts import noted
 from ffsm_mj.ledger import Ledger
 from ffsm_mj.log.mcap_reader import stored_rows
 from ffsm_mj.log.memory_sink import MemorySink
@@ -73,7 +71,8 @@ def run(
     if isinstance(overrides, Mapping):
         overrides = [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
     prepared = prepare(scenario, overrides)
-    return prepared.run(out=Path(out) if out is not None else None, force=force, rerun=rerun, live=live, report=report)
+    folder = RunFolder(Path(out), force=force) if out is not None else None
+    return prepared.run(folder=folder, rerun=rerun, live=live, report=report)
 
 
 def prepare(scenario: str | Path, overrides: Sequence[str] = ()) -> Prepared:
@@ -100,16 +99,16 @@ class Prepared:
     def run(
         self,
         *,
-        out: Path | None = None,
-        force: bool = False,
+        folder: RunFolder | None = None,
         rerun: bool | None = None,
         live: str | None = None,
         report: Callable[[float, float], None] | None = None,
     ) -> Run:
         """Simulate; see :func:`run`."""
         source_date()  # one that is malformed is refused before there is a folder
-        refuse_without_room(self.scenario.ticks, len(self.assembly.layout.signals), out)
-        folder = RunFolder.create(out, force=force) if out is not None else None
+        refuse_without_room(
+            self.scenario.ticks, len(self.assembly.layout.signals), folder.path if folder is not None else None
+        )
         with_rerun = self.scenario.log.rerun if rerun is None else rerun
         return _simulate(self.assembly, folder, with_rerun=with_rerun, live=live, report=report)
 
@@ -150,8 +149,7 @@ def _simulate(
     memory, digested = MemorySink(keep_rows=folder is None), DigestSink()
     sinks: list[Sink] = [memory, digested]
     if folder is not None:
-        folder.write_inputs(header)
-        sinks += folder.sinks(system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
+        sinks += folder.sinks(header, system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
     if live is not None:
         from ffsm_mj.log.rerun_live import LiveSink  # a second to import, for those who watch
 
@@ -172,7 +170,7 @@ def _simulate(
     recorder = Recorder(block, sinks, rows.complete, by_clock=source_date() is None)
     simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
     try:
-        with _interrupts() as interrupted, recorder:
+        with noted() as interrupted, recorder:
             recorder.open(header)
             outcome = simulation.run(interrupted, lambda t: report(t, config.duration_s) if report else None)
             recorder.outcome = outcome
@@ -255,24 +253,3 @@ def _facts(assembly: Assembly, ledger: Ledger) -> dict[str, str]:
         facts["task_axes"] = " ".join(config.task.axes)
         facts["task_target_m"] = " ".join(repr(float(x)) for x in config.task.target_m)
     return facts | {f"version {name}": text for name, text in versions().items()}
-
-
-@contextmanager
-def _interrupts() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C (or SIGTERM) into a flag, so that no half-written state is left; a second one raises."""
-    seen: list[int] = []
-
-    def note(number: int, _: Any) -> None:
-        if seen:
-            raise KeyboardInterrupt
-        seen.append(number)
-
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
-        return
-    previous = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: bool(seen)
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

@@ -92,9 +92,12 @@ def test_a_flipped_byte_never_passes_unnoticed_and_spoils_one_chunk(finished, tm
 
 @pytest.mark.parametrize("offset", [200, 3, 0, 40], ids=["content", "length", "opcode", "compression"])
 def test_reading_goes_on_behind_a_damaged_chunk(finished, tmp_path, capsys, offset):
-    """A chunk in the middle: its samples are missing, all others are there, and analyze says which."""
+    """The largest chunk of the first half: its samples are missing, all others are there, and analyze says which.
+
+    Which chunk has samples is not the same everywhere: a slow machine flushes between blocks, an event ends a chunk early.
+    """
     data, run = finished
-    bad, (start, _) = bytearray(data), chunks(data)[2]
+    bad, (start, _) = bytearray(data), max((c for c in chunks(data) if c[1] < len(data) / 2), key=lambda c: c[1] - c[0])
     bad[start + offset] ^= 0x55
     got = read(tmp_path, bytes(bad))
     assert got.complete

@@ -14,6 +14,7 @@ from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.log.mcap_sink import McapSink
+from ffsm_mj.run_folder import RunFolder
 from ffsm_mj.runner import prepare
 from tests.scenes import ball, box, scene, two_balls
 
@@ -152,7 +153,7 @@ def test_controller_failed(tmp_path, fault, words):
             command.drive(np.array([0]), np.array([np.nan]))
 
     prepared.assembly.controller._phases[0].controller.control = fail
-    run = prepared.run(out=tmp_path / "out", rerun=False)
+    run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
     assert run.outcome == "controller_failed"
     assert run.message == f"phase 'coast' (off) at t = 0.2 s: {words}"
     read = ffsm_mj.load_run(tmp_path / "out")
@@ -177,7 +178,7 @@ def test_controller_failed_at_an_impact(tmp_path, method):
         raise RuntimeError("not now")
 
     setattr(controller, method, fail)
-    run = prepared.run(out=tmp_path / "out", rerun=False)
+    run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
     assert run.outcome == "controller_failed"
     assert run.message == "phase 'after' (off) at t = 0.3 s: RuntimeError: not now"
     assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
@@ -192,7 +193,7 @@ def test_a_command_that_is_not_finite_at_an_impact(tmp_path):
             command.drive(np.array([0]), np.array([np.nan]))
 
     prepared.assembly.controller._phases[0].controller.control = fail
-    run = prepared.run(out=tmp_path / "out", rerun=False)
+    run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
     assert run.outcome == "controller_failed"
     assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["outcome"] == "controller_failed"
@@ -208,7 +209,7 @@ def test_leaving_the_program_is_no_fault_of_a_controller(tmp_path):
 
     prepared.assembly.controller._phases[0].controller.control = leave
     with pytest.raises(SystemExit):
-        prepared.run(out=tmp_path / "out", rerun=False)
+        prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
     read = ffsm_mj.load_run(tmp_path / "out")
     assert read.time[-1] == pytest.approx(0.199)
     assert not read.complete
@@ -223,7 +224,7 @@ def test_a_fault_of_our_own_is_not_hidden_and_costs_no_data(tmp_path, monkeypatc
 
     monkeypatch.setattr("ffsm_mj.simulation.party_energies", defect)
     with pytest.raises(RuntimeError, match="a defect"):
-        prepared.run(out=tmp_path / "out", rerun=False)
+        prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
     assert ffsm_mj.load_run(tmp_path / "out").time[-1] == pytest.approx(0.3, abs=2e-3)
 
 
@@ -254,7 +255,7 @@ def test_write_failed(tmp_path, monkeypatch):
         try:
             full(self, block)
         except OSError as error:
-            raise LogWriteError(self._partial, error) from error
+            raise LogWriteError(self._file.partial, error) from error
 
     monkeypatch.setattr(McapSink, "rows", wrapped)
     run = ffsm_mj.run(two_balls(tmp_path, duration_s=5.0), out=tmp_path / "out", rerun=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -54,6 +54,10 @@ class BlockWriter(Writer):
         self._account(channel, times_ns.tolist(), records.shape[1])
         self._chunk.record_writer.write(records.data)
         self._Writer__maybe_finalize_chunk()  # type: ignore[attr-defined]
+
+    def continue_in(self, stream: BinaryIO) -> None:
+        """Write to another stream from here on, one that holds what the first one does."""
+        self._Writer__stream = stream
 
     @property
     def _chunk(self) -> Any:

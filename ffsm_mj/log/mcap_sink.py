@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from ffsm_mj.log import mcap_format as form
 from ffsm_mj.log.block_writer import BlockWriter
 from ffsm_mj.log.foxglove_messages import descriptor_set
 from ffsm_mj.log.narration import event_time
+from ffsm_mj.log.partial_file import PartialFile
 from ffsm_mj.log.sink import RunHeader
 from ffsm_mj.log.viewer_topics import Packet, ViewerTopics
 from ffsm_mj.model import FloatArray, System
@@ -26,29 +27,39 @@ _MEDIA_TYPES = {".yaml": "application/yaml", ".xml": "application/xml", ".urdf":
 class McapSink:
     """Writes one run to one file. The first write that fails raises; after it nothing more is taken."""
 
-    def __init__(self, path: Path, system: System, view_rate_hz: float) -> None:
-        """Name the finished file; nothing is written yet."""
-        self._path = path
-        self._partial = path.with_name(path.name + ".partial")
+    def __init__(self, take: Callable[[bytes], PartialFile], system: System, view_rate_hz: float) -> None:
+        """Nothing is written yet.
+
+        Args:
+            take: Makes the file with all that it begins with.
+            system: What is logged.
+            view_rate_hz: Frames for viewers per simulated second.
+        """
+        self._take = take
+        self._file: PartialFile | None = None
         self._viewer = ViewerTopics(system, view_rate_hz)
         self._broken = False
 
     def open(self, header: RunHeader) -> None:
-        """Write what must survive a kill at any later moment: facts, signals, scenario and models."""
+        """Write what must survive a kill at any later moment: facts, signals, scenario and models.
+
+        It is put together in memory and written at once: a kill leaves no file, or one that can be read.
+        """
         self._viewer.open(header)
         self._codec = form.SampleCodec(header.layout)
         self._time_column = header.layout.index["state.time_s"]
-        with self._writing():
-            self._stream = self._partial.open("wb")
-            self._writer = BlockWriter(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
-            self._writer.start(profile="", library="ffsm-mj")
-            self._writer.add_metadata(form.FACTS_METADATA, dict(header.facts))
-            self._writer.add_metadata(form.SIGNALS_METADATA, form.signals_metadata(header.layout))
-            self._attach(form.SCENARIO_ATTACHMENT, header.scenario_yaml.encode())
-            for name, content in header.files.items():
-                self._attach(name, content)
-            self._register(header)
-            self._writer.flush()  # type: ignore[no-untyped-call]
+        opening = BytesIO()
+        self._writer = BlockWriter(opening, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._writer.start(profile="", library="ffsm-mj")
+        self._writer.add_metadata(form.FACTS_METADATA, dict(header.facts))
+        self._writer.add_metadata(form.SIGNALS_METADATA, form.signals_metadata(header.layout))
+        self._attach(form.SCENARIO_ATTACHMENT, header.scenario_yaml.encode())
+        for name, content in header.files.items():
+            self._attach(name, content)
+        self._register(header)
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        self._file = self._take(opening.getvalue())
+        self._writer.continue_in(self._file.stream)
 
     def _attach(self, name: str, content: bytes) -> None:
         media_type = _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
@@ -107,14 +118,15 @@ class McapSink:
     def close(self, outcome: OutcomeRecord | None) -> None:
         """Write the outcome, the index and the footer, and give the file its final name."""
         with self._writing() as possible:
-            if not possible:
+            if not possible or self._file is None:
                 return
             if outcome is not None:
                 self._record(outcome)
             self._writer.finish()  # type: ignore[no-untyped-call]
-            self._stream.close()
             if outcome is not None:
-                os.replace(self._partial, self._path)
+                self._file.finish()
+            else:
+                self._file.stream.close()
 
     @contextmanager
     def _writing(self) -> Iterator[bool]:
@@ -126,7 +138,7 @@ class McapSink:
             yield not self._broken
         except OSError as error:
             self._broken = True
-            if hasattr(self, "_stream"):
-                with suppress(OSError):
-                    self._stream.close()
-            raise LogWriteError(self._partial, error) from error
+            assert self._file is not None
+            with suppress(OSError):
+                self._file.stream.close()
+            raise LogWriteError(self._file.partial, error) from error

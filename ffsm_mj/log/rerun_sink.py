@@ -5,6 +5,7 @@ A derived view: positions are float32 there. The physics is proved from the MCAP
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -32,11 +33,13 @@ _FLAME = (255, 170, 60, 200)
 class RerunSink:
     """Writes one recording to a file at its end, or sends it to a viewer whenever the recorder flushes."""
 
-    def __init__(self, output: Path | str, system: System, view_rate_hz: float, *, following: bool = False) -> None:
+    def __init__(
+        self, output: Callable[[], Path] | str, system: System, view_rate_hz: float, *, following: bool = False
+    ) -> None:
         """Name where it goes; nothing is written yet.
 
         Args:
-            output: The file, or the address of a viewer that listens.
+            output: Gives the file, when the recording begins; or the address of a viewer that listens.
             system: What is drawn.
             view_rate_hz: Frames per simulated second.
             following: The viewer opens at the latest time and follows it.
@@ -71,10 +74,11 @@ class RerunSink:
             return
         # The bytes are written here: on a full disk Rerun's own thread leaves its caller waiting for ever.
         self._bytes = rr.binary_stream(self._recording)
+        self._path = self._output()
         try:
-            self._file = self._output.open("wb")
+            self._file = self._path.open("wb")
         except OSError as error:
-            raise LogWriteError(self._output, error) from error
+            raise LogWriteError(self._path, error) from error
 
     def _target(self, header: RunHeader) -> None:
         """A small cross where the tip is wanted."""
@@ -141,7 +145,7 @@ class RerunSink:
             self._file.write(self._bytes.read() or b"")
             self._file.flush()
         except OSError as error:
-            raise LogWriteError(self._output, error) from error
+            raise LogWriteError(self._path, error) from error
 
     def _clear_arrows(self, now_s: float) -> None:
         """Take arrows away that have been shown long enough; never ahead of the motion, or a viewer would jump there."""
@@ -247,6 +251,6 @@ class RerunSink:
     def disconnect(self) -> None:
         """Send nothing more."""
         self._recording.disconnect()
-        if isinstance(self._output, Path):
+        if not isinstance(self._output, str):
             with suppress(OSError):  # said already, when it was written
                 self._file.close()
