@@ -100,19 +100,12 @@ def logged() -> tuple[Prepared, RunLog]:
     return prepared, prepared.run().log
 
 
-def begun(path: Path, opening: bytes) -> PartialFile:
-    """A log file with its first bytes."""
-    file = PartialFile(path)
-    file.begin(opening)
-    return file
-
-
 def writing() -> float:
     """The baseline's rows into a log file, and nothing else: samples and viewer topics."""
     prepared, log = logged()
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "run.mcap"
-        sink = McapSink(lambda opening: begun(path, opening), prepared.assembly.system, prepared.scenario.log.view_rate_hz)
+        take = partial(PartialFile.begun, Path(folder) / "run.mcap")
+        sink = McapSink(take, prepared.assembly.system, prepared.scenario.log.view_rate_hz)
         start = time.perf_counter()
         sink.open(log.header)
         for first in range(0, len(log.rows), BLOCK_ROWS):

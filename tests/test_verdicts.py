@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.cli import main
 from ffsm_mj.log.mcap_sink import McapSink
+from ffsm_mj.log.partial_file import PartialFile
 from ffsm_mj.log_model import compile_log
 from tests.scenes import two_balls
 from tests.test_damage import chunks
@@ -41,7 +43,7 @@ def analyzed(path, capsys, *more):
 
 def written(log, path):
     """A log as a whole new file with checksums of its own: first what happened, then a chunk for every 500 samples."""
-    sink = McapSink(path, compile_log(log), 5.0)
+    sink = McapSink(partial(PartialFile.begun, path), compile_log(log), 5.0)
     sink.open(log.header)
     for impact in log.impacts:
         sink.event(impact)
@@ -133,7 +135,7 @@ def test_a_log_that_breaks_off_is_4(folder, tmp_path, capsys):
 
 def test_without_its_models_nothing_is_verified(run, tmp_path, capsys):
     log = replace(run.log, header=replace(run.log.header, files={}))
-    sink = McapSink(tmp_path / "x.mcap", compile_log(run.log), 5.0)
+    sink = McapSink(partial(PartialFile.begun, tmp_path / "x.mcap"), compile_log(run.log), 5.0)
     sink.open(log.header)
     sink.rows(log.rows)
     sink.close(log.outcome)

@@ -51,6 +51,13 @@ class PartialFile:
         self.left_bytes = status.st_size
         self.stream = os.fdopen(descriptor, "r+b")
 
+    @classmethod
+    def begun(cls, path: Path, opening: bytes) -> PartialFile:
+        """Take it and write its first bytes."""
+        file = cls(path)
+        file.begin(opening)
+        return file
+
     def _is_still(self, status: os.stat_result) -> bool:
         try:
             return os.path.samestat(os.lstat(self.partial), status)
