@@ -14,6 +14,9 @@ from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.log_scenario import scenario_data
 from ffsm_mj.model import FloatArray
 
+_TOGETHER = 8
+"""Signals that are compared in one pass over two logs."""
+
 
 @dataclass(frozen=True)
 class SignalDifference:
@@ -101,15 +104,22 @@ def compare_logs(a: RunLog, b: RunLog) -> Comparison:
 def _signals(a: RunLog, b: RunLog, keys: list[str], chosen: tuple[Any, Any]) -> Iterator[SignalDifference]:
     units = {signal.key: signal.unit for signal in a.header.layout.signals}
     times = a.rows[chosen[0], 0]
-    for key in keys:
-        x = a.rows[chosen[0], a.header.layout.index[key]]
-        y = b.rows[chosen[1], b.header.layout.index[key]]
-        differs = ~((x == y) | (np.isnan(x) & np.isnan(y)))
-        if np.any(differs):
-            size: FloatArray = np.where(differs, np.abs(y - x), 0.0)
-            worst = int(np.argmax(np.nan_to_num(size, nan=np.inf)))
-            first = float(times[np.argmax(differs)])
-            yield SignalDifference(key, units[key], float(size[worst]), float(times[worst]), first)
+    for first in range(0, len(keys), _TOGETHER):
+        some = keys[first : first + _TOGETHER]
+        columns = (_columns(log, some, rows) for log, rows in zip((a, b), chosen, strict=True))
+        for key, x, y in zip(some, *columns, strict=True):
+            differs = ~((x == y) | (np.isnan(x) & np.isnan(y)))
+            if np.any(differs):
+                size: FloatArray = np.where(differs, np.abs(y - x), 0.0)
+                worst = int(np.argmax(np.nan_to_num(size, nan=np.inf)))
+                begins = float(times[np.argmax(differs)])
+                yield SignalDifference(key, units[key], float(size[worst]), float(times[worst]), begins)
+
+
+def _columns(log: RunLog, keys: list[str], rows: Any) -> FloatArray:
+    """Some signals at some rows, (number of signals, n): of a long log in one pass over its file."""
+    index = log.header.layout.index
+    return np.asarray(log.rows[:, [index[key] for key in keys]][rows].T)
 
 
 def _different_files(a: RunLog, b: RunLog) -> set[str]:
