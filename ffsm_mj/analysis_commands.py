@@ -6,6 +6,8 @@ import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ffsm_mj.analysis import Run, compare, load_run
 from ffsm_mj.conservation import DEEPEST_M, DEFAULT_TOLERANCE, LAW_NAMES, RELATIVE_LAWS, Tolerance
 from ffsm_mj.errors import InputError, unknown_name
@@ -22,6 +24,11 @@ Stage = Callable[[str, str], Report | None]
 _EXPORT_SUFFIX = {"csv": ".csv", "parquet": ".parquet", "gif": ".gif", "mp4": ".mp4"}
 
 
+# A log may hold any double. What is not finite is no small residual and says so itself; numpy's warnings would say it twice.
+_any_double = np.errstate(all="ignore")
+
+
+@_any_double
 def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     """Verify each run, print, draw and compare as asked.
 
@@ -140,6 +147,7 @@ def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | N
         say(f"figures in {folder}: comparison (svg, png){left_out}")
 
 
+@_any_double
 def export(options: argparse.Namespace, say: Say, stage: Stage) -> None:
     """Write a table or an animation of a run.
 

@@ -21,6 +21,8 @@ from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.impact.watch import ContactWatch
 from ffsm_mj.model import Joint, System, compile_system
 from ffsm_mj.model_files import read_model
+from ffsm_mj.model_numbers import LEAST_SHARE, weakest_dof
+from ffsm_mj.mujoco_warnings import collected_warnings
 from ffsm_mj.run_size import too_large
 from ffsm_mj.scenario import JointValue, Scenario, located
 from ffsm_mj.signals import Layout, build_layout
@@ -91,12 +93,12 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
     models = {("robot",): scenario.robot} | {("objects", name): part for name, part in scenario.objects.items()}
     for keys, part in models.items():
         path = _beside(source, (*keys, "mjcf"), part.mjcf)
-        if not path.is_file():
-            what = "is a folder, not a model file:" if path.is_dir() else "no such model file"
+        if not os.path.isfile(path):  # without an exception for a name that is too long
+            what = "is a folder, not a model file:" if os.path.isdir(path) else "no such model file"
             faults.append(Fault(f"{what} {path}", (*keys, "mjcf")))
         folders = [_beside(source, (*keys, "asset_folders"), folder) for folder in part.asset_folders]
         for i, folder in enumerate(folders):
-            if not folder.is_dir():
+            if not os.path.isdir(folder):
                 faults.append(Fault(f"no such folder: {folder}", (*keys, "asset_folders", i)))
         paths[keys[-1]] = path, folders
     if faults:
@@ -128,7 +130,17 @@ def _initial_state(scenario: Scenario, system: System) -> Any:
                 faults.append(Fault(fault, path))
     if faults:
         raise ScenarioFaults(faults)
-    mujoco.mj_forward(system.mj, data)
+    warnings: list[str] = []
+    with collected_warnings(warnings):
+        mujoco.mj_forward(system.mj, data)
+    dof, share = weakest_dof(system.mj, data)
+    if not share > LEAST_SHARE:
+        joint = system.mj.joint(int(system.mj.dof_jntid[dof])).name
+        how = f"singular to {share:.1g}" if share <= LEAST_SHARE else "not finite"
+        message = f"the mass matrix is {how} at joint {joint!r}: what it moves here has next to no mass or inertia"
+        raise ScenarioFaults([Fault(message, ("initial",))])
+    if warnings:
+        raise ScenarioFaults([Fault(f"MuJoCo warns: {' '.join(warnings[0].split())}", ("initial",))])
     return data
 
 

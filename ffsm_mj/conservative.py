@@ -47,15 +47,16 @@ def spec_faults(spec: Any, files: ModelFiles) -> list[str]:
 
 def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
     """Dissipative or elastic elements of the compiled scene, each with the file and line of the model it came from."""
-    found = []
-    for kind, name, what in _elements(model):
-        prefix, _, short = name.partition("/")
-        element = getattr(scene, kind)(name)
-        line = re.search(r"line (\d+)", element.info or "") if element is not None else None
-        file = files[prefix].place if prefix in files else prefix
-        where = f"{file}:{line.group(1)}" if line else file
-        found.append(f"{where}: {kind} {short!r} has {what}; remove it")
-    return found
+    return [f"{element_place(scene, files, kind, name)} has {what}; remove it" for kind, name, what in _elements(model)]
+
+
+def element_place(scene: Any, files: Mapping[str, ModelFiles], kind: str, name: str) -> str:
+    """``file:line: kind 'name'`` of an element of the scene, for the beginning of a message."""
+    prefix, _, short = name.partition("/")
+    element = getattr(scene, kind)(name) if name else None
+    line = re.search(r"line (\d+)", element.info or "") if element is not None else None
+    file = files[prefix].place if prefix in files else " and ".join(model.place for model in files.values())
+    return f"{file}{f':{line.group(1)}' if line else ''}: {kind} {short!r}"
 
 
 def _elements(model: Any) -> Iterator[tuple[str, str, str]]:

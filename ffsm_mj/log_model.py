@@ -21,7 +21,7 @@ def compile_log(log: RunLog, place: str = "the log") -> System:
     Raises:
         InputError: The log carries no scenario, or a model that is not whole or does not compile any more.
     """
-    scenario = logged_scenario(log)
+    scenario = logged_scenario(log, place)
 
     def carried(name: str, main: str) -> ModelFiles:
         prefix = logged_name(name, "")

@@ -34,8 +34,8 @@ class LoggedScenario:
     kinds: Mapping[str, str]
 
 
-def scenario_data(log: RunLog) -> dict[str, Any]:
-    """The scenario as plain data.
+def scenario_data(log: RunLog, place: str = "the log") -> dict[str, Any]:
+    """The scenario as plain data; ``place`` is the log's name for messages.
 
     Raises:
         InputError: The log carries none.
@@ -43,20 +43,20 @@ def scenario_data(log: RunLog) -> dict[str, Any]:
     try:
         data = plain_value(log.header.scenario_yaml)
     except YamlFault as fault:
-        place = f"{SCENARIO_ATTACHMENT} in the log:{fault.place.line}:{fault.place.column}"
-        raise InputError(f"{place}: {fault.problem}") from fault
+        where = f"{SCENARIO_ATTACHMENT}:{fault.place.line}:{fault.place.column}"
+        raise InputError(f"{place}: {where}: {fault.problem}") from fault
     if not isinstance(data, dict):
-        raise InputError("the log carries no scenario: its models cannot be built again")
+        raise InputError(f"{place}: carries no scenario: its models cannot be built again")
     return data
 
 
-def logged_scenario(log: RunLog) -> LoggedScenario:
-    """What of the scenario the models are built from.
+def logged_scenario(log: RunLog, place: str = "the log") -> LoggedScenario:
+    """What of the scenario the models are built from; ``place`` is the log's name for messages.
 
     Raises:
         InputError: The log carries no scenario, or not one of this version.
     """
-    data = scenario_data(log)
+    data = scenario_data(log, place)
     try:
         return LoggedScenario(
             robot=_text(data["robot"]["mjcf"]),
@@ -67,9 +67,9 @@ def logged_scenario(log: RunLog) -> LoggedScenario:
             kinds={_text(name): _text(part["kind"]) for name, part in (data.get("actuators") or {}).items()},
         )
     except KeyError as error:
-        raise InputError(f"{SCENARIO_ATTACHMENT} in the log: not a scenario of this version, {error} is missing") from error
+        raise InputError(f"{place}: {SCENARIO_ATTACHMENT}: not a scenario of this version, {error} is missing") from error
     except (TypeError, AttributeError, ValueError) as error:
-        raise InputError(f"{SCENARIO_ATTACHMENT} in the log: not a scenario of this version ({error})") from error
+        raise InputError(f"{place}: {SCENARIO_ATTACHMENT}: not a scenario of this version ({error})") from error
 
 
 def _text(value: Any) -> str:

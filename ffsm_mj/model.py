@@ -15,10 +15,11 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.conservative import authored_integrator, model_faults, spec_faults
+from ffsm_mj.conservative import authored_integrator, element_place, model_faults, spec_faults
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model_files import ModelFiles
-from ffsm_mj.model_source import load_spec, mujoco_line
+from ffsm_mj.model_numbers import number_faults
+from ffsm_mj.model_source import REFUSALS, load_spec, mujoco_line
 from ffsm_mj.mujoco_warnings import collected_warnings
 
 FloatArray = npt.NDArray[np.float64]
@@ -166,7 +167,7 @@ def compile_system(
             faults += spec_faults(spec, model_files)
             _take_options(scene, spec, conservative=conservative)
             scene.attach(spec, prefix=f"{name}/", frame=scene.worldbody.add_frame())
-        model = _compile(scene, files.values(), vfs)
+        model = _compile(scene, files, vfs)
     faults += model_faults(model, scene, files)
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
@@ -196,16 +197,27 @@ def _empty_scene(time_step_s: float) -> Any:
     return scene
 
 
-def _compile(scene: Any, models: Iterable[ModelFiles], vfs: Any) -> Any:
+def _compile(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any:
+    """Compile the scene, and refuse numbers that MuJoCo takes though no run could work with them."""
     try:
-        return scene.compile(vfs=vfs)
-    except ValueError as error:
-        for files in models:  # the scene's message names no file: ask each model alone
-            try:
-                load_spec(files, vfs).compile(vfs=vfs)
-            except ValueError as own:
-                raise InputError(mujoco_line(files, own)) from own
-        raise InputError(" ".join(str(error).split())) from error
+        model = scene.compile(vfs=vfs)
+    except REFUSALS as error:
+        raise InputError(_own_words(files.values(), vfs, error)) from error
+    faults = [f"{element_place(scene, files, kind, name)} {what}" for kind, name, what in number_faults(model)]
+    if faults:
+        raise InputError(faults)
+    return model
+
+
+def _own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:
+    """A complaint of the scene, which names no file, as the complaint of the model that has the same alone."""
+    models = tuple(models)
+    for files in models:
+        try:
+            load_spec(files, vfs).compile(vfs=vfs)
+        except REFUSALS as own:
+            return mujoco_line(files, own)
+    return f"{' and '.join(files.place for files in models)}: {' '.join(str(error).split())}"
 
 
 def _take_options(scene: Any, spec: Any, *, conservative: bool) -> None:

@@ -1,4 +1,7 @@
-"""How much a few words of a model may ask for: repeated elements, generated meshes and textures, images, reserved memory."""
+"""How much a few words of a model may ask for: repeated elements, generated meshes and textures, images, reserved memory.
+
+And no number without end: MuJoCo takes NaN in many places, and never ends on some of them.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,25 @@ MOST_PIXELS = 1 << 26
 _PNG = b"\x89PNG\r\n\x1a\n"
 _UNITS = {"": 1.0, "K": 2.0**10, "M": 2.0**20, "G": 2.0**30, "T": 2.0**40, "P": 2.0**50, "E": 2.0**60}
 _MOST: dict[tuple[str, str], float] = {
+    ("composite", "count"): 1e4,
     ("flexcomp", "count"): 1e5,
+    ("numeric", "size"): 1e6,
+    ("user", "dim"): 1e6,
     ("mesh", "params"): 1e6,
     ("size", "memory"): 2.0**30,
     ("size", "nstack"): 2.0**27,
 }
 _MOST_OF_OTHER_SIZES = 1e5
+_NOT_FINITE = re.compile(r"[-+]?(nan|inf|infinity)", re.IGNORECASE)
+# Attributes that hold names: a body may be called "nan".
+_NAMES = frozenset(
+    (
+        *("name", "class", "childclass", "model", "prefix", "file", "material", "mesh", "hfield", "texture", "joint"),
+        *("joint1", "joint2", "body", "body1", "body2", "geom", "geom1", "geom2", "site", "site1", "site2", "tendon"),
+        *("refsite", "slidersite", "cranksite", "jointinparent", "objname", "refname", "target", "actuator", "link"),
+        *("parent", "child"),
+    )
+)
 
 
 def refuse_giant(tag: str, attributes: Mapping[str, str], place: str) -> None:
@@ -38,6 +54,22 @@ def refuse_giant(tag: str, attributes: Mapping[str, str], place: str) -> None:
         limit = _MOST.get((tag, name), _MOST_OF_OTHER_SIZES if tag == "size" else math.inf)
         if _product(text) > limit:
             raise InputError(f"{place}: <{tag} {name}={text[:40]!r}> asks for more than {limit:g}")
+
+
+def refuse_not_finite(tag: str, attributes: Mapping[str, str], place: str) -> None:
+    """Refuse an element with a number that is not finite.
+
+    Args:
+        tag: Its name in lower case.
+        attributes: Its attributes.
+        place: ``file:line``.
+
+    Raises:
+        InputError: An attribute that is no name holds one.
+    """
+    for name, text in attributes.items():
+        if name.lower() not in _NAMES and any(_NOT_FINITE.fullmatch(word) for word in text.split()):
+            raise InputError(f"{place}: <{tag} {name}={text[:40]!r}>: every number must be finite")
 
 
 def copies(tag: str, attributes: Mapping[str, str]) -> float:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from typing import Any
 
 import mujoco
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model_files import ModelFiles
+from ffsm_mj.model_xml import elements
+
+REFUSALS = (ValueError, RuntimeError, MemoryError)
+"""What MuJoCo raises for a model that it does not take."""
 
 
 def load_spec(files: ModelFiles, vfs: Any) -> Any:
@@ -23,7 +28,7 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
     """
     try:
         spec = mujoco.MjSpec.from_file(_mounted(files, vfs), vfs=vfs)
-    except ValueError as error:
+    except REFUSALS as error:
         raise InputError(mujoco_line(files, error)) from error
     if files.urdf:
         _complete_urdf(spec)
@@ -84,8 +89,18 @@ def _name_all(spec: Any) -> None:
         name(site, f"{site.parent.name}_site")
     for actuator in spec.actuators:
         name(actuator, f"{actuator.target or 'actuator'}_motor")
+    for tendon in spec.tendons:
+        name(tendon, "tendon")
+    for equality in spec.equalities:
+        name(equality, f"{equality.name1 or 'equality'}_equality")
 
 
-def mujoco_line(files: ModelFiles, error: ValueError) -> str:
-    """MuJoCo's own message on one line, with the file in front."""
-    return f"{files.place}: {' '.join(str(error).split())}"
+def mujoco_line(files: ModelFiles, error: Exception) -> str:
+    """MuJoCo's own message on one line, with the file in front; "line 0" as the lines on which such elements stand."""
+    text = " ".join(str(error).split())
+    nowhere = re.search(r"Element '(\w+)', line 0\b", text)
+    if nowhere:
+        places = [e.place.rpartition(":")[2] for e in elements(files.files[files.main], files.place) if e.tag == nowhere[1]]
+        lines = f", line {' or '.join(places)}" if places else ""
+        text = text.replace(nowhere.group(), f"Element '{nowhere[1]}'{lines}")
+    return f"{files.place}: {text}"

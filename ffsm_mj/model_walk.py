@@ -36,6 +36,8 @@ def collect(main: str, shelf: Shelf) -> dict[str, bytes]:
     Raises:
         InputError: A file cannot be had, is malformed, or is named otherwise than by a path relative to the model.
     """
+    if not main.lower().endswith((".xml", ".urdf")):
+        raise InputError(f"{shelf.label(main)}: no model file by its name: MJCF ends in .xml, URDF in .urdf")
     walk = _Walk(shelf)
     walk.model(main, main, "", ())
     walk.refuse_doubt()
@@ -98,8 +100,8 @@ class _Walk:
     def _take(self, name: str, written: str, place: str) -> bytes:
         if name not in self.found:
             if posixpath.isabs(written) or any(c in written for c in ":\\") or not written.isprintable():
-                before = f"{place}: " if place else ""
-                raise InputError(f"{before}{written!r} is no path relative to the model, with forward slashes")
+                before = place or self._shelf.label(name)
+                raise InputError(f"{before}: {written!r} is no path relative to the model, with forward slashes")
             self.found[name] = self._shelf.take(name, place)
         return self.found[name]
 

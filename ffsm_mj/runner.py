@@ -133,6 +133,8 @@ class Prepared:
         return lines
 
 
+# A run checks that its state is finite and ends where it is not; numpy would say so again, and to nobody in particular.
+@np.errstate(all="ignore")
 def _simulate(
     assembly: Assembly,
     folder: RunFolder | None,

@@ -11,6 +11,7 @@ from ffsm_mj.analysis import Run
 from ffsm_mj.comparison import Comparison, ImpactDifference
 from ffsm_mj.conservation import Law, Tolerance
 from ffsm_mj.events import ImpactRecord
+from ffsm_mj.json_text import json_text
 from ffsm_mj.recount import Recount
 from ffsm_mj.recount.agreement import Difference
 
@@ -229,7 +230,7 @@ def _finite(value: float) -> float | None:
 
 def as_json(data: Any) -> str:
     """JSON for people and scripts."""
-    return json.dumps(data, indent=2, allow_nan=False)
+    return json_text(data)
 
 
 def comparison_report(labels: tuple[str, str], found: Comparison) -> str:

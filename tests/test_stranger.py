@@ -174,7 +174,7 @@ def test_a_log_can_make_nobody_read_another_file(tmp_path, log, monkeypatch, hea
             {"mjcf/robot/robot.xml": "/etc/passwd"},
             "log x: the model of robot is '/etc/passwd', not a file below mjcf/robot/",
         ),
-        ({"mjcf/robot/robot.xml": "mjcf/robot/../../x"}, "log x: mjcf/robot/../../x is not in the log"),
+        ({"mjcf/robot/robot.xml": "mjcf/robot/../../x.xml"}, "log x: mjcf/robot/../../x.xml is not in the log"),
         (
             {"time_step_s:": "time_step:"},
             "not a scenario of this version, 'time_step_s' is missing",
@@ -192,7 +192,7 @@ def test_scenarios_of_strangers_are_checked(tmp_path, log, change, expected):
 
 def test_a_log_without_scenario_says_so(tmp_path, log):
     path = forged(log, tmp_path / "log.mcap", {"scenario.yaml": b""})
-    with pytest.raises(InputError, match="the log carries no scenario"):
+    with pytest.raises(InputError, match="the log: carries no scenario"):
         compile_log(read_log(path))
     with pytest.raises(LogError, match="no plain relative path"):
         read_log(forged(log, tmp_path / "long.mcap", {"n" * 513: b""}))

@@ -32,6 +32,8 @@ SCENARIO_ATTACHMENT = "scenario.yaml"
 
 _Field = descriptor_pb2.FieldDescriptorProto
 _MESSAGE_CLASSES: dict[type[Any], Any] = {}
+_LENGTHS = {"geoms": 2, "point_m": 3, "normal": 3, "angular_impulse_N_m_s": 3}
+_TOTALS = {"energy_before_J": 1, "energy_after_J": 1, "momentum_before": 6, "momentum_after": 6}
 _SCALARS = {float: _Field.TYPE_DOUBLE, int: _Field.TYPE_INT64, str: _Field.TYPE_STRING}
 
 
@@ -253,7 +255,22 @@ def decode_record(record_type: type, data: bytes) -> Any:
             text = get_args(hint)[1] is str
             value = {key: entry if text else tuple(entry.values) for key, entry in value.items()}
         values[field.name] = value
+    _check_lengths(values)
     return record_type(**values)
+
+
+def _check_lengths(values: Mapping[str, Any]) -> None:
+    """Refuse an event whose vectors are no vectors: a length is nothing that a schema states.
+
+    Raises:
+        ValueError: A field has too many numbers or names, or too few.
+    """
+    for name, length in _LENGTHS.items():
+        if name in values and len(values[name]) != length:
+            raise ValueError(f"{name} of an event has {len(values[name])} values, not {length}")
+    for name, length in _TOTALS.items():
+        if name in values and len(values[name].get("total", ())) != length:
+            raise ValueError(f"{name} of an event lacks its {length} of the total")
 
 
 def _items(record: Any) -> Iterator[tuple[str, Any]]:

@@ -138,10 +138,17 @@ class _Contents:
         if fault := fault_of_names(self.attachments):
             raise LogError(path, fault)
         files = dict(self.attachments)
-        scenario = files.pop(form.SCENARIO_ATTACHMENT, b"").decode()
+        scenario = _text(path, form.SCENARIO_ATTACHMENT, files.pop(form.SCENARIO_ATTACHMENT, b""))
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata)
         log = run_log(header, rows, events, outcome)
         return replace(log, damage=_damage(salvage, len(data), _gaps(log), ended=outcome is not None))
+
+
+def _text(path: Path, name: str, content: bytes) -> str:
+    try:
+        return content.decode()
+    except UnicodeDecodeError as error:
+        raise LogError(path, f"its attachment {name} is not UTF-8 (byte {error.start})") from error
 
 
 def _gaps(log: RunLog) -> str:

@@ -36,8 +36,9 @@ class Subject:
             InputError: It has no samples, or its models do not compile any more.
         """
         if not len(run.log.rows):
-            raise InputError(f"{run.name}: the log holds no sample, there is nothing to draw")
-        self.run, self.system = thinned(run, times), compile_log(run.log, f"log {run.path}" if run.path else "the log")
+            raise InputError(f"{run.path or run.name}: the log holds no sample, there is nothing to draw")
+        self._place = f"log {run.path}" if run.path else "the log"
+        self.run, self.system = thinned(run, times), compile_log(run.log, self._place)
         self.silhouette = Silhouette(self.system)
 
     @cached_property
@@ -78,11 +79,11 @@ class Subject:
     @cached_property
     def _kinds(self) -> dict[str, str]:
         """Kind of each actuator that the scenario limits, by its full name."""
-        kinds = logged_scenario(self.run.log).kinds
+        kinds = logged_scenario(self.run.log, self._place).kinds
         try:
             return {self.system.resolve("actuator", name): kind for name, kind in kinds.items()}
         except LookupError as error:
-            raise InputError(f"scenario.yaml in the log: actuators: {error.args[0]}") from error
+            raise InputError(f"{self._place}: scenario.yaml: actuators: {error.args[0]}") from error
 
     def _joint_of(self, actuator: int) -> Joint | None:
         model = self.system.mj

@@ -1,0 +1,45 @@
+"""What a command may answer to hostile input: an exit code of the contract, and lines that say where and what."""
+
+from __future__ import annotations
+
+import re
+
+from tests.hostile.cases import Case
+
+_CODES = (0, 1, 2, 3, 4, 130)
+_NOISE = re.compile(r"Traceback|Warning\b|WARNING|Fatal Python error|Timeout \(|Exception ignored|^Error", re.MULTILINE)
+_OUTCOMES = "diverged|event_limit|lasting_contact|unsupported_contact|controller_failed|write_failed|violated"
+
+
+def complaint(case: Case, command: tuple[str, ...], code: int, stderr: str) -> str:
+    """What is wrong with an answer; empty where nothing is."""
+    lines = stderr.splitlines()
+    noise = _NOISE.search(stderr)
+    if noise:
+        return f"stderr holds {noise.group()!r}"
+    if code not in _CODES:
+        return f"exit code {code}"
+    if code == 0:
+        return f"exit code 0 with {len(lines)} lines on stderr" if lines else ""
+    if not lines and command[0] != "analyze":
+        return f"exit code {code} without a word"
+    if code == 3 and not re.match(rf"({_OUTCOMES}): \S", lines[0]):
+        return "a failed run that does not name its outcome"
+    bad = [line for line in lines if not _located(case, command, line)] if code == 2 else []
+    return f"no file or place in: {bad[0]}" if bad else ""
+
+
+def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
+    """Whether a line says where a fault is, and what it is."""
+    if "line 0" in line.replace("'line 0'", ""):
+        return False
+    if line.startswith(("-s ", "'': ", "ffsm ")):
+        return ": " in line
+    names = sorted(
+        {*case.files, *case.folders, *(word for word in command[1:] if not word.startswith("-"))}, key=len, reverse=True
+    )
+    shown = [name.encode("unicode_escape").decode() for name in names if name]
+    place = re.match(
+        rf"(log )?(?P<file>\S*?(?:{'|'.join(map(re.escape, [*filter(None, names), *shown]))}))(?::\d+)?(?::\d+)?: \S", line
+    )
+    return place is not None or bool(re.match(r"\S+\.(yaml|yml|xml|urdf|mcap)(:\d+(:\d+)?)?: \S", line))

@@ -1,0 +1,38 @@
+"""A series of cases on all processors."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.hostile.worker import Result
+
+
+def run_series(seed: int, first: int, count: int, folder: Path, workers: int | None = None) -> list[Result]:
+    """Run cases ``first`` to ``first + count - 1`` of a seed, in so many processes; None: one per processor.
+
+    Raises:
+        RuntimeError: A worker broke down; what it said is the message.
+    """
+    workers = min(count, workers or os.cpu_count() or 1)
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-m", "tests.hostile.worker", *map(str, (seed, first + i, first + count, workers, folder))],
+            env=environment,
+            cwd=Path(__file__).parents[2],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for i in range(workers)
+    ]
+    said = [worker.communicate()[1] for worker in running]
+    lines = [line for i in range(workers) for line in (folder / f"{first + i}.jsonl").read_text().splitlines()]
+    results = [Result(**json.loads(line)) for line in lines]
+    if len(results) != count:
+        raise RuntimeError(f"{len(results)} of {count} cases were run:\n" + "\n".join(said))
+    return sorted(results, key=lambda result: result.number)

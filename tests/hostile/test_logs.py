@@ -1,0 +1,102 @@
+"""Logs whose checksums hold and whose content somebody has changed: one line with the file, or an honest verdict."""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import replace
+
+import pytest
+from mcap.records import Attachment, Message
+
+import ffsm_mj
+from ffsm_mj.cli import main
+from ffsm_mj.events import ImpactRecord
+from ffsm_mj.log import mcap_format
+from tests.hostile.log_mutations import log, records
+from tests.scenes import two_balls
+
+
+@pytest.fixture(scope="module")
+def hit(tmp_path_factory):
+    """A log of 21 samples with one impact."""
+    folder = tmp_path_factory.mktemp("hit")
+    ffsm_mj.run(two_balls(folder, gap=0.01, duration_s=0.02), out=folder / "out", rerun=False)
+    return ffsm_mj.load_run(folder / "out")
+
+
+def changed(hit, path, change):
+    """The log with a change to its records, written anew."""
+    path.write_bytes(log([found for record in records(hit.path.read_bytes()) for found in change(record)]))
+    return str(path)
+
+
+def test_an_impact_whose_normal_is_no_vector(hit, tmp_path, capsys):
+    (impact,) = hit.impacts
+    whole, short = (mcap_format.encode_record(replace(impact, normal=normal)) for normal in (impact.normal, (1.0,)))
+
+    def change(record):
+        yield replace(record, data=short) if isinstance(record, Message) and record.data == whole else record
+
+    path = changed(hit, tmp_path / "x.mcap", change)
+    assert main(["analyze", path]) == 2
+    expected = f"{path}: not of this version's format (normal of an event has 1 values, not 3)\n"
+    assert capsys.readouterr().err == expected
+    assert mcap_format.decode_record(ImpactRecord, whole) == impact
+
+
+@pytest.mark.parametrize("field", ["momentum_before", "energy_after_J"])
+def test_an_impact_without_its_totals(hit, tmp_path, capsys, field):
+    (impact,) = hit.impacts
+    whole, short = (mcap_format.encode_record(record) for record in (impact, replace(impact, **{field: {}})))
+    path = changed(
+        hit,
+        tmp_path / "x.mcap",
+        lambda record: [replace(record, data=short) if getattr(record, "data", b"") == whole else record],
+    )
+    assert main(["analyze", path]) == 2
+    assert f"{field} of an event lacks its" in capsys.readouterr().err
+
+
+def test_a_scenario_that_is_no_text(hit, tmp_path, capsys):
+    def change(record):
+        scenario = isinstance(record, Attachment) and record.name == "scenario.yaml"
+        yield replace(record, data=b"name: \xff") if scenario else record
+
+    path = changed(hit, tmp_path / "x.mcap", change)
+    assert main(["analyze", path]) == 2
+    assert capsys.readouterr().err == f"{path}: its attachment scenario.yaml is not UTF-8 (byte 6)\n"
+
+
+@pytest.mark.parametrize(("command", "code"), [("analyze", (1, 2, 4)), ("export", (2,))])
+@pytest.mark.parametrize("content", [b"", b"3", b"robot: 3", b"!!bool maybe", b"a: \x7f", b"&a [*a]"])
+def test_a_log_without_its_scenario(hit, tmp_path, capsys, command, code, content):
+    def change(record):
+        scenario = isinstance(record, Attachment) and record.name == "scenario.yaml"
+        yield replace(record, data=content) if scenario else record
+
+    path = changed(hit, tmp_path / "x.mcap", change)
+    assert main([command, path, *(["--gif"] if command == "export" else [])]) in code
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) <= 1
+    assert all(line.startswith(f"log {path}: ") for line in lines if command == "export")
+
+
+def test_a_number_that_is_not_finite_is_null_in_json(hit, tmp_path, capsys):
+    """Infinity in a sample is told by the verdict, and is no reason for a traceback or for JSON that nobody reads."""
+    samples = 0
+
+    def change(record):
+        nonlocal samples
+        if isinstance(record, Message) and len(record.data) > 500:
+            samples += 1
+            if samples == 5:
+                at = record.data.index(struct.pack("<d", 0.004)) + 9  # the coordinate behind the time
+                record = replace(record, data=record.data[:at] + struct.pack("<d", float("inf")) + record.data[at + 8 :])
+        yield record
+
+    path = changed(hit, tmp_path / "x.mcap", change)
+    assert main(["analyze", path, "--json"]) in (1, 4)
+    found = capsys.readouterr()
+    assert json.loads(found.out, parse_constant=pytest.fail)["complete"]
+    assert found.err == ""
