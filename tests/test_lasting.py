@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 import ffsm_mj
 import ffsm_mj.runner
 from ffsm_mj import simulation
-from ffsm_mj.impact.time_of_impact import StepPath
+from ffsm_mj.cli import main
+from ffsm_mj.impact.time_of_impact import Detector, StepPath
 from tests.scenes import HEAD, ball, box, scene, two_balls
 
 PENETRATION_M = 1e-9
@@ -329,3 +330,16 @@ def _never_stalls(folder, drawn):
     assert max(moves.values(), default=0) <= 200 * (touches + 1)
     check(run, fine=drawn["step"] <= 1e-3)
     return bool(run.impacts) or run.outcome != "completed"
+
+
+def test_an_overlap_is_never_reported_as_good(tmp_path, monkeypatch, capsys):
+    """Were every touch missed, the log would say how deep, and the run, its summary and `analyze` would not hold."""
+    monkeypatch.setattr(Detector, "_first_touch", lambda *_: None)
+    monkeypatch.setattr(Detector, "_touching_now", lambda _: False)
+    path = two_balls(tmp_path, speed=1.0, gap=0.01, duration_s=0.05, conservative=False)
+    assert main(["run", str(path), "--no-rerun", "--out", str(tmp_path / "through")]) == 1
+    assert "VIOLATED" in capsys.readouterr().out
+    assert main(["analyze", str(tmp_path / "through")]) == 1
+    # The balls pass through each other from 0.01 s on, at 1 m/s.
+    run = ffsm_mj.load_run(tmp_path / "through")
+    assert run["ledger.deepest_overlap_m"].max() == pytest.approx(0.04, abs=1e-12)
