@@ -12,6 +12,7 @@ import sys
 
 import numpy as np
 import pytest
+import zstandard
 
 import ffsm_mj
 from ffsm_mj.cli import main
@@ -204,3 +205,23 @@ def test_laws_are_judged_from_the_first_sample_that_is_left(tmp_path):
     assert f"samples are missing from 0 to {damaged.time[0]:g} s" in damaged.damage
     assert all(law.holds for law in damaged.laws(1e-12))
     assert len(damaged.time) < len(whole.time)
+
+
+@pytest.mark.parametrize("where", ["head", "frame"])
+def test_a_chunk_that_states_gigabytes_takes_no_memory(finished, tmp_path, where):
+    """8 GiB in the chunk's head, or 1 GiB in the frame that zstd allocates for: the chunk is left out, the rest is read."""
+    data, run = finished
+    start, end = chunks(data)[2]
+    bad = bytearray(data)
+    if where == "head":
+        struct.pack_into("<Q", bad, start + 25, 8 << 30)
+    else:
+        compressor = zstandard.ZstdCompressor().compressobj(size=1 << 30)
+        packed = b"".join(compressor.compress(bytes(1 << 20)) for _ in range(1 << 10)) + compressor.flush()
+        bad[start:end] = bad[start : start + 9 + 36] + struct.pack("<Q", len(packed)) + packed
+        struct.pack_into("<Q", bad, start + 1, 36 + 8 + len(packed))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    got = read(tmp_path, bytes(bad))
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < before + 100_000  # kB
+    assert 0 < len(run.time) - len(got.time) <= CHUNK_ROWS
+    assert got.damage
