@@ -37,11 +37,23 @@ def changed(run, key, line, by=CHANGE):
     return replace(run.log, rows=rows)
 
 
+def driven(folder, **scenario):
+    """A motor brakes the first ball with 5 N; once that goes backwards its torque-speed line allows 2.5 N."""
+    law = {"kind": "pd", "joints": ["robot/x"], "kp": 5.0, "kd": 0.0, "target": [-1.0]}
+    motor = {"robot/push_x": {"kind": "torque_speed", "stall_torque_N_m": 3.0, "no_load_speed_rad_s": 1.1}}
+    phases = [{"name": "push", "until": "end", "controller": law}]
+    return two_balls(folder, **{"gap": 0.0305, "duration_s": 0.1, "phases": phases, "actuators": motor, **scenario})
+
+
 SCENES = {
     "two balls": lambda folder: (two_balls(folder, restitution=0.5), {}),
     "plastic": lambda folder: (two_balls(folder, restitution=0.0), {}),
     "stopped at the impact": lambda folder: (two_balls(folder, gap=0.3005, stop_on_impact=True), {}),
     "stopped by the number of impacts": lambda folder: (two_balls(folder, impact={"max_impacts": 1}), {}),
+    "driven": lambda folder: (driven(folder), {}),
+    "driven, hit in the last tick": lambda folder: (driven(folder, duration_s=0.031), {}),
+    "driven, stopped at the impact": lambda folder: (driven(folder, stop_on_impact=True), {}),
+    "driven, stopped by the number of impacts": lambda folder: (driven(folder, impact={"max_impacts": 1}), {}),
     "several steps a tick": lambda folder: (two_balls(folder, time_step_s=0.001, control_period_s=0.02), {}),
     "baseline with its impact": lambda _: ("coasting", {"time_step_s": 0.002, "control_period_s": 0.01}),
     "spatial": lambda _: ("spatial", {"duration_s": 3.0}),

@@ -77,6 +77,7 @@ class Retrace:
         self._rows = RowWriter(layout, *parts, scene.task.tip_site if scene.task else None, self._again)
         self._tick: int | None = None
         self._noted = 0
+        self._ending = False
 
     def _find_columns(self) -> None:
         """Where the parts of a row are."""
@@ -108,6 +109,7 @@ class Retrace:
     def finish(self) -> None:
         """Fly on from the last sample to the impacts behind it, at which the run may have ended."""
         if self._tick is not None:
+            self._ending = True
             first = self._tick * self._steps
             for step in range(first, first + self._steps):
                 self._through(step)
@@ -201,7 +203,9 @@ class Retrace:
     def _meet(self, event: Encounter, flown: FloatArray) -> None:
         self._check.meet(event, flown, self._ledger)
         self._put(event.state_after)
-        self._check.efforts(event, self._actuation)
+        # Where the run ended with an impact nobody decided anew, or a control law failed: those efforts never acted.
+        if self._check.pending or not self._ending:
+            self._check.efforts(event, self._actuation)
 
     def _fly(self, duration_s: float) -> None:
         """Fly on with the efforts held, and book the flight; nothing is flown where the duration is not positive."""
