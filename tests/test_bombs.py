@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
 import time
+import zlib
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+import zstandard
+from mcap.reader import make_reader
 
 import ffsm_mj
 from ffsm_mj import run_size
 from ffsm_mj.cli import main
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, LogError
+from ffsm_mj.log import mcap_reader, salvage
 from ffsm_mj.log.drawing import shapes
+from ffsm_mj.log.file_bytes import FileBytes
+from ffsm_mj.log.mcap_format import layout_of_schema
 from ffsm_mj.log.outline import outline_cloud
 from ffsm_mj.log.viewer_topics import ViewerTopics
 from ffsm_mj.plots.silhouette import Plane, Silhouette, hull
 from tests.scenes import HEAD, compile_paths, two_balls
+from tests.test_stranger import forged
 
 LIMITED = """import resource, sys
 resource.setrlimit(resource.RLIMIT_AS, ({most}, {most}))
@@ -122,6 +130,128 @@ def test_a_few_words_of_a_model_cannot_ask_for_everything(tmp_path, top, inner, 
     assert line.startswith(f"{tmp_path}/")
     assert expected in line
     assert time.monotonic() - start < 20.0  # MuJoCo itself is at it for minutes
+
+
+# --- logs -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("log")
+    ffsm_mj.run(two_balls(folder, duration_s=0.1), out=folder / "run", rerun=False)
+    return folder / "run" / "run.mcap"
+
+
+def record(opcode: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def message(size: int, channel: int = 1) -> bytes:
+    return record(5, struct.pack("<HIQQ", channel, 0, 0, 0) + bytes(size))
+
+
+def chunk(content: bytes, *, stated: int | None = None, packed: bytes | None = None) -> bytes:
+    """A chunk with a checksum that holds; it may say that it is larger than it is."""
+    packed = zstandard.ZstdCompressor().compress(content) if packed is None else packed
+    size = len(content) if stated is None else stated
+    head = struct.pack("<QQQII", 0, 0, size, zlib.crc32(content), 4) + b"zstd"
+    return record(6, head + struct.pack("<Q", len(packed)) + packed)
+
+
+def frame_of(stated: int, content: bytes) -> bytes:
+    """A zstd frame whose own head says that it holds more than it does."""
+    frame = zstandard.ZstdCompressor(write_content_size=False).compress(content)
+    return frame[:4] + bytes([frame[4] | 0xC0]) + frame[5:6] + struct.pack("<Q", stated) + frame[6:]
+
+
+def loaded(log: Path, path: Path, bomb: bytes) -> Path:
+    """The log with something in front of its first chunk."""
+    whole = log.read_bytes()
+    at = whole.index(b"\x04\x00\x00\x00zstd") - 9 - 28
+    path.write_bytes(whole[:at] + bomb + whole[at:])
+    return path
+
+
+@pytest.mark.parametrize("in_frame", [False, True])
+def test_a_chunk_that_states_8_gib_is_damage(tmp_path, log, in_frame):
+    bomb = chunk(b"x" * 100, stated=8 << 30, packed=frame_of(8 << 30, b"x" * 100) if in_frame else None)
+    code, complaint, _ = limited("analyze", str(loaded(log, tmp_path / "bomb.mcap", bomb)))
+    assert code == 4
+    assert "Traceback" not in complaint
+    run = ffsm_mj.load_run(tmp_path / "bomb.mcap")
+    assert run.damage.startswith(f"{len(bomb)} of ")
+    assert np.array_equal(run.qpos, ffsm_mj.load_run(log).qpos)
+
+
+def test_a_frame_that_states_more_than_its_chunk_is_damage(tmp_path, log):
+    bomb = chunk(b"x" * 100, packed=frame_of(8 << 30, b"x" * 100))
+    code, complaint, _ = limited("export", str(loaded(log, tmp_path / "bomb.mcap", bomb)), "--csv")
+    assert code == 0, complaint
+    assert ffsm_mj.load_run(tmp_path / "bomb.mcap").damage.startswith(f"{len(bomb)} of ")
+
+
+def test_chunks_that_open_to_more_than_their_file_can_hold_are_refused(tmp_path, log, monkeypatch):
+    """Twenty chunks of 2 MB in a few kB, against limits that are lower than the real ones by as much."""
+    monkeypatch.setattr(salvage, "_MOST_UNPACKED", 1 << 20)
+    path = loaded(log, tmp_path / "bomb.mcap", chunk(message(2 << 20)) * 20)
+    monkeypatch.setattr(salvage, "_MOST_RATIO", 50)
+    with pytest.raises(LogError, match=r"bomb\.mcap: its chunks hold more than \d+ bytes, too many for its length"):
+        ffsm_mj.load_run(path)
+    monkeypatch.undo()
+    assert not salvage.Salvage(FileBytes(log)).lost_bytes
+
+
+def test_a_chunk_of_records_that_are_not_alike_is_damage(tmp_path, log):
+    bomb = chunk((message(0) + message(0, 2)) * 60_000)
+    start = time.monotonic()
+    run = ffsm_mj.load_run(loaded(log, tmp_path / "bomb.mcap", bomb))
+    assert run.damage.startswith(f"{len(bomb)} of ")
+    assert time.monotonic() - start < 20.0
+
+
+def test_records_and_events_beyond_counting_are_refused(tmp_path, log, monkeypatch):
+    monkeypatch.setattr(mcap_reader, "_MOST_PARTS", 1000)
+    with pytest.raises(LogError, match="more than 1000 records that are not alike"):
+        ffsm_mj.load_run(loaded(log, tmp_path / "parts.mcap", chunk((message(0) + message(0, 2)) * 600)))
+    impacts = next(c.id for c in channels(log) if c.topic == "/ffsm/impact")
+    monkeypatch.setattr(mcap_reader, "_MOST_EVENTS", 100)
+    with pytest.raises(LogError, match="more than 100 events on /ffsm/impact"):
+        ffsm_mj.load_run(loaded(log, tmp_path / "events.mcap", chunk(message(0, impacts) * 101)))
+
+
+def channels(log: Path) -> list:
+    with log.open("rb") as stream:
+        return list(make_reader(stream).get_summary().channels.values())
+
+
+def test_attachments_beyond_limits_are_refused(tmp_path, log, monkeypatch):
+    def attached(size: int) -> bytes:
+        body = struct.pack("<QQI", 0, 0, 1) + b"a" + struct.pack("<I", 0) + struct.pack("<Q", size) + bytes(size)
+        return record(9, body + struct.pack("<I", zlib.crc32(body)))
+
+    path = loaded(log, tmp_path / "bomb.mcap", attached(100_000) * 3)
+    assert "cannot be read" not in ffsm_mj.load_run(path).damage
+    monkeypatch.setattr(salvage, "_MOST_RECORD_BYTES", 90_000)
+    assert ffsm_mj.load_run(path).damage.startswith(f"{3 * len(attached(100_000))} of ")
+    monkeypatch.undo()
+    monkeypatch.setattr(mcap_reader, "_MOST_ATTACHED_BYTES", 200_000)
+    with pytest.raises(LogError, match="GiB of attachments"):
+        ffsm_mj.load_run(path)
+
+
+def test_a_schema_of_millions_of_columns_is_refused():
+    with pytest.raises(ValueError, match="a schema of 3000000 bytes"):
+        layout_of_schema(bytes(3_000_000), {})
+
+
+def test_aliases_of_aliases_in_the_scenario_of_a_log_are_refused(tmp_path, log):
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 12)]
+    path = forged(log, tmp_path / "bomb.mcap", {"scenario.yaml": "\n".join(lines).encode()})
+    code, complaint, _ = limited("export", str(path), "--gif")
+    (line,) = complaint.splitlines()
+    assert code == 2
+    assert line.startswith("scenario.yaml in the log:")
 
 
 # --- what is drawn ----------------------------------------------------------------------------------------------------

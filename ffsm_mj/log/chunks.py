@@ -22,6 +22,9 @@ MESSAGE_HEAD = RECORD.size + _MESSAGE.size
 _MOST_BYTES = 1 << 28
 """A chunk that says it holds more is no chunk of ours: they are closed at 1 MiB and a block of rows."""
 
+_MOST_PARTS = 100_000
+"""A chunk of ours holds a few batches for each block of rows, and a few for each event."""
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -45,6 +48,16 @@ class Batch:
         """The messages in the content of the chunk, (count, bytes of one)."""
         table = np.frombuffer(content, dtype=np.uint8, count=self.size * self.count, offset=self.at)
         return table.reshape(self.count, self.size)[:, MESSAGE_HEAD:]
+
+
+def stated_size(record: bytes) -> int:
+    """Bytes that a chunk will hold once it is opened, zero where it will not be.
+
+    Raises:
+        struct.error: It is too short.
+    """
+    size = int(_HEAD.unpack_from(record, RECORD.size)[2])
+    return size if size <= _MOST_BYTES else 0
 
 
 def content_of(record: bytes) -> bytes:
@@ -75,12 +88,15 @@ def records_of(content: bytes, chunk: tuple[int, int]) -> Iterator[Batch | Chann
     """What stands in the content of a chunk, in order.
 
     Raises:
-        ValueError: A record does not fit.
+        ValueError: A record does not fit, or there are too many.
         struct.error: The same.
         mcap.exceptions.McapError: A channel or schema is damaged.
     """
-    at = 0
+    at = parts = 0
     while at < len(content):
+        parts += 1
+        if parts > _MOST_PARTS:
+            raise ValueError("too many records")
         opcode, length = RECORD.unpack_from(content, at)
         size = RECORD.size + length
         if at + size > len(content):

@@ -20,6 +20,7 @@ class FileBytes:
         Raises:
             OSError: It cannot be opened.
         """
+        self.path = path
         self._stream = path.open("rb")
         self._size = os.fstat(self._stream.fileno()).st_size
 

@@ -30,6 +30,8 @@ SIGNALS_METADATA = "ffsm.signals"
 FACTS_METADATA = "ffsm.run"
 SCENARIO_ATTACHMENT = "scenario.yaml"
 
+_MOST_SCHEMA_BYTES = 1 << 21
+"""Of a sample: a column takes some 30 bytes."""
 _Field = descriptor_pb2.FieldDescriptorProto
 _MESSAGE_CLASSES: dict[type[Any], Any] = {}
 _LENGTHS = {"geoms": 2, "point_m": 3, "normal": 3, "angular_impulse_N_m_s": 3}
@@ -80,7 +82,12 @@ def layout_of_schema(schema: bytes, units: Mapping[str, str]) -> Layout:
     Args:
         schema: FileDescriptorSet from the file.
         units: ``unit | description`` by key, from the file's metadata.
+
+    Raises:
+        ValueError: It states more than a run has columns.
     """
+    if len(schema) > _MOST_SCHEMA_BYTES:
+        raise ValueError(f"a schema of {len(schema)} bytes")
     file = descriptor_pb2.FileDescriptorSet.FromString(schema).file[0]
     messages = {message.name: message for message in file.message_type}
     signals = []

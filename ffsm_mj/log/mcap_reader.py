@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,9 @@ from ffsm_mj.log.sink import RunHeader
 from ffsm_mj.log.stored_rows import StoredRows
 from ffsm_mj.signals import Layout
 
+_MOST_PARTS = 1_000_000
+_MOST_EVENTS = 200_000
+_MOST_ATTACHED_BYTES = 1 << 30
 _RECORD_TYPES = {topic: record_type for record_type, topic in form.RECORD_TOPICS.items()}
 
 
@@ -39,7 +43,7 @@ def read_log(path: Path) -> RunLog:
     """
     with _opened(path) as data:
         salvage = Salvage(data)
-        found = _contents(salvage)
+        found = _contents(path, salvage)
         return found.run_log(path, salvage, data)
 
 
@@ -48,7 +52,7 @@ def stored_rows(path: Path, layout: Layout) -> StoredRows:
 
     def find() -> Sequence[Batch]:
         with _opened(path) as data:
-            return _contents(Salvage(data)).samples
+            return _contents(path, Salvage(data)).samples
 
     return StoredRows(path, layout, find)
 
@@ -64,8 +68,8 @@ def _opened(path: Path) -> Iterator[FileBytes]:
         raise LogError(path, f"cannot be read ({error.strerror})") from error
 
 
-def _contents(salvage: Salvage) -> _Contents:
-    found = _Contents()
+def _contents(path: Path, salvage: Salvage) -> _Contents:
+    found = _Contents(path)
     for record in salvage.records():
         found.take(record)
     return found
@@ -73,16 +77,27 @@ def _contents(salvage: Salvage) -> _Contents:
 
 @dataclass
 class _Contents:
-    """What has been read so far."""
+    """What has been read so far, within limits that no run of ours comes near."""
 
+    path: Path
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     batches: dict[int, list[Batch]] = field(default_factory=dict)
 
+    parts: int = 0
+    attached: int = 0
+
     def take(self, record: Any) -> None:
-        """Sort a record of the file by what it is."""
+        """Sort a record of the file by what it is.
+
+        Raises:
+            LogError: There are too many.
+        """
+        self.parts += 1
+        if self.parts > _MOST_PARTS:
+            raise LogError(self.path, f"more than {_MOST_PARTS} records that are not alike; no run leaves so many")
         if isinstance(record, Batch):
             self.batches.setdefault(record.channel, []).append(record)
         elif isinstance(record, Schema):
@@ -92,6 +107,9 @@ class _Contents:
         elif isinstance(record, Metadata):
             self.metadata[record.name] = record.metadata
         elif isinstance(record, Attachment):
+            self.attached += len(record.data)
+            if self.attached > _MOST_ATTACHED_BYTES:
+                raise LogError(self.path, f"more than {_MOST_ATTACHED_BYTES >> 30} GiB of attachments")
             self.attachments[record.name] = record.data
 
     @property
@@ -102,9 +120,14 @@ class _Contents:
 
     def messages(self, channel: Channel, data: FileBytes) -> Iterator[bytes]:
         """Messages of a channel, in order."""
-        for batch in self.batches.get(channel.id, []):
-            for message in batch.messages(content_of(data.take(*batch.chunk))):
-                yield message.tobytes()
+        found = self.batches.get(channel.id, [])
+        if sum(batch.count for batch in found) > _MOST_EVENTS:
+            raise LogError(self.path, f"more than {_MOST_EVENTS} events on {channel.topic}; no run leaves so many")
+        for chunk, batches in groupby(found, key=lambda batch: batch.chunk):
+            content = content_of(data.take(*chunk))
+            for batch in batches:
+                for message in batch.messages(content):
+                    yield message.tobytes()
 
     def run_log(self, path: Path, salvage: Salvage, data: FileBytes) -> RunLog:
         """Everything together.

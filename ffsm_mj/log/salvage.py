@@ -17,12 +17,17 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import StreamReader
 from zstandard import ZstdError
 
-from ffsm_mj.log.chunks import RECORD, content_of, records_of
+from ffsm_mj.errors import LogError
+from ffsm_mj.log.chunks import RECORD, content_of, records_of, stated_size
 from ffsm_mj.log.file_bytes import FileBytes
 
 MAGIC = b"\x89MCAP0\r\n"
 _NOISE = (McapError, ZstdError, ArithmeticError, LookupError, ValueError, MemoryError, struct.error, StopIteration)
 _USED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END}
+_MOST_RECORD_BYTES = 1 << 28
+"""An attachment or a chunk that is longer is none of ours; no more of it is read."""
+_MOST_UNPACKED, _MOST_RATIO = 1 << 30, 500
+"""Chunks may hold this many bytes, or this many times the length of the file: rows shrink to a fifth, at rest to less."""
 # What stands in every chunk of ours, and where: after opcode, length, two times, size and checksum.
 _CHUNK_MARK, _CHUNK_MARK_AT = b"\x04\x00\x00\x00zstd", 9 + 8 + 8 + 8 + 4
 
@@ -40,7 +45,7 @@ class Salvage:
     def __init__(self, data: FileBytes) -> None:
         """Begin before the first record."""
         self._data = data
-        self.lost_bytes = 0
+        self.lost_bytes = self._unpacked = 0
         self.ended, self.data_match, self.index_match = False, True, False
 
     def records(self) -> Iterator[Any]:
@@ -48,11 +53,16 @@ class Salvage:
 
         Messages come as :class:`~ffsm_mj.log.chunks.Batch`. A record that breaks off with the file is where a kill or a full
         disk stopped the writer: reading ends there.
+
+        Raises:
+            LogError: The chunks say that they hold more than a file of this length can.
         """
         at = len(MAGIC)
         while at < len(self._data):
             end = self._end(at)
             found = self._read(at, end) if end is not None else None
+            if self._unpacked > max(_MOST_UNPACKED, _MOST_RATIO * len(self._data)):
+                raise LogError(self._data.path, f"its chunks hold more than {self._unpacked} bytes, too many for its length")
             if found is None:
                 behind = end if end is not None and self._end(end) is not None else self._next_chunk(at + 1)
                 if behind is None:
@@ -82,11 +92,12 @@ class Salvage:
         opcode = self._opcode(at)
         if opcode not in _USED:
             return []
-        record = self._data.take(at, end)
+        record = self._data.take(at, min(end, at + _MOST_RECORD_BYTES))
         if opcode == Opcode.ATTACHMENT and zlib.crc32(record[RECORD.size : -4]) != int.from_bytes(record[-4:], "little"):
             return None
         try:
             if opcode == Opcode.CHUNK:
+                self._unpacked += stated_size(record)
                 return list(records_of(content_of(record), (at, end)))
             return [next(StreamReader(BytesIO(record), skip_magic=True, emit_chunks=True).records)]
         except _NOISE:
