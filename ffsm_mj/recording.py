@@ -11,6 +11,8 @@ from ffsm_mj.log.rerun_sink import RerunSink
 from ffsm_mj.log_model import compile_log
 from ffsm_mj.log_scenario import logged_scenario
 
+_BLOCKS_AT_ONCE = 25
+
 
 def write_recording(log: RunLog, path: Path) -> None:
     """Write ``path`` (.rrd) with everything that the log tells.
@@ -23,6 +25,8 @@ def write_recording(log: RunLog, path: Path) -> None:
     events: list[Event] = [*log.phases, *log.impacts, *log.unhandled]
     for event in sorted(events, key=event_time):
         sink.event(event)
-    for block in log.blocks():
+    for number, block in enumerate(log.blocks(), 1):
         sink.rows(block)
+        if number % _BLOCKS_AT_ONCE == 0:
+            sink.flush()
     sink.close(log.outcome)
