@@ -199,7 +199,8 @@ class Scenario(StrictModel):
         return round(self.duration_s / self.control_period_s)
 
 
-def _timing_faults(scenario: Scenario) -> list[Fault]:
+def timing_faults(scenario: Scenario) -> list[Fault]:
+    """What is wrong with duration, control period and time step together."""
     faults = []
     for key, whole, unit, unit_key in (
         ("control_period_s", scenario.control_period_s, scenario.time_step_s, "time_step_s"),
@@ -215,7 +216,7 @@ def _timing_faults(scenario: Scenario) -> list[Fault]:
 
 
 def _other_faults(scenario: Scenario) -> list[Fault]:
-    faults = _timing_faults(scenario)
+    faults = timing_faults(scenario)
     frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
     if frames > _MOST_FRAMES and not faults:
         faults.append(Fault(f"makes {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", ("log", "view_rate_hz")))

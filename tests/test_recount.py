@@ -204,3 +204,30 @@ def test_where_models_are_not_conservative_the_way_is_flown_all_the_same(tmp_pat
     run = ffsm_mj.run(path)
     assert run["state.v_robot_x_m_s"].min() < -0.01
     assert recount(run.log).agrees
+
+
+def test_a_scenario_that_makes_no_run_is_an_obstacle(hit):
+    text = hit.log.header.scenario_yaml
+    for wrong in (
+        text.replace("time_step_s: 0.001", "time_step_s: 9.0"),
+        text.replace("time_step_s:", "step_s:"),
+        "[]",
+        "{",
+    ):
+        assert wrong != text
+        again = recount(replace(hit.log, header=replace(hit.log.header, scenario_yaml=wrong)))
+        assert again.obstacle
+        assert not again.agrees
+
+
+def test_an_overlap_shows_in_the_states_whatever_the_log_says_of_it(hit):
+    """The target is moved into the ball by 1e-8 m: the column still says that nothing overlapped."""
+    rows, keys = hit.log.rows.copy(), list(hit.keys)
+    robot, target = (keys.index(f"state.q_{name}_x_m") for name in ("robot", "target"))
+    rows[60:, target] = rows[60:, robot] + 0.2 - 1e-8
+    log = replace(hit.log, rows=rows)
+    (told,) = (law for law in ffsm_mj.analysis.Run(log).laws() if law.name == "no penetration")
+    (found,) = (law for law in recount(log).laws() if law.name == "no penetration")
+    assert told.holds
+    assert not found.holds
+    assert found.residual == pytest.approx(1e-8, rel=1e-6)

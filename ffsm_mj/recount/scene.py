@@ -15,7 +15,7 @@ from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.log_model import compile_log
 from ffsm_mj.log_scenario import scenario_data
 from ffsm_mj.model import System
-from ffsm_mj.scenario import Scenario
+from ffsm_mj.scenario import Scenario, timing_faults
 
 _NO_LAW = [{"name": "any", "until": "end", "controller": {"kind": "off"}}]
 
@@ -58,7 +58,10 @@ def _scenario(log: RunLog) -> Scenario:
         InputError: It is none of this version.
     """
     try:
-        return Scenario.model_validate(scenario_data(log) | {"phases": _NO_LAW})
+        scenario = Scenario.model_validate(scenario_data(log) | {"phases": _NO_LAW})
     except ValidationError as error:
         keys = ", ".join(sorted({".".join(map(str, fault["loc"])) for fault in error.errors()}))
         raise InputError(f"the scenario in the log is not of this version ({keys})") from error
+    for fault in timing_faults(scenario):
+        raise InputError(f"the scenario in the log: {'.'.join(map(str, fault.path))} {fault.message}")
+    return scenario
