@@ -187,7 +187,7 @@ def _open_viewer(recording: Path, listen: str) -> int:
 
 def _reproduce(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.output_place import usable_folder
-    from ffsm_mj.reproduction import committed_pages, reproduce
+    from ffsm_mj.reproduction import committed_pages, reproduce, stale_once
 
     folder = Path(options.out)
     if options.check:
@@ -195,12 +195,20 @@ def _reproduce(options: argparse.Namespace, output: Output) -> int:
     else:
         usable_folder(folder)
     with progress() as shown:
-        again = reproduce(shown.stage("reproduce", "runs"))
+        report = shown.stage("reproduce", "runs")
+        once = options.check and not options.long
+        again, stale = (None, stale_once(folder, report)) if once else (reproduce(report), [])
+    if again is None:
+        return _judged(folder, stale, output)
     output.say(again.text())
-    if not options.check:
-        output.say(f"\nwritten: {', '.join(str(path) for path in again.write(folder))}")
-        return OK
-    stale = again.stale(folder)
+    if options.check:
+        return _judged(folder, again.stale(folder), output)
+    output.say(f"\nwritten: {', '.join(str(path) for path in again.write(folder))}")
+    return OK
+
+
+def _judged(folder: Path, stale: Sequence[str], output: Output) -> int:
+    """Say which lines of the pages are stale."""
     for line in stale:
         complain(line)
     output.say(f"\n{folder}: {f'{len(stale)} lines are not current' if stale else 'every page is current'}")

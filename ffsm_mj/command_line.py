@@ -83,7 +83,12 @@ def parser() -> argparse.ArgumentParser:
     _describe_view(parsers["view"])
     again = parsers["reproduce"]
     again.add_argument("--out", metavar="DIR", default="docs", help="folder of the pages (default: docs)")
-    again.add_argument("--check", action="store_true", help="write nothing; exit 1 if the pages in DIR are not current")
+    again.add_argument(
+        "--check", action="store_true", help="write nothing; run each scenario once, exit 1 if the pages in DIR are stale"
+    )
+    again.add_argument(
+        "--long", action="store_true", help="with --check: every run of the report, step sizes and long ones too"
+    )
     return root
 
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +24,7 @@ from ffsm_mj.reproduction.drift import drift
 from ffsm_mj.reproduction.inputs import stated_inputs
 from ffsm_mj.reproduction.markdown import fixed, small
 from ffsm_mj.reproduction.measure import measure, slope
+from ffsm_mj.reproduction.once import refreshed
 from ffsm_mj.reproduction.page import Report
 from ffsm_mj.reproduction.printed import PRINTED, Printed
 from ffsm_mj.shipped import scenario_names
@@ -164,7 +169,7 @@ def test_pages_are_written_and_checked(tmp_path, capsys, monkeypatch):
     pages = {"reproduction.md": "impulse 1.2224\n", "appendix-a.md": "A\n"}
     report = Report((Comparison(number("1.23"), 1.23, None, 0.0),), {}, {}, (), {})
     monkeypatch.setattr("ffsm_mj.reproduction.reproduce", lambda _: Reproduction(report, pages, 1, 0.1))
-    arguments = ["reproduce", "--check", "--out", str(tmp_path)]
+    arguments = ["reproduce", "--check", "--long", "--out", str(tmp_path)]
     for name, text in pages.items():
         (tmp_path / name).write_text(text)
     assert main(arguments) == 0
@@ -173,6 +178,94 @@ def test_pages_are_written_and_checked(tmp_path, capsys, monkeypatch):
     assert main(arguments) == 1
     expected = f"{tmp_path}/reproduction.md: line 1: committed 'impulse 1.2229', now 'impulse 1.2224'"
     assert capsys.readouterr().err.strip() == expected
+
+
+def as_committed():
+    """Results that say what the page says: a number, or its difference where that is given to more digits."""
+    values = {name: {} for name in SCENARIOS}
+    for printed in PRINTED:
+        cells = row_of(printed).split("|")
+        ours, difference = cells[3].strip(), cells[-4].strip()
+        exact = printed.value + (0.0 if "<" in difference else float(difference))
+        same = abs(exact - float(ours)) < 0.6 * 10.0 ** -len(ours.partition(".")[2])
+        values[printed.scenario][printed.key] = exact if same else float(ours)
+    return values
+
+
+def test_the_page_is_current_when_each_scenario_says_so_once():
+    """Differences and verdicts follow from our numbers; what only other runs tell is left as it stands."""
+    assert stale_lines(PAGE, refreshed(PAGE, as_committed())) == []
+    values = as_committed()
+    values["baseline"]["impulse"] += 0.01
+    stale = stale_lines(PAGE, refreshed(PAGE, values))
+    assert len(stale) == 1
+    assert "impulse" in stale[0]
+    assert "**differs**" in stale[0].partition("now")[2]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("| mass of load, kg | 1 | 1 |", "| mass of load, kg | 1 | 2 |"),
+        ("No tolerance is set to pass.", ""),
+        ("| smallest tip error, m |", "| some tip error, m |"),
+    ],
+)
+def test_a_page_that_was_changed_by_hand_is_stale(old, new):
+    assert old in PAGE
+    changed = PAGE.replace(old, new)
+    assert stale_lines(changed, refreshed(changed, as_committed()))
+
+
+def test_check_runs_each_scenario_once(tmp_path, capsys, monkeypatch):
+    """The pages as committed are current; one changed number is named with its line, exit 1."""
+    made = []
+
+    def once(cases, _):
+        made.extend(cases)
+        return {case: Result(as_committed()[case.scenario], None) for case in cases}
+
+    monkeypatch.setattr("ffsm_mj.reproduction.once.run_cases", once)
+    monkeypatch.setattr("ffsm_mj.reproduction.appendix_page", (DOCS / "appendix-a.md").read_text)
+    assert main(["reproduce", "--check", "--out", str(DOCS)]) == 0
+    assert "every page is current" in capsys.readouterr().out
+    assert sorted(case.scenario for case in made) == sorted(SCENARIOS)
+    for name in ("reproduction.md", "appendix-a.md"):
+        (tmp_path / name).write_text((DOCS / name).read_text())
+    row = row_of(next(p for p in PRINTED if p.key == "impulse"))
+    (tmp_path / "reproduction.md").write_text(PAGE.replace(row, row.replace("1.222", "1.333", 1)))
+    assert main(["reproduce", "--check", "--out", str(tmp_path)]) == 1
+    assert re.fullmatch(rf"{tmp_path}/reproduction.md: line \d+: committed .*1\.333.*\n", capsys.readouterr().err)
+
+
+INTERRUPTED = """
+import os, sys, time
+from ffsm_mj.cli import main
+from ffsm_mj.reproduction import cases
+original = cases.run_case
+
+def run_case(case):
+    print(os.getpid(), flush=True)
+    return original(cases.LONG_BASELINE)
+
+cases.run_case = run_case
+run_case.__module__, run_case.__qualname__ = "ffsm_mj.reproduction.cases", "run_case"
+sys.exit(main(["reproduce", "--out", sys.argv[1]]))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_an_interrupted_reproduction_leaves_no_worker_behind(tmp_path, number):
+    process = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    worker = int(process.stdout.readline())
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)  # ends when no worker holds the pipe any more
+    assert (process.returncode, err) == (130, "interrupted\n")
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow

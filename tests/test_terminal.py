@@ -122,7 +122,7 @@ def reproduce(report):
 
 reproduction.reproduce = reproduce
 from ffsm_mj.cli import main
-sys.exit(main(["reproduce", "--check", "--out", sys.argv[1]]))
+sys.exit(main(["reproduce", "--check", "--long", "--out", sys.argv[1]]))
 """
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,12 +23,13 @@ from ffsm_mj.reproduction.comparison import Verdict, compare
 from ffsm_mj.reproduction.current import stale_lines
 from ffsm_mj.reproduction.drift import drift
 from ffsm_mj.reproduction.inputs import stated_inputs
-from ffsm_mj.reproduction.page import Report, reproduction_page
+from ffsm_mj.reproduction.once import measured_once, refreshed
+from ffsm_mj.reproduction.page import PAGE, Report, reproduction_page
 from ffsm_mj.reproduction.printed import PAPER_FIGURES
 from ffsm_mj.runner import prepare
 from ffsm_mj.text_report import table
 
-PAGE, APPENDIX_PAGE = "reproduction.md", "appendix-a.md"
+APPENDIX_PAGE = "appendix-a.md"
 FIGURES = "figures"
 _LONG_RUNS = {
     "baseline, no thrusters": LONG_BASELINE,
@@ -93,10 +94,7 @@ class Reproduction:
         Raises:
             InputError: A page cannot be read.
         """
-        lines, committed = [], committed_pages(folder)
-        for name, text in self.pages.items():
-            lines += [f"{folder / name}: {line}" for line in stale_lines(committed[name], text)]
-        return lines
+        return _stale(folder, self.pages)
 
 
 def committed_pages(folder: Path) -> dict[str, str]:
@@ -113,6 +111,22 @@ def committed_pages(folder: Path) -> dict[str, str]:
             reason = getattr(error, "strerror", None) or error
             raise InputError(f"{folder / name}: cannot be read ({reason}); 'ffsm reproduce' writes it") from error
     return pages
+
+
+def stale_once(folder: Path, report: Callable[[int, int], None] | None = None) -> list[str]:
+    """What pages in a folder say that each scenario, run once, does not, one line each; see :func:`reproduce`.
+
+    Raises:
+        InputError: A page cannot be read.
+    """
+    committed = committed_pages(folder)
+    page = refreshed(committed[PAGE], measured_once(report))
+    return _stale(folder, {PAGE: page, APPENDIX_PAGE: appendix_page()})
+
+
+def _stale(folder: Path, pages: Mapping[str, str]) -> list[str]:
+    committed = committed_pages(folder)
+    return [f"{folder / name}: {line}" for name, text in pages.items() for line in stale_lines(committed[name], text)]
 
 
 def _figure_names() -> dict[str, list[str]]:

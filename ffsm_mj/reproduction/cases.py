@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from multiprocessing import active_children
 
 from ffsm_mj.analysis import Run
 from ffsm_mj.reproduction.measure import Measures, measure
@@ -67,15 +69,28 @@ def all_cases() -> tuple[Case, ...]:
 
 
 def run_cases(cases: Iterable[Case], report: Callable[[int, int], None] | None) -> dict[Case, Result]:
-    """Run cases on all cores; ``report`` is told how many of how many are done."""
+    """Run cases on all cores; ``report`` is told how many of how many are done. What ends this early ends its workers."""
     cases = tuple(cases)
     tell = report or (lambda *_: None)
     tell(0, len(cases))
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        running = {pool.submit(run_case, case): case for case in cases}
-        for done, _ in enumerate(as_completed(running), 1):
-            tell(done, len(cases))
+    others = set(active_children())
+    with ProcessPoolExecutor(os.cpu_count(), initializer=_left_to_the_parent) as pool:
+        try:
+            running = {pool.submit(run_case, case): case for case in cases}
+            for done, _ in enumerate(as_completed(running), 1):
+                tell(done, len(cases))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in set(active_children()) - others:
+                worker.kill()  # a run takes SIGTERM for its own end and the worker would begin the next one
+            raise
     return {case: future.result() for future, case in running.items()}
+
+
+def _left_to_the_parent() -> None:
+    """Ctrl-C on a terminal reaches the workers too: what it means is the parent's business."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def run_case(case: Case) -> Result:

@@ -12,7 +12,12 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 def filled(name: str, parts: Mapping[str, str]) -> str:
     """A page from its template, every ``$part`` filled in."""
-    return Template((_TEMPLATES / name).read_text(encoding="utf-8")).substitute(parts)
+    return Template(template(name)).substitute(parts)
+
+
+def template(name: str) -> str:
+    """The text of a template."""
+    return (_TEMPLATES / name).read_text(encoding="utf-8")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

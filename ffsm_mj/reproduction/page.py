@@ -14,6 +14,8 @@ from ffsm_mj.reproduction.drift import Drift
 from ffsm_mj.reproduction.markdown import filled, fixed, small, table
 from ffsm_mj.reproduction.printed import PAPER_FIGURES
 
+PAGE = "reproduction.md"
+INPUTS_HEAD = ("input", "paper", "ours")
 _FACE_X_M = 4.001  # where the tip of a gripper of 1 mm radius touches the face
 _STUDIED = (
     ("baseline", "impact_time", "time of impact, s", 5),
@@ -51,10 +53,10 @@ def reproduction_page(report: Report) -> str:
     counts = [verdicts[verdict] for verdict in Verdict]
     sections = dict.fromkeys(c.printed.section for c in report.comparisons)
     return filled(
-        "reproduction.md",
+        PAGE,
         {
             "total": "{} printed results: {} agree, {} are consistent, {} differ".format(len(report.comparisons), *counts),
-            "inputs": table(["input", "paper", "ours"], report.inputs),
+            "inputs": table(INPUTS_HEAD, report.inputs),
             **{f"section_{_key(section)}": _section(report, section) for section in sections},
             "study": _study(report.results),
             "parameterizations": _parameterizations(report.results),
@@ -83,10 +85,11 @@ def _section(report: Report, section: str) -> str:
 def _comparison_table(rows: Sequence[Comparison]) -> str:
     declared = any(c.threshold is not None for c in rows)
     head = ["quantity", "paper", "ours", *(["at the 1 mm step"] if declared else []), "difference", "tolerance", "verdict"]
-    return table(head, (_row(c, declared=declared) for c in rows))
+    return table(head, (comparison_cells(c, declared=declared) for c in rows))
 
 
-def _row(c: Comparison, *, declared: bool) -> list[str]:
+def comparison_cells(c: Comparison, *, declared: bool) -> list[str]:
+    """Cells of a printed number's row; ``declared``: the table has a column for the impact as the paper declares it."""
     decimals = c.printed.decimals + (2 if c.printed.kind else 1)
     sign = {"approximate": "about ", "below": "below ", "": ""}[c.printed.kind]
     threshold = [] if not declared else ["" if c.threshold is None else fixed(c.threshold, decimals)]
