@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from ffsm_mj.impact.resolution import Contact, resolve
+from ffsm_mj.impact.resting import RestRule, lasting_contact
 from ffsm_mj.runner import prepare
 from tests.scenes import scene
 from tests.test_geometry import PAIRS, shape
@@ -69,3 +71,26 @@ def test_second_rate_is_the_derivative_of_the_rate(tmp_path, rng, a, b):
         near_by, further = (rate(h) - rate(-h) for h in (_STEP, 2 * _STEP))
         slope = (8.0 * near_by - further) / (12.0 * _STEP)
         assert found.value == pytest.approx(slope, abs=1e-8 * (1.0 + found.scale))
+
+
+def test_what_presses_is_the_motion_after_a_plastic_impact(tmp_path, rng):
+    """B is -gap'' with the velocities that a plastic impact leaves, and with the forces held; not with those before it."""
+    pressed = 0
+    for _ in range(12):
+        pair, model, data = close_pair(tmp_path, "capsule", "ellipsoid", rng)
+        near = pair.proximity(model, data)
+        data.qvel[:] *= -0.4 * np.sign(near.rate)  # it approaches, and the forces count
+        mujoco.mj_forward(model, data)
+        near = pair.proximity(model, data)
+        before = pair.second_rate(model, data, near, near.points[0]).value
+        impact = resolve(model, data, [Contact(pair.robot_body, pair.object_body, near.points[0], near.normal, 0.0)])
+        found = lasting_contact(model, data, [(pair, near)], impact, RestRule(1e-3, 0.0))
+        data.qvel[:] = impact.after.qvel
+        mujoco.mj_forward(model, data)
+        after = pair.second_rate(model, data, near, near.points[0]).value
+        assert abs(before - after) > 1e-3
+        assert (found is None) == (after >= 0.0)
+        if found is not None:
+            pressed += 1
+            assert found.pressing == pytest.approx(-after, rel=1e-9)
+    assert pressed >= 3  # half of them, but for chance
