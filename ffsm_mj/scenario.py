@@ -229,7 +229,7 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
         if phase.name in names[:i]:
             faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
         if phase.until == "impact" and not scenario.impact_pairs:
-            faults.append(Fault("cannot end: the scenario has no impact_pairs", ("phases", i, "until")))
+            faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
     for i, phase in enumerate(scenario.phases[:-1]):
         if phase.until == "end":
             faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))

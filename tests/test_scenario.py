@@ -76,7 +76,7 @@ def faults(*overrides, path=BASELINE):
         ("duration_s=[", "in the value: malformed YAML: "),
         ("duration=3", "duration: unknown key (did you mean 'duration_s'?)"),
         ("phases.2.name=approach", "another phase has the name 'approach'"),
-        ("impact_pairs=[]", "phases.0.until: cannot end: the scenario has no impact_pairs"),
+        ("impact_pairs=[]", "phases.0.until: no impact can end it: the scenario has no impact_pairs"),
         ("ignored_pairs.0.pair=[gripper, box]", "robot/gripper - object/box is also in ignored_pairs"),
         ("phases.0.controller.joints=[]", "must name at least one joint, or be left out"),
         (
