@@ -91,6 +91,8 @@ def _name_all(spec: Any) -> None:
         name(actuator, f"{actuator.target or 'actuator'}_motor")
     for tendon in spec.tendons:
         name(tendon, "tendon")
+    for key in spec.keys:  # two without a name would be one name with the prefix
+        name(key, "key")
     for equality in spec.equalities:
         name(equality, f"{equality.name1 or 'equality'}_equality")
 

@@ -26,8 +26,11 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.yaml_node import Node, Place
 from ffsm_mj.yaml_scalars import core_tag, scalar, shown_tag
 
-MAX_VALUES = 100_000
-"""Values that a file may hold, those behind aliases counted each time."""
+MAX_CHARACTERS = 1 << 18
+"""Characters that a text may have: the parser takes some seconds for them."""
+_MAX_BYTES = 4 * MAX_CHARACTERS  # a character of UTF-8 has four bytes at most
+MAX_VALUES = 20_000
+"""Values that a text may hold, those behind aliases counted each time."""
 MAX_DEPTH = 32
 """Mappings and lists that may lie inside one another."""
 
@@ -47,9 +50,12 @@ def read_node(path: Path) -> Node:
         InputError: The file cannot be read or parsed, or is no mapping.
     """
     try:
-        content = path.read_bytes()
+        with path.open("rb") as stream:
+            content = stream.read(_MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    if len(content) > _MAX_BYTES:
+        raise InputError(f"{path}:1:1: more than {_MAX_BYTES >> 20} MB; a scenario has at most {MAX_CHARACTERS} characters")
     try:
         root = parse(_decoded(content, path), path)
     except YamlFault as fault:
@@ -78,6 +84,8 @@ def parse(text: str, path: Path) -> Node:
     Raises:
         YamlFault: It is malformed, too large, or uses what a scenario has no use for.
     """
+    if len(text) > MAX_CHARACTERS:
+        raise YamlFault(Place(path), f"{len(text)} characters; at most {MAX_CHARACTERS} are read")
     builder = _Builder(path)
     try:
         for event in YAML(typ="safe", pure=True).parse(text):
@@ -200,13 +208,16 @@ class _Builder:
         self._path = path
         self._anchors: dict[str, Node | None] = {}
         self._open: list[_Open] = []
-        self._documents = 0
+        self._documents = self._values = 0
         self.place = Place(path)
         self.root = Node(None, self.place)
 
     def take(self, event: Any) -> None:
         """The next event of the parser."""
         self.place = _place(self._path, event.start_mark)
+        self._values += 1
+        if self._values > 2 * MAX_VALUES:  # a mapping's keys are no values, and the end of a list is an event
+            raise YamlFault(self.place, f"more than {MAX_VALUES} values")
         if isinstance(event, AliasEvent):
             self._add(self._known(event.anchor))
         elif isinstance(event, ScalarEvent):

@@ -77,6 +77,24 @@ def test_one_line_with_file_and_element(tmp_path, robot, expected):
     assert "line 0" not in line
 
 
+def test_keyframes_need_no_name(tmp_path):
+    keys = "</worldbody><keyframe><key/><key/></keyframe>"
+    prepare(scene(tmp_path, ball("ball").replace("</worldbody>", keys), {"target": ball("target")}))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('<tendon><fixed stiffness="1"><joint joint="x" coef="1"/></fixed></tendon>', "tendon 'tendon' has stiffness"),
+        ('<equality><joint joint1="x"/></equality>', "equality 'x_equality' has a soft constraint force"),
+    ],
+)
+def test_elements_without_a_name_are_found_too(tmp_path, text, expected):
+    (line,) = faults(tmp_path, ball("ball", joints="x").replace("</worldbody>", f"</worldbody>{text}"))
+    assert line.startswith(f"{tmp_path / 'robot.xml'}:")
+    assert expected in line
+
+
 def test_a_name_may_look_like_a_number(tmp_path):
     prepare(scene(tmp_path, with_body('<site name="nan"/>'), {"target": ball("target")}))
 

@@ -31,7 +31,7 @@ def complaint(case: Case, command: tuple[str, ...], code: int, stderr: str) -> s
 
 def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
     """Whether a line says where a fault is, and what it is."""
-    if "line 0" in line.replace("'line 0'", ""):
+    if re.search(r"', line 0\b", line):
         return False
     if line.startswith(("-s ", "'': ", "ffsm ")):
         return ": " in line

@@ -17,6 +17,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
 
 from tests.hostile.cases import Case, Command, case
@@ -25,6 +26,18 @@ from tests.hostile.judge import complaint
 CPU_LIMIT_S, WALL_LIMIT_S = 20, 120
 MEMORY_LIMIT = 3 << 30
 _BATCH = 25
+# What commands import when they need it, and what these import in turn.
+_COSTLY = (
+    *(
+        "ffsm_mj.analysis_commands",
+        "ffsm_mj.animation",
+        "ffsm_mj.export",
+        "pandas",
+        "pyarrow.compute",
+        "pyarrow.pandas_compat",
+    ),
+    *("PIL.GifImagePlugin", "matplotlib.style"),
+)
 
 
 @dataclass(frozen=True)
@@ -150,11 +163,10 @@ def work(seed: int, numbers: list[int], folder: Path, results: Path) -> None:
 def _logs(folder: Path) -> tuple[bytes, ...]:
     """Logs of two runs: the case study without a hit, two balls with one. Loads, by the way, whatever costs time."""
     import ffsm_mj
-    import ffsm_mj.analysis_commands
-    import ffsm_mj.animation
-    import ffsm_mj.export
     from tests.scenes import two_balls
 
+    for module in _COSTLY:
+        import_module(module)
     ffsm_mj.run("coasting", {"duration_s": 0.1}, out=folder / "logs" / "a", rerun=False)
     (folder / "logs" / "models").mkdir()
     ffsm_mj.run(two_balls(folder / "logs" / "models", gap=0.01, duration_s=0.05), out=folder / "logs" / "b", rerun=False)

@@ -1,0 +1,23 @@
+"""A series of hostile cases: no traceback, no hang, exit codes of the contract, every complaint with its file and place.
+
+``uv run python -m tests.hostile --cases 20000`` runs a long one by hand; ``--only N --keep DIR`` one case, its files kept.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.hostile.series import run_series
+
+_PART = 300
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("part", range(50))
+def test_hostile_input(part, tmp_path):
+    results = run_series(1, part * _PART, _PART, tmp_path, workers=1)
+    assert [f"case {r.number} ({r.kind}): {r.complaint}\n{r.stderr[-600:]}" for r in results if r.complaint] == []
+    # The cases must reach every end, or they would show nothing: most are refused, many run.
+    codes = [result.codes[-1] for result in results]
+    assert codes.count(0) > _PART // 20
+    assert codes.count(2) > _PART // 2
