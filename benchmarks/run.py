@@ -39,6 +39,7 @@ from ffsm_mj.log.mcap_sink import McapSink
 from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.log.partial_file import PartialFile
 from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.recount import recount
 from ffsm_mj.run_folder import RunFolder
 from ffsm_mj.runner import Prepared, prepare
 
@@ -81,6 +82,31 @@ def forwarded(*, pairs: tuple[str, ...]) -> float:
         for _ in range(STEPS):
             mujoco.mj_step(model, data)
             mujoco.mj_forward(model, data)
+    return time.perf_counter() - start
+
+
+def closed() -> float:
+    """The gripper rests on the box, nothing presses: every step looks for a touch and for an overlap. 1 s, times thirty."""
+    assembly, model, data = fresh(contacts=False)
+    pair = ImpactPair(assembly.system, "gripper", "object/box", 0.0)
+    data.qpos[6] += float(data.geom("robot/gripper").xpos[0] - 0.501 - data.qpos[6])
+    data.qpos[7] = data.geom("robot/gripper").xpos[1]
+    mujoco.mj_forward(model, data)
+    data.qpos[6] += pair.proximity(model, data).gap
+    mujoco.mj_forward(model, data)
+    detector = Detector(model, data, [pair])
+    start = time.perf_counter()
+    for _ in range(STEPS // 30):
+        detector.advance(0.001)
+    assert detector.overlap[0] < 1e-12
+    return 30.0 * (time.perf_counter() - start)
+
+
+def recounting() -> float:
+    """What `analyze` does with the baseline's log: every step flown again, every number compared."""
+    _, log = logged()
+    start = time.perf_counter()
+    assert recount(log).agrees
     return time.perf_counter() - start
 
 
@@ -218,11 +244,13 @@ ROWS: dict[str, tuple[Callable[[], float], str]] = {
     NO_DETECTION: (partial(forwarded, pairs=()), NO_DETECTION),
     "detection of five pairs": (partial(plain, partial(forwarded, pairs=PAIRS)), NO_DETECTION),
     "the same, compiled": (partial(compiled, partial(forwarded, pairs=PAIRS)), NO_DETECTION),
+    "detection of a pair in contact": (partial(plain, closed), NO_DETECTION),
     "baseline, log in memory": (partial(plain, MEMORY), BARE),
     "baseline, in memory, compiled": (partial(compiled, MEMORY), BARE),
     "baseline, MCAP": (partial(plain, MCAP), BARE),
     "baseline, MCAP, compiled": (partial(compiled, MCAP), BARE),
     "writing the MCAP alone": (writing, BARE),
+    "recount of the log": (partial(plain, recounting), BARE),
     "baseline, MCAP and Rerun": (partial(plain, partial(whole, out=True, rerun=True)), BARE),
     "Riccati, structured": (partial(plain, partial(riccati, "structured")), SCIPY),
     "Riccati, structured, compiled": (partial(compiled, partial(riccati, "structured")), SCIPY),

@@ -8,12 +8,13 @@ it, two edges or a face leave no choice.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
 
-from ffsm_mj.impact.shape import Shape
+from ffsm_mj.impact.shape import Shape, cross
 from ffsm_mj.model import FloatArray
 
 _WIDTH = 1e-4
@@ -48,7 +49,7 @@ def separation(first: Shape, second: Shape, normal: FloatArray) -> float:
 def _choices(edges: FloatArray) -> Iterator[FloatArray]:
     """Sets of edge directions that the normal may have to be square to: two, one or none, (k, 3) each."""
     for one, other in combinations(edges, 2):
-        if np.linalg.norm(np.cross(one, other)) > _WIDTH:
+        if math.hypot(*cross(one, other)) > _WIDTH:
             yield np.stack((one, other))
     yield from edges[:, None]
     yield edges[:0]
@@ -57,29 +58,43 @@ def _choices(edges: FloatArray) -> Iterator[FloatArray]:
 def _maximise(first: Shape, second: Shape, normal: FloatArray, edges: FloatArray) -> FloatArray:
     """Maximum of the separation among the directions square to the edges."""
     if len(edges) == 2:
-        return _towards(np.cross(edges[0], edges[1]), normal)
+        return _towards(cross(edges[0], edges[1]), normal)
     if len(edges) == 1:
         normal = _towards(normal - (normal @ edges[0]) * edges[0], normal)
     for _ in range(_ITERATIONS):
         tangents = _tangents(normal, edges)
-        offset = second.extreme(-normal).mean(axis=0) - first.extreme(normal).mean(axis=0)
+        offset = _middle(second.extreme(-normal)) - _middle(first.extreme(normal))
         # The Hessian on the sphere: both geoms' radii, and the gap because a turned direction stays a unit vector.
-        slope = tangents.T @ (first.radii(normal) + second.radii(-normal)) @ tangents
+        slope = tangents @ (first.radii(normal) + second.radii(-normal)) @ tangents.T
         slope += float(offset @ normal) * np.eye(len(slope))
-        if float(np.linalg.eigvalsh(slope)[0]) < _FLATTEST:
+        if _least_eigenvalue(slope) < _FLATTEST:
             break  # nothing is curved: the direction has no better neighbour
-        step = np.linalg.solve(slope, offset @ tangents)
-        length = float(np.linalg.norm(step))
-        normal = _unit(normal + tangents @ step * min(1.0, _LONGEST_STEP / max(length, _LONGEST_STEP)))
+        step = np.linalg.solve(slope, tangents @ offset)
+        length = math.hypot(*step)
+        normal = _unit(normal + step @ tangents * min(1.0, _LONGEST_STEP / max(length, _LONGEST_STEP)))
         if length < 1e-15:
             break
     return normal
 
 
+def _middle(points: FloatArray) -> FloatArray:
+    return points[0] if len(points) == 1 else np.asarray(points.mean(axis=0))
+
+
+def _least_eigenvalue(symmetric: FloatArray) -> float:
+    """Of a matrix of one or two rows."""
+    if len(symmetric) == 1:
+        return float(symmetric[0, 0])
+    (a, b), (_, c) = symmetric.tolist()
+    return 0.5 * (a + c - math.hypot(a - c, 2.0 * b))
+
+
 def _tangents(normal: FloatArray, edges: FloatArray) -> FloatArray:
-    """Orthonormal directions across the normal and all edges, as columns."""
-    fixed = np.vstack((normal, edges))
-    return np.asarray(np.linalg.svd(fixed)[2][len(fixed) :].T)
+    """Orthonormal directions across the normal and the edge, if there is one, as rows."""
+    if len(edges):
+        return _unit(cross(normal, edges[0]))[None]
+    first = _unit(cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))]))
+    return np.stack((first, cross(normal, first)))
 
 
 def _towards(vector: FloatArray, reference: FloatArray) -> FloatArray:
@@ -87,4 +102,4 @@ def _towards(vector: FloatArray, reference: FloatArray) -> FloatArray:
 
 
 def _unit(vector: FloatArray) -> FloatArray:
-    return np.asarray(vector / np.linalg.norm(vector))
+    return np.asarray(vector / math.hypot(*vector))
