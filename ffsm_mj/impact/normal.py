@@ -86,7 +86,7 @@ def _least_eigenvalue(symmetric: FloatArray) -> float:
     if len(symmetric) == 1:
         return float(symmetric[0, 0])
     (a, b), (_, c) = symmetric.tolist()
-    return 0.5 * (a + c - math.hypot(a - c, 2.0 * b))
+    return float(0.5 * (a + c - math.hypot(a - c, 2.0 * b)))
 
 
 def _tangents(normal: FloatArray, edges: FloatArray) -> FloatArray:
