@@ -13,8 +13,10 @@ from typing import Any
 from tests.hostile.documents import Map, shipped, text
 from tests.hostile.log_mutations import mutate_log
 from tests.hostile.mjcf_mutations import model, mutate_model, xml
+from tests.hostile.mjcf_mutations import scale_numbers as scale_model
 from tests.hostile.override_mutations import overrides
 from tests.hostile.yaml_mutations import mutate_bytes, mutate_tree
+from tests.hostile.yaml_mutations import scale_numbers as scale_scenario
 
 Command = tuple[str, ...]
 # A run of 60 steps: long enough for a controller, the first rows and the account of them.
@@ -134,6 +136,21 @@ def _model_case(rng: Random, _: Any) -> Case:
     return Case("model", files, _commands(rng, "scenario.yaml"))
 
 
+def _numbers_case(rng: Random, _: Any) -> Case:
+    """Numbers out of all proportion, in scenario and models: what passes ``check`` must run, or end as it should."""
+    name, tree = _tree(rng)
+    scale_scenario(rng, tree)
+    if rng.random() < 0.3:
+        tree.pairs.append(("conservative", False))
+    files = _files(name, text(tree).encode())
+    for which, source in zip(("robot.xml", "object.xml"), _MODELS[name], strict=True):
+        root = deepcopy(model(source))
+        if rng.random() < 0.6:
+            scale_model(rng, root)
+        files[which] = xml(root)
+    return Case("numbers", files, _commands(rng, "scenario.yaml"))
+
+
 def _model_bytes(rng: Random, _: Any) -> Case:
     name, tree = _tree(rng)
     files = _files(name, text(tree).encode())
@@ -243,7 +260,8 @@ _KINDS: tuple[tuple[Callable[[Random, Any], Case], int], ...] = (
     (_scenario_case, 30),
     (_scenario_bytes, 6),
     (_extends_case, 6),
-    (_model_case, 30),
+    (_model_case, 25),
+    (_numbers_case, 12),
     (_model_bytes, 6),
     (_override_case, 14),
     (_paths_case, 4),

@@ -358,6 +358,16 @@ def _change(rng: Random, root: ET.Element) -> None:
         element.set(name, _numbers(rng, old) if _is_number(old) else rng.choice(_TEXTS))
 
 
+def scale_numbers(rng: Random, root: ET.Element) -> None:
+    """Numbers that stay numbers, some powers of ten away or with the other sign: most such models are taken, and run."""
+    numbers = [(e, name) for e in root.iter() for name, text in e.attrib.items() if _is_number(text) and text.split()]
+    for element, name in rng.sample(numbers, min(len(numbers), rng.choice((1, 1, 2, 4)))):
+        parts = element.attrib[name].split()
+        i = rng.randrange(len(parts))
+        parts[i] = repr(float(parts[i]) * rng.choice((-1.0, 1.0, 1.0, 1.0)) * 10.0 ** rng.randint(-12, 12))
+        element.set(name, " ".join(parts))
+
+
 def _inertia(rng: Random, root: ET.Element) -> None:
     elements = [e for e in root.iter() if e.tag in ("inertial", "geom")]
     if elements:

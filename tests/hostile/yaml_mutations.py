@@ -93,6 +93,13 @@ def _number(rng: Random, tree: Map) -> None:
         put(rng.choice(numbers), Raw(rng.choice(YAML_NUMBERS)))
 
 
+def scale_numbers(rng: Random, tree: Map) -> None:
+    """Numbers that stay numbers, some powers of ten away or with the other sign: most such scenarios are taken, and run."""
+    numbers = [p for p in places(tree) if isinstance(get(p), int | float) and not isinstance(get(p), bool)]
+    for place in rng.sample(numbers, min(len(numbers), rng.choice((1, 1, 2, 4)))):
+        put(place, float(get(place)) * rng.choice((-1.0, 1.0, 1.0, 1.0)) * 10.0 ** rng.randint(-12, 12))
+
+
 def _name(rng: Random, tree: Map) -> None:
     """Exchange two texts of the document: names that exist, in wrong places."""
     texts = [p for p in places(tree) if isinstance(get(p), str)]
