@@ -1,6 +1,6 @@
 """How much a few words of a model may ask for: repeated elements, generated meshes and textures, images, reserved memory.
 
-And no number without end: MuJoCo takes NaN in many places, and never ends on some of them.
+And what poisons MuJoCo: NaN, which it takes in many places and never ends on in some, and names that it prints as formats.
 """
 
 from __future__ import annotations
@@ -56,8 +56,10 @@ def refuse_giant(tag: str, attributes: Mapping[str, str], place: str) -> None:
             raise InputError(f"{place}: <{tag} {name}={text[:40]!r}> asks for more than {limit:g}")
 
 
-def refuse_not_finite(tag: str, attributes: Mapping[str, str], place: str) -> None:
-    """Refuse an element with a number that is not finite.
+def refuse_poison(tag: str, attributes: Mapping[str, str], place: str) -> None:
+    """Refuse an element with a number that is not finite, or with a text that MuJoCo would take for a format.
+
+    A percent sign in a name ends up in ``printf``: ``class="%n"`` ends the process.
 
     Args:
         tag: Its name in lower case.
@@ -65,9 +67,11 @@ def refuse_not_finite(tag: str, attributes: Mapping[str, str], place: str) -> No
         place: ``file:line``.
 
     Raises:
-        InputError: An attribute that is no name holds one.
+        InputError: An attribute that is no name holds such a number, or any attribute a percent sign.
     """
     for name, text in attributes.items():
+        if "%" in text:
+            raise InputError(f"{place}: <{tag} {name}={text[:40]!r}>: a model must not hold a percent sign; rename it")
         if name.lower() not in _NAMES and any(_NOT_FINITE.fullmatch(word) for word in text.split()):
             raise InputError(f"{place}: <{tag} {name}={text[:40]!r}>: every number must be finite")
 

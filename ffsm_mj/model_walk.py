@@ -38,6 +38,8 @@ def collect(main: str, shelf: Shelf) -> dict[str, bytes]:
     """
     if not main.lower().endswith((".xml", ".urdf")):
         raise InputError(f"{shelf.label(main)}: no model file by its name: MJCF ends in .xml, URDF in .urdf")
+    if "%" in main:
+        raise InputError(f"{shelf.label(main)}: the name of a model file must not hold a percent sign; rename it")
     walk = _Walk(shelf)
     walk.model(main, main, "", ())
     walk.refuse_doubt()

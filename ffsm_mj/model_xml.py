@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from xml.parsers import expat
 
 from ffsm_mj.errors import InputError
-from ffsm_mj.model_limits import MOST_ELEMENTS, copies, refuse_giant, refuse_not_finite
+from ffsm_mj.model_limits import MOST_ELEMENTS, copies, refuse_giant, refuse_poison
 
 _CUBE_SIDES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 _FOLDER_OF = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "flexcomp": "meshdir", "texture": "texturedir"}
@@ -63,7 +63,7 @@ def elements(xml: bytes, place: str) -> list[Element]:
 
     Raises:
         InputError: It is not UTF-8, not well-formed, too deep or too long, has a document type, asks for a plugin or for
-            too much, or holds a number that is not finite.
+            too much, or holds what MuJoCo cannot bear.
     """
     found: list[Element] = []
     parents: list[str] = []
@@ -81,7 +81,7 @@ def elements(xml: bytes, place: str) -> list[Element]:
             refuse(f"more than {_MAX_DEPTH} levels or {MOST_ELEMENTS} elements of XML")
         line = f"{place}:{parser.CurrentLineNumber}"
         refuse_giant(tag, attributes, line)
-        refuse_not_finite(tag, attributes, line)
+        refuse_poison(tag, attributes, line)
         found.append(Element(tag, attributes, tuple(parents), line, repeats[-1] if repeats else 1.0))
         repeats.append(found[-1].copies * copies(tag, attributes))
         parents.append(tag)

@@ -53,6 +53,7 @@ def with_body(text):
             ball("ball").replace("<worldbody>", '<size nuser_geom="1000000"/><worldbody>'),
             "<size nuser_geom='1000000'> asks",
         ),
+        (ball("ball").replace('type="sphere"', 'type="sphere" class="%s%n"'), "must not hold a percent sign; rename it"),
         (ball("ball", mass=1e300), "robot.xml:1: body 'ball' has a mass or inertia of 1e+300; at most 1e+20 kg"),
         (with_body('<geom name="far" size="1e20" mass="0"/>'), "geom 'far' has a length of 1e+20 m; at most 1e+10 m"),
         (
@@ -75,6 +76,14 @@ def test_one_line_with_file_and_element(tmp_path, robot, expected):
     assert line.startswith(f"{tmp_path / 'robot.xml'}")
     assert expected in line
     assert "line 0" not in line
+
+
+def test_a_file_name_is_no_format(tmp_path):
+    path = scene(tmp_path, ball("ball"), {"target": ball("target")})
+    path.write_text(path.read_text().replace('"robot.xml"', '"%n.xml"'))
+    (tmp_path / "%n.xml").write_text(ball("ball"))
+    with pytest.raises(InputError, match="the name of a model file must not hold a percent sign"):
+        prepare(path)
 
 
 def test_keyframes_need_no_name(tmp_path):
