@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from ffsm_mj.earlier_run import in_the_way, remove, replaceable
 from ffsm_mj.errors import InputError, LogWriteError
 from ffsm_mj.events import Event, OutcomeRecord
 from ffsm_mj.log.mcap_sink import McapSink
-from ffsm_mj.log.partial_file import PartialFile
+from ffsm_mj.log.partial_file import PartialFile, nameless
 from ffsm_mj.log.sink import RunHeader, Sink
 from ffsm_mj.model import FloatArray, System
 
@@ -72,25 +72,42 @@ class RunFolder:
     def _take(self, opening: bytes, models: Iterable[str]) -> PartialFile:
         """Make the folder, or take one that holds no run, and the log in it, for this run alone.
 
-        Nothing comes between a folder and its log but the making of the file: a kill there has some 1e-5 s to hit.
+        The log is written before the folder is made and appears in it whole: a kill comes before, or finds a log.
 
         Raises:
             InputError: It holds a run that is not to be replaced, another run is writing there, or it cannot be used.
             LogWriteError: The log cannot be written (full disk).
         """
+        ready: int | None = None
         try:
-            file = self._log() if self._make() else self._claim([*_OURS, *models])
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self._writing():
+                ready = nameless(self.path.parent, opening)
+            if self._make():
+                if ready is not None:
+                    file, ready = PartialFile.appearing(self.path / LOG, ready), None
+                    return file
+                file = self._log()
+            else:
+                file = self._claim([*_OURS, *models])
         except OSError as error:
             raise InputError(f"{self.path}: cannot be used as a run folder ({error.strerror})") from error
-        try:
+        finally:
+            if ready is not None:
+                os.close(ready)
+        with self._writing():
             file.begin(opening)
-        except OSError as error:
-            raise LogWriteError(file.partial, error) from error
         return file
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise LogWriteError(self.path / PARTIAL_LOG, error) from error
 
     def _make(self) -> bool:
         """Make the folder; False where it is there already."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
         first, number = self.path, 1
         while True:
             try:

@@ -250,7 +250,7 @@ def test_aliases_of_aliases_in_the_scenario_of_a_log_are_refused(tmp_path, log):
     code, complaint, _ = limited("export", str(path), "--gif")
     (line,) = complaint.splitlines()
     assert code == 2
-    assert "scenario.yaml:5:5: 111111 values, aliases counted each time; at most 100000 are read" in line
+    assert "scenario.yaml:5:5: 111111 values, aliases counted each time; at most 20000 are read" in line
 
 
 # --- what is drawn ----------------------------------------------------------------------------------------------------

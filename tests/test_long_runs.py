@@ -19,7 +19,7 @@ from ffsm_mj.errors import LogError
 from ffsm_mj.log import stored_rows
 from ffsm_mj.log.stored_rows import StoredRows
 from ffsm_mj.plots import figures, thinning
-from ffsm_mj.residuals import norms
+from ffsm_mj.residuals import Accounts, norms
 from tests.scenes import two_balls
 
 
@@ -106,8 +106,9 @@ def test_a_thinned_run_keeps_what_stands_out(baseline, monkeypatch):
     curves = {key: (baseline[key], thin[key]) for key in baseline.keys}
     curves["tip"] = baseline.tip_error(), thin.tip_error()
     for party in ("total", "robot"):
-        change, kept = (run.momentum(party) - baseline.momentum(party)[0] for run in (baseline, thin))
-        curves[party] = norms(change[:, 3:]), norms(kept[:, 3:])
+        accounts = Accounts(baseline.log.header.layout, baseline.log.header.facts, party)
+        start = accounts.momentum(baseline.log.rows[:1])
+        curves[party] = tuple(norms((accounts.momentum(run.log.rows) - start)[:, 3:]) for run in (baseline, thin))
     for i, (start, stop) in enumerate(zip(edges, [*edges[1:], len(baseline.time)], strict=True), 1):
         for whole, kept in curves.values():
             part = whole[start:stop]

@@ -35,6 +35,9 @@ class PartialFile:
             OSError: It cannot be made, or what has its name is no file (a symbolic link, a folder, a device).
         """
         self._path, self.partial = path, path.with_name(path.name + ".partial")
+        self._take()
+
+    def _take(self) -> None:
         while True:
             descriptor = os.open(self.partial, _FLAGS, 0o666)
             try:
@@ -56,6 +59,21 @@ class PartialFile:
         """Take it and write its first bytes."""
         file = cls(path)
         file.begin(opening)
+        return file
+
+    @classmethod
+    def appearing(cls, path: Path, nameless: int) -> PartialFile:
+        """Give a nameless file its name, at once with all that it holds, in a folder of the same file system.
+
+        Raises:
+            FileExistsError: Something has that name.
+        """
+        file = cls.__new__(cls)
+        file._path, file.partial, file.left_bytes = path, path.with_name(path.name + ".partial"), 0
+        # Python follows the link in /proc only where a folder's descriptor is given, of which an absolute path makes no use.
+        os.link(f"/proc/self/fd/{nameless}", file.partial, src_dir_fd=nameless, follow_symlinks=True)
+        file.stream = os.fdopen(nameless, "r+b")
+        file.stream.seek(0, os.SEEK_END)
         return file
 
     def _is_still(self, status: os.stat_result) -> bool:
@@ -82,6 +100,32 @@ class PartialFile:
         if not self.left_bytes:
             self.partial.unlink(missing_ok=True)
         self.stream.close()
+
+
+def nameless(folder: Path, opening: bytes) -> int | None:
+    """Descriptor of a file in this process's hands that holds its first bytes and has no name yet, so that none is left.
+
+    None where the operating system or the file system has no such files.
+
+    Raises:
+        OSError: The bytes cannot be written (full disk).
+    """
+    flag = getattr(os, "O_TMPFILE", None)
+    if flag is None or not Path("/proc/self/fd").is_dir():
+        return None
+    try:
+        descriptor = os.open(folder, os.O_RDWR | flag, 0o666)
+    except OSError:
+        return None
+    try:
+        _lock(descriptor)
+        rest = memoryview(opening)
+        while rest:
+            rest = rest[os.write(descriptor, rest) :]
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor
 
 
 def _lock(descriptor: int) -> None:
