@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from controllers import kinds
@@ -19,16 +19,14 @@ from ffsm_mj.errors import Fault, ScenarioFaults, described, unknown_name
 from ffsm_mj.impact.contact import ImpactPair
 from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.impact.watch import ContactWatch
-from ffsm_mj.model import Joint, System, compile_system
+from ffsm_mj.initial_state import initial_state
+from ffsm_mj.model import System, compile_system
 from ffsm_mj.model_files import read_model
-from ffsm_mj.model_numbers import LEAST_SHARE, weakest_dof
-from ffsm_mj.mujoco_warnings import collected_warnings
 from ffsm_mj.run_size import too_large
-from ffsm_mj.scenario import JointValue, Scenario, located
+from ffsm_mj.scenario import Scenario, located
 from ffsm_mj.signals import Layout, build_layout
 from ffsm_mj.yaml_source import YamlSource
 
-_HUGE = 1e10
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
@@ -67,10 +65,10 @@ def assemble(scenario: Scenario, source: YamlSource) -> Assembly:
     """
     system = compile_scenario(scenario, source)
     try:
-        data = _initial_state(scenario, system)
+        data = initial_state(scenario, system)
         pairs = impact_pairs(scenario, system)
         known = _known_pairs(scenario, system, pairs)
-        _refuse_overlap(system, data, pairs)
+        _refuse_undetectable(system, data, pairs)
         actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
         controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s))
@@ -111,55 +109,6 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
 def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:
     """A path in a scenario: relative to the file that states it."""
     return Path(os.path.normpath(source.folder(keys) / name))
-
-
-def _initial_state(scenario: Scenario, system: System) -> Any:
-    """Data at t = 0 with everything derived from it."""
-    data = mujoco.MjData(system.mj)
-    faults: list[Fault] = []
-    for key, target in (("joints", data.qpos), ("rates", data.qvel)):
-        for name, value in getattr(scenario.initial, key).items():
-            path = ("initial", key, name)
-            try:
-                joint = system.joint(name)
-            except LookupError as error:
-                faults.append(Fault(str(error.args[0]), path))
-                continue
-            fault = _set_joint(joint, key, value, target)
-            if fault:
-                faults.append(Fault(fault, path))
-    if faults:
-        raise ScenarioFaults(faults)
-    warnings: list[str] = []
-    with collected_warnings(warnings):
-        mujoco.mj_forward(system.mj, data)
-    dof, share = weakest_dof(system.mj, data)
-    if not share > LEAST_SHARE:
-        joint = system.mj.joint(int(system.mj.dof_jntid[dof])).name
-        how = f"singular to {share:.1g}" if share <= LEAST_SHARE else "not finite"
-        message = f"the mass matrix is {how} at joint {joint!r}: what it moves here has next to no mass or inertia"
-        raise ScenarioFaults([Fault(message, ("initial",))])
-    if warnings:
-        raise ScenarioFaults([Fault(f"MuJoCo warns: {' '.join(warnings[0].split())}", ("initial",))])
-    return data
-
-
-def _set_joint(joint: Joint, key: str, value: JointValue, target: Any) -> str:
-    """Write a joint's coordinates or rates; returns what is wrong with them, or nothing."""
-    part = joint.qpos if key == "joints" else joint.dofs
-    numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    size = part.stop - part.start
-    if len(numbers) != size:
-        return f"{joint.kind} joint {joint.name} takes {size} number{'s' if size > 1 else ''}, got {len(numbers)}"
-    if np.any(np.abs(numbers) > _HUGE):
-        return f"must stay below {_HUGE:g}, the largest value that MuJoCo takes for a state"
-    if key == "joints" and joint.kind in ("free", "ball"):
-        length = np.linalg.norm(numbers[-4:])
-        if abs(length - 1.0) > 1e-3:
-            return f"the quaternion (w, x, y, z) must have length 1, it has {length:.6g}"
-        numbers[-4:] /= length
-    target[part] = numbers
-    return ""
 
 
 def impact_pairs(scenario: Scenario, system: System) -> tuple[ImpactPair, ...]:
@@ -212,9 +161,13 @@ def _refuse_contradictions(pairs: tuple[ImpactPair, ...], ignored: set[frozenset
         raise ScenarioFaults(faults)
 
 
-def _refuse_overlap(system: System, data: Any, pairs: tuple[ImpactPair, ...]) -> None:
+def _refuse_undetectable(system: System, data: Any, pairs: tuple[ImpactPair, ...]) -> None:
+    """Refuse pairs that overlap at the start, or whose speed no energy bounds."""
     faults = []
     for i, pair in enumerate(pairs):
+        if math.isinf(pair.reach_per_root_energy(system.mj, data)):
+            message = f"a moment of inertia of {pair.robot_geom} or {pair.object_geom} is less than rounding of the others"
+            faults.append(Fault(f"{message}: no energy bounds how fast it spins", ("impact_pairs", i)))
         gap = pair.gap(system.mj, data, 1.0)
         if gap < -GAP_TOLERANCE:
             message = f"{pair.robot_geom} and {pair.object_geom} overlap by {-gap:.6g} m at the start; move one of them"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from ffsm_mj.errors import InputError
@@ -116,6 +118,15 @@ def test_a_mass_matrix_that_no_solver_holds(tmp_path):
     (line,) = faults(tmp_path, twice)
     assert ": initial: the mass matrix is singular to " in line
     assert "at joint 'robot/b'" in line or "at joint 'robot/a'" in line
+
+
+def test_an_inertia_that_rounding_decides(tmp_path):
+    """1e-12 kg m^2 about one axis of a body turned in space and 1e6 about the others: the sum knows it to 1e-10."""
+    needle = re.sub('diaginertia="[^"]*"', 'diaginertia="1e-12 1e6 1e6" euler="10 20 30"', ball("ball", joints="x"))
+    pair = {"robot_geom": "ball", "object_geom": "target/target"}
+    start = {"joints": {"target/free": [2, 0, 0, 1, 0, 0, 0]}}
+    (line,) = faults(tmp_path, needle, impact_pairs=[pair], initial=start)
+    assert "impact_pairs.0: a moment of inertia of robot/ball or target/target is less than rounding of the others" in line
 
 
 def test_what_mujoco_warns_of_is_not_printed(tmp_path, capfd):

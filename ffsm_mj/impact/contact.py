@@ -38,6 +38,8 @@ _PASSES, _SETTLED = 20, 1e-5
 _SHARE, _SHIFT = 0.2, 1e-2
 # Rotations and accelerations inside a step may exceed what its ends show; the bound keeps this margin.
 _BOUND_MARGIN = 1.1
+# Relative error of an eigenvalue of a sum of inertias, against the greatest: some 1e-16, with room.
+_INERTIA_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
@@ -213,7 +215,7 @@ def _direction(fromto: FloatArray) -> FloatArray:
 
 
 def _speed_per_root_energy(model: Any, data: Any, geom: int, radius: float) -> float:
-    """Greatest speed of a geom's points over sqrt(2 T)."""
+    """Greatest speed of a geom's points over sqrt(2 T); infinite where rounding decides the least moment of inertia."""
     group = np.flatnonzero(model.body_weldid == model.body_weldid[model.geom_bodyid[geom]])
     masses, centres = model.body_mass[group], data.xipos[group]
     mass = float(masses.sum())
@@ -223,4 +225,5 @@ def _speed_per_root_energy(model: Any, data: Any, geom: int, radius: float) -> f
         axes = data.ximat[body].reshape(3, 3)
         inertia += axes @ np.diag(model.body_inertia[body]) @ axes.T + m * ((c @ c) * np.eye(3) - np.outer(c, c))
     arm = float(np.linalg.norm(data.geom_xpos[geom] - centre)) + radius
-    return 1.0 / math.sqrt(mass) + arm / math.sqrt(float(np.linalg.eigvalsh(inertia)[0]))
+    least, _, greatest = np.linalg.eigvalsh(inertia).tolist()
+    return 1.0 / math.sqrt(mass) + arm / math.sqrt(least) if least > _INERTIA_ROUNDING * greatest else math.inf

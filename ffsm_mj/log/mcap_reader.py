@@ -18,6 +18,7 @@ from ffsm_mj.events import Event, OutcomeRecord
 from ffsm_mj.log import mcap_format as form
 from ffsm_mj.log.attachments import fault_of_names
 from ffsm_mj.log.chunks import MESSAGE_HEAD, Batch, content_of
+from ffsm_mj.log.facts import fault_of_facts
 from ffsm_mj.log.file_bytes import FileBytes
 from ffsm_mj.log.memory_sink import RunLog, run_log
 from ffsm_mj.log.salvage import MAGIC, Salvage
@@ -158,7 +159,7 @@ class _Contents:
             raise LogError(path, f"not of this version's format ({error})") from error
         outcome = next((record for record in records if isinstance(record, OutcomeRecord)), None)
         events: list[Event] = [record for record in records if not isinstance(record, OutcomeRecord)]
-        if fault := fault_of_names(self.attachments):
+        if fault := fault_of_names(self.attachments) or fault_of_facts(channel.metadata):
             raise LogError(path, fault)
         files = dict(self.attachments)
         scenario = _text(path, form.SCENARIO_ATTACHMENT, files.pop(form.SCENARIO_ATTACHMENT, b""))

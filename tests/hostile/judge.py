@@ -42,4 +42,4 @@ def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
     place = re.match(
         rf"(log )?(?P<file>\S*?(?:{'|'.join(map(re.escape, [*filter(None, names), *shown]))}))(?::\d+)?(?::\d+)?: \S", line
     )
-    return place is not None or bool(re.match(r"\S+\.(yaml|yml|xml|urdf|mcap)(:\d+(:\d+)?)?: \S", line))
+    return place is not None or bool(re.match(r"\S+\.(yaml|yml|xml|urdf|mcap|gif|csv)(:\d+(:\d+)?)?: \S", line))

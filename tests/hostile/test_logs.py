@@ -7,7 +7,7 @@ import struct
 from dataclasses import replace
 
 import pytest
-from mcap.records import Attachment, Message
+from mcap.records import Attachment, Channel, Message
 
 import ffsm_mj
 from ffsm_mj.cli import main
@@ -80,6 +80,25 @@ def test_a_log_without_its_scenario(hit, tmp_path, capsys, command, code, conten
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) <= 1
     assert all(line.startswith(f"log {path}: ") for line in lines if command == "export")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("free_components_total", ""),
+        ("free_components_robot", "1 1 1 1 1 nan"),
+        ("task_axes", "x w"),
+        ("task_target_m", "1"),
+    ],
+)
+def test_facts_that_are_no_numbers(hit, tmp_path, capsys, name, text):
+    def change(record):
+        facts = isinstance(record, Channel) and "conservative" in record.metadata
+        yield replace(record, metadata=record.metadata | {name: text}) if facts else record
+
+    path = changed(hit, tmp_path / "x.mcap", change)
+    assert main(["analyze", path]) == 2
+    assert capsys.readouterr().err.startswith(f"{path}: its fact {name} is {text!r}; ")
 
 
 def test_a_number_that_is_not_finite_is_null_in_json(hit, tmp_path, capsys):
