@@ -31,6 +31,8 @@ _LOOK = 1e-3
 _MAX_HALVINGS = 48
 # In one step; a hit at 1000 m/s on a plate of 1 mm within 10 ms takes about 60.
 _MOST_HALVINGS = 20_000
+# At pairs in one step, at instants of their own; a graze takes some tens.
+_MOST_LOOKS = 2_000
 
 
 class StepPath:
@@ -132,7 +134,7 @@ class Detector:
             Time of the touch since the start in s, with ``data`` there; None when the whole time has passed.
 
         Raises:
-            UnsupportedContactError: Bodies close in too fast to follow.
+            UnsupportedContactError: Bodies close in too fast, or spin too fast, to follow.
         """
         flight, path = self._flight, self._path
         if flight.horizon <= flight.way and self._touching_now():
@@ -196,6 +198,12 @@ class Detector:
         if time is None:
             return self._pairs[i].proximity(self._model, self._data)
         if (i, time) not in self._seen:
+            if len(self._seen) >= _MOST_LOOKS:
+                pair = self._pairs[i]
+                names = f"{pair.robot_geom} - {pair.object_geom}"
+                raise UnsupportedContactError(
+                    f"the gap of {names} changes too often within a step to follow; try a shorter one"
+                )
             self._seen[i, time] = self._pairs[i].proximity(self._model, self._data)
         return self._seen[i, time]
 
