@@ -20,7 +20,7 @@ def value(rng: Random) -> str:
         return rng.choice(SCALARS)
     if kind < 0.75:
         return f"{rng.choice(TAGS)} {rng.choice(TAGGED)}"
-    if kind < 0.97:
+    if kind < 0.99:
         return rng.choice(STRUCTURES)
     return rng.choice(DEEP)
 
