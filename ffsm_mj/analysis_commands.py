@@ -16,7 +16,7 @@ from ffsm_mj.output_place import usable_file, usable_folder
 from ffsm_mj.progress import Report
 from ffsm_mj.recount import Recount, recount
 from ffsm_mj.run_folder import find_log
-from ffsm_mj.text_report import as_json, comparison_report, damage_of, verification, verification_data
+from ffsm_mj.text_report import as_json, comparison_report, damage_of, verification, verification_data, what_is_missing
 
 Say = Callable[[str], None]
 Stage = Callable[[str, str], Report | None]
@@ -148,8 +148,11 @@ def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | N
 
 
 @_any_double
-def export(options: argparse.Namespace, say: Say, stage: Stage) -> None:
+def export(options: argparse.Namespace, say: Say, stage: Stage) -> str:
     """Write a table or an animation of a run.
+
+    Returns:
+        What of the run the log does not tell, in a line; empty where it is whole.
 
     Raises:
         InputError: The run cannot be read, there is no such table, or the file cannot be written to.
@@ -175,3 +178,4 @@ def export(options: argparse.Namespace, say: Say, stage: Stage) -> None:
 
         stage(out.name, "")
         say(f"{out}: {write_table(run, table, out, options.form)}")
+    return f"{log}: {what_is_missing(run)}" if what_is_missing(run) else ""

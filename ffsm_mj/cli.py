@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ffsm_mj.command_line import HelpAsked, parse, parser
-from ffsm_mj.exit_codes import BAD_INPUT, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED, VIOLATED
+from ffsm_mj.exit_codes import BAD_INPUT, DAMAGED, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED, VIOLATED
 from ffsm_mj.interrupts import raised
 from ffsm_mj.progress import Progress, progress
 from ffsm_mj.standard_streams import Output, complain, secure
@@ -81,6 +81,9 @@ def _run(options: argparse.Namespace, output: Output) -> int:
 
     prepared = prepare(options.scenario, options.overrides)
     scenario = prepared.scenario
+    if options.out == "":
+        complain("--out: an empty name; leave --out away for a folder in logs/")
+        return BAD_INPUT
     folder = RunFolder(Path(options.out), force=options.force) if options.out else RunFolder.in_logs(scenario.name)
     live, rerun = (options.viewer or _VIEWER) if options.live else None, False if options.no_rerun else None
     with progress() as shown:
@@ -92,9 +95,8 @@ def _run(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.text_report import run_report, verdict, violated
 
     output.say(run_report(run))
-    where = "" if not options.out else f" {folder.path}"
     output.say(f"\nfiles in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
-    output.say(f"look at it: ffsm view{where}   verify the log: ffsm analyze{where}")
+    output.say(f"look at it: ffsm view {folder.path}   verify the log: ffsm analyze {folder.path}")
     if run.outcome != "completed":
         complain(f"{run.outcome}: {run.message}")
         return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
@@ -134,8 +136,11 @@ def _export(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.analysis_commands import export
 
     with _showing(output) as (say, shown):
-        export(options, say, shown.stage)
-    return OK
+        missing = export(options, say, shown.stage)
+    if not missing:
+        return OK
+    complain(missing)
+    return DAMAGED
 
 
 @contextmanager

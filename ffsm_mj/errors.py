@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
+from traceback import extract_tb
 
 _LONGEST_TEXT = 300
 
@@ -96,6 +97,12 @@ def described(error: BaseException) -> str:
         text = ""
     shown = text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
     return f"{type(error).__name__}: {shown}" if shown else type(error).__name__
+
+
+def raised_at(error: BaseException) -> str:
+    """`` (file:line)`` of the deepest line of code that is no installed library's; empty where there is none."""
+    own = [f for f in extract_tb(error.__traceback__) if "site-packages" not in Path(f.filename).parts and f.lineno]
+    return f" ({Path(own[-1].filename).name}:{own[-1].lineno})" if own else ""
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:

@@ -9,5 +9,5 @@ EXIT_CODES = (
     f"exit codes: {OK} done; {VIOLATED} a law is violated (run, analyze), a log does not agree with its states (analyze), "
     "or a page is stale (reproduce --check); "
     f"{BAD_INPUT} bad input; {RUN_FAILED} the run failed (log kept), or output was lost (full disk); "
-    f"{DAMAGED} analyze: the log is damaged or incomplete; {INTERRUPTED} interrupted (log kept)"
+    f"{DAMAGED} analyze, export: the log is damaged or incomplete; {INTERRUPTED} interrupted (log kept)"
 )

@@ -164,6 +164,7 @@ def compile_system(
     with mujoco.MjVfs() as vfs, collected_warnings(warned), catch_warnings(action="ignore"):
         for name, model_files in files.items():
             spec = load_spec(model_files, vfs)
+            _refuse_dangling(model_files, vfs)
             faults += spec_faults(spec, model_files)
             _take_options(scene, spec, conservative=conservative)
             scene.attach(spec, prefix=f"{name}/", frame=scene.worldbody.add_frame())
@@ -207,6 +208,18 @@ def _compile(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any:
     if faults:
         raise InputError(faults)
     return model
+
+
+def _refuse_dangling(files: ModelFiles, vfs: Any) -> None:
+    """Refuse what refers to nothing: attaching drops such a motor, tendon or constraint without a word, compiling tells.
+
+    Raises:
+        InputError: The model does not compile alone.
+    """
+    try:
+        load_spec(files, vfs).compile(vfs=vfs)
+    except REFUSALS as error:
+        raise InputError(mujoco_line(files, error)) from error
 
 
 def _own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:

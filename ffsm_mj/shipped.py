@@ -8,6 +8,13 @@ from ffsm_mj.errors import InputError, unknown_name
 
 _PACKAGE = Path(__file__).resolve().parent
 
+_OTHERS = {
+    ".xml": "a model, not a scenario: name it in one under robot.mjcf or objects.NAME.mjcf",
+    ".urdf": "a model, not a scenario: name it in one under robot.mjcf or objects.NAME.mjcf",
+    ".mcap": "the log of a run, not a scenario: 'ffsm analyze' verifies it; its run folder runs again",
+    ".rrd": "a recording for the Rerun viewer, not a scenario",
+}
+
 
 def scenarios_dir() -> Path:
     """Folder of the shipped scenarios; the models lie beside it in ``mjcf/``, so relative paths hold in both layouts."""
@@ -34,6 +41,8 @@ def scenario_path(scenario: str | Path) -> Path:
         raise InputError("'': an empty name; name a scenario file, or a shipped scenario")
     try:
         if path.is_file():
+            if path.suffix.lower() in _OTHERS:
+                raise InputError(f"{text}: is {_OTHERS[path.suffix.lower()]}")
             return path
     except OSError as error:  # a name that is too long, a folder that may not be read
         raise InputError(f"{text}: cannot be read ({error.strerror})") from error

@@ -17,7 +17,7 @@ import mujoco
 
 from ffsm_mj.actuation import Actuation
 from ffsm_mj.controller_protocol import Command, Observation, TaskController
-from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described
+from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at
 from ffsm_mj.events import Outcome, OutcomeRecord
 from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
 from ffsm_mj.impact.resolution import Contact, Impact, resolve
@@ -156,7 +156,7 @@ class Simulation:
             self._controller.control(observation, self._command)
             self._plant.actuation.apply(self._command, observation.data, observation.time_s)
         except Exception as error:
-            reason = str(error) if isinstance(error, ControllerError) else described(error)
+            reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
             message = f"{self._controller.in_charge} at t = {observation.time_s:.6g} s: {reason}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
         self._done.ticks += 1

@@ -59,10 +59,16 @@ def headline(run: Run) -> str:
     return line
 
 
-def impact_table(impacts: Sequence[ImpactRecord]) -> str:
+def what_is_missing(run: Run) -> str:
+    """What a log does not tell of its run, in a line; empty where it is whole."""
+    broken_off = "" if run.complete else "incomplete: the log breaks off before the end of the run"
+    return "; ".join(part for part in (f"damaged: {run.damage}" if run.damage else "", broken_off) if part)
+
+
+def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
     """One row per contact of every impact; |dT|, |dP| and |dL| are of the whole system."""
     if not impacts:
-        return "no impact"
+        return "no impact" if whole else "no impact in what can be read"
     head = ("impact", "time s", "robot", "object", "e", "approach m/s", "impulse N s", "dT J", "|dP| N s", "|dL| N m s")
     return table(
         head,
@@ -137,7 +143,10 @@ def _contact_lines(run: Run) -> list[str]:
 
 def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
     """What ``ffsm analyze`` prints: everything recomputed from the states in the log."""
-    parts = [headline(run), impact_table(run.impacts), *_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
+    damage = damage_of(run, again)
+    impacts = impact_table(run.impacts, whole=run.complete and not damage)
+    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts]
+    parts += [*_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
     laws = again.laws(tolerance)
     if run.conservative or laws:
         parts.append(conservation_table(laws))
@@ -145,11 +154,12 @@ def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
         fault = run.log.header.facts.get("not_conservative", "")
         parts.append(f"energy and momenta are not judged, the run is not conservative: {fault}")
     if laws:
-        parts.append(verdict(run, laws) + ("" if all(law.holds for law in laws) else _STEP_HINT))
+        left = " in what can be read" if damage else ""
+        parts.append(verdict(run, laws) + left + ("" if all(law.holds for law in laws) else _STEP_HINT))
     parts.append(agreement(again))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
-    if damage := damage_of(run, again):
+    if damage:
         parts.append(f"damaged: {damage}")
     return "\n\n".join(part for part in parts if part)
 

@@ -175,7 +175,7 @@ def test_help_says_the_exit_codes(capsys):
     for arguments in (["--help"], ["run", "-h"], []):
         assert main(arguments) == 0
         out = " ".join(capsys.readouterr().out.split())
-        assert "4 analyze: the log is damaged or incomplete; 130 interrupted" in out
+        assert "4 analyze, export: the log is damaged or incomplete; 130 interrupted" in out
 
 
 def test_a_film_is_of_the_form_that_its_name_says(tmp_path, capsys):

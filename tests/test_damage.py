@@ -225,3 +225,17 @@ def test_a_chunk_that_states_gigabytes_takes_no_memory(finished, tmp_path, where
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < before + 100_000  # kB
     assert 0 < len(run.time) - len(got.time) <= CHUNK_ROWS
     assert got.damage
+
+
+def test_other_commands_tell_of_damage_too(finished, tmp_path, capsys):
+    """A table of a log with a hole is written, and one line says that it has one."""
+    data, _ = finished
+    start, _ = chunks(data)[0]
+    file = tmp_path / "hole.mcap"
+    file.write_bytes(data[: start + 200] + bytes(100) + data[start + 300 :])
+    assert main(["export", str(file), "--csv", "--table", "impacts"]) == 4
+    assert f"{file}: damaged: " in capsys.readouterr().err
+    assert main(["analyze", str(file)]) == 4
+    out = capsys.readouterr().out
+    assert "DAMAGED LOG, see the end" in out
+    assert "in what can be read" in out

@@ -155,7 +155,9 @@ def test_controller_failed(tmp_path, fault, words):
     prepared.assembly.controller._phases[0].controller.control = fail
     run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
     assert run.outcome == "controller_failed"
-    assert run.message == f"phase 'coast' (off) at t = 0.2 s: {words}"
+    said, _, place = run.message.partition(" (test_outcomes.py:")
+    assert said == f"phase 'coast' (off) at t = 0.2 s: {words}"
+    assert bool(place) == (not isinstance(fault, ControllerError | None))  # the line of the law's own code, where one raised
     read = ffsm_mj.load_run(tmp_path / "out")
     assert read.path.name == "run.mcap"
     assert (read.outcome, read.message) == (run.outcome, run.message)
@@ -180,7 +182,7 @@ def test_controller_failed_at_an_impact(tmp_path, method):
     setattr(controller, method, fail)
     run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
     assert run.outcome == "controller_failed"
-    assert run.message == "phase 'after' (off) at t = 0.3 s: RuntimeError: not now"
+    assert run.message.startswith("phase 'after' (off) at t = 0.3 s: RuntimeError: not now (test_outcomes.py:")
     assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
 
 

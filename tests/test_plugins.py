@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,8 @@ def ffsm(environment, *arguments):
 def example():
     """(python, toml, yaml) blocks of the page."""
     blocks = dict(re.findall(r"```(python|toml|yaml)\n(.*?)```", DOC.read_text(), flags=re.DOTALL))
-    entry = blocks["toml"].splitlines()[1].replace('"', "")
+    ((name, place),) = tomllib.loads(blocks["toml"])["project"]["entry-points"]["ffsm_mj.controllers"].items()
+    entry = f"{name} = {place}"
     return blocks["python"], entry, blocks["yaml"]
 
 

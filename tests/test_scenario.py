@@ -12,13 +12,14 @@ from pydantic import ValidationError
 
 from ffsm_mj.assembly import assemble
 from ffsm_mj.errors import Fault, InputError
+from ffsm_mj.runner import prepare
 from ffsm_mj.scenario import Scenario, load_scenario
 from ffsm_mj.scenario_schema import scenario_schema
 from ffsm_mj.shipped import scenario_names, scenario_path, scenarios_dir
 from ffsm_mj.yaml_parser import plain_value
 from ffsm_mj.yaml_source import read_yaml, write_yaml
 from tests.conftest import MJCF
-from tests.scenes import ball, scene
+from tests.scenes import ball, scene, two_balls
 
 BASELINE = scenario_path("baseline")
 
@@ -312,3 +313,33 @@ def test_yaml_round_trip(tmp_path):
     again, _ = load_scenario(tmp_path / "again.yaml")
     assert again == scenario
     assert Scenario.model_validate(source.data) == scenario
+
+
+@pytest.mark.parametrize(
+    ("element", "words"),
+    [
+        ('<actuator><motor name="m" joint="J-q"/></actuator>', "J-q"),
+        ('<equality><weld body1="typo" body2="ball"/></equality>', "typo"),
+        ('<tendon><fixed name="t"><joint joint="J-zz" coef="1"/></fixed></tendon>', "J-zz"),
+        ('<contact><exclude body1="nobody" body2="ball"/></contact>', "nobody"),
+    ],
+)
+def test_a_model_that_refers_to_nothing_is_refused(tmp_path, element, words):
+    """Attached to the scene such elements vanish without a word: a motor less, and everything holds."""
+    path = two_balls(tmp_path)
+    robot = tmp_path / "robot.xml"
+    robot.write_text(robot.read_text().replace("</mujoco>", f"{element}</mujoco>"))
+    with pytest.raises(InputError, match=words) as caught:
+        prepare(path)
+    (line,) = caught.value.lines
+    assert line.startswith(f"{robot}: ")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("robot.xml", "is a model, not a scenario"), ("run.mcap", "is the log of a run")]
+)
+def test_a_file_of_another_kind_is_told(tmp_path, name, words):
+    two_balls(tmp_path)
+    (tmp_path / "run.mcap").touch()
+    with pytest.raises(InputError, match=words):
+        prepare(tmp_path / name)
