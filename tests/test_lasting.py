@@ -274,7 +274,7 @@ def _pushed(folder, d):
     )
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(SCENES)
 def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path_factory, drawn):
     touched = _never_stalls(tmp_path_factory.mktemp("pushed"), drawn)
@@ -282,11 +282,11 @@ def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path_factory, dr
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(75))
 def test_many_pushes(tmp_path, seed):
-    """Ten scenes each, drawn evenly rather than towards simple ones."""
+    """Four scenes each, drawn evenly rather than towards simple ones."""
     rng = np.random.default_rng(seed)
-    for _ in range(10):
+    for _ in range(4):
         drawn = {
             "restitution": rng.choice([0.0, 0.1, 0.5, 0.7, 0.9, 0.99, 1.0]),
             "step": rng.choice([2e-4, 1e-3, 4e-3, 1e-2]),

@@ -54,23 +54,22 @@ def close_pair(folder, a, b, rng):
 @pytest.mark.parametrize(("a", "b"), PAIRS)
 def test_second_rate_is_the_derivative_of_the_rate(tmp_path, rng, a, b):
     """Fourth-order differences over 1e-5 s: 1e-16 / 1e-5 of rounding in the rate is 1e-11 of it, h^4 is below that."""
-    for _ in range(2):
-        pair, model, data = close_pair(tmp_path, a, b, rng)
-        near = pair.proximity(model, data)
-        found = pair.second_rate(model, data, near, near.points[0])
-        qpos, qvel, forces = data.qpos.copy(), data.qvel.copy(), data.qfrc_applied.copy()
+    pair, model, data = close_pair(tmp_path, a, b, rng)
+    near = pair.proximity(model, data)
+    found = pair.second_rate(model, data, near, near.points[0])
+    qpos, qvel, forces = data.qpos.copy(), data.qvel.copy(), data.qfrc_applied.copy()
 
-        def rate(time, pair=pair, model=model, data=data, start=(qpos, qvel, forces)):
-            data.qpos[:], data.qvel[:], data.qfrc_applied[:] = start
-            data.qvel[:] *= np.sign(time)  # backwards: the reversed motion under the same forces
-            model.opt.timestep = abs(time)
-            mujoco.mj_step(model, data)
-            mujoco.mj_forward(model, data)
-            return float(np.sign(time)) * pair.proximity(model, data).rate
+    def rate(time):
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = qpos, qvel, forces
+        data.qvel[:] *= np.sign(time)  # backwards: the reversed motion under the same forces
+        model.opt.timestep = abs(time)
+        mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
+        return float(np.sign(time)) * pair.proximity(model, data).rate
 
-        near_by, further = (rate(h) - rate(-h) for h in (_STEP, 2 * _STEP))
-        slope = (8.0 * near_by - further) / (12.0 * _STEP)
-        assert found.value == pytest.approx(slope, abs=1e-8 * (1.0 + found.scale))
+    near_by, further = (rate(h) - rate(-h) for h in (_STEP, 2 * _STEP))
+    slope = (8.0 * near_by - further) / (12.0 * _STEP)
+    assert found.value == pytest.approx(slope, abs=1e-8 * (1.0 + found.scale))
 
 
 def test_what_presses_is_the_motion_after_a_plastic_impact(tmp_path, rng):
