@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import mujoco
@@ -21,6 +23,13 @@ MJCF = scenarios_dir().parent / "mjcf"
 # Impact state of the case study (paper, Appendix A, to nine decimals): base x, y, yaw, three joints.
 IMPACT_Q = (5.861471773, -0.338246268, -0.915080772, 1.579750822, 2.951931444, -0.811121967)
 IMPACT_V = (0.120940886, -0.073253284, -0.012543561, 0.013182572, -0.273187717, 0.549455083)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Where Python is told to keep no bytecode, each of the suite's many processes would compile its imports anew."""
+    if sys.dont_write_bytecode and hasattr(config, "cache"):
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+        os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
 
 
 @pytest.fixture(scope="session")

@@ -27,6 +27,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    # What takes longest is begun first: workers take from each other's end, and the short tests there let none wait long.
+    items.sort(key=lambda item: [item.get_closest_marker(name) is None for name in ("slow", "long")])
     if config.getoption("--long"):
         return
     groups = defaultdict(list)

@@ -225,20 +225,24 @@ def test_a_signal_is_heard_inside_a_step(tmp_path, monkeypatch):
     assert moves <= 52
 
 
+CHOICES = {
+    "restitution": [0.0, 0.1, 0.5, 0.7, 0.9, 0.99, 1.0],
+    "step": [2e-4, 1e-3, 4e-3, 1e-2],
+    "gap": [0.0, 1e-9, 1e-4, 0.02],
+    "turn": [0.0, 0.3, -0.2],
+    "shape": ["ball", "box"],
+}
+RANGES = {"kp": (0.0, 300.0), "kd": (0.0, 5.0), "target": (-0.3, 0.6), "speed": (-0.5, 0.5), "spin": (-2.0, 2.0)}
 SCENES = st.fixed_dictionaries(
-    {
-        "restitution": st.sampled_from([0.0, 0.0, 0.1, 0.5, 0.7, 0.9, 0.99, 1.0]),
-        "step": st.sampled_from([2e-4, 1e-3, 4e-3, 1e-2]),
-        "kp": st.floats(0.0, 300.0),
-        "kd": st.floats(0.0, 5.0),
-        "target": st.floats(-0.3, 0.6),
-        "gap": st.sampled_from([0.0, 1e-9, 1e-4, 0.02]),
-        "speed": st.floats(-0.5, 0.5),
-        "spin": st.floats(-2.0, 2.0),
-        "turn": st.sampled_from([0.0, 0.3, -0.2]),
-        "shape": st.sampled_from(["ball", "box"]),
-    }
+    {key: st.sampled_from(values) for key, values in CHOICES.items()}
+    | {key: st.floats(*ends) for key, ends in RANGES.items()}
 )
+
+
+def drawn_evenly(rng):
+    """A scene drawn evenly rather than towards simple ones."""
+    chosen = {key: values[rng.integers(len(values))] for key, values in CHOICES.items()}
+    return chosen | {key: rng.uniform(*ends) for key, ends in RANGES.items()}
 
 
 def _pushed(folder, d):
@@ -284,21 +288,10 @@ def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path_factory, dr
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(75))
 def test_many_pushes(tmp_path, seed):
-    """Four scenes each, drawn evenly rather than towards simple ones."""
+    """Four scenes each."""
     rng = np.random.default_rng(seed)
     for _ in range(4):
-        drawn = {
-            "restitution": rng.choice([0.0, 0.1, 0.5, 0.7, 0.9, 0.99, 1.0]),
-            "step": rng.choice([2e-4, 1e-3, 4e-3, 1e-2]),
-            "kp": rng.uniform(0.0, 300.0),
-            "kd": rng.uniform(0.0, 5.0),
-            "target": rng.uniform(-0.3, 0.6),
-            "gap": rng.choice([0.0, 1e-9, 1e-4, 0.02]),
-            "speed": rng.uniform(-0.5, 0.5),
-            "spin": rng.uniform(-2.0, 2.0),
-            "turn": rng.choice([0.0, 0.3, -0.2]),
-        }
-        _never_stalls(tmp_path, {key: float(value) for key, value in drawn.items()} | {"shape": rng.choice(["ball", "box"])})
+        _never_stalls(tmp_path, drawn_evenly(rng))
 
 
 def _never_stalls(folder, drawn):

@@ -29,6 +29,7 @@ def large(monkeypatch):
     monkeypatch.setattr(stored_rows, "KEPT_BYTES", 0)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("large")
 def test_memory_and_file_give_the_same_numbers(tmp_path):
     """Bit by bit, whether the rows were kept, went past in the run, or are read back block by block."""
@@ -150,6 +151,7 @@ def test_a_long_run_is_exported_in_parts(tmp_path, monkeypatch, form):
         assert parts.read().equals(whole.read(), check_metadata=True)
 
 
+@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize("duration_s", [110, 400, 3000], ids=lambda x: f"{x} s")
 def test_a_long_baseline_holds_in_little_memory_and_a_leak_is_found(tmp_path, duration_s):
@@ -183,14 +185,15 @@ def peak_MB(code: str) -> float:
     return int(done.stdout.splitlines()[-1]) / 1024
 
 
+@pytest.mark.slow
 def test_memory_is_flat_while_a_run_is_written_and_read(tmp_path):
-    """Two balls at 1 kHz, 20 s and 200 s: rows of 200 s are 170 MB. What grows is the index, 1 kB per chunk."""
+    """Two balls at 1 kHz, 20 s and 120 s: rows of 120 s are 100 MB. What grows is the index, 1 kB per chunk."""
     path = two_balls(tmp_path, gap=500.0)
     peaks = {}
-    for duration in (20, 200):
+    for duration in (20, 120):
         out = str(tmp_path / f"out{duration}")
         written = peak_MB(f"ffsm_mj.run({str(path)!r}, {{'duration_s': {duration}.0}}, out={out!r}, rerun=False)")
         read = peak_MB(f"run = ffsm_mj.load_run({out!r}); assert all(x.holds for x in run.laws()); run.summary(); run.time")
         peaks[duration] = written, read
-    for short, long in zip(peaks[20], peaks[200], strict=True):
+    for short, long in zip(peaks[20], peaks[120], strict=True):
         assert long < short + 20.0

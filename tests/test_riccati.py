@@ -92,7 +92,7 @@ def refined(A21, A22, S, Q, blocks):
     with mp.workdps(40):
         A21, A22, S, *Q = (tuple(mp.mpf(x) for x in block) for block in (A21, A22, S, *Q))
         P2, P3 = (tuple(mp.mpf(x) for x in block) for block in blocks)
-        for _ in range(4):
+        for _ in range(2):
             P2, P3 = _step(A21, A22, S, Q, P2, P3)
         A = mp.matrix([[0, 0, 1, 0], [0, 0, 0, 1], [A21[0], A21[1], A22[0], A22[1]], [A21[2], A21[3], A22[2], A22[3]]])
         wide, Q1, Q12, Q3 = mp.diag([0, 0, *S]), *(mp.matrix([[b[0], b[1]], [b[2], b[3]]]) for b in Q)
