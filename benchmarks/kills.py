@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import ffsm_mj
-from ffsm_mj.cli import main as ffsm
+from ffsm_mj.cli.main import main as ffsm
 from ffsm_mj.errors import FfsmError
 
 
@@ -41,7 +41,7 @@ class Kill:
 
 def start(folder: Path) -> tuple[subprocess.Popen[bytes], float]:
     """A real run in a process of its own, and when its log appeared."""
-    command = [sys.executable, "-m", "ffsm_mj.cli", "run", "baseline", "--no-rerun", "--out", str(folder)]
+    command = [sys.executable, "-m", "ffsm_mj.cli.main", "run", "baseline", "--no-rerun", "--out", str(folder)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while not (folder / "run.mcap.partial").exists() and process.poll() is None:
         time.sleep(0.001)

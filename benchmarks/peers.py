@@ -18,7 +18,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from ffsm_mj.shipped import scenarios_dir
+from ffsm_mj.scenario.shipped import scenarios_dir
 
 DURATION, STEP = 30.0, 1e-3
 STEPS = round(DURATION / STEP)

@@ -29,19 +29,19 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import peers
+from ffsm_controllers.osdre.riccati import BlockRiccati, planar_riccati, solve_care
+from ffsm_controllers.osdre.riccati_planar import principal_axes, turned
 
-from controllers.riccati import BlockRiccati, planar_riccati, solve_care
-from controllers.riccati_planar import principal_axes, turned
+from ffsm_mj.assembly.run import Prepared, prepare
 from ffsm_mj.compiled import is_compiled
-from ffsm_mj.impact.contact import ImpactPair
+from ffsm_mj.contact.pairs import ImpactPair
 from ffsm_mj.impact.time_of_impact import Detector
-from ffsm_mj.log.mcap_sink import McapSink
-from ffsm_mj.log.memory_sink import RunLog
+from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.partial_file import PartialFile
 from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.recount import recount
-from ffsm_mj.run_folder import RunFolder
-from ffsm_mj.runner import Prepared, prepare
 
 STEPS = 30_000
 PAIRS = ("gripper", "link_1", "link_2", "link_3", "base")
@@ -232,8 +232,8 @@ data.qvel[3:6] = 0.1
 for _ in range({STEPS}):
     mujoco.mj_step(model, data)
 """
-RUN_PROCESS = 'from ffsm_mj.cli import main; main(["run", "baseline", "--no-rerun"])'
-HELP_PROCESS = 'from ffsm_mj.cli import main\ntry: main(["--help"])\nexcept SystemExit: pass'
+RUN_PROCESS = 'from ffsm_mj.cli.main import main; main(["run", "baseline", "--no-rerun"])'
+HELP_PROCESS = 'from ffsm_mj.cli.main import main\ntry: main(["--help"])\nexcept SystemExit: pass'
 
 BARE, SCIPY, SCIPY_3 = "bare loop, contacts on", "Riccati, SciPy", "Riccati, 3 outputs, SciPy"
 NO_DETECTION, BARE_COLD = "step and forward, no detection", "cold process, bare loop"

@@ -19,11 +19,11 @@ import mujoco
 import numpy as np
 
 import ffsm_mj
+from ffsm_mj.assembly.run import prepare
 from ffsm_mj.controller_protocol import Command, Observation
-from ffsm_mj.dynamics import kinetic_energy, mass_matrix, subtree_momenta
+from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix, subtree_momenta
 from ffsm_mj.reproduction.markdown import fixed, small, table
 from ffsm_mj.reproduction.measure import tip_state
-from ffsm_mj.runner import prepare
 
 STEPS_S = (1e-3, 5e-4, 1e-4)
 PERIOD_S = 1e-3

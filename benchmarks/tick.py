@@ -16,16 +16,17 @@ import os
 import time
 from unittest.mock import patch
 
-from controllers.osdre import Osdre
-from controllers.riccati_planar import PlanarRiccati
-from ffsm_mj.actuation import Actuation
+from ffsm_controllers.osdre.law import Osdre
+from ffsm_controllers.osdre.riccati_planar import PlanarRiccati
+
+from ffsm_mj.assembly.run import prepare
 from ffsm_mj.compiled import is_compiled
+from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.impact.time_of_impact import Detector
-from ffsm_mj.impact.watch import ContactWatch
-from ffsm_mj.ledger import Ledger
 from ffsm_mj.log.recorder import Recorder
-from ffsm_mj.row_writer import RowWriter
-from ffsm_mj.runner import prepare
+from ffsm_mj.plant.actuation import Actuation
+from ffsm_mj.plant.ledger import Ledger
+from ffsm_mj.simulation.rows import RowWriter
 
 PARTS = {
     "step, forward and detection": (Detector, "advance"),

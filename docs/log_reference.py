@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import fields
 from typing import get_args, get_origin, get_type_hints
 
-from ffsm_mj.events import ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
-from ffsm_mj.log import mcap_format as form
-from ffsm_mj.log import viewer_topics as viewer
-from ffsm_mj.runner import prepare
-from ffsm_mj.signals import GROUPS, build_layout, unit_of
+from ffsm_mj.assembly.run import prepare
+from ffsm_mj.log.foxglove import topics as viewer
+from ffsm_mj.log.mcap import format as form
+from ffsm_mj.records.events import ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.records.signals import GROUPS, build_layout, unit_of
 
 HEAD = """# Log reference
 

@@ -17,8 +17,8 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 import ffsm_mj
-from ffsm_mj.log.rerun_blueprint import TIMELINE
-from ffsm_mj.log.viewer import viewer_command
+from ffsm_mj.log.rerun.blueprint import TIMELINE
+from ffsm_mj.log.rerun.viewer import viewer_command
 
 IMAGES = Path(__file__).parent / "images"
 SIZE = "1600x1000"

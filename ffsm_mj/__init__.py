@@ -1,6 +1,6 @@
 """ffsm-mj: exact impacts for free-floating space manipulators, on MuJoCo.
 
-``run(scenario)`` simulates and returns a :class:`~ffsm_mj.analysis.Run`; ``load_run(path)`` reads one back from its log,
+``run(scenario)`` simulates and returns a :class:`~ffsm_mj.analysis.run.Run`; ``load_run(path)`` reads one back from its log,
 ``compare(a, b)`` tells two of them apart;
 ``impact`` resolves single collisions on any MuJoCo model. Everything is imported on first use, so that ``import ffsm_mj``
 and ``ffsm --help`` cost nothing.
@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ffsm_mj import impact as impact
-    from ffsm_mj.analysis import Run as Run
-    from ffsm_mj.analysis import compare as compare
-    from ffsm_mj.analysis import load_run as load_run
-    from ffsm_mj.runner import run as run
+    from ffsm_mj.analysis.run import Run as Run
+    from ffsm_mj.analysis.run import compare as compare
+    from ffsm_mj.analysis.run import load_run as load_run
+    from ffsm_mj.assembly.run import run as run
 
 _LAZY = {
-    "run": ("ffsm_mj.runner", "run"),
-    "compare": ("ffsm_mj.analysis", "compare"),
-    "load_run": ("ffsm_mj.analysis", "load_run"),
-    "Run": ("ffsm_mj.analysis", "Run"),
+    "run": ("ffsm_mj.assembly.run", "run"),
+    "compare": ("ffsm_mj.analysis.run", "compare"),
+    "load_run": ("ffsm_mj.analysis.run", "load_run"),
+    "Run": ("ffsm_mj.analysis.run", "Run"),
     "impact": ("ffsm_mj.impact", None),
 }
 

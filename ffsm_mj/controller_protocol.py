@@ -13,9 +13,10 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.events import ImpactRecord, PhaseRecord
-from ffsm_mj.model import FloatArray, System
-from ffsm_mj.signals import Signal
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.system import System
+from ffsm_mj.records.events import ImpactRecord, PhaseRecord
+from ffsm_mj.records.signals import Signal
 
 
 @dataclass(frozen=True)

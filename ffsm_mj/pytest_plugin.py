@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 
 if TYPE_CHECKING:
-    from ffsm_mj.analysis import Run
-    from ffsm_mj.conservation import Tolerance
+    from ffsm_mj.analysis.run import Run
+    from ffsm_mj.analysis.verdicts import Tolerance
 
 
 class RunFactory(Protocol):
@@ -80,7 +80,7 @@ def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, laws: Sequence[st
         ValueError: No such law.
     """
     __tracebackhide__ = True
-    from ffsm_mj.conservation import LAW_NAMES
+    from ffsm_mj.analysis.verdicts import LAW_NAMES
     from ffsm_mj.errors import unknown_name
 
     for name in laws:

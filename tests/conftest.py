@@ -12,9 +12,9 @@ import pytest
 from filelock import FileLock
 
 import ffsm_mj
-from ffsm_mj.analysis import Run
-from ffsm_mj.model import System
-from ffsm_mj.shipped import scenarios_dir
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.model.system import System
+from ffsm_mj.scenario.shipped import scenarios_dir
 from tests.long_share import pytest_addoption, pytest_collection_modifyitems  # noqa: F401 (found by pytest)
 from tests.scenes import compile_paths
 

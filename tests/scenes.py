@@ -8,9 +8,9 @@ from typing import Any
 
 import mujoco
 
-from ffsm_mj.dynamics import subtree_momenta
-from ffsm_mj.model import System, compile_system
-from ffsm_mj.model_files import read_model
+from ffsm_mj.model.dynamics import subtree_momenta
+from ffsm_mj.model.files import read_model
+from ffsm_mj.model.system import System, compile_system
 
 HEAD = '<option gravity="0 0 0"/>'
 

@@ -83,7 +83,7 @@ def on_terminal(
 
 def ffsm(*arguments: str) -> list[str]:
     """The command line, as this Python has it."""
-    return [sys.executable, "-m", "ffsm_mj.cli", *arguments]
+    return [sys.executable, "-m", "ffsm_mj.cli.main", *arguments]
 
 
 def _own_terminal() -> None:

@@ -5,19 +5,19 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from ffsm_controllers.osdre.planar_law import PlanarLaw
+from ffsm_controllers.osdre.riccati import BlockRiccati, RiccatiError, planar_riccati
+from ffsm_controllers.osdre.riccati_blocks import BlockNewton
+from ffsm_controllers.osdre.riccati_planar import ACCEPTED_RESIDUAL, PlanarRiccati
+from ffsm_controllers.osdre.tip_kinematics import TipKinematics
 
 import ffsm_mj
-from controllers.planar_law import PlanarLaw
-from controllers.riccati import BlockRiccati, RiccatiError, planar_riccati
-from controllers.riccati_blocks import BlockNewton
-from controllers.riccati_planar import ACCEPTED_RESIDUAL, PlanarRiccati
-from controllers.tip_kinematics import TipKinematics
 from ffsm_mj import compiled
+from ffsm_mj.books.joint_work import JointWork
 from ffsm_mj.compiled import fastest, is_compiled
-from ffsm_mj.flight import WHOLE_STATE, Flight
-from ffsm_mj.joint_work import JointWork
-from ffsm_mj.limits import Bounds, Limits
-from ffsm_mj.sampler import Sampler
+from ffsm_mj.motion.flight import WHOLE_STATE, Flight
+from ffsm_mj.plant.limits import Bounds, Limits
+from ffsm_mj.plant.sampler import Sampler
 from tests.scenes import compile_paths, scene
 
 twins = pytest.importorskip("ffsm_mj_fast", reason="the extra 'fast' is not installed")

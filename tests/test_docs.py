@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import ffsm_mj
-from ffsm_mj.cli import main
+from ffsm_mj.cli.main import main
 from tests.scenes import two_balls
 
 ROOT = Path(__file__).parent.parent

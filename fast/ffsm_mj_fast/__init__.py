@@ -1,6 +1,6 @@
 """Compiled twins of the hottest parts of ffsm-mj: same names, same methods, same arithmetic.
 
-Two modules are the very source of :mod:`controllers`, compiled; the rest replaces small numpy calls by loops and calls
+Two modules are the very source of :mod:`ffsm_controllers`, compiled; the rest replaces small numpy calls by loops and calls
 MuJoCo's C functions without the bindings in between.
 """
 

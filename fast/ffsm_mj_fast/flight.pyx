@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False
-"""Steps of free motion; the twin of ffsm_mj.flight.
+"""Steps of free motion; the twin of ffsm_mj.motion.flight.
 
 The same operations as mj_step and mj_forward, but for one: mj_step begins with the position, velocity and constraint stages of
 the state it starts from, which the last mj_forward has left. RK4 without an active constraint goes on from there; anything else
@@ -11,7 +11,7 @@ MuJoCo's own end the process here, where the bindings would raise.
 
 import mujoco
 
-from ffsm_mj import flight as plain
+from ffsm_mj.motion import flight as plain
 
 from libc.math cimport INFINITY, fabs, sqrt
 

@@ -1,1 +1,1 @@
-../../controllers/osdre_planar.py
+../../controllers/ffsm_controllers/osdre/osdre_planar.py

@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False
-"""The OSDRE law for two outputs; the twin of controllers.planar_law."""
+"""The OSDRE law for two outputs; the twin of ffsm_controllers.osdre.planar_law."""
 
 import numpy as np
 

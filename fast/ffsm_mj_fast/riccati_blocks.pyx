@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Newton-Kleinman steps for the Riccati equation of p outputs; the twin of controllers.riccati_blocks.
+"""Newton-Kleinman steps for the Riccati equation of p outputs; the twin of ffsm_controllers.osdre.riccati_blocks.
 
 Unknown are the entries above the diagonal of the antisymmetric T, then those on and above it of the symmetric X3. The equations
 are those of the same entries of X1 - X1^T and of the lower right block.
@@ -7,7 +7,7 @@ are those of the same entries of X1 - X1^T and of the lower right block.
 
 import numpy as np
 
-from controllers import riccati_blocks as plain
+from ffsm_controllers.osdre import riccati_blocks as plain
 
 from libc.math cimport fabs, isfinite
 

@@ -1,1 +1,1 @@
-../../controllers/riccati_planar.py
+../../controllers/ffsm_controllers/osdre/riccati_planar.py

@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False
-"""The tip's Jacobian, its rate, and how forces move the tip; the twin of controllers.tip_kinematics."""
+"""The tip's Jacobian, its rate, and how forces move the tip; the twin of ffsm_controllers.osdre.tip_kinematics."""
 
 import numpy as np
 

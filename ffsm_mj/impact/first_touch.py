@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ffsm_mj.impact.contact import Proximity
+from ffsm_mj.contact.pairs import Proximity
 
 At = Callable[[float], Proximity]
 

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import UnsupportedContactError
-from ffsm_mj.model import FloatArray
 
 _APPROACH = 1e-10
 """Relative to the largest normal velocity: slower approach is rounding."""

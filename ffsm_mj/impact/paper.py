@@ -13,9 +13,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.dynamics import base_jacobian, kinetic_energy, mass_matrix, momentum_matrix
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.impact.resolution import Contact
-from ffsm_mj.model import FloatArray, System
+from ffsm_mj.model.dynamics import base_jacobian, kinetic_energy, mass_matrix, momentum_matrix
+from ffsm_mj.model.system import System
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.events import ImpactRecord
-from ffsm_mj.impact.contact import ImpactPair, Proximity
-from ffsm_mj.impact.manifold import manifold_name
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.manifold import manifold_name
+from ffsm_mj.contact.pairs import ImpactPair, Proximity
 from ffsm_mj.impact.resolution import Impact
-from ffsm_mj.model import FloatArray, System
+from ffsm_mj.model.system import System
+from ffsm_mj.records.events import ImpactRecord
 
 
 def party_energies(system: System, data: Any, impact: Impact) -> FloatArray:

@@ -14,10 +14,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.dynamics import kinetic_energy, mass_matrix, momentum_matrix
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact.laws import LAWS
-from ffsm_mj.model import FloatArray
+from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix, momentum_matrix
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.dynamics import mass_matrix
-from ffsm_mj.flight import WHOLE_STATE
-from ffsm_mj.impact.contact import ImpactPair, Proximity
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.pairs import ImpactPair, Proximity
 from ffsm_mj.impact.laws import least_norm, project
 from ffsm_mj.impact.resolution import Impact, contact_jacobian, resolve
-from ffsm_mj.model import FloatArray
+from ffsm_mj.model.dynamics import mass_matrix
+from ffsm_mj.motion.flight import WHOLE_STATE
 
 Touching = Sequence[tuple[ImpactPair, Proximity]]
 

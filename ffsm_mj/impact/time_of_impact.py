@@ -8,19 +8,18 @@ root is bracketed and found. So a thin plate is never jumped over, and a graze i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from ffsm_mj.compiled import fastest
+from ffsm_mj.contact.pairs import FAR, ImpactPair, Proximity
 from ffsm_mj.errors import UnsupportedContactError
-from ffsm_mj.flight import WHOLE_STATE, Flight
-from ffsm_mj.impact.contact import FAR, ImpactPair, Proximity
 from ffsm_mj.impact.first_touch import first_touch
+from ffsm_mj.motion.flight import Flight
+from ffsm_mj.motion.step_path import StepPath, time_step
 
 GAP_TOLERANCE = 1e-9
 """Pairs at most this far apart in m are in contact."""
@@ -33,50 +32,6 @@ _MAX_HALVINGS = 48
 _MOST_HALVINGS = 20_000
 # At pairs in one step, at instants of their own; a graze takes some tens.
 _MOST_LOOKS = 2_000
-
-
-class StepPath:
-    """One integration step as a path: the state at any time since its start, reproducible bit by bit.
-
-    Attributes:
-        start: The state that the path starts from.
-        at_s: Time at which ``data`` is, where that is known: who moves it by other means says so here.
-        poll: Called before every move; what it raises ends the search.
-    """
-
-    def __init__(self, model: Any, data: Any) -> None:
-        """Wrap model and data; the model's own time step is restored after every move."""
-        self._model, self._data = model, data
-        self.poll: Callable[[], None] = _nothing
-        self.at_s = math.nan
-        self.start = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
-
-    def move_to(self, time_s: float) -> None:
-        """Put ``data`` at a time since the ``start`` state, all derived quantities current."""
-        if time_s == self.at_s:
-            return
-        self.poll()
-        self.at_s = math.nan
-        mujoco.mj_setState(self._model, self._data, self.start, WHOLE_STATE)
-        if time_s > 0.0:
-            with _time_step(self._model, time_s):
-                mujoco.mj_step(self._model, self._data)
-        mujoco.mj_forward(self._model, self._data)
-        self.at_s = time_s
-
-
-def _nothing() -> None:
-    """Nobody wants to interrupt."""
-
-
-@contextmanager
-def _time_step(model: Any, duration_s: float) -> Iterator[None]:
-    usual = model.opt.timestep
-    model.opt.timestep = duration_s
-    try:
-        yield
-    finally:
-        model.opt.timestep = usual
 
 
 @dataclass(frozen=True)
@@ -142,7 +97,7 @@ class Detector:
         if duration_s == self._usual:
             clear = flight.step(duration_s)
         else:
-            with _time_step(self._model, duration_s):
+            with time_step(self._model, duration_s):
                 clear = flight.step(duration_s)
         # What is not finite is for the caller to notice.
         if clear or not math.isfinite(flight.energy) or self._surely_clear():

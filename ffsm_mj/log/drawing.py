@@ -13,7 +13,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.model import FloatArray, System
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.system import System
 
 _KINDS = {
     mujoco.mjtGeom.mjGEOM_BOX: "box",

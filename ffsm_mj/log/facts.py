@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ffsm_mj.signals import PARTIES
+from ffsm_mj.records.signals import PARTIES
 
 
 def fault_of_facts(facts: Mapping[str, str]) -> str:

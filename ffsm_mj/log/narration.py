@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ffsm_mj.events import Event, ImpactRecord, Outcome, OutcomeRecord, PhaseRecord
+from ffsm_mj.records.events import Event, ImpactRecord, Outcome, OutcomeRecord, PhaseRecord
 
 
 def event_time(event: Event | OutcomeRecord) -> float:

@@ -6,9 +6,10 @@ import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
 
-from ffsm_mj.events import Event, OutcomeRecord
-from ffsm_mj.log.sink import RunHeader, Sink
-from ffsm_mj.model import FloatArray
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.sink import Sink
+from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.records.header import RunHeader
 
 BLOCK_ROWS = 1000
 """Rows that are passed on together."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.model import FloatArray
+from ffsm_mj.arrays import FloatArray
 
 BETWEEN = -2
 """Stands for the tick of a sample that ends a run between two ticks."""

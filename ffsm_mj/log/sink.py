@@ -2,32 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
-from ffsm_mj.events import Event, OutcomeRecord
-from ffsm_mj.model import FloatArray
-from ffsm_mj.signals import Layout
-
-
-@dataclass(frozen=True)
-class RunHeader:
-    """All that must be known to make sense of the rows, fixed before the first one.
-
-    Attributes:
-        scenario_name: Name of the scenario.
-        scenario_yaml: The resolved scenario; its MJCF paths are keys of ``files``.
-        layout: The columns of a row.
-        files: Content of every model file by its path relative to the scenario.
-        facts: Versions, start time, task target, whether the system is conservative; text, for people and ``analysis``.
-    """
-
-    scenario_name: str
-    scenario_yaml: str
-    layout: Layout
-    files: Mapping[str, bytes]
-    facts: Mapping[str, str]
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.records.header import RunHeader
 
 
 class Sink(Protocol):

@@ -7,54 +7,18 @@ the next impact. The books are kept on the way by the ledger that keeps them in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 
-from ffsm_mj.conservation import DEFAULT_TOLERANCE, Audit, Law, Tolerance, audit
+from ffsm_mj.analysis.recounted import Recount
+from ffsm_mj.analysis.verdicts import Audit, audit
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
-from ffsm_mj.events import ImpactRecord
-from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.log.sampling import Sampling
-from ffsm_mj.model import FloatArray
-from ffsm_mj.mujoco_warnings import collected_warnings
-from ffsm_mj.recount.agreement import Difference
+from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import PARTIES, build_layout
 from ffsm_mj.recount.retrace import Retrace
 from ffsm_mj.recount.scene import LogScene, log_scene
-from ffsm_mj.signals import PARTIES, build_layout
-
-
-@dataclass(frozen=True)
-class Recount:
-    """What the states of a log say.
-
-    Attributes:
-        worst: Worst difference between the log and its states in ``motion``, ``columns`` and ``impacts``.
-        samples: How many samples were recomputed.
-        numbers: How many numbers were compared.
-        gaps: Where samples do not follow each other by the control period; empty where they all do.
-        obstacle: Why nothing could be recomputed; empty where it was.
-    """
-
-    worst: Mapping[str, Difference]
-    samples: int
-    numbers: int
-    gaps: str
-    obstacle: str
-    _audit: Audit
-    _impacts: tuple[ImpactRecord, ...]
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the log says what its states say; False where nothing could be recomputed."""
-        return not self.obstacle and all(difference.holds for difference in self.worst.values())
-
-    def laws(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
-        """Every law by what the states say, or by what the log says where nothing could be recomputed.
-
-        Args:
-            tolerance: See :func:`ffsm_mj.conservation.check_laws`.
-        """
-        return self._audit.laws(self._impacts, tolerance)
 
 
 def recount(

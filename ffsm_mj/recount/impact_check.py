@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.actuation import Actuation
-from ffsm_mj.dynamics import kinetic_energy, mass_matrix
+from ffsm_mj.analysis.agreement import AGREES, Agreement, Difference
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import UnsupportedContactError
-from ffsm_mj.events import ImpactRecord
 from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
 from ffsm_mj.impact.resolution import Contact, Impact, ImpactState, resolve
 from ffsm_mj.impact.time_of_impact import Detector
-from ffsm_mj.ledger import Ledger
-from ffsm_mj.model import FloatArray
-from ffsm_mj.recount.agreement import AGREES, Agreement, Difference
+from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix
+from ffsm_mj.plant.actuation import Actuation
+from ffsm_mj.plant.ledger import Ledger
+from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.recount.scene import LogScene
 
 

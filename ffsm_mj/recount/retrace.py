@@ -9,19 +9,19 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from ffsm_mj.analysis.agreement import Agreement, scales
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.compiled import fastest
 from ffsm_mj.controller_protocol import Command
-from ffsm_mj.flight import WHOLE_STATE, Flight
-from ffsm_mj.ledger import COLUMNS, Ledger
-from ffsm_mj.log.memory_sink import RunLog
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.log.sampling import BETWEEN, NOWHERE
-from ffsm_mj.model import FloatArray
-from ffsm_mj.recount.agreement import Agreement, scales
+from ffsm_mj.motion.flight import WHOLE_STATE, Flight
+from ffsm_mj.plant.ledger import COLUMNS, Ledger
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import PARTIES
 from ffsm_mj.recount.impact_check import Encounter, ImpactCheck
 from ffsm_mj.recount.scene import LogScene
-from ffsm_mj.row_writer import RowWriter
-from ffsm_mj.signals import PARTIES
+from ffsm_mj.simulation.rows import RowWriter
 
 _HUGE = 1e10
 """MuJoCo takes no larger number for a state."""
@@ -54,7 +54,7 @@ class Retrace:
         motion: Every sample against the end of the flight from the one before.
         columns: Every column that follows from states and efforts against the log's.
         impacts: Every field of the impacts, and the states at which they happened.
-        free: See :class:`ffsm_mj.ledger.Ledger`.
+        free: See :class:`ffsm_mj.plant.ledger.Ledger`.
     """
 
     def __init__(self, scene: LogScene, log: RunLog) -> None:

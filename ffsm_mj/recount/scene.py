@@ -6,23 +6,23 @@ from dataclasses import dataclass
 
 from pydantic import ValidationError
 
-from ffsm_mj.actuation import Actuation
-from ffsm_mj.assembly import impact_pairs, task_of
+from ffsm_mj.assembly.assemble import impact_pairs, task_of
+from ffsm_mj.contact.pairs import ImpactPair
 from ffsm_mj.controller_protocol import Task
 from ffsm_mj.errors import InputError, ScenarioFaults
-from ffsm_mj.impact.contact import ImpactPair
-from ffsm_mj.log.memory_sink import RunLog
-from ffsm_mj.log_model import compile_log
-from ffsm_mj.log_scenario import scenario_data
-from ffsm_mj.model import System
-from ffsm_mj.scenario import Scenario, timing_faults
+from ffsm_mj.log.model import compile_log
+from ffsm_mj.log.scenario import scenario_data
+from ffsm_mj.model.system import System
+from ffsm_mj.plant.actuation import Actuation
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.scenario.scenario import Scenario, timing_faults
 
 _NO_LAW = [{"name": "any", "until": "end", "controller": {"kind": "off"}}]
 
 
 @dataclass(frozen=True)
 class LogScene:
-    """The parts of a run that its control laws do not make; see :class:`ffsm_mj.assembly.Assembly`."""
+    """The parts of a run that its control laws do not make; see :class:`ffsm_mj.assembly.assemble.Assembly`."""
 
     scenario: Scenario
     system: System

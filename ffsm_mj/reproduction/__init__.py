@@ -8,8 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ffsm_mj.assembly.run import prepare
 from ffsm_mj.errors import InputError
-from ffsm_mj.output_place import usable_folder, writing
+from ffsm_mj.present.output_place import usable_folder, writing
+from ffsm_mj.present.text_report import table
 from ffsm_mj.reproduction.appendix_page import appendix_page
 from ffsm_mj.reproduction.cases import (
     LONG_BASELINE,
@@ -26,8 +28,6 @@ from ffsm_mj.reproduction.inputs import stated_inputs
 from ffsm_mj.reproduction.once import measured_once, refreshed
 from ffsm_mj.reproduction.page import PAGE, Report, reproduction_page
 from ffsm_mj.reproduction.printed import PAPER_FIGURES
-from ffsm_mj.runner import prepare
-from ffsm_mj.text_report import table
 
 APPENDIX_PAGE = "appendix-a.md"
 FIGURES = "figures"
@@ -72,7 +72,7 @@ class Reproduction:
             InputError: The folder cannot be written to.
             OutputLostError: A page or a figure could not be written to its end.
         """
-        from ffsm_mj import plots
+        from ffsm_mj.present import plots
         from ffsm_mj.reproduction.figures import save_drift, save_study
 
         study, long = folder / FIGURES / "reproduction-study.png", folder / FIGURES / "reproduction-drift.png"

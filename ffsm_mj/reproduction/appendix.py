@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 from scipy.optimize import brentq
 
-from ffsm_mj.dynamics import momentum_matrix
-from ffsm_mj.model import FloatArray, System
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.dynamics import momentum_matrix
+from ffsm_mj.model.system import System
 from ffsm_mj.reproduction.measure import slope
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.impact import Contact, resolve, solve_paper_system
-from ffsm_mj.model import FloatArray, System
+from ffsm_mj.model.system import System
 from ffsm_mj.reproduction.appendix import (
     PRINTED_ENERGY,
     PRINTED_MOMENTUM,

@@ -9,10 +9,10 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from multiprocessing import active_children
 
-from ffsm_mj.analysis import Run
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.assembly.run import prepare
 from ffsm_mj.reproduction.measure import Measures, measure
 from ffsm_mj.reproduction.threshold import run_with_threshold
-from ffsm_mj.runner import prepare
 
 SCENARIOS = ("baseline", "no-actuation", "free-flying", "slow-impact")
 STEPS_S = (1e-3, 5e-4, 2.5e-4)

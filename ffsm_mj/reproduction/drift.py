@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ffsm_mj.analysis import Run
-from ffsm_mj.digest import task_target
-from ffsm_mj.model import FloatArray, System
+from ffsm_mj.analysis.digest import task_target
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.system import System
 from ffsm_mj.reproduction.measure import state_at
 
 _EVERY = 50  # rows

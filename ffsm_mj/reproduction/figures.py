@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ffsm_mj.plots.style import BLUE, GREEN, VERMILLION, WIDTH_IN, publication, write
+from ffsm_mj.present.plots.style import BLUE, GREEN, VERMILLION, WIDTH_IN, publication, write
 from ffsm_mj.reproduction.cases import Case, Result
 from ffsm_mj.reproduction.comparison import Comparison, decided_cases
 from ffsm_mj.reproduction.drift import Drift

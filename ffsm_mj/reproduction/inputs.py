@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.assembly import Assembly
+from ffsm_mj.assembly.assemble import Assembly
+from ffsm_mj.assembly.run import prepare
 from ffsm_mj.reproduction.measure import tip_state
-from ffsm_mj.runner import prepare
 
 
 def stated_inputs() -> list[tuple[str, str, str]]:

@@ -8,10 +8,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.analysis import Run
-from ffsm_mj.dynamics import kinetic_energy, mass_matrix
-from ffsm_mj.events import ImpactRecord
-from ffsm_mj.model import FloatArray, System
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix
+from ffsm_mj.model.system import System
+from ffsm_mj.records.events import ImpactRecord
 
 Measures = dict[str, float]
 

@@ -162,7 +162,7 @@ PRINTED: tuple[Printed, ...] = (
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """A figure of the paper and ours that shows the same: of a scenario, by the name that ``ffsm_mj.plots`` gives it."""
+    """A figure of the paper and ours that shows the same: of a scenario, by the name that ``present.plots`` gives it."""
 
     section: str
     number: str

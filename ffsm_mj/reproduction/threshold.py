@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.analysis import Run
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.assembly.run import prepare, run
 from ffsm_mj.impact import Contact, Impact, resolve
-from ffsm_mj.model import System
+from ffsm_mj.model.system import System
 from ffsm_mj.reproduction.measure import Measures, impact_values, state_at, tip_state
-from ffsm_mj.runner import prepare, run
 
 _PERIOD_S = 1e-3
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from ffsm_mj.shipped import scenarios_dir
+from ffsm_mj.scenario.shipped import scenarios_dir
 
 
 @dataclass

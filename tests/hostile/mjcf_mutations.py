@@ -7,7 +7,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from random import Random
 
-from ffsm_mj.shipped import scenarios_dir
+from ffsm_mj.scenario.shipped import scenarios_dir
 from tests.hostile.values import XML_NUMBERS
 
 _TEXTS = (

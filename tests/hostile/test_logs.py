@@ -10,9 +10,9 @@ import pytest
 from mcap.records import Attachment, Channel, Message
 
 import ffsm_mj
-from ffsm_mj.cli import main
-from ffsm_mj.events import ImpactRecord
-from ffsm_mj.log import mcap_format
+from ffsm_mj.cli.main import main
+from ffsm_mj.log.mcap import format as mcap_format
+from ffsm_mj.records.events import ImpactRecord
 from tests.hostile.log_mutations import log, records
 from tests.scenes import two_balls
 

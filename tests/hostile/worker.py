@@ -29,9 +29,9 @@ _BATCH = 25
 # What commands import when they need it, and what these import in turn.
 _COSTLY = (
     *(
-        "ffsm_mj.analysis_commands",
-        "ffsm_mj.animation",
-        "ffsm_mj.export",
+        "ffsm_mj.cli.commands",
+        "ffsm_mj.present.animation",
+        "ffsm_mj.present.export",
         "pandas",
         "pyarrow.compute",
         "pyarrow.pandas_compat",
@@ -89,7 +89,7 @@ def run_case(hostile: Case, number: int, folder: Path) -> Result:
 
 def _command(arguments: Command) -> int:
     """What a process would exit with; a traceback where there would be one."""
-    from ffsm_mj.cli import main
+    from ffsm_mj.cli.main import main
 
     try:
         return int(main(arguments))

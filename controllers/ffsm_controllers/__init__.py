@@ -1,0 +1,61 @@
+"""Control laws. ``kinds()`` maps the ``kind`` of a scenario to its configuration model and class.
+
+Laws of other packages plug in through the entry-point group ``ffsm_mj.controllers``: the entry point's name is the kind and
+its object a class with a ``Config`` (a :class:`~ffsm_mj.config.StrictModel` with a field ``kind``) that is built as
+``cls(config, context)``; see :class:`~ffsm_mj.controller_protocol.Controller`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from ffsm_controllers.free_flying import FreeFlying
+from ffsm_controllers.off import Off
+from ffsm_controllers.osdre.law import Osdre
+from ffsm_controllers.pd import Pd
+from ffsm_mj.config import StrictModel
+
+GROUP = "ffsm_mj.controllers"
+_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying)
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """What a scenario may ask for.
+
+    Attributes:
+        classes: Controller class by kind; each has a ``Config``.
+        broken: Why a plugin could not be used, by kind.
+    """
+
+    classes: dict[str, Any]
+    broken: dict[str, str]
+
+
+def kinds() -> Kinds:
+    """Built-in laws and those of installed plugins; a broken plugin harms only the scenarios that ask for it."""
+    found = Kinds({_kind_of(cls): cls for cls in _BUILT_IN}, {})
+    for entry_point in entry_points(group=GROUP):
+        try:
+            found.classes[entry_point.name] = _load(entry_point)
+        except Exception as error:  # noqa: BLE001 (a plugin may fail in any way)
+            found.broken[entry_point.name] = f"{type(error).__name__}: {error}"
+    return found
+
+
+def _load(entry_point: EntryPoint) -> Any:
+    cls = entry_point.load()
+    config = getattr(cls, "Config", None)
+    if not (isinstance(config, type) and issubclass(config, StrictModel)):
+        raise TypeError(f"{entry_point.value} has no class attribute Config derived from ffsm_mj.config.StrictModel")
+    if _kind_of(cls) != entry_point.name:
+        raise TypeError(f"{entry_point.value}: the entry point's name must be the kind {_kind_of(cls)!r}")
+    return cls
+
+
+def _kind_of(cls: Any) -> str:
+    """The one value of the field ``kind``."""
+    values = cls.Config.model_fields["kind"].annotation.__args__
+    return str(values[0])

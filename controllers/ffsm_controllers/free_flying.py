@@ -1,0 +1,147 @@
+"""The free-flying phase (paper, section 4.4): base and arm under PD back to where the phase began, at rest.
+
+A wrench on the base is asked of thrusters and wheels: the force of the thrusters, the torque of the wheels, or of the
+thrusters too where there are none. Ideal world-aligned actuators, body-fixed one-way thrusters and wheels that store the
+momentum are all allocated the same way; what an on-off thruster makes of its share is decided by the plant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+import mujoco
+import numpy as np
+
+from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation, actuators_by_name
+from ffsm_controllers.pd import Gain, Pd, PdConfig
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.config import StrictModel
+from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
+from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.records.signals import Signal
+
+
+class BaseGains(StrictModel):
+    """PD gains of the base towards its pose at the start of the phase."""
+
+    kp: Gain
+    """N/m for translation, N m/rad for rotation; 0 only brings it to rest."""
+    kd: Gain
+    """N s/m for translation, N m s/rad for rotation."""
+
+
+class ArmGains(StrictModel):
+    """PD gains of the arm towards its configuration at the start of the phase."""
+
+    joints: tuple[str, ...] | None = None
+    """Joints to hold; left out: every motor-driven joint of the robot but the base's and the wheels'."""
+    kp: tuple[Gain, ...] | Gain
+    """N m/rad: one for all joints or one each."""
+    kd: tuple[Gain, ...] | Gain
+    """N m s/rad: one for all joints or one each."""
+
+
+class FreeFlyingConfig(StrictModel):
+    """PD on base and arm through thrusters, wheels and joint motors."""
+
+    kind: Literal["free_flying"]
+    thrusters: tuple[str, ...] = ()
+    """Actuators that push the base: body-fixed at sites, or ideal ones on base joints."""
+    wheels: tuple[str, ...] = ()
+    """Motors of reaction wheels, or an ideal one on a base hinge; without any the thrusters turn the base too."""
+    translation: BaseGains | None = None
+    """Left out: the base's translation is not controlled. The paper: kp 50, kd 37.5."""
+    rotation: BaseGains | None = None
+    """Left out: the base's rotation is not controlled. The paper: kp 200, kd 150."""
+    arm: ArmGains | None = None
+    """Left out: the arm is off. The paper: kp 150, kd 112.5."""
+
+
+class FreeFlying:
+    """PD wrench on the base, allocated; joint PD on the arm."""
+
+    Config = FreeFlyingConfig
+    telemetry_signals: ClassVar[tuple[Signal, ...]] = (
+        Signal("controller", "base_position_error_m", "m", "distance of the base from where the phase began"),
+        Signal("controller", "base_rotation_error_rad", "rad", "angle of the base from where the phase began"),
+    )
+
+    def __init__(self, config: FreeFlyingConfig, context: ControllerContext) -> None:
+        """Resolve actuators and joints.
+
+        Raises:
+            ScenarioFaults: An unknown name, or a demand that no actuator can serve.
+        """
+        system = context.system
+        if config.translation is not None and not config.thrusters:
+            raise ScenarioFaults([Fault("needs 'thrusters' to act with", ("translation",))])
+        if config.rotation is not None and not (config.thrusters or config.wheels):
+            raise ScenarioFaults([Fault("needs 'wheels' or 'thrusters' to act with", ("rotation",))])
+        self._model, self._root, self._base = system.mj, system.robot.root, system.robot.base_dofs
+        self._translation = config.translation or BaseGains(kp=0.0, kd=0.0)
+        self._rotation = config.rotation or BaseGains(kp=0.0, kd=0.0)
+        self._thrusters = actuators_by_name(system, config.thrusters, "thrusters")
+        self._wheels = actuators_by_name(system, config.wheels, "wheels")
+        self._by_thrusters = ThrusterAllocation(system, self._thrusters)
+        self._by_wheels = WheelAllocation(system, self._wheels)
+        self._arm = self._arm_control(config.arm, context)
+        self._jacp, self._jacr = np.empty((3, system.mj.nv)), np.empty((3, system.mj.nv))
+        self._report = (0.0, 0.0)
+
+    def _arm_control(self, arm: ArmGains | None, context: ControllerContext) -> Pd | None:
+        if arm is None:
+            return None
+        joints = arm.joints
+        if joints is None:
+            model, wheels = self._model, {int(self._model.actuator_trnid[w, 0]) for w in self._wheels}
+            driven = [int(model.actuator_trnid[i, 0]) for i in range(model.nu) if _drives_joint(model, i)]
+            base = range(self._base.start, self._base.stop)
+            arm_joints = [j for j in driven if j not in wheels and model.jnt_dofadr[j] not in base]
+            joints = tuple(model.joint(j).name for j in arm_joints)
+        try:
+            return Pd(PdConfig(kind="pd", joints=joints, kp=arm.kp, kd=arm.kd), context)
+        except ScenarioFaults as faults:
+            raise ScenarioFaults([Fault(f.message, ("arm", *f.path)) for f in faults.faults]) from faults
+
+    def start(self, observation: Observation) -> None:
+        """Take pose and configuration as the reference."""
+        self._position = observation.data.xpos[self._root].copy()
+        self._orientation = observation.data.xquat[self._root].copy()
+        if self._arm is not None:
+            self._arm.start(observation)
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Ask for the wrench and drive the arm."""
+        data = observation.data
+        force, torque = self._wrench(data)
+        mujoco.mj_jacBody(self._model, data, self._jacp, self._jacr, self._root)
+        demand = self._jacp[:, self._base].T @ force
+        if len(self._wheels):
+            command.drive(self._wheels, self._by_wheels.efforts(data, torque))
+        else:
+            demand = demand + self._jacr[:, self._base].T @ torque
+        if len(self._thrusters):
+            command.drive(self._thrusters, self._by_thrusters.efforts(data, demand))
+        if self._arm is not None:
+            self._arm.control(observation, command)
+
+    def _wrench(self, data: Any) -> tuple[FloatArray, FloatArray]:
+        """PD force and torque on the base in world axes, at the base frame's origin."""
+        twist = np.empty(6)
+        mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_XBODY, self._root, twist, 0)
+        offset = data.xpos[self._root] - self._position
+        turn = np.empty(3)
+        mujoco.mju_subQuat(turn, data.xquat[self._root], self._orientation)
+        mujoco.mju_rotVecQuat(turn, turn.copy(), self._orientation)
+        self._report = (float(np.linalg.norm(offset)), float(np.linalg.norm(turn)))
+        force = -self._translation.kp * offset - self._translation.kd * twist[3:]
+        return force, -self._rotation.kp * turn - self._rotation.kd * twist[:3]
+
+    def telemetry(self) -> Sequence[float]:
+        """Position and rotation error of the base at the last tick."""
+        return self._report
+
+
+def _drives_joint(model: Any, actuator: int) -> bool:
+    return bool(model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT)

@@ -1,0 +1,72 @@
+"""Joints that a controller drives, resolved to dofs and actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import IntArray
+from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.model.system import System
+
+
+@dataclass(frozen=True)
+class DrivenJoints:
+    """Addresses of some hinge or slide joints of the robot and of the motors on them, in the order asked for."""
+
+    names: tuple[str, ...]
+    qpos: IntArray
+    dofs: IntArray
+    actuators: IntArray
+
+
+def driven_joints(system: System, names: Sequence[str] | None, key: str = "joints") -> DrivenJoints:
+    """Resolve joints by name; ``None`` means every motor-driven joint of the robot that is not a base joint.
+
+    Raises:
+        ScenarioFaults: A joint is unknown, no part of the robot, or has no motor.
+    """
+    motors = _motors(system)
+    key_given = names is not None
+    base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
+    if names is None:
+        names = [joint.name for joint in system.robot.joints if joint.name in motors and joint.dofs.start not in base]
+    robot = [joint.name for joint in system.robot.joints]
+    faults, found = [], []
+    for i, name in enumerate(names):
+        try:
+            joint = system.joint(name)
+        except LookupError:
+            faults.append(Fault(unknown_name("joint of the robot", name, robot), (key, i)))
+            continue
+        if joint.name not in motors:
+            faults.append(Fault(unknown_name("motor-driven joint", name, motors), (key, i)))
+        found.append(joint)
+    if not names and key_given:
+        faults.append(Fault("must name at least one joint, or be left out", (key,)))
+    elif not found and not faults:
+        faults.append(Fault("the robot has no motor-driven joint; add <motor joint=.../> to its MJCF", (key,)))
+    if faults:
+        raise ScenarioFaults(faults)
+    return DrivenJoints(
+        tuple(joint.name for joint in found),
+        np.array([joint.qpos.start for joint in found]),
+        np.array([joint.dofs.start for joint in found]),
+        np.array([motors[joint.name] for joint in found]),
+    )
+
+
+def _motors(system: System) -> dict[str, int]:
+    """Actuator by the robot's hinge or slide joint that it drives."""
+    model = system.mj
+    motors = {}
+    for i in range(model.nu):
+        if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT:
+            continue
+        joint = system.joints[model.joint(model.actuator_trnid[i, 0]).name]
+        if joint in system.robot.joints and joint.kind in ("hinge", "slide"):
+            motors[joint.name] = i
+    return motors

@@ -1,0 +1,1 @@
+"""The output SDRE law and its Riccati solvers."""

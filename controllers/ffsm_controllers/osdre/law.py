@@ -1,0 +1,159 @@
+"""Output- and state-dependent Riccati equation control of the tip (paper section 3, design section 5).
+
+The reduced dynamics are exact for any momentum; A comes in two parameterizations, because the paper prints one (30) and its
+figures were made with the other. ``output_stack`` depends on where the world's origin is, ``velocity`` does not.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ffsm_controllers.indices import compact
+from ffsm_controllers.joints import driven_joints
+from ffsm_controllers.osdre.block_law import BlockLaw
+from ffsm_controllers.osdre.planar_law import PlanarLaw
+from ffsm_controllers.osdre.riccati import BlockRiccati, RiccatiError, planar_riccati
+from ffsm_controllers.osdre.tip_kinematics import TipKinematics
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.compiled import fastest
+from ffsm_mj.config import StrictModel
+from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
+from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
+from ffsm_mj.records.signals import Signal
+
+Weight = tuple[float, ...] | tuple[tuple[float, ...], ...]
+
+
+class OsdreConfig(StrictModel):
+    """OSDRE regulation of the task's tip to its target."""
+
+    kind: Literal["osdre"]
+    joints: tuple[str, ...] | None = None
+    """Joints to drive; left out: every motor-driven joint of the robot but those of the base."""
+    Q: Weight
+    """Weight of the output stack [y; ydot], 2p numbers for a diagonal or 2p rows; its position block must be regular."""
+    R: Weight
+    """Weight of the torques, positive definite: one number per joint for a diagonal, or rows."""
+    parameterization: Literal["output_stack", "velocity"] = "output_stack"
+    """Lower block of A: ``output_stack`` d z^+ (the paper's runs), ``velocity`` [0, d ydot^+] (the paper's print)."""
+    null_space_damping: Annotated[float, Field(ge=0.0)] = 0.0
+    """Damping of motions of a redundant arm that do not move the output, N m s/rad; the output does not feel it."""
+
+
+class Osdre:
+    """OSDRE law. Attributes of the last tick are in ``telemetry``."""
+
+    Config = OsdreConfig
+    telemetry_signals: ClassVar[tuple[Signal, ...]] = (
+        Signal("controller", "osdre_error_m", "m", "distance of the output from its target"),
+        Signal("controller", "osdre_riccati_residual", "", "residual of the Riccati equation over its largest term"),
+        Signal(
+            "controller",
+            "osdre_riccati_fallback",
+            "",
+            "1 where the robust Riccati solver was needed: no warm start, or it failed",
+        ),
+        Signal(
+            "controller", "osdre_smallest_gain", "", "smallest singular value of alpha M_c^-1: condition 1 holds while > 0"
+        ),
+    )
+
+    def __init__(self, config: OsdreConfig, context: ControllerContext) -> None:
+        """Resolve joints and check the weights.
+
+        Raises:
+            ScenarioFaults: No task, an unknown joint, or weights that give no unique stabilising gain.
+        """
+        if context.task is None:
+            raise ScenarioFaults([Fault("osdre needs a 'task' with tip, axes and target", ("kind",))])
+        system, self._task = context.system, context.task
+        self._model = system.mj
+        self._joints = driven_joints(system, config.joints)
+        self._actuators = compact(self._joints.actuators)
+        p = len(self._task.axes)
+        if p > len(self._joints.dofs):
+            raise ScenarioFaults(
+                [Fault(f"{p} outputs need at least {p} joints, there are {len(self._joints.dofs)}", ("joints",))]
+            )
+        Q = _state_weight(config.Q, p)
+        self._damping = config.null_space_damping
+        self._whole_stack = config.parameterization == "output_stack"
+        # Products with these pick the driven joints, faster than an index does.
+        self._driven = np.eye(self._model.nv)[self._joints.dofs]
+        self._driven_R = np.linalg.inv(_input_weight(config.R, len(self._joints.dofs))) @ self._driven
+        self._Q = Q
+
+    def start(self, observation: Observation) -> None:
+        """Build the law around the plant's data. It has no memory, and its Riccati solver starts cold."""
+        data, site, axes = observation.data, self._task.tip_site, self._task.axes
+        target, driven = self._task.target_m.tolist(), np.vstack((self._driven, self._driven_R))
+        self._qvel, self._kinematics = data.qvel, fastest(TipKinematics)(self._model, data, site, axes)
+        self._law: BlockLaw | PlanarLaw
+        if len(axes) == 2:
+            law, riccati = fastest(PlanarLaw), planar_riccati(self._Q)
+            self._law = law(self._kinematics, data, riccati, driven, axes, target, self._whole_stack)
+        else:
+            self._law = BlockLaw(self._kinematics, data, BlockRiccati(self._Q), driven, axes, target, self._whole_stack)
+
+    def control(self, observation: Observation, command: Command) -> None:  # noqa: ARG002
+        """Command u = -R^-1 B^T K [y - y_d; ydot], paper (32).
+
+        Raises:
+            ControllerError: The Riccati equation has no stabilising solution at this state.
+        """
+        try:
+            self._law.tick()
+        except RiccatiError as error:
+            raise ControllerError(str(error)) from error
+        u = self._law.effort
+        if self._damping > 0.0:
+            B_lower, brake = self._kinematics.W @ self._driven.T, self._damping * self._qvel[self._joints.dofs]
+            u = u - brake + np.linalg.pinv(B_lower) @ (B_lower @ brake)
+        command.drive(self._actuators, u)
+
+    def telemetry(self) -> FloatArray:
+        """Error, Riccati residual, fallback, smallest gain of the last tick."""
+        return self._law.report
+
+
+def _matrix(weight: Weight, size: int, key: str, of: str) -> FloatArray:
+    """Weight as a symmetric matrix.
+
+    Raises:
+        ScenarioFaults: Wrong size, or not symmetric.
+    """
+    rows = [row if isinstance(row, tuple) else (row,) for row in weight]
+    flat = not any(isinstance(row, tuple) for row in weight)
+    if len(rows) != size or (not flat and any(len(row) != size for row in rows)):
+        raise ScenarioFaults([Fault(f"must be {size} numbers (a diagonal) or {size} rows of {size}, {of}", (key,))])
+    matrix = np.diag(np.array(weight)) if flat else np.array(rows)
+    if not np.array_equal(matrix, matrix.T):
+        raise ScenarioFaults([Fault("must be symmetric", (key,))])
+    return np.asarray(matrix, dtype=np.float64)
+
+
+def _state_weight(weight: Weight, p: int) -> FloatArray:
+    Q = _matrix(weight, 2 * p, "Q", f"for {p} outputs and their rates")
+    eigenvalues = np.linalg.eigvalsh(Q)
+    if eigenvalues[0] < -1e-12 * max(eigenvalues[-1], 0.0):
+        raise ScenarioFaults(
+            [Fault(f"must be positive semidefinite; its smallest eigenvalue is {eigenvalues[0]:.3g}", ("Q",))]
+        )
+    position = np.linalg.eigvalsh(Q[:p, :p])
+    if position[0] <= 1e-12 * position[-1] or position[-1] <= 0.0:
+        message = (
+            "its position block must be regular, or no gain brings the tip to the target; raise its first diagonal entries"
+        )
+        raise ScenarioFaults([Fault(message, ("Q",))])
+    return Q
+
+
+def _input_weight(weight: Weight, count: int) -> FloatArray:
+    R = _matrix(weight, count, "R", "one per driven joint")
+    smallest = np.linalg.eigvalsh(R)[0]
+    if smallest <= 0.0:
+        raise ScenarioFaults([Fault(f"must be positive definite; its smallest eigenvalue is {smallest:.3g}", ("R",))])
+    return R

@@ -1,0 +1,78 @@
+"""Proportional-derivative control of joints towards a fixed configuration, at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ffsm_controllers.joints import DrivenJoints, driven_joints
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.config import StrictModel
+from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
+from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.records.signals import Signal
+
+Gain = Annotated[float, Field(ge=0.0)]
+
+
+class PdConfig(StrictModel):
+    """u = -kp (q - q_ref) - kd qdot on each joint."""
+
+    kind: Literal["pd"]
+    joints: tuple[str, ...] | None = None
+    """Joints to drive; left out: every motor-driven joint of the robot but those of the base."""
+    kp: tuple[Gain, ...] | Gain
+    """Proportional gain, N m/rad (N/m for slides): one for all joints or one each."""
+    kd: tuple[Gain, ...] | Gain
+    """Derivative gain, N m s/rad: one for all joints or one each."""
+    target: tuple[float, ...] | Literal["hold"] = "hold"
+    """Reference configuration in rad or m, or ``hold``: the configuration at the start of the phase."""
+
+
+class Pd:
+    """Joint PD."""
+
+    Config = PdConfig
+    telemetry_signals: ClassVar[tuple[Signal, ...]] = ()
+
+    def __init__(self, config: PdConfig, context: ControllerContext) -> None:
+        """Resolve joints and gains.
+
+        Raises:
+            ScenarioFaults: An unknown joint, or a list of another length than the joints.
+        """
+        self._joints: DrivenJoints = driven_joints(context.system, config.joints)
+        count = len(self._joints.names)
+        self._kp, self._kd = per_joint(config.kp, count, "kp"), per_joint(config.kd, count, "kd")
+        self._fixed = None if config.target == "hold" else per_joint(config.target, count, "target")
+        self._reference = np.zeros(count)
+
+    def start(self, observation: Observation) -> None:
+        """Take the reference."""
+        held = observation.data.qpos[self._joints.qpos]
+        self._reference = held.copy() if self._fixed is None else self._fixed
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Drive the joints towards the reference."""
+        joints, data = self._joints, observation.data
+        error = data.qpos[joints.qpos] - self._reference
+        command.drive(joints.actuators, -self._kp * error - self._kd * data.qvel[joints.dofs])
+
+    def telemetry(self) -> Sequence[float]:
+        """Nothing to report."""
+        return ()
+
+
+def per_joint(values: tuple[float, ...] | float, count: int, key: str) -> FloatArray:
+    """One value per joint from one for all or a list.
+
+    Raises:
+        ScenarioFaults: The list has another length.
+    """
+    array = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    if len(array) not in (1, count):
+        raise ScenarioFaults([Fault(f"{len(array)} values for {count} joints; write one, or one each", (key,))])
+    return np.broadcast_to(array, count).copy()

@@ -1,0 +1,96 @@
+"""The phase machine: a controller made of controllers, one per phase of the task (paper, Fig. 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsm_controllers.indices import compact
+from ffsm_mj.controller_protocol import Command, Controller, Observation
+from ffsm_mj.records.events import PhaseRecord
+from ffsm_mj.records.signals import Signal
+
+# Ticks are exact multiples of the period up to rounding of the product.
+_TIME_TOLERANCE_S = 1e-9
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One phase.
+
+    Attributes:
+        name: Name in the scenario.
+        kind: Kind of its controller.
+        controller: What drives the robot in it.
+        until_impact: It ends at the first impact after its start.
+        duration_s: It ends at the first control tick at or after this time since its start; None: no such end.
+    """
+
+    name: str
+    kind: str
+    controller: Controller
+    until_impact: bool = False
+    duration_s: float | None = None
+
+
+class PhaseMachine:
+    """Runs phases in order; the last one lasts to the end of the run."""
+
+    def __init__(self, phases: Sequence[Phase]) -> None:
+        """Collect what the phases report: a signal that several share is one column."""
+        self._phases = tuple(phases)
+        signals: dict[str, Signal] = {}
+        for phase in self._phases:
+            signals |= {signal.key: signal for signal in phase.controller.telemetry_signals}
+        self.telemetry_signals = tuple(signals.values())
+        column = {key: i for i, key in enumerate(signals)}
+        self._columns = [compact([column[s.key] for s in phase.controller.telemetry_signals]) for phase in self._phases]
+        self.telemetry = np.full(len(signals), np.nan)
+        self.phase_index = -1
+        self._start_s = 0.0
+        self._begun: list[PhaseRecord] = []
+
+    @property
+    def in_charge(self) -> str:
+        """Name of the phase and kind of its controller."""
+        phase = self._phases[max(self.phase_index, 0)]
+        return f"phase {phase.name!r} ({phase.kind})"
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Change phase where it is due, then ask its controller."""
+        if self.phase_index < 0:
+            self._begin(0, observation, "start")
+        reason = self._ended(observation)
+        if reason and self.phase_index + 1 < len(self._phases):
+            self._begin(self.phase_index + 1, observation, reason)
+        controller = self._phases[self.phase_index].controller
+        controller.control(observation, command)
+        if controller.telemetry_signals:
+            report = controller.telemetry()
+            if len(report) != len(controller.telemetry_signals):
+                raise ValueError(f"telemetry gives {len(report)} values for {len(controller.telemetry_signals)} signals")
+            self.telemetry[self._columns[self.phase_index]] = report
+
+    def _ended(self, observation: Observation) -> str:
+        """Why the current phase is over, or nothing."""
+        phase = self._phases[self.phase_index]
+        if observation.impacts:
+            return "impact" if phase.until_impact else ""
+        elapsed = observation.time_s - self._start_s
+        if phase.duration_s is not None and elapsed >= phase.duration_s - _TIME_TOLERANCE_S:
+            return "time"
+        return ""
+
+    def _begin(self, index: int, observation: Observation, reason: str) -> None:
+        phase = self._phases[index]
+        self.phase_index, self._start_s = index, observation.time_s
+        self.telemetry.fill(np.nan)
+        self._begun.append(PhaseRecord(index, phase.name, phase.kind, observation.time_s, reason))
+        phase.controller.start(observation)
+
+    def drain_phases(self) -> list[PhaseRecord]:
+        """Phases begun since the last call."""
+        begun, self._begun = self._begun, []
+        return begun

@@ -1,0 +1,1 @@
+"""A finished run as data: columns, verdicts on conservation, tables, summary, comparison."""

@@ -1,0 +1,143 @@
+"""Two runs held against each other: what differs first in the scenario, in the impacts, and along the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.scenario import scenario_data
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.run_log import RunLog
+
+_TOGETHER = 8
+"""Signals that are compared in one pass over two logs."""
+
+
+@dataclass(frozen=True)
+class SignalDifference:
+    """Largest difference |b - a| of one signal and when that is; ``first_s``: when the two first are not the same number."""
+
+    key: str
+    unit: str
+    largest: float
+    time_s: float
+    first_s: float
+
+
+@dataclass(frozen=True)
+class ImpactDifference:
+    """The n-th contact of each run; None where a run has no such contact."""
+
+    a: ImpactRecord | None
+    b: ImpactRecord | None
+
+    @property
+    def time_s(self) -> float:
+        """Time of b's contact minus that of a's, s; NaN where one is missing."""
+        return self.b.time_s - self.a.time_s if self.a and self.b else float("nan")
+
+    @property
+    def impulse_N_s(self) -> float:
+        """Impulse of b's contact minus that of a's, N s; NaN where one is missing."""
+        return self.b.impulse_N_s - self.a.impulse_N_s if self.a and self.b else float("nan")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What differs between run a and run b.
+
+    Attributes:
+        scenario: Keys of the resolved scenarios whose values differ, in order: (key, value in a, in b); None: no such key.
+        models: Model files that differ, or that one run has and the other not.
+        impacts: Contacts in order, side by side.
+        signals: Signals of both runs that differ at some common time, in the order of the log.
+        only_a: Signals that only a has.
+        only_b: Signals that only b has.
+        samples: Number of common times.
+        end_s: Last common time, s.
+    """
+
+    scenario: tuple[tuple[str, Any, Any], ...]
+    models: tuple[str, ...]
+    impacts: tuple[ImpactDifference, ...]
+    signals: tuple[SignalDifference, ...]
+    only_a: tuple[str, ...]
+    only_b: tuple[str, ...]
+    samples: int
+    end_s: float
+
+    @property
+    def same(self) -> bool:
+        """Same scenario, models, impacts and numbers, bit by bit."""
+        impacts = all(pair.a == pair.b for pair in self.impacts)
+        return impacts and not (self.scenario or self.models or self.signals or self.only_a or self.only_b)
+
+    @property
+    def first_s(self) -> float | None:
+        """When the motions part: first time at which a coordinate or rate differs; None where they never do."""
+        return min((d.first_s for d in self.signals if d.key.startswith("state.")), default=None)
+
+
+def compare_logs(a: RunLog, b: RunLog) -> Comparison:
+    """Compare two runs at the times that both have."""
+    layouts = a.header.layout, b.header.layout
+    times_a, times_b = (np.round(log.rows[:, 0] * 1e9).astype(np.int64) for log in (a, b))
+    _, of_a, of_b = np.intersect1d(times_a, times_b, assume_unique=True, return_indices=True)
+    both = [key for key in layouts[0].keys if key in layouts[1].index and key != "state.time_s"]
+    return Comparison(
+        scenario=tuple(_differences(_scenario(a), _scenario(b))),
+        models=tuple(sorted(_different_files(a, b))),
+        impacts=tuple(ImpactDifference(x, y) for x, y in zip_longest(a.impacts, b.impacts)),
+        signals=tuple(_signals(a, b, both, (of_a, of_b))),
+        only_a=tuple(key for key in layouts[0].keys if key not in layouts[1].index),
+        only_b=tuple(key for key in layouts[1].keys if key not in layouts[0].index),
+        samples=len(of_a),
+        end_s=float(a.rows[of_a[-1], 0]) if len(of_a) else 0.0,
+    )
+
+
+def _signals(a: RunLog, b: RunLog, keys: list[str], chosen: tuple[Any, Any]) -> Iterator[SignalDifference]:
+    units = {signal.key: signal.unit for signal in a.header.layout.signals}
+    times = a.rows[chosen[0], 0]
+    for first in range(0, len(keys), _TOGETHER):
+        some = keys[first : first + _TOGETHER]
+        columns = (_columns(log, some, rows) for log, rows in zip((a, b), chosen, strict=True))
+        for key, x, y in zip(some, *columns, strict=True):
+            differs = ~((x == y) | (np.isnan(x) & np.isnan(y)))
+            if np.any(differs):
+                size: FloatArray = np.where(differs, np.abs(y - x), 0.0)
+                worst = int(np.argmax(np.nan_to_num(size, nan=np.inf)))
+                begins = float(times[np.argmax(differs)])
+                yield SignalDifference(key, units[key], float(size[worst]), float(times[worst]), begins)
+
+
+def _columns(log: RunLog, keys: list[str], rows: Any) -> FloatArray:
+    """Some signals at some rows, (number of signals, n): of a long log in one pass over its file."""
+    index = log.header.layout.index
+    return np.asarray(log.rows[:, [index[key] for key in keys]][rows].T)
+
+
+def _different_files(a: RunLog, b: RunLog) -> set[str]:
+    files = a.header.files, b.header.files
+    return {name for name in {*files[0], *files[1]} if files[0].get(name) != files[1].get(name)}
+
+
+def _scenario(log: RunLog) -> Any:
+    return scenario_data(log)
+
+
+def _differences(a: Any, b: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Leaves at which two trees of plain data differ, in the order of the first."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for name in dict.fromkeys((*a, *b)):
+            yield from _differences(a.get(name), b.get(name), f"{key}.{name}" if key else str(name))
+    elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        for i, (x, y) in enumerate(zip(a, b, strict=True)):
+            yield from _differences(x, y, f"{key}.{i}")
+    elif a != b:
+        yield key, a, b

@@ -1,0 +1,132 @@
+"""What verdicts and summary need of a run's rows, gathered as they go past: in the run itself and from its log the same."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsm_mj.analysis.residuals import norms
+from ffsm_mj.analysis.verdicts import Audit
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import Layout
+
+
+def task_target(facts: Mapping[str, str]) -> tuple[list[int], FloatArray] | None:
+    """Axes (0, 1, 2 for x, y, z) and target of the tip in m, or None without a task."""
+    if "task_axes" not in facts:
+        return None
+    axes = ["xyz".index(axis) for axis in facts["task_axes"].split()]
+    return axes, np.array([float(x) for x in facts["task_target_m"].split()])
+
+
+@dataclass
+class TipDigest:
+    """The tip on its way to the target.
+
+    Attributes:
+        axes: Axes of the task, 0 to 2.
+        goal: Target along them, m.
+        finite: Whether every error was a number.
+        best_m: Smallest error.
+        best_s: When it was.
+        last_m: Error of the last row.
+        last_m_s: Speed along the axes in the last row.
+    """
+
+    axes: list[int]
+    goal: FloatArray
+    finite: bool = True
+    best_m: float = math.inf
+    best_s: float = 0.0
+    last_m: float = 0.0
+    last_m_s: float = 0.0
+
+    def rows(self, block: FloatArray, layout: Layout) -> None:
+        """Take the next rows."""
+        place, rate = (layout.columns(first, 3) for first in ("state.tip_x_m", "state.tip_vx_m_s"))
+        error = norms(block[:, place][:, self.axes] - self.goal)
+        self.finite &= bool(np.all(np.isfinite(error)))
+        best = int(np.argmin(error))
+        if error[best] < self.best_m:
+            self.best_m, self.best_s = float(error[best]), float(block[best, 0])
+        self.last_m, self.last_m_s = float(error[-1]), math.hypot(*block[-1, rate][self.axes])
+
+
+class Digest:
+    """One run, told in blocks of rows; the same however they are cut.
+
+    Attributes:
+        audit: The laws.
+        tip: The tip; None without a task.
+        samples: Rows so far.
+        end_s: Time of the last of them, 0 without any.
+        riccati_fallbacks: Ticks that needed the robust Riccati solver.
+        worst_riccati_residual: Greatest residual of the Riccati equation.
+    """
+
+    def __init__(self, header: RunHeader) -> None:
+        """Nothing was told yet."""
+        self._layout = header.layout
+        self.audit = Audit(header.layout, header.facts)
+        target = task_target(header.facts)
+        self.tip = TipDigest(*target) if target is not None else None
+        self.samples, self.end_s = 0, 0.0
+        self.riccati_fallbacks, self.worst_riccati_residual = 0, 0.0
+
+    def rows(self, block: FloatArray) -> None:
+        """Take the next rows."""
+        self.samples, self.end_s = self.samples + len(block), float(block[-1, 0])
+        self.audit.rows(block)
+        if self.tip is not None:
+            self.tip.rows(block, self._layout)
+        self.riccati_fallbacks += int(np.sum(self._told(block, "controller.osdre_riccati_fallback")))
+        worst = np.max(self._told(block, "controller.osdre_riccati_residual"), initial=0.0)
+        self.worst_riccati_residual = max(self.worst_riccati_residual, float(worst))
+
+    def _told(self, block: FloatArray, key: str) -> FloatArray:
+        """What a controller reported, where it did."""
+        if key not in self._layout.index:
+            return np.empty(0)
+        values = block[:, self._layout.index[key]]
+        return values[np.isfinite(values)]
+
+
+def digest(log: RunLog) -> Digest:
+    """Go through the rows of a log."""
+    found = Digest(log.header)
+    for block in log.blocks():
+        found.rows(block)
+    return found
+
+
+class DigestSink:
+    """Digests a run while it goes.
+
+    Attributes:
+        digest: What came of it; there once the run is open.
+    """
+
+    digest: Digest
+
+    def open(self, header: RunHeader) -> None:
+        """Begin a run."""
+        self.digest = Digest(header)
+
+    def rows(self, block: FloatArray) -> None:
+        """Digest a block."""
+        self.digest.rows(block)
+
+    def event(self, event: Event) -> None:
+        """Nothing to do: events are few, and kept."""
+
+    def flush(self) -> None:
+        """Nothing to do: memory does not survive a kill."""
+
+    def close(self, outcome: OutcomeRecord | None) -> None:
+        """Nothing to do."""

@@ -1,0 +1,154 @@
+"""What the accounts leave unexplained, row by row, and how large the terms are that cancel in it.
+
+Blocks of rows go in; nothing here keeps them, so a run may be as long as it likes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout
+
+STRETCH_STEPS = 100_000
+"""Steps over which a residual may change by what a law allows; then it is counted anew."""
+
+
+def free_components(facts: Mapping[str, str], party: str) -> FloatArray:
+    """1 for each component of (P, L about the origin) that the party's base joints leave free, else 0, (6,)."""
+    text = facts.get(f"free_components_{party}", "1 1 1 1 1 1")
+    return np.array([float(x) for x in text.split()])
+
+
+def stretch_s(facts: Mapping[str, str]) -> float:
+    """Length of a stretch in s; infinite where the log does not tell its step."""
+    return STRETCH_STEPS * float(facts.get("time_step_s", "inf"))
+
+
+class Accounts:
+    """The columns of one party that a residual is made of."""
+
+    def __init__(self, layout: Layout, facts: Mapping[str, str], party: str) -> None:
+        """Find them."""
+        self._party, self._free = party, free_components(facts, party)
+        self._momenta = {p: layout.columns(f"momentum.{p}_{COMPONENTS[0]}", 6) for p in PARTIES}
+        self._external = layout.columns(f"ledger.external_{COMPONENTS[0]}", 6)
+        self._contact = layout.columns(f"ledger.contact_{COMPONENTS[0]}", 6)
+        self._energy, self._work = layout.index[f"energy.{party}_J"], layout.index["ledger.work_J"]
+        self._gained = layout.index[f"ledger.{party}_impact_energy_J"]
+        own = "state.q_robot_" if party == "robot" else "state.q_"
+        self._places = [i for i, s in enumerate(layout.signals) if s.unit == "m" and s.key.startswith(own)]
+
+    def energy(self, block: FloatArray) -> FloatArray:
+        """T less work and energy gained in impacts, J, (n,): constant where all is explained."""
+        work = 0.0 if self._party == "objects" else block[:, self._work]
+        return np.asarray(block[:, self._energy] - work - block[:, self._gained])
+
+    def momentum(self, block: FloatArray) -> FloatArray:
+        """(P, L) less impulses on the components that are free, N s and N m s, (n, 6): constant where all is explained."""
+        external, contact = block[:, self._external], block[:, self._contact]
+        booked = {"total": external, "robot": external - contact, "objects": contact}[self._party]
+        return np.asarray((block[:, self._momenta[self._party]] - booked) * self._free)
+
+    def energy_scale(self, block: FloatArray) -> FloatArray:
+        """Kinetic energy, J, (n,)."""
+        return np.abs(block[:, self._energy])
+
+    def linear_scale(self, block: FloatArray) -> FloatArray:
+        """Sum of the norms of P of those who belong to the party, N s, (n,): what cancels in the whole system's."""
+        members = PARTIES[1:] if self._party == "total" else (self._party,)
+        return np.asarray(sum(norms(block[:, self._momenta[member]][:, :3]) for member in members))
+
+    def angular_scale(self, block: FloatArray) -> FloatArray:
+        """Norm of L + lever times norm of P, N m s, (n,): L about the origin is spin plus r x P, terms that cancel.
+
+        The lever r is the norm of all coordinates of the party's joints that are lengths, in m.
+        """
+        lever = norms(block[:, self._places])
+        return np.asarray(norms(block[:, self._momenta[self._party]][:, 3:]) + lever * self.linear_scale(block))
+
+
+def norms(vectors: FloatArray) -> FloatArray:
+    """Euclidean norm of each row, (n,); term by term, so that the digits do not depend on the rows beside it."""
+    total = np.zeros(len(vectors))
+    for column in vectors.T:
+        total += column * column
+    return np.sqrt(total)
+
+
+class Peak:
+    """The largest of vectors that go past, where and when; the same however they are cut into blocks.
+
+    Attributes:
+        size: Its norm.
+        time_s: When it was.
+        component: Which component of it was largest.
+        scale: Largest scale of all.
+    """
+
+    def __init__(self, scale: float = 0.0) -> None:
+        """Nothing has gone past."""
+        self.size, self.time_s, self.component, self.scale = 0.0, math.nan, 0, scale
+
+    def add(self, times: FloatArray, vectors: FloatArray, scale: FloatArray) -> None:
+        """Take some: times (n,), vectors (n, number of components), scale (n,)."""
+        sizes = norms(vectors)
+        at = int(np.argmax(np.where(np.isnan(sizes), np.inf, sizes)))
+        if math.isnan(self.time_s) or _rank(float(sizes[at])) > _rank(self.size):
+            self.size, self.time_s = float(sizes[at]), float(times[at])
+            self.component = int(np.argmax(np.abs(np.nan_to_num(vectors[at], nan=np.inf))))
+        self.scale = float(np.maximum(self.scale, np.max(scale)))
+
+    @property
+    def rank(self) -> float:
+        """Size against 1 + scale; what is not a number counts as infinite."""
+        return _rank(self.size / (1.0 + self.scale))
+
+
+def _rank(size: float) -> float:
+    return math.inf if math.isnan(size) else size
+
+
+class Change:
+    """Follows a residual through a run, stretch by stretch, each from the last row of the one before.
+
+    Attributes:
+        drift: Largest norm of its change since the first row.
+    """
+
+    def __init__(self, length_s: float) -> None:
+        """Start before the first row, with the length of a stretch in s."""
+        self._length, self._stretch = length_s, 0.0
+        self._first: FloatArray | None = None
+        self._done: Peak | None = None
+        self._here = Peak()
+        self.drift = 0.0
+
+    def add(self, times: FloatArray, residual: FloatArray, scale: FloatArray) -> None:
+        """Take rows: times (n,), residual (n, number of components), scale (n,)."""
+        if self._first is None:
+            # The first row that there is: the accounts begin at t = 0, a damaged log may not.
+            self._first = self._base = self._last = residual[0].copy()
+        self.drift = max(self.drift, float(np.fmax.reduce(norms(residual - self._first), initial=0.0)))
+        # A row at the very end of a stretch belongs to it; the clock's rounding is far below a billionth of a stretch.
+        stretches = np.maximum(np.ceil(times / self._length - 1e-9), 1.0)
+        edges = np.flatnonzero(np.diff(stretches)) + 1
+        for start, stop in pairwise([0, *edges.tolist(), len(times)]):
+            if stretches[start] != self._stretch:
+                self._begin(float(stretches[start]))
+            self._here.add(times[start:stop], residual[start:stop] - self._base, scale[start:stop])
+            self._last = residual[stop - 1].copy()
+
+    def _begin(self, stretch: float) -> None:
+        if self._stretch:
+            self._done, self._here = self.worst, Peak(self._here.scale)
+        self._stretch, self._base = stretch, self._last
+
+    @property
+    def worst(self) -> Peak:
+        """Of the stretches so far the one whose peak is largest against the scale up to its end."""
+        return self._here if self._done is None or self._here.rank > self._done.rank else self._done

@@ -1,0 +1,224 @@
+"""A finished run as typed arrays by name. The same object from memory and from the log."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.analysis.comparison import Comparison, compare_logs
+from ffsm_mj.analysis.digest import Digest, digest
+from ffsm_mj.analysis.summary import summarise, tip_error
+from ffsm_mj.analysis.tables import Table, table
+from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Law, Tolerance
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import unknown_name
+from ffsm_mj.log.mcap.reader import read_log
+from ffsm_mj.log.run_folder import find_log
+from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import PARTIES
+
+
+class Run:
+    """A run. ``run["energy.total_J"]`` is a column, ``run.keys`` lists them, ``units`` and ``descriptions`` explain them.
+
+    Attributes:
+        log: Everything that was recorded.
+        path: The file that holds it; None for a run in memory.
+    """
+
+    def __init__(self, log: RunLog, path: Path | None = None, digested: Digest | None = None) -> None:
+        """Wrap a log.
+
+        Args:
+            log: What was recorded.
+            path: The file that holds it.
+            digested: What its rows came to, where they went past already; None: gone through when it is asked for.
+        """
+        self.log, self.path, self._given = log, path, digested
+
+    def __getitem__(self, key: str) -> FloatArray:
+        """Column of a signal, one value per control tick.
+
+        Raises:
+            KeyError: No such signal; the message lists the names.
+        """
+        layout = self.log.header.layout
+        if key not in layout.index:
+            raise KeyError(unknown_name("signal", key, layout.keys))
+        return self.log.column(key)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of all columns."""
+        return self.log.header.layout.keys
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each column."""
+        return {signal.key: signal.unit for signal in self.log.header.layout.signals}
+
+    @property
+    def descriptions(self) -> dict[str, str]:
+        """Meaning of each column."""
+        return {signal.key: signal.description for signal in self.log.header.layout.signals}
+
+    @property
+    def name(self) -> str:
+        """Name of the scenario."""
+        return self.log.header.scenario_name
+
+    @property
+    def time(self) -> FloatArray:
+        """Time of each row, s."""
+        return self["state.time_s"]
+
+    @property
+    def qpos(self) -> FloatArray:
+        """Generalised coordinates in MuJoCo's order, (n, nq)."""
+        return self._columns("state.q_")
+
+    @property
+    def qvel(self) -> FloatArray:
+        """Generalised velocities in MuJoCo's order, (n, nv)."""
+        return self._columns("state.v_")
+
+    @property
+    def tip(self) -> FloatArray:
+        """Position of the tip in m, world frame, (n, 3).
+
+        Raises:
+            KeyError: The scenario has no task and so no tip.
+        """
+        return np.column_stack([self[f"state.tip_{axis}_m"] for axis in "xyz"])
+
+    @property
+    def tip_velocity(self) -> FloatArray:
+        """Velocity of the tip in m/s, world frame, (n, 3).
+
+        Raises:
+            KeyError: The scenario has no task and so no tip.
+        """
+        return np.column_stack([self[f"state.tip_v{axis}_m_s"] for axis in "xyz"])
+
+    def momentum(self, party: str = "total") -> FloatArray:
+        """(P in N s, L about the world origin in N m s) of ``total``, ``robot`` or ``objects``, (n, 6).
+
+        Raises:
+            KeyError: No such party.
+        """
+        if party not in PARTIES:
+            raise KeyError(unknown_name("party", party, PARTIES))
+        return self._columns(f"momentum.{party}_P_", f"momentum.{party}_L_")
+
+    def _columns(self, *prefixes: str) -> FloatArray:
+        return np.asarray(self.log.rows[:, [i for i, key in enumerate(self.keys) if key.startswith(prefixes)]])
+
+    @property
+    def impacts(self) -> tuple[ImpactRecord, ...]:
+        """Contacts of all impacts."""
+        return self.log.impacts
+
+    @property
+    def phases(self) -> tuple[PhaseRecord, ...]:
+        """Beginnings of the phases."""
+        return self.log.phases
+
+    @property
+    def unhandled_contacts(self) -> tuple[UnhandledContactRecord, ...]:
+        """Overlaps that nobody resolved."""
+        return self.log.unhandled
+
+    @property
+    def complete(self) -> bool:
+        """Whether the log tells how the run ended."""
+        return self.log.outcome is not None
+
+    @property
+    def damage(self) -> str:
+        """What of the log could not be read, in a sentence; empty where it is whole up to its end."""
+        return self.log.damage
+
+    @property
+    def outcome(self) -> str:
+        """How it ended; ``incomplete`` where the log breaks off."""
+        return str(self._summary["outcome"])
+
+    @property
+    def message(self) -> str:
+        """What there is to say of the outcome."""
+        return str(self._summary["message"])
+
+    @property
+    def conservative(self) -> bool:
+        """Whether nothing in the models breaks conservation."""
+        return self.log.header.facts.get("conservative") == "true"
+
+    def laws(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
+        """Every law with its worst residual; see :func:`ffsm_mj.analysis.verdicts.check_laws`."""
+        return self.digest.audit.laws(self.log.impacts, tolerance)
+
+    @cached_property
+    def digest(self) -> Digest:
+        """What verdicts and summary need of the rows, gathered in one pass over them."""
+        return self._given or digest(self.log)
+
+    def table(self, name: str = "samples") -> Table:
+        """A table of named columns with units: ``samples``, ``impacts`` (one row per contact), ``phases`` or ``laws``.
+
+        Raises:
+            KeyError: No such table.
+        """
+        return table(self.log, name)
+
+    def to_pandas(self, name: str = "samples") -> Any:
+        """A table (see :meth:`table`) as a ``pandas.DataFrame``; units and descriptions are in its ``attrs``.
+
+        Raises:
+            MissingPackageError: pandas is not installed.
+        """
+        return self.table(name).to_pandas()
+
+    def to_polars(self, name: str = "samples") -> Any:
+        """A table (see :meth:`table`) as a ``polars.DataFrame``.
+
+        Raises:
+            MissingPackageError: polars is not installed.
+        """
+        return self.table(name).to_polars()
+
+    def tip_error(self) -> FloatArray:
+        """Distance of the tip from its target along the task's axes at every tick, m.
+
+        Raises:
+            ValueError: The scenario has no task.
+        """
+        return tip_error(self.log)
+
+    def summary(self) -> dict[str, Any]:
+        """Content of ``summary.json``."""
+        return deepcopy(self._summary)
+
+    @cached_property
+    def _summary(self) -> dict[str, Any]:
+        return summarise(self.log, self.digest)
+
+
+def load_run(path: str | Path) -> Run:
+    """Read a run from its folder or its ``.mcap`` or ``.mcap.partial`` file.
+
+    Raises:
+        InputError: There is no log at that place.
+        LogError: The file is no log of a run.
+    """
+    found = find_log(Path(path))
+    return Run(read_log(found), found)
+
+
+def compare(a: Run, b: Run) -> Comparison:
+    """What differs between two runs: scenario, models, impacts, and every signal at the times that both have."""
+    return compare_logs(a.log, b.log)

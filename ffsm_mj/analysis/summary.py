@@ -1,0 +1,117 @@
+"""``summary.json``: what a run came to, in one small file for scripts."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.analysis.digest import Digest, TipDigest, task_target
+from ffsm_mj.analysis.verdicts import Audit
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.run_log import RunLog
+
+SCHEMA_VERSION = 1
+
+
+def tip_error(log: RunLog) -> FloatArray:
+    """Distance of the tip from its target along the task's axes at every tick, m.
+
+    Raises:
+        ValueError: The scenario has no task.
+    """
+    target = task_target(log.header.facts)
+    if target is None:
+        raise ValueError("the scenario has no task, so there is no tip error")
+    axes, goal = target
+    tip = np.column_stack([log.column(f"state.tip_{'xyz'[axis]}_m") for axis in axes])
+    return np.asarray(np.linalg.norm(tip - goal, axis=1))
+
+
+def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
+    """Content of ``summary.json``, the contract of the run folder."""
+    outcome = log.outcome
+    wall = outcome.wall_s if outcome else 0.0
+    end = outcome.end_s if outcome else digest.end_s
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "scenario": log.header.scenario_name,
+        "outcome": outcome.outcome if outcome else "incomplete",
+        "message": outcome.message if outcome else "the log breaks off before the end of the run",
+        "duration_s": end,
+        "steps": outcome.steps if outcome else 0,
+        "wall_s": wall,
+        "real_time_factor": end / wall if wall else 0.0,
+        "conservative": log.header.facts.get("conservative") == "true",
+        "impacts": [_impact(record) for record in log.impacts],
+        "unhandled_contacts": [
+            {"geoms": list(c.geoms), "start_s": c.start_s, "end_s": c.end_s, "max_depth_m": c.max_depth_m}
+            for c in log.unhandled
+        ],
+        "phases": _phases(log, end),
+        "tip": _tip(digest.tip),
+        "controller": {
+            "ticks": outcome.controller_ticks if outcome else 0,
+            "riccati_fallbacks": outcome.riccati_fallbacks if outcome else 0,
+            "worst_riccati_residual": outcome.worst_riccati_residual if outcome else 0.0,
+        },
+        "conservation": _conservation(digest.audit),
+        "versions": dict(outcome.versions) if outcome else {},
+    }
+
+
+def _impact(record: ImpactRecord) -> dict[str, Any]:
+    def values(qvel: Any) -> dict[str, float | list[float]]:
+        return {joint: v[0] if len(v) == 1 else list(v) for joint, v in qvel.items()}
+
+    return {
+        "event": record.event,
+        "time_s": record.time_s,
+        "robot_geom": record.robot_geom,
+        "object_geom": record.object_geom,
+        "point_m": list(record.point_m),
+        "normal": list(record.normal),
+        "manifold": record.manifold,
+        "restitution": record.restitution,
+        "approach_speed_m_s": record.approach_speed_m_s,
+        "separation_speed_m_s": record.separation_speed_m_s,
+        "impulse_N_s": record.impulse_N_s,
+        "angular_impulse_N_m_s": list(record.angular_impulse_N_m_s),
+        "qvel_before": values(record.qvel_before),
+        "qvel_after": values(record.qvel_after),
+        "energy_change_J": record.energy_change_J,
+        "linear_momentum_change_N_s": record.linear_momentum_change_N_s,
+        "angular_momentum_change_N_m_s": record.angular_momentum_change_N_m_s,
+    }
+
+
+def _phases(log: RunLog, end_s: float) -> list[dict[str, Any]]:
+    ends = [phase.start_s for phase in log.phases[1:]] + [end_s] * bool(log.phases)
+    return [
+        {"name": phase.name, "start_s": phase.start_s, "end_s": end, "controller": phase.controller}
+        for phase, end in zip(log.phases, ends, strict=True)
+    ]
+
+
+def _tip(tip: TipDigest | None) -> dict[str, Any] | None:
+    if tip is None or not tip.finite or math.isinf(tip.best_m):
+        return None
+    return {
+        "target_m": tip.goal.tolist(),
+        "min_error_m": tip.best_m,
+        "min_error_time_s": tip.best_s,
+        "final_error_m": tip.last_m,
+        "final_speed_m_s": tip.last_m_s,
+    }
+
+
+def _conservation(audit: Audit) -> dict[str, float]:
+    names = {
+        "energy": "energy_residual_J",
+        "linear momentum": "linear_momentum_residual_N_s",
+        "angular momentum": "angular_momentum_residual_N_m_s",
+    }
+    drifts = {key: audit.drift(name) for name, key in names.items()}
+    return {key: drift if math.isfinite(drift) else 0.0 for key, drift in drifts.items()}

@@ -1,0 +1,222 @@
+"""The laws that a run must obey, judged from the accounts and the impacts in its log, in one pass over its rows.
+
+How large a residual may be. P, L and T less work are constants of the exact motion, so nothing makes the error of a step
+grow or fade: after N steps the residual is the sum of N step errors. A law is therefore a bound on the step error, and the
+length of a run must not matter to it. One step's error is below rounding, so 100 000 of them are judged at once: in every
+stretch of 100 000 steps the residual may change by 1e-9 (1 + scale), 1e-14 of the scale a step. A run of one stretch (100 s
+at 1 ms) is judged by its residual as it is; one of K stretches may drift K times as far in all, and what leaks at once is
+found in any.
+
+The scale is the largest size, up to the end of the stretch, of the terms that cancel in the quantity: each of them is
+rounded to 1e-16 of itself, whatever is left of the sum. For T that is T; for P the sum of |P| of robot and objects; for L
+about the origin |L| + r |P|, where r is the norm of all coordinates that are lengths: the size of the terms r x m v. The
+lever belongs there twice over: L is spin plus r x P, and an error d of P is an error r d of L; a run that drifts away, or is
+seen from another origin, is judged as any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from ffsm_mj.analysis.residuals import Accounts, Change, Peak, free_components, stretch_s
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import COMPONENTS, OVERLAP, PARTIES, Layout
+
+DEFAULT_TOLERANCE = 1e-9
+"""A law holds when its residual stays below this times (1 + scale), in SI units."""
+DEEPEST_M = 1e-9
+"""How deep an impact pair may overlap, m."""
+
+RELATIVE_LAWS = (
+    *("energy", "linear momentum", "angular momentum", "momentum two ways"),
+    *("impact energy", "impact restitution"),
+)
+"""Laws with a tolerance against a scale; the impact's only where something was hit."""
+LAW_NAMES = (*RELATIVE_LAWS, "no penetration")
+"""All that is checked. The last one where the log tells the depth; its tolerance is a depth in m."""
+
+Tolerance = float | Mapping[str, float]
+"""One tolerance for all relative laws, or some laws' own by name; those not named keep the default."""
+
+_OVERLAP = f"ledger.{OVERLAP}"
+_AXES = ("P_x", "P_y", "P_z", "L_x", "L_y", "L_z")
+_MEASURES = {
+    "energy": ("J", ("T",)),
+    "linear momentum": ("N s", _AXES[:3]),
+    "angular momentum": ("N m s", _AXES[3:]),
+    "momentum two ways": ("SI", _AXES),
+    "no penetration": ("m", ("gap",)),
+}
+
+
+@dataclass(frozen=True)
+class Law:
+    """One law over one run.
+
+    Attributes:
+        name: What is conserved.
+        party: ``total``, ``robot`` or ``objects``.
+        component: Where the residual is worst: ``T``, ``P_x`` to ``L_z``, ``gap`` or ``impact 1``.
+        residual: Worst magnitude of what the accounts leave unexplained in a stretch of the run.
+        time_s: When that was.
+        tolerance: What is allowed: the relative tolerance times (1 + scale).
+        unit: Unit of both.
+        drift: Worst magnitude since the first sample; that of ``residual`` in a run of one stretch.
+    """
+
+    name: str
+    party: str
+    component: str
+    residual: float
+    time_s: float
+    tolerance: float
+    unit: str
+    drift: float
+
+    @property
+    def holds(self) -> bool:
+        """Within tolerance; a residual that is not a number is not."""
+        return bool(self.residual <= self.tolerance)
+
+
+class Audit:
+    """Judges the laws of a run whose rows go past in blocks; keeps none of them.
+
+    Attributes:
+        samples: Rows so far.
+    """
+
+    def __init__(self, layout: Layout, facts: Mapping[str, str]) -> None:
+        """Find the columns that count."""
+        self._conservative = facts.get("conservative") == "true"
+        self._accounts = {party: Accounts(layout, facts, party) for party in PARTIES}
+        self._changes = {(party, name): Change(stretch_s(facts)) for party in PARTIES for name in LAW_NAMES[:3]}
+        self._bodies, self._matrix = (
+            layout.columns(f"momentum.{way}_{COMPONENTS[0]}", 6) for way in ("robot", "robot_by_mass_matrix")
+        )
+        self._free, self._two_ways = free_components(facts, "robot"), Peak()
+        self._overlap, self._deepest = layout.index.get(_OVERLAP), Peak()
+        self.samples = 0
+
+    def rows(self, block: FloatArray) -> None:
+        """Take the next rows."""
+        self.samples += len(block)
+        times = block[:, 0]
+        for party, accounts in self._accounts.items():
+            momentum = accounts.momentum(block)
+            linear, angular = accounts.linear_scale(block), accounts.angular_scale(block)
+            self._changes[party, "energy"].add(times, accounts.energy(block)[:, None], accounts.energy_scale(block))
+            self._changes[party, "linear momentum"].add(times, momentum[:, :3], linear)
+            self._changes[party, "angular momentum"].add(times, momentum[:, 3:], angular)
+            if party == "robot":
+                difference = (block[:, self._matrix] - block[:, self._bodies]) * self._free
+                self._two_ways.add(times, difference, linear + angular)
+        if self._overlap is not None:
+            self._deepest.add(times, block[:, [self._overlap]], np.zeros(len(block)))
+
+    def laws(self, impacts: Sequence[ImpactRecord], tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
+        """Every law that the run should obey, with its worst residual; none without rows.
+
+        Args:
+            impacts: The contacts of the run.
+            tolerance: See :func:`check_laws`.
+
+        Raises:
+            KeyError: A tolerance for a law that there is not.
+        """
+        allowed = _tolerances(tolerance)
+        if not self.samples:
+            return ()
+        laws: list[Law] = []
+        if self._conservative:
+            for (party, name), change in self._changes.items():
+                laws.append(_law(name, party, change.worst, allowed, change.drift))
+            # Paper, Fig. 9b: the FFSM's momentum from its mass matrix, and body by body.
+            laws.append(_law("momentum two ways", "robot", self._two_ways, allowed))
+        if self._overlap is not None:
+            laws.append(_law("no penetration", "total", self._deepest, allowed))
+        return (*laws, *_impact_laws(impacts, allowed))
+
+    def drift(self, name: str) -> float:
+        """Largest change of a residual since the first row, of any party: of ``energy``, ``linear momentum`` and so on."""
+        return max(self._changes[party, name].drift for party in PARTIES)
+
+
+def check_laws(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
+    """Every law that a run should obey, with its worst residual; none for a log without rows.
+
+    Where the scenario is not conservative, no conservation law is judged; what holds at impacts and against penetration is.
+
+    Args:
+        log: A run.
+        tolerance: A residual may reach this times (1 + scale); for ``no penetration`` a depth in m, by name only.
+
+    Raises:
+        KeyError: A tolerance for a law that there is not.
+    """
+    return audit(log).laws(log.impacts, tolerance)
+
+
+def audit(log: RunLog) -> Audit:
+    """Go through the rows of a log."""
+    seen = Audit(log.header.layout, log.header.facts)
+    for block in log.blocks():
+        seen.rows(block)
+    return seen
+
+
+def _tolerances(tolerance: Tolerance) -> dict[str, float]:
+    if not isinstance(tolerance, Mapping):
+        return dict.fromkeys(RELATIVE_LAWS, tolerance) | {"no penetration": DEEPEST_M}
+    for name in tolerance:
+        if name not in LAW_NAMES:
+            raise KeyError(f"no law is called {name!r}; there are {', '.join(LAW_NAMES)}")
+    return dict.fromkeys(LAW_NAMES, DEFAULT_TOLERANCE) | {"no penetration": DEEPEST_M} | dict(tolerance)
+
+
+def _law(name: str, party: str, worst: Peak, allowed: Mapping[str, float], drift: float | None = None) -> Law:
+    unit, components = _MEASURES[name]
+    limit = allowed[name] * (1.0 + worst.scale)
+    drift = worst.size if drift is None else drift
+    return Law(name, party, components[worst.component], worst.size, worst.time_s, limit, unit, drift)
+
+
+def _impact_laws(impacts: Sequence[ImpactRecord], allowed: Mapping[str, float]) -> list[Law]:
+    """What every impact must obey whatever law of contact made it.
+
+    The work of frictionless impulses is the sum of impulse (separation - approach) / 2, exactly; the accounts of energy take
+    its change as given, so it is checked here. One contact alone separates at e times its approach.
+    """
+    events = [list(contacts) for _, contacts in groupby(impacts, key=lambda record: record.event)]
+    if not events:
+        return []
+    works = [sum(c.impulse_N_s * (c.separation_speed_m_s - c.approach_speed_m_s) / 2 for c in event) for event in events]
+    laws = [
+        _worst_impact(
+            "impact energy",
+            "J",
+            [(event[0], abs(event[0].energy_change_J - work)) for event, work in zip(events, works, strict=True)],
+            max(event[0].energy_before_J["total"][0] for event in events),
+            allowed,
+        )
+    ]
+    alone = [event[0] for event in events if len(event) == 1]
+    if alone:
+        misses = [(c, abs(c.separation_speed_m_s - c.restitution * c.approach_speed_m_s)) for c in alone]
+        scale = max(c.approach_speed_m_s for c in alone)
+        laws.append(_worst_impact("impact restitution", "m/s", misses, scale, allowed))
+    return laws
+
+
+def _worst_impact(
+    name: str, unit: str, found: list[tuple[ImpactRecord, float]], scale: float, allowed: Mapping[str, float]
+) -> Law:
+    record, residual = max(found, key=lambda pair: np.inf if np.isnan(pair[1]) else pair[1])
+    limit = allowed[name] * (1.0 + scale)
+    return Law(name, "total", f"impact {record.event + 1}", residual, record.time_s, limit, unit, residual)

@@ -1,0 +1,69 @@
+"""The state at t = 0: joints and rates as the scenario has them, and whether a run can start from there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.model.number_faults import LEAST_SHARE, weakest_dof
+from ffsm_mj.model.system import Joint, System
+from ffsm_mj.scenario.scenario import JointValue, Scenario
+
+_HUGE = 1e10
+
+
+def initial_state(scenario: Scenario, system: System) -> Any:
+    """Data at t = 0 with everything derived from it.
+
+    Raises:
+        ScenarioFaults: An unknown joint, a value that it does not take, or a state from which no run can start.
+    """
+    data = mujoco.MjData(system.mj)
+    faults: list[Fault] = []
+    for key, target in (("joints", data.qpos), ("rates", data.qvel)):
+        for name, value in getattr(scenario.initial, key).items():
+            path = ("initial", key, name)
+            try:
+                joint = system.joint(name)
+            except LookupError as error:
+                faults.append(Fault(str(error.args[0]), path))
+                continue
+            fault = _set_joint(joint, key, value, target)
+            if fault:
+                faults.append(Fault(fault, path))
+    if faults:
+        raise ScenarioFaults(faults)
+    warnings: list[str] = []
+    with collected_warnings(warnings):
+        mujoco.mj_forward(system.mj, data)
+    dof, share = weakest_dof(system.mj, data)
+    if not share > LEAST_SHARE:
+        joint = system.mj.joint(int(system.mj.dof_jntid[dof])).name
+        how = f"singular to {share:.1g}" if share <= LEAST_SHARE else "not finite"
+        message = f"the mass matrix is {how} at joint {joint!r}: what it moves here has next to no mass or inertia"
+        raise ScenarioFaults([Fault(message, ("initial",))])
+    if warnings:
+        raise ScenarioFaults([Fault(f"MuJoCo warns: {' '.join(warnings[0].split())}", ("initial",))])
+    return data
+
+
+def _set_joint(joint: Joint, key: str, value: JointValue, target: Any) -> str:
+    """Write a joint's coordinates or rates; returns what is wrong with them, or nothing."""
+    part = joint.qpos if key == "joints" else joint.dofs
+    numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    size = part.stop - part.start
+    if len(numbers) != size:
+        return f"{joint.kind} joint {joint.name} takes {size} number{'s' if size > 1 else ''}, got {len(numbers)}"
+    if np.any(np.abs(numbers) > _HUGE):
+        return f"must stay below {_HUGE:g}, the largest value that MuJoCo takes for a state"
+    if key == "joints" and joint.kind in ("free", "ball"):
+        length = np.linalg.norm(numbers[-4:])
+        if abs(length - 1.0) > 1e-3:
+            return f"the quaternion (w, x, y, z) must have length 1, it has {length:.6g}"
+        numbers[-4:] /= length
+    target[part] = numbers
+    return ""

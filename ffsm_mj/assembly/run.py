@@ -1,0 +1,258 @@
+"""From a scenario to a finished run, in a straight line: assemble, open the log, simulate, close, summarise."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.analysis.digest import Digest, DigestSink
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.assembly.assemble import Assembly, assemble, unwatched_overlaps
+from ffsm_mj.assembly.interrupts import noted
+from ffsm_mj.assembly.run_size import refuse_without_room
+from ffsm_mj.assembly.source_date import source_date
+from ffsm_mj.contact.watch import ContactWatch
+from ffsm_mj.errors import LogWriteError
+from ffsm_mj.impact.resting import RestRule
+from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.log.mcap.reader import stored_rows
+from ffsm_mj.log.memory_sink import MemorySink
+from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
+from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.log.sink import Sink
+from ffsm_mj.model.files import logged_name
+from ffsm_mj.plant.ledger import Ledger
+from ffsm_mj.records.events import Outcome, OutcomeRecord
+from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.signals import PARTIES
+from ffsm_mj.scenario.scenario import Scenario, load_scenario
+from ffsm_mj.scenario.shipped import scenario_path
+from ffsm_mj.scenario.source import write_yaml
+from ffsm_mj.simulation.loop import Plant, Settings, Simulation
+from ffsm_mj.simulation.rows import RowWriter
+
+_PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
+
+
+def run(
+    scenario: str | Path,
+    overrides: Sequence[str] | Mapping[str, Any] = (),
+    *,
+    out: str | Path | None = None,
+    force: bool = False,
+    rerun: bool | None = None,
+    live: str | None = None,
+    report: Callable[[float, float], None] | None = None,
+) -> Run:
+    """Simulate a scenario.
+
+    Args:
+        scenario: A path, or the name of a shipped scenario.
+        overrides: ``key=value`` strings as on the command line, or a mapping of dotted keys to values.
+        out: Run folder to write; None keeps the run in memory only.
+        force: Replace a run that ``out`` already holds.
+        rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
+        live: ``host:port`` of a Rerun viewer to stream to; one that is missing or goes away never ends the run.
+        report: Told (simulation time, duration) in s as the run goes.
+
+    Returns:
+        The run, the same object that :func:`ffsm_mj.load_run` reads from the log.
+
+    Raises:
+        InputError: The scenario or a model is wrong, or the folder holds a run.
+    """
+    if isinstance(overrides, Mapping):
+        overrides = [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
+    prepared = prepare(scenario, overrides)
+    folder = RunFolder(Path(out), force=force) if out is not None else None
+    return prepared.run(folder=folder, rerun=rerun, live=live, report=report)
+
+
+def prepare(scenario: str | Path, overrides: Sequence[str] = ()) -> Prepared:
+    """Read, validate and assemble a scenario; nothing is written and nothing moves.
+
+    Raises:
+        InputError: The scenario or a model is wrong.
+    """
+    config, source = load_scenario(scenario_path(scenario), overrides)
+    return Prepared(assemble(config, source))
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scenario that is ready to run, once."""
+
+    assembly: Assembly
+
+    @property
+    def scenario(self) -> Scenario:
+        """The validated scenario."""
+        return self.assembly.scenario
+
+    def run(
+        self,
+        *,
+        folder: RunFolder | None = None,
+        rerun: bool | None = None,
+        live: str | None = None,
+        report: Callable[[float, float], None] | None = None,
+    ) -> Run:
+        """Simulate; see :func:`run`."""
+        source_date()  # one that is malformed is refused before there is a folder
+        refuse_without_room(
+            self.scenario.ticks, len(self.assembly.layout.signals), folder.path if folder is not None else None
+        )
+        with_rerun = self.scenario.log.rerun if rerun is None else rerun
+        return _simulate(self.assembly, folder, with_rerun=with_rerun, live=live, report=report)
+
+    def describe(self) -> list[str]:
+        """Lines that tell a person what would run, and what to know of it."""
+        assembly, system = self.assembly, self.assembly.system
+        pairs = ", ".join(f"{p.robot_geom} - {p.object_geom} (e = {p.restitution:g})" for p in assembly.pairs) or "none"
+        phases = ", ".join(f"{p.name} ({p.controller.kind})" for p in self.scenario.phases)
+        lines = [
+            f"{self.scenario.name}: valid",
+            *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
+            f"  impact pairs: {pairs}",
+            f"  phases: {phases}",
+            f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
+            f" steps of {self.scenario.time_step_s:g} s",
+        ]
+        lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
+            "conservative: nothing in the models breaks it"
+        ]
+        lines += [f"note: {note}" for note in system.notes]
+        lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
+        return lines
+
+
+# A run checks that its state is finite and ends where it is not; numpy would say so again, and to nobody in particular.
+@np.errstate(all="ignore")
+def _simulate(
+    assembly: Assembly,
+    folder: RunFolder | None,
+    *,
+    with_rerun: bool,
+    live: str | None,
+    report: Callable[[float, float], None] | None,
+) -> Run:
+    config, system, layout = assembly.scenario, assembly.system, assembly.layout
+    files = {logged_name(model, n): data for model, each in system.files.items() for n, data in each.files.items()}
+    detector = Detector(system.mj, assembly.data, assembly.pairs)
+    ledger = Ledger(system, assembly.data, detector.momentum, notes=BLOCK_ROWS)
+    header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly, ledger))
+    memory, digested = MemorySink(keep_rows=folder is None), DigestSink()
+    sinks: list[Sink] = [memory, digested]
+    if folder is not None:
+        sinks += folder.sinks(header, system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
+    if live is not None:
+        from ffsm_mj.log.rerun.live import LiveSink  # a second to import, for those who watch
+
+        sinks.append(LiveSink(live, system, config.log.view_rate_hz))
+    plant = Plant(
+        system,
+        assembly.data,
+        assembly.actuation,
+        detector,
+        ContactWatch(system.mj, assembly.data, assembly.known_pairs),
+        ledger,
+    )
+    tip = assembly.task.tip_site if assembly.task else None
+    block = np.zeros((BLOCK_ROWS, len(layout.signals)))
+    rows = RowWriter(
+        layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, detector.overlap, tip, block
+    )
+    recorder = Recorder(block, sinks, rows.complete, by_clock=source_date() is None)
+    simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
+    try:
+        with noted() as interrupted, recorder:
+            recorder.open(header)
+            outcome = simulation.run(interrupted, lambda t: report(t, config.duration_s) if report else None)
+            recorder.outcome = outcome
+            recorder.pass_on()
+            recorder.outcome = _with_controller(outcome, digested.digest)
+    except LogWriteError as error:
+        if recorder.outcome is None:
+            raise
+        # The run is over and a log could not be finished: what the summary needs of it is in memory.
+        memory.close(replace(recorder.outcome, outcome=Outcome.WRITE_FAILED.value, message=str(error)))
+    if folder is None:
+        return Run(memory.log(), digested=digested.digest)
+    finished = Run(memory.log(stored_rows(folder.log, layout)), folder.log, digested.digest)
+    folder.write_summary(finished.summary())
+    return finished
+
+
+def _settings(config: Scenario) -> Settings:
+    interval = config.impact.rest_interval_s
+    return Settings(
+        time_step_s=config.time_step_s,
+        steps_per_tick=config.steps_per_tick,
+        ticks=config.ticks,
+        stop_on_impact=config.stop_on_impact,
+        rest=RestRule(config.time_step_s if interval is None else interval, config.impact.rest_speed_m_s),
+        max_impacts=config.impact.max_impacts,
+        law=config.impact.law,
+    )
+
+
+def _with_controller(outcome: OutcomeRecord, digest: Digest) -> OutcomeRecord:
+    """Add what the rows say of the Riccati solver, and the versions that made the run; see :mod:`.source_date`."""
+    return replace(
+        outcome,
+        wall_s=outcome.wall_s if source_date() is None else 0.0,
+        riccati_fallbacks=digest.riccati_fallbacks,
+        worst_riccati_residual=digest.worst_riccati_residual,
+        versions=versions(),
+    )
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of the packages that shape a result."""
+    return {package: version(package) for package in _PACKAGES}
+
+
+def _resolved_yaml(assembly: Assembly) -> str:
+    """The scenario with every default written out, its models where the run folder keeps them."""
+    data = assembly.scenario.model_dump(mode="json")
+    for name, files in assembly.system.files.items():
+        part = data["robot"] if name == "robot" else data["objects"][name]
+        part["mjcf"] = logged_name(name, files.main)
+        part["asset_folders"] = [] if files.beside else [logged_name(name, "")]
+    return write_yaml(_without_none(data))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return value if not isinstance(value, list) else [_without_none(item) for item in value]
+
+
+def _facts(assembly: Assembly, ledger: Ledger) -> dict[str, str]:
+    config, task = assembly.scenario, assembly.task
+    facts = {
+        "format_version": "1",
+        "scenario": config.name,
+        "created_utc": (source_date() or datetime.now(UTC)).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "duration_s": repr(config.duration_s),
+        "time_step_s": repr(config.time_step_s),
+        "control_period_s": repr(config.time_step_s * config.steps_per_tick),
+        "phases": "\n".join(phase.name for phase in config.phases),
+        "conservative": "true" if not assembly.system.faults else "false",
+        "not_conservative": "; ".join(assembly.system.faults),
+    }
+    for party, free in zip(PARTIES, ledger.free, strict=True):
+        facts[f"free_components_{party}"] = " ".join(f"{x:.0f}" for x in free)
+    if task is not None and config.task is not None:
+        facts["task_axes"] = " ".join(config.task.axes)
+        facts["task_target_m"] = " ".join(repr(float(x)) for x in config.task.target_m)
+    return facts | {f"version {name}": text for name, text in versions().items()}

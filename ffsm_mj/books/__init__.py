@@ -1,0 +1,1 @@
+"""The arithmetic of the ledgers; run and ``analyze`` call the same functions."""

@@ -1,0 +1,189 @@
+"""What ``ffsm analyze`` and ``ffsm export`` do, given their options; the command line only parses."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ffsm_mj.analysis.recounted import Recount
+from ffsm_mj.analysis.run import Run, compare, load_run
+from ffsm_mj.analysis.verdicts import DEEPEST_M, DEFAULT_TOLERANCE, LAW_NAMES, RELATIVE_LAWS, Tolerance
+from ffsm_mj.cli.exit_codes import DAMAGED, OK, VIOLATED
+from ffsm_mj.cli.progress import Report
+from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.log.run_folder import find_log
+from ffsm_mj.present.output_place import usable_file, usable_folder
+from ffsm_mj.present.text_report import (
+    as_json,
+    comparison_report,
+    damage_of,
+    verification,
+    verification_data,
+    what_is_missing,
+)
+from ffsm_mj.recount import recount
+
+Say = Callable[[str], None]
+Stage = Callable[[str, str], Report | None]
+"""Begins a part of the work, given its name and the unit of what it reports; see :class:`ffsm_mj.cli.progress.Progress`."""
+_EXPORT_SUFFIX = {"csv": ".csv", "parquet": ".parquet", "gif": ".gif", "mp4": ".mp4"}
+
+
+# A log may hold any double. What is not finite is no small residual and says so itself; numpy's warnings would say it twice.
+_any_double = np.errstate(all="ignore")
+
+
+@_any_double
+def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    """Verify each run, print, draw and compare as asked.
+
+    Returns:
+        The exit code: VIOLATED where a law does not hold or a log does not agree with its states, else DAMAGED where one is
+        damaged, incomplete or without models to verify it with.
+
+    Raises:
+        InputError: A run cannot be read or holds no sample, a tolerance names no law, options exclude each other, or
+            figures cannot be written where they should be.
+        OutputLostError: A figure could not be written to its end.
+    """
+    _refuse_impossible(options)
+    tolerance = _tolerance(options.tolerance)
+    names = run_names(options.runs)
+    several = len(names) > 1
+    data, kept = [], []
+    found: dict[int, list[str]] = {OK: [], VIOLATED: [], DAMAGED: []}
+    shown = {name: f"{name} ({number} of {len(names)})" if several else name for number, name in enumerate(names, 1)}
+    for path, name, run in _load_all(options.runs, shown, stage):
+        again = recount(run.log, stage(f"recompute {shown[name]}", "samples"))
+        found[_judge(run, again, tolerance)].append(name)
+        if options.json:
+            data.append(verification_data(run, again, tolerance))
+        else:
+            say(f"{path.resolve()}\n\n{verification(run, again, tolerance)}" + "\n" * (several or options.plots is not None))
+        if options.plots:
+            folder = Path(options.plots) / name if several else Path(options.plots)
+            _plot(run, folder, None if options.json else say, stage(f"figures of {shown[name]}", "figures"))
+        if several and (options.compare or options.plots):
+            kept.append((name, run))
+    if options.json:
+        say(as_json(data if several else data[0]))
+    elif several:
+        words = ((VIOLATED, "; VIOLATED in "), (DAMAGED, "; damaged or incomplete: "))
+        rest = "".join(head + ", ".join(found[code]) for code, head in words if found[code])
+        say(f"{len(found[OK])} of {len(names)} runs verified{rest}")
+    if options.compare:
+        _compare(kept, say, stage)
+    if options.plots and several:
+        _plot_comparison(kept, Path(options.plots), None if options.json else say, stage)
+    return next((code for code in (VIOLATED, DAMAGED) if found[code]), OK)
+
+
+def _judge(run: Run, again: Recount, tolerance: Tolerance) -> int:
+    """Exit code of one run; what is violated is worse than what is missing."""
+    if not all(law.holds for law in again.laws(tolerance)) or not (again.agrees or again.obstacle):
+        return VIOLATED
+    return OK if run.complete and not damage_of(run, again) and not again.obstacle else DAMAGED
+
+
+def _tolerance(given: Sequence[tuple[str, float]]) -> Tolerance:
+    tolerances = dict.fromkeys(RELATIVE_LAWS, DEFAULT_TOLERANCE) | {"no penetration": DEEPEST_M}
+    names = [name for name, _ in given]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"--tolerance: given twice for {name or 'all laws'}")
+    for name, value in sorted(given, key=lambda pair: pair[0] != ""):  # those for one law have the last word
+        if name and name not in LAW_NAMES:
+            raise InputError(f"--tolerance: {unknown_name('law', name, LAW_NAMES)}")
+        tolerances |= dict.fromkeys([name] if name else RELATIVE_LAWS, value)
+    return tolerances
+
+
+def run_names(paths: Sequence[str]) -> list[str]:
+    """A short name for each run: its folder's, numbered where two have the same."""
+    names: list[str] = []
+    for text in paths:
+        path = Path(text).resolve()
+        name = path.parent.name if path.name.startswith("run.mcap") else path.name.split(".mcap")[0]
+        candidates = (name, *(f"{name}-{i}" for i in range(2, len(paths) + 2)))
+        names.append(next(candidate for candidate in candidates if candidate not in names))
+    return names
+
+
+def _load_all(paths: Sequence[str], names: Mapping[str, str], stage: Stage) -> Iterator[tuple[Path, str, Run]]:
+    """Each run with its path and name; what is shown for a name stands behind it."""
+    for path, (name, shown) in zip(paths, names.items(), strict=True):
+        stage(f"read {shown}", "")
+        run = load_run(path)
+        if not len(run.log.rows):
+            raise InputError(f"{path}: the log holds no sample, there is nothing to verify")
+        yield Path(path), name, run
+
+
+def _refuse_impossible(options: argparse.Namespace) -> None:
+    if options.json and options.compare:
+        raise InputError("--compare prints text: leave --json out, or call ffsm_mj.compare(a, b) in Python")
+    if options.compare and len(options.runs) < 2:
+        raise InputError("--compare: name two runs or more")
+    if options.plots:
+        usable_folder(Path(options.plots))
+
+
+def _compare(runs: Sequence[tuple[str, Run]], say: Say, stage: Stage) -> None:
+    for name, run in runs[1:]:
+        stage(f"compare {name}", "")
+        say("\n" + comparison_report((runs[0][0], name), compare(runs[0][1], run)))
+
+
+def _plot(run: Run, folder: Path, say: Say | None, report: Report | None) -> None:
+    from ffsm_mj.present.plots import save  # matplotlib: for those who want figures
+
+    files = save(run, folder, report=report)
+    if say is not None:
+        say(f"figures in {folder}: {', '.join(dict.fromkeys(file.stem for file in files))} (svg, png)")
+
+
+def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | None, stage: Stage) -> None:
+    from ffsm_mj.present.plots import MOST_RUNS, save_comparison
+
+    stage("comparison", "")
+    save_comparison(runs, folder)
+    if say is not None:
+        left_out = f", the first {MOST_RUNS} runs" if len(runs) > MOST_RUNS else ""
+        say(f"figures in {folder}: comparison (svg, png){left_out}")
+
+
+@_any_double
+def export(options: argparse.Namespace, say: Say, stage: Stage) -> str:
+    """Write a table or an animation of a run.
+
+    Returns:
+        What of the run the log does not tell, in a line; empty where it is whole.
+
+    Raises:
+        InputError: The run cannot be read, there is no such table, or the file cannot be written to.
+        MissingPackageError: A package that only this needs is not installed.
+        OutputLostError: The file could not be written to its end.
+    """
+    film, table = options.form in ("gif", "mp4"), options.table or "samples"
+    log = find_log(Path(options.run))
+    suffix = _EXPORT_SUFFIX[options.form]
+    out = Path(options.out) if options.out else log.with_name(("motion" if film else table) + suffix)
+    if out.suffix.lower() != suffix and (film or out.suffix.lower() in _EXPORT_SUFFIX.values()):
+        raise InputError(f"--{options.form} writes {suffix}, --out {out} ends otherwise")
+    usable_file(out)
+    stage(f"read {log}", "")
+    run = load_run(log)
+    if film:
+        from ffsm_mj.present.animation import write_animation
+
+        report, rate = stage(out.name, "pictures"), options.fps or 20.0
+        say(f"{out}: {write_animation(run, out, frames_per_second=rate, speed=options.speed, report=report)}")
+    else:
+        from ffsm_mj.present.export import write_table
+
+        stage(out.name, "")
+        say(f"{out}: {write_table(run, table, out, options.form)}")
+    return f"{log}: {what_is_missing(run)}" if what_is_missing(run) else ""

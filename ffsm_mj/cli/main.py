@@ -1,0 +1,245 @@
+"""``ffsm``: what each command does, and its exit code. Every import that costs is made where it is needed."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from ffsm_mj.assembly.interrupts import raised
+from ffsm_mj.cli.command_line import HelpAsked, parse, parser
+from ffsm_mj.cli.exit_codes import BAD_INPUT, DAMAGED, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED, VIOLATED
+from ffsm_mj.cli.progress import Progress, progress
+from ffsm_mj.cli.standard_streams import Output, complain, secure
+
+_VIEWER = "127.0.0.1:9876"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    secure()
+    output = Output()
+    code = _perform(sys.argv[1:] if arguments is None else arguments, output)
+    if output.lost:
+        complain(f"stdout: output is lost ({output.lost})")
+        return code or OUTPUT_LOST
+    return code
+
+
+def _perform(arguments: Sequence[str], output: Output) -> int:
+    """Do what is asked; whatever is wrong is told in one line per fault."""
+    from ffsm_mj import one_blas_thread
+    from ffsm_mj.errors import FfsmError, InputError, LogWriteError, OutputLostError
+
+    one_blas_thread()
+    try:
+        with raised():
+            options = parse(arguments)
+            return _COMMANDS[options.command](options, output)
+    except HelpAsked as asked:
+        output.say(str(asked))
+        return OK
+    except InputError as error:
+        for line in error.lines:
+            complain(line)
+    except LogWriteError as error:
+        complain(f"write_failed: {error}")
+        return RUN_FAILED
+    except OutputLostError as error:
+        complain(str(error))
+        return OUTPUT_LOST
+    except FfsmError as error:
+        complain(str(error))
+    except OSError as error:  # a name that is too long, a folder that cannot be entered
+        complain(": ".join(str(part) for part in (error.filename, error.strerror or error) if part))
+    except KeyboardInterrupt:
+        complain("interrupted")
+        return INTERRUPTED
+    return BAD_INPUT
+
+
+def _usage(options: argparse.Namespace, output: Output) -> int:
+    if not options.version:
+        output.say(parser().format_help().rstrip())
+        return OK
+    from importlib.metadata import version
+
+    output.say(f"ffsm-mj {version('ffsm-mj')}")
+    return OK
+
+
+def _run(options: argparse.Namespace, output: Output) -> int:
+    if options.list:
+        return _list(output)
+    if options.scenario is None:
+        complain("ffsm run: name a scenario; 'ffsm run --list' shows the shipped ones")
+        return BAD_INPUT
+    from ffsm_mj.assembly.run import prepare
+    from ffsm_mj.log.run_folder import RunFolder
+
+    prepared = prepare(options.scenario, options.overrides)
+    scenario = prepared.scenario
+    if options.out == "":
+        complain("--out: an empty name; leave --out away for a folder in logs/")
+        return BAD_INPUT
+    folder = RunFolder(Path(options.out), force=options.force) if options.out else RunFolder.in_logs(scenario.name)
+    live, rerun = (options.viewer or _VIEWER) if options.live else None, False if options.no_rerun else None
+    with progress() as shown:
+        report = shown.stage(scenario.name, "s", scenario.duration_s)
+        run = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
+    if not options.out:
+        folder.link_latest()
+    from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE
+    from ffsm_mj.present.text_report import run_report, verdict, violated
+
+    output.say(run_report(run))
+    output.say(f"\nfiles in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
+    output.say(f"look at it: ffsm view {folder.path}   verify the log: ffsm analyze {folder.path}")
+    if run.outcome != "completed":
+        complain(f"{run.outcome}: {run.message}")
+        return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
+    if violated(run, DEFAULT_TOLERANCE):
+        complain(verdict(run, run.laws()))
+        return OK if options.allow_violations else VIOLATED
+    return OK
+
+
+def _list(output: Output) -> int:
+    from ffsm_mj.scenario.shipped import scenario_names, scenario_path
+    from ffsm_mj.scenario.source import read_yaml
+
+    names = scenario_names()
+    width = max(map(len, names))
+    for name in names:
+        output.say(f"{name:{width}}  {read_yaml(scenario_path(name)).data.get('description', '')}")
+    return OK
+
+
+def _check(options: argparse.Namespace, output: Output) -> int:
+    from ffsm_mj.assembly.run import prepare
+
+    for line in prepare(options.scenario, options.overrides).describe():
+        output.say(line)
+    return OK
+
+
+def _analyze(options: argparse.Namespace, output: Output) -> int:
+    from ffsm_mj.cli.commands import analyze
+
+    with _showing(output) as (say, shown):
+        return analyze(options, say, shown.stage)
+
+
+def _export(options: argparse.Namespace, output: Output) -> int:
+    from ffsm_mj.cli.commands import export
+
+    with _showing(output) as (say, shown):
+        missing = export(options, say, shown.stage)
+    if not missing:
+        return OK
+    complain(missing)
+    return DAMAGED
+
+
+@contextmanager
+def _showing(output: Output) -> Iterator[tuple[Callable[[str], None], Progress]]:
+    """Progress, and how to print while it is shown."""
+    with progress() as shown:
+
+        def say(text: str) -> None:
+            with shown.hidden():
+                output.say(text)
+
+        yield say, shown
+
+
+def _view(options: argparse.Namespace, _: Output) -> int:
+    import tempfile
+
+    from ffsm_mj.log.rerun.viewer import has_display
+    from ffsm_mj.log.run_folder import RECORDING, find_log, finished_recording
+
+    log = find_log(Path(options.run))
+    recording = finished_recording(Path(options.run))
+    if not has_display():
+        complain(f"no display to open the Rerun viewer on; {recording or log} shows on any machine that has one")
+        return RUN_FAILED
+    if recording is not None:
+        return _open_viewer(recording, options.listen)
+    from ffsm_mj.analysis.run import load_run
+    from ffsm_mj.log.rerun.from_log import write_recording
+
+    with tempfile.TemporaryDirectory(prefix="ffsm-") as folder:
+        made = Path(folder) / RECORDING
+        with progress() as shown:
+            shown.stage(f"recording of {log}")
+            write_recording(load_run(log).log, made)
+        return _open_viewer(made, options.listen)
+
+
+def _open_viewer(recording: Path, listen: str) -> int:
+    import subprocess
+
+    from ffsm_mj.log.rerun.viewer import viewer_command
+
+    if subprocess.call(viewer_command(str(recording.absolute()), listen=listen)) == 0:
+        return OK
+    complain("the Rerun viewer did not open; its own message is above")
+    return RUN_FAILED
+
+
+def _reproduce(options: argparse.Namespace, output: Output) -> int:
+    from ffsm_mj.present.output_place import usable_folder
+    from ffsm_mj.reproduction import committed_pages, reproduce, stale_once
+
+    folder = Path(options.out)
+    if options.check:
+        committed_pages(folder)
+    else:
+        usable_folder(folder)
+    with progress() as shown:
+        report = shown.stage("reproduce", "runs")
+        once = options.check and not options.long
+        again, stale = (None, stale_once(folder, report)) if once else (reproduce(report), [])
+    if again is None:
+        return _judged(folder, stale, output)
+    output.say(again.text())
+    if options.check:
+        return _judged(folder, again.stale(folder), output)
+    output.say(f"\nwritten: {', '.join(str(path) for path in again.write(folder))}")
+    return OK
+
+
+def _judged(folder: Path, stale: Sequence[str], output: Output) -> int:
+    """Say which lines of the pages are stale."""
+    for line in stale:
+        complain(line)
+    output.say(f"\n{folder}: {f'{len(stale)} lines are not current' if stale else 'every page is current'}")
+    return VIOLATED if stale else OK
+
+
+def _schema(_: argparse.Namespace, output: Output) -> int:
+    import json
+
+    from ffsm_mj.scenario.schema import scenario_schema
+
+    output.say(json.dumps(scenario_schema(), indent=2))
+    return OK
+
+
+_COMMANDS: dict[str | None, Callable[[argparse.Namespace, Output], int]] = {
+    None: _usage,
+    "run": _run,
+    "check": _check,
+    "analyze": _analyze,
+    "export": _export,
+    "view": _view,
+    "reproduce": _reproduce,
+    "schema": _schema,
+}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

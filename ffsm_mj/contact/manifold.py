@@ -1,0 +1,108 @@
+"""Where two convex geoms touch: a point, an edge or a face, by its extreme points.
+
+A face contact has no single witness (it jumps from corner to corner at 1e-9 rad of tilt), so the touching set is built from
+the geoms' own features: everything of a geom that is extreme along the contact normal, intersected with the other's.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.shape import PARALLEL
+
+_KINDS = {1: "point", 2: "edge"}
+
+
+def manifold_name(count: int) -> str:
+    """``point``, ``edge`` or ``face`` by the number of extreme points."""
+    return _KINDS.get(count, "face")
+
+
+def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray) -> FloatArray:
+    """Extreme points of the intersection of two features in the plane across the normal, (k, 3).
+
+    Args:
+        first: Extreme points of one geom along the normal, (m, 3).
+        second: Extreme points of the other against it, (n, 3).
+        normal: Common normal.
+
+    Returns:
+        Points midway between both features; empty where they do not overlap within rounding.
+    """
+    if min(len(first), len(second)) == 1:
+        return first if len(first) == 1 else second
+    axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    u = np.cross(normal, axis)
+    u /= np.linalg.norm(u)
+    plane = np.stack((u, np.cross(normal, u)))
+    a, b = _hull(first @ plane.T), _hull(second @ plane.T)
+    reach = 1e-9 + 1e-7 * max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
+    candidates = [p for p in a if _inside(p, b, reach)] + [p for p in b if _inside(p, a, reach)] + _crossings(a, b)
+    if not candidates:
+        return np.empty((0, 3))
+    hull = _hull(np.array(candidates), reach)
+    height = 0.5 * (float(np.mean(first @ normal)) + float(np.mean(second @ normal)))
+    return np.asarray(hull @ plane + height * normal)
+
+
+def _hull(points: FloatArray, merge: float = 1e-12) -> FloatArray:
+    """Corners of the convex hull of planar points, counter-clockwise; one or two where they are a point or a segment."""
+    order = sorted(map(tuple, points))
+    distinct = [order[0]]
+    for p in order[1:]:
+        if all(abs(p[0] - q[0]) + abs(p[1] - q[1]) > merge for q in distinct):
+            distinct.append(p)
+    if len(distinct) < 3:
+        return np.array(distinct)
+    span = max(np.ptp([p[0] for p in distinct]), np.ptp([p[1] for p in distinct]))
+    chain: list[tuple[float, ...]] = []
+    for half in (distinct, distinct[::-1]):
+        start = len(chain)
+        for p in half:
+            while len(chain) - start >= 2 and _turn(chain[-2], chain[-1], p) <= 1e-9 * span * span:
+                chain.pop()
+            chain.append(p)
+        chain.pop()
+    return np.array(chain)
+
+
+def _turn(o: Any, a: Any, b: Any) -> float:
+    return float((a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]))
+
+
+def _inside(p: FloatArray, polygon: FloatArray, reach: float) -> bool:
+    """Whether a point lies in a convex polygon, on a segment or at a point, within a distance."""
+    if len(polygon) == 1:
+        return bool(np.linalg.norm(p - polygon[0]) <= reach)
+    if len(polygon) == 2:
+        along = polygon[1] - polygon[0]
+        t = float(np.clip((p - polygon[0]) @ along / (along @ along), 0.0, 1.0))
+        return bool(np.linalg.norm(p - polygon[0] - t * along) <= reach)
+    edges = zip(polygon, np.roll(polygon, -1, axis=0), strict=True)
+    return all(_turn(a, b, p) >= -reach * float(np.linalg.norm(b - a)) for a, b in edges)
+
+
+def _crossings(a: FloatArray, b: FloatArray) -> list[FloatArray]:
+    """Points where an edge of one polygon crosses an edge of the other."""
+    found = []
+    for p, q in _edges(a):
+        for r, s in _edges(b):
+            d, e = q - p, s - r
+            cross = d[0] * e[1] - d[1] * e[0]
+            if abs(cross) <= PARALLEL * float(np.linalg.norm(d) * np.linalg.norm(e)):
+                continue
+            w = r - p
+            t, v = (w[0] * e[1] - w[1] * e[0]) / cross, (w[0] * d[1] - w[1] * d[0]) / cross
+            if 0.0 <= t <= 1.0 and 0.0 <= v <= 1.0:
+                found.append(p + t * d)
+    return found
+
+
+def _edges(polygon: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    if len(polygon) < 2:
+        return []
+    closed = zip(polygon, np.roll(polygon, -1, axis=0), strict=True)
+    return list(closed)[: 1 if len(polygon) == 2 else None]

@@ -1,0 +1,230 @@
+"""Impact pairs: signed gap, normal, contact point and how fast the gap can close.
+
+MuJoCo's contacts are off; ``mj_geomDistance`` is asked for each pair. Its witness direction is meaningless at touch, so a
+normal starts from a shifted query (one geom moved away along the estimate, asked again, a few passes) and is then
+polished on the geoms' support functions, which also give the gap to rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.manifold import touching_set
+from ffsm_mj.contact.normal import polished, separation
+from ffsm_mj.contact.second_rate import SecondRate, second_rate
+from ffsm_mj.contact.shape import PARALLEL, Shape
+from ffsm_mj.model.system import System
+
+_UNSUPPORTED = {
+    int(mujoco.mjtGeom.mjGEOM_PLANE): "plane",
+    int(mujoco.mjtGeom.mjGEOM_HFIELD): "height field",
+    int(mujoco.mjtGeom.mjGEOM_SDF): "signed distance field",
+}
+REST_RATE = 1e-12
+"""Gap rates within this share of (1 m/s + the speeds involved) of zero are rounding."""
+# A gap is below zero where it is so many times its rounding below; there, rates are told from zero more finely.
+_FALLEN, _EXACT = 1e3, 1e-3
+_ROUNDING, _EPSILON = 1e-14, 2.0**-52
+FAR = 1e3
+"""Gaps are not told apart beyond this, m."""
+# Passes of the shifted query, each leaving shift / (shift + radius of curvature) of the error, until it is this small.
+_PASSES, _SETTLED = 20, 1e-5
+# Its stand-off, as a share of the pair's size (half the thinnest extent), and in m at most.
+_SHARE, _SHIFT = 0.2, 1e-2
+# Rotations and accelerations inside a step may exceed what its ends show; the bound keeps this margin.
+_BOUND_MARGIN = 1.1
+# Relative error of an eigenvalue of a sum of inertias, against the greatest: some 1e-16, with room.
+_INERTIA_ROUNDING = 1e-14
+
+
+@dataclass(frozen=True)
+class Proximity:
+    """A pair at one instant, in world axes.
+
+    Attributes:
+        gap: Signed distance in m, negative when overlapping.
+        normal: Unit normal from the robot to the object, (3,).
+        points: Where they touch, or would: one point, or the extreme points of an edge or a face, (k, 3).
+        rates: Rate of the gap at each point in m/s, negative when approaching, (k,).
+        still: Rates within this of zero in m/s are rounding: neither approaching nor separating.
+        rounding: Gaps within this of each other in m are the same.
+    """
+
+    gap: float
+    normal: FloatArray
+    points: FloatArray
+    rates: FloatArray
+    still: float
+    rounding: float
+
+    @property
+    def rate(self) -> float:
+        """Rate at the point that approaches most."""
+        return float(self.rates.min())
+
+    @property
+    def approaches(self) -> bool:
+        """Whether the gap closes: by more than rounding, or at all where it has fallen below zero by much more than that."""
+        return self.rate < (-self.still if self.gap > -_FALLEN * self.rounding else -_EXACT * self.still)
+
+
+class ImpactPair:
+    """A geom of the robot and a geom of an object that may hit each other.
+
+    Attributes:
+        robot_geom: Full name of the robot's geom.
+        object_geom: Full name of the object's geom.
+        restitution: Coefficient e of this pair.
+        geoms: Ids of both geoms.
+        size: Length in m below which the pair's gap is a simple function of time (half the thinnest extent).
+    """
+
+    def __init__(self, system: System, robot_geom: str, object_geom: str, restitution: float) -> None:
+        """Resolve names and constants.
+
+        Raises:
+            LookupError: An unknown geom, a geom on the wrong side, or a shape without an exact distance.
+        """
+        model = system.mj
+        self._g1, self._g2 = system.index("geom", robot_geom), system.index("geom", object_geom)
+        self.robot_geom, self.object_geom = model.geom(self._g1).name, model.geom(self._g2).name
+        self.robot_body, self.object_body = int(model.geom_bodyid[self._g1]), int(model.geom_bodyid[self._g2])
+        self.geoms = frozenset((self._g1, self._g2))
+        self._check_sides(system)
+        self.restitution = restitution
+        self.size = 0.5 * float(min(model.geom_aabb[self._g1, 3:].min(), model.geom_aabb[self._g2, 3:].min()))
+        self._r1, self._r2 = float(model.geom_rbound[self._g1]), float(model.geom_rbound[self._g2])
+        self._root1, self._root2 = int(model.body_rootid[self.robot_body]), int(model.body_rootid[self.object_body])
+        self._fromto = np.empty(6)
+        self._normal: FloatArray | None = None
+
+    def _check_sides(self, system: System) -> None:
+        model = system.mj
+        for name, body, robot_side in (
+            (self.robot_geom, self.robot_body, True),
+            (self.object_geom, self.object_body, False),
+        ):
+            shape = _UNSUPPORTED.get(int(model.geom_type[model.geom(name).id]))
+            if shape:
+                raise LookupError(f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...)")
+            if (body in system.robot.bodies) != robot_side or system.tree_of_body(body) is None:
+                side = "the robot" if robot_side else "an object"
+                raise LookupError(f"geom {name!r} does not belong to {side}")
+
+    def gap(self, model: Any, data: Any, limit: float) -> float:
+        """Signed distance in m, negative when overlapping; ``limit`` where it is larger than that."""
+        return float(mujoco.mj_geomDistance(model, data, self._g1, self._g2, limit, None))
+
+    def closing_bound(self, data: Any) -> float:
+        """Speed in m/s that the gap cannot change faster than: centres apart, plus spins times bounding radii."""
+        v1, w1 = self._centre_motion(data, self.robot_body, self._root1, self._g1)
+        v2, w2 = self._centre_motion(data, self.object_body, self._root2, self._g2)
+        return _BOUND_MARGIN * (math.dist(v1, v2) + w1 * self._r1 + w2 * self._r2)
+
+    @staticmethod
+    def _centre_motion(data: Any, body: int, root: int, geom: int) -> tuple[tuple[float, float, float], float]:
+        """Velocity of a geom's centre and its angular speed; cvel is (angular, linear) about the tree's centre of mass."""
+        wx, wy, wz, vx, vy, vz = data.cvel[body].tolist()
+        x, y, z = (data.geom_xpos[geom] - data.subtree_com[root]).tolist()
+        velocity = (vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x)
+        return velocity, math.sqrt(wx * wx + wy * wy + wz * wz)
+
+    def reach_per_root_energy(self, model: Any, data: Any) -> float:
+        """Bound on the closing speed over sqrt(2 T), T the kinetic energy of everything, in any configuration.
+
+        A rigid group of mass m and least moment of inertia I has |v| <= sqrt(2 T / m) and |w| <= sqrt(2 T / I); a point of a
+        geom is at most its distance from the group's mass centre plus its bounding radius away from that centre.
+        """
+        parts = (
+            _speed_per_root_energy(model, data, self._g1, self._r1),
+            _speed_per_root_energy(model, data, self._g2, self._r2),
+        )
+        return math.hypot(*parts)
+
+    def proximity(self, model: Any, data: Any) -> Proximity:
+        """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
+        first, second = Shape(model, data, self._g1), Shape(model, data, self._g2)
+        estimate, witness = self._shifted_query(model, data)
+        normal = self._normal = polished(first, second, estimate)
+        points = touching_set(first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL), normal)
+        points = points if len(points) else witness[None]
+        here = self._velocity(data, self.robot_body, self._root1, points)
+        there = self._velocity(data, self.object_body, self._root2, points)
+        still = REST_RATE * (1.0 + float(np.abs(here).max()) + float(np.abs(there).max()))
+        rounding = _ROUNDING + 4.0 * _EPSILON * float(np.abs(points).max())
+        return Proximity(separation(first, second, normal), normal, points, (there - here) @ normal, still, rounding)
+
+    def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
+        """Second rate of the gap at one of the points of a proximity; accelerations in ``data`` must be current."""
+        shapes = Shape(model, data, self._g1), Shape(model, data, self._g2)
+        half = 0.5 * near.gap * near.normal
+        bodies, points = (self.robot_body, self.object_body), (point - half, point + half)
+        return second_rate(model, data, bodies, shapes, near.normal, points)
+
+    def pressed(self, model: Any, data: Any, near: Proximity) -> bool:
+        """Whether a pair that is closed and still begins to overlap with the efforts in ``data``."""
+        rates = (self.second_rate(model, data, near, point) for point in near.points)
+        return any(rate.value < -rate.rounding for rate in rates)
+
+    @staticmethod
+    def _velocity(data: Any, body: int, root: int, points: FloatArray) -> FloatArray:
+        """Velocities of points fixed to a body, (k, 3)."""
+        angular, linear = data.cvel[body][:3], data.cvel[body][3:]
+        return np.asarray(linear + np.cross(angular, points - data.subtree_com[root]))
+
+    def _shifted_query(self, model: Any, data: Any) -> tuple[FloatArray, FloatArray]:
+        """Normal and the midpoint of the witnesses, asked with the object's geom moved clear of the robot's."""
+        centre = data.geom_xpos[self._g2].copy()
+        normal = self._estimate(model, data)
+        shift = min(_SHIFT, _SHARE * self.size)
+        try:
+            for _ in range(_PASSES):
+                data.geom_xpos[self._g2] = centre + shift * normal
+                distance = mujoco.mj_geomDistance(model, data, self._g1, self._g2, FAR, self._fromto)
+                if distance <= 0.0:  # overlapping deeper than the shift: move further out
+                    shift *= 4.0
+                    continue
+                before, normal = normal, _direction(self._fromto)
+                if math.dist(before, normal) < _SETTLED:
+                    break
+        finally:
+            data.geom_xpos[self._g2] = centre
+        return normal, 0.5 * (self._fromto[:3] + self._fromto[3:] - shift * normal)
+
+    def _estimate(self, model: Any, data: Any) -> FloatArray:
+        """A direction to start from: the last normal, the witnesses when clearly apart, else the centres."""
+        distance = mujoco.mj_geomDistance(model, data, self._g1, self._g2, FAR, self._fromto)
+        if distance > 1e-6:
+            return _direction(self._fromto)
+        if self._normal is not None:
+            return self._normal
+        direction = data.geom_xpos[self._g2] - data.geom_xpos[self._g1]
+        length = float(np.linalg.norm(direction))
+        return np.asarray(direction / length) if length > 0.0 else np.array([1.0, 0.0, 0.0])
+
+
+def _direction(fromto: FloatArray) -> FloatArray:
+    """Unit vector between two witness points; not divided by the distance, which is known less well."""
+    difference = fromto[3:] - fromto[:3]
+    return np.asarray(difference / np.linalg.norm(difference))
+
+
+def _speed_per_root_energy(model: Any, data: Any, geom: int, radius: float) -> float:
+    """Greatest speed of a geom's points over sqrt(2 T); infinite where rounding decides the least moment of inertia."""
+    group = np.flatnonzero(model.body_weldid == model.body_weldid[model.geom_bodyid[geom]])
+    masses, centres = model.body_mass[group], data.xipos[group]
+    mass = float(masses.sum())
+    centre = masses @ centres / mass
+    inertia = np.zeros((3, 3))
+    for body, m, c in zip(group, masses, centres - centre, strict=True):
+        axes = data.ximat[body].reshape(3, 3)
+        inertia += axes @ np.diag(model.body_inertia[body]) @ axes.T + m * ((c @ c) * np.eye(3) - np.outer(c, c))
+    arm = float(np.linalg.norm(data.geom_xpos[geom] - centre)) + radius
+    least, _, greatest = np.linalg.eigvalsh(inertia).tolist()
+    return 1.0 / math.sqrt(mass) + arm / math.sqrt(least) if least > _INERTIA_ROUNDING * greatest else math.inf

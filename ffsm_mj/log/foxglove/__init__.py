@@ -1,0 +1,1 @@
+"""Topics in Foxglove's well-known schemas, drawn by viewers without set-up."""

@@ -1,0 +1,168 @@
+"""What Foxglove and Lichtblick draw, as ``foxglove.SceneUpdate``: bodies, the target, impacts and plumes.
+
+Bodies are sent once, fixed to frames that ``foxglove.FrameTransforms`` moves. A viewer that jumps in time asks for the last
+message of a topic, so each message states all that its topic shows from then on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.drawing import Shape
+from ffsm_mj.log.foxglove.messages import ROOT_FRAME, duration, timestamp
+from ffsm_mj.model.system import System
+from ffsm_mj.records.events import ImpactRecord
+
+_ARROW_SHOWN_S = 2.0
+_ARROW_LENGTH_M = (0.3, 1.5)
+_YELLOW, _FLAME = (0.94, 0.89, 0.26, 1.0), (0.9, 0.62, 0.1, 0.7)
+_NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def frame_id(system: System, body: int) -> str:
+    """Frame of a body: its full name, ``robot/base``; that of the world is the root."""
+    return str(system.mj.body(body).name) if body else ROOT_FRAME
+
+
+def bodies_update(
+    system: System, drawn: Mapping[int, Sequence[Shape]], target_m: FloatArray | None, time_ns: int
+) -> SceneUpdate:
+    """All drawn geoms, one entity per body, and a cross where the tip is wanted."""
+    update = SceneUpdate()
+    for body, shapes in drawn.items():
+        name = frame_id(system, body)
+        entity = _entity(update, name, name, time_ns)
+        for shape in shapes:
+            _add_shape(entity, shape)
+    if target_m is not None:
+        cross = _entity(update, "target", ROOT_FRAME, time_ns)
+        for axis in range(3):
+            size = np.full(3, 0.024)
+            size[axis] = 0.3
+            cross.cubes.add(pose=_pose(target_m, _NO_TURN), size=_vector(size), color=_colour(_YELLOW))
+    return update
+
+
+def impacts_update(impacts: Sequence[tuple[str, ImpactRecord]], time_ns: int) -> SceneUpdate:
+    """The impulses on objects at one instant as arrows at the contact points, for two seconds; 1 m is 1 N s within limits.
+
+    Args:
+        impacts: A unique name for each contact, and the contact.
+        time_ns: When they happened.
+    """
+    update = SceneUpdate()
+    for name, impact in impacts:
+        entity = _entity(update, name, ROOT_FRAME, time_ns)
+        entity.lifetime.CopyFrom(duration(_ARROW_SHOWN_S))
+        point, normal = np.array(impact.point_m), np.array(impact.normal)
+        length = float(np.clip(impact.impulse_N_s, *_ARROW_LENGTH_M))
+        head = min(0.12, 0.4 * length)
+        entity.arrows.add(
+            pose=_pose(point, _turn(np.array([1.0, 0.0, 0.0]), normal)),
+            shaft_length=length - head,
+            shaft_diameter=0.05,
+            head_length=head,
+            head_diameter=0.1,
+            color=_colour(_YELLOW),
+        )
+        entity.texts.add(
+            pose=_pose(point + (length + 0.15) * normal, _NO_TURN),
+            billboard=True,
+            font_size=0.15,
+            color=_colour(_YELLOW),
+            text=f"{impact.impulse_N_s:.4g} N s",
+        )
+    return update
+
+
+def plumes_update(system: System, firing: list[tuple[int, int]], time_ns: int) -> SceneUpdate:
+    """A cone at every thruster that fires, and none at the others.
+
+    Args:
+        system: The model.
+        firing: Ids of the actuators that fire and the signs of their efforts.
+        time_ns: When that begins.
+    """
+    model, update = system.mj, SceneUpdate()
+    update.deletions.add(type=SceneEntityDeletion.ALL, timestamp=timestamp(time_ns))
+    for actuator, sign in firing:
+        site = int(model.actuator_trnid[actuator, 0])
+        entity = _entity(update, model.actuator(actuator).name, frame_id(system, int(model.site_bodyid[site])), time_ns)
+        exhaust = np.zeros(3)
+        push = -sign * model.actuator_gear[actuator, :3]
+        mujoco.mju_rotVecQuat(exhaust, push / np.linalg.norm(push), model.site_quat[site])
+        pose = _pose(model.site_pos[site] + 0.15 * exhaust, _turn(np.array([0.0, 0.0, 1.0]), exhaust))
+        size = _vector(np.array([0.16, 0.16, 0.3]))
+        entity.cylinders.add(pose=pose, size=size, bottom_scale=0.2, top_scale=1.0, color=_colour(_FLAME))
+    return update
+
+
+def _entity(update: SceneUpdate, name: str, frame: str, time_ns: int) -> Any:
+    entity: SceneEntity = update.entities.add(id=name, frame_id=frame, frame_locked=True)
+    entity.timestamp.CopyFrom(timestamp(time_ns))
+    return entity
+
+
+def _add_shape(entity: Any, shape: Shape) -> None:
+    look = {"pose": _pose(shape.position, shape.quaternion), "color": _colour(shape.rgba)}
+    radius, half_length = shape.size[:2]
+    if shape.kind == "box":
+        entity.cubes.add(size=_vector(2 * shape.size), **look)
+    elif shape.kind == "ellipsoid":
+        entity.spheres.add(size=_vector(2 * shape.size), **look)
+    elif shape.kind == "mesh":
+        mesh = entity.triangles.add(indices=shape.triangles.ravel().tolist(), **look)
+        for x, y, z in shape.vertices.tolist():
+            mesh.points.add(x=x, y=y, z=z)
+    else:
+        size = np.array([2 * radius, 2 * radius, 2 * half_length])
+        entity.cylinders.add(size=_vector(size), bottom_scale=1.0, top_scale=1.0, **look)
+        if shape.kind == "capsule":
+            _add_caps(entity, shape)
+
+
+def _add_caps(entity: Any, shape: Shape) -> None:
+    """Foxglove knows no capsule: a sphere at each end of the cylinder."""
+    radius, half_length = shape.size[:2]
+    axis = np.zeros(3)
+    mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, half_length]), shape.quaternion)
+    for end in (shape.position - axis, shape.position + axis):
+        size = _vector(np.full(3, 2 * radius))
+        entity.spheres.add(pose=_pose(end, shape.quaternion), size=size, color=_colour(shape.rgba))
+
+
+def _turn(start: FloatArray, end: FloatArray) -> FloatArray:
+    """The shortest rotation of one unit vector onto another, wxyz."""
+    half = start + end
+    if half @ half < 1e-12:  # opposite: half a turn about any axis across
+        across = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
+        return np.concatenate(([0.0], across / np.linalg.norm(across)))
+    half /= np.linalg.norm(half)
+    return np.concatenate(([start @ half], np.cross(start, half)))
+
+
+def _pose(position: FloatArray, wxyz: FloatArray) -> Pose:
+    w, x, y, z = map(float, wxyz)
+    return Pose(position=_vector(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
+def _vector(values: FloatArray) -> Vector3:
+    x, y, z = map(float, values)
+    return Vector3(x=x, y=y, z=z)
+
+
+def _colour(rgba: tuple[float, ...]) -> Color:
+    r, g, b, a = rgba
+    return Color(r=r, g=g, b=b, a=a)

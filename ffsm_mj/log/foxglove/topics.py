@@ -1,0 +1,126 @@
+"""The topics of ``run.mcap`` that viewers draw without set-up: frames, scene, impacts, plumes and text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies, shapes_by_body, target
+from ffsm_mj.log.foxglove.messages import TransformsCodec, timestamp
+from ffsm_mj.log.foxglove.outline import outline_cloud
+from ffsm_mj.log.foxglove.scene import bodies_update, frame_id, impacts_update, plumes_update
+from ffsm_mj.log.narration import event_time, is_warning, sentence
+from ffsm_mj.log.wire import nanoseconds
+from ffsm_mj.model.system import System
+from ffsm_mj.records.events import Event, ImpactRecord, OutcomeRecord
+from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.signals import identifier
+
+TRANSFORMS_TOPIC = "/tf"
+SCENE_TOPIC = "/scene"
+IMPACTS_TOPIC = "/scene/impacts"
+PLUMES_TOPIC = "/scene/plumes"
+OUTLINE_TOPIC = "/outline"
+LOG_TOPIC = "/log"
+VIEWER_TOPICS: dict[str, Any] = {
+    TRANSFORMS_TOPIC: FrameTransforms,
+    SCENE_TOPIC: SceneUpdate,
+    IMPACTS_TOPIC: SceneUpdate,
+    PLUMES_TOPIC: SceneUpdate,
+    LOG_TOPIC: Log,
+}
+
+
+def outline_topic(system: System, body: int) -> str:
+    """Topic of the outline of a body: Rerun keeps one frame per topic."""
+    return f"{OUTLINE_TOPIC}/{frame_id(system, body)}"
+
+
+Packet = tuple[str, npt.NDArray[np.int64], npt.NDArray[np.uint8]]
+"""Topic, times in ns (n,), messages (n, bytes of one)."""
+
+
+class ViewerTopics:
+    """Turns rows and events into messages for viewers."""
+
+    def __init__(self, system: System, view_rate_hz: float) -> None:
+        """Prepare for a model and a number of frames per simulated second."""
+        self._system = system
+        self._picker = FramePicker(system, view_rate_hz)
+        bodies = moving_bodies(system)
+        self._codec = TransformsCodec(bodies, [frame_id(system, body) for body in bodies])
+        self._thrusters = _thrusters(system)
+        self._drawn = shapes_by_body(system)
+        self._firing: list[tuple[int, int]] = []
+        self._touching: list[tuple[str, ImpactRecord]] = []
+        self._begun = False
+
+    @property
+    def topics(self) -> dict[str, Any]:
+        """Message class of every topic."""
+        return VIEWER_TOPICS | {outline_topic(self._system, body): PointCloud for body in self._drawn}
+
+    def open(self, header: RunHeader) -> None:
+        """Learn the columns of the rows and the task."""
+        self._target = target(header.facts)
+        names = [identifier(self._system.mj.actuator(i).name) for i in self._thrusters]
+        self._efforts = [header.layout.index[f"actuators.{name}_applied_N"] for name in names]
+
+    def rows(self, block: FloatArray) -> Iterator[Packet]:
+        """Frames of a block, with the scene after the first of them, and plumes where they change."""
+        frames = self._picker.pick(block)
+        if frames is None:
+            return
+        times = np.rint(frames.times * 1e9).astype(np.int64)
+        yield TRANSFORMS_TOPIC, times, self._codec.encode(frames, times)
+        if not self._begun:
+            self._begun = True
+            first = int(times[0])
+            yield _packet(SCENE_TOPIC, first, bodies_update(self._system, self._drawn, self._target, first))
+            yield from self._outlines(first)
+        if self._thrusters:
+            yield from self._plumes(frames, times)
+
+    def _outlines(self, time_ns: int) -> Iterator[Packet]:
+        for body, drawn in self._drawn.items():
+            frame = frame_id(self._system, body)
+            yield _packet(outline_topic(self._system, body), time_ns, outline_cloud(drawn, frame, time_ns))
+
+    def _plumes(self, frames: Frames, times: npt.NDArray[np.int64]) -> Iterator[Packet]:
+        signs = np.sign(frames.rows[:, self._efforts]).astype(int)
+        for time, row in zip(times.tolist(), signs.tolist(), strict=True):
+            firing = [(actuator, sign) for actuator, sign in zip(self._thrusters, row, strict=True) if sign]
+            if firing != self._firing:
+                self._firing = firing
+                yield _packet(PLUMES_TOPIC, time, plumes_update(self._system, firing, time))
+
+    def event(self, event: Event | OutcomeRecord) -> Iterator[Packet]:
+        """An event in words, an impact also as an arrow."""
+        time = nanoseconds(event_time(event))
+        level = Log.WARNING if is_warning(event) else Log.INFO
+        yield _packet(LOG_TOPIC, time, Log(timestamp=timestamp(time), level=level, message=sentence(event), name="ffsm"))
+        if isinstance(event, ImpactRecord):
+            same = [pair for pair in self._touching if pair[1].event == event.event]
+            self._touching = [*same, (f"impact {event.event + 1}, contact {len(same) + 1}", event)]
+            yield _packet(IMPACTS_TOPIC, time, impacts_update(self._touching, time))
+
+
+def _thrusters(system: System) -> list[int]:
+    """Ids of the actuators that push at a site."""
+    model = system.mj
+    at_site = model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE
+    return [int(i) for i in np.flatnonzero(at_site) if np.any(model.actuator_gear[i, :3])]
+
+
+def _packet(topic: str, time_ns: int, message: Any) -> Packet:
+    data = np.frombuffer(message.SerializeToString(), dtype=np.uint8)
+    return topic, np.array([time_ns]), data[None]

@@ -1,0 +1,1 @@
+"""``run.mcap``: its bytes, written and read."""

@@ -1,0 +1,198 @@
+"""Reads ``run.mcap`` and ``run.mcap.partial``, whole, broken off or damaged, in one pass from the front."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from google.protobuf.message import DecodeError
+from mcap.records import Attachment, Channel, Metadata, Schema
+
+from ffsm_mj.errors import LogError
+from ffsm_mj.log.attachments import fault_of_names
+from ffsm_mj.log.facts import fault_of_facts
+from ffsm_mj.log.mcap import format as form
+from ffsm_mj.log.mcap.chunks import MESSAGE_HEAD, Batch, content_of
+from ffsm_mj.log.mcap.file_bytes import FileBytes
+from ffsm_mj.log.mcap.salvage import MAGIC, Salvage
+from ffsm_mj.log.mcap.stored_rows import StoredRows
+from ffsm_mj.log.sampling import Sampling
+from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.run_log import RunLog, run_log
+from ffsm_mj.records.signals import Layout
+
+_MOST_PARTS = 1_000_000
+_MOST_EVENTS = 200_000
+_MOST_ATTACHED_BYTES = 1 << 30
+_RECORD_TYPES = {topic: record_type for record_type, topic in form.RECORD_TOPICS.items()}
+
+
+def read_log(path: Path) -> RunLog:
+    """Read a run from its MCAP file; the rows of a long one stay there until they are asked for.
+
+    A file that breaks off gives what comes before, with ``outcome`` None; a damaged one everything that its checksums vouch
+    for, and a sentence in ``damage``.
+
+    Raises:
+        LogError: No such file, not an MCAP file, not one of a run of ffsm-mj, or nothing of it can be read.
+    """
+    with _opened(path) as data:
+        salvage = Salvage(data)
+        found = _contents(path, salvage)
+        return found.run_log(path, salvage, data)
+
+
+def stored_rows(path: Path, layout: Layout) -> StoredRows:
+    """The rows of a log that was just written, not looked for before they are asked for."""
+
+    def find() -> Sequence[Batch]:
+        with _opened(path) as data:
+            return _contents(path, Salvage(data)).samples
+
+    return StoredRows(path, layout, find)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[FileBytes]:
+    try:
+        with FileBytes(path) as data:
+            if data.take(0, len(MAGIC)) != MAGIC:
+                raise LogError(path, "not an MCAP file")
+            yield data
+    except OSError as error:
+        raise LogError(path, f"cannot be read ({error.strerror})") from error
+
+
+def _contents(path: Path, salvage: Salvage) -> _Contents:
+    found = _Contents(path)
+    for record in salvage.records():
+        found.take(record)
+    return found
+
+
+@dataclass
+class _Contents:
+    """What has been read so far, within limits that no run of ours comes near."""
+
+    path: Path
+    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, bytes] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    batches: dict[int, list[Batch]] = field(default_factory=dict)
+
+    parts: int = 0
+    attached: int = 0
+
+    def take(self, record: Any) -> None:
+        """Sort a record of the file by what it is.
+
+        Raises:
+            LogError: There are too many.
+        """
+        self.parts += 1
+        if self.parts > _MOST_PARTS:
+            raise LogError(self.path, f"more than {_MOST_PARTS} records that are not alike; no run leaves so many")
+        if isinstance(record, Batch):
+            self.batches.setdefault(record.channel, []).append(record)
+        elif isinstance(record, Schema):
+            self.schemas.setdefault(record.id, record.data)
+        elif isinstance(record, Channel):
+            self.channels.setdefault(record.id, record)
+        elif isinstance(record, Metadata):
+            self.metadata[record.name] = record.metadata
+        elif isinstance(record, Attachment):
+            self.attached += len(record.data)
+            if self.attached > _MOST_ATTACHED_BYTES:
+                raise LogError(self.path, f"more than {_MOST_ATTACHED_BYTES >> 30} GiB of attachments")
+            self.attachments[record.name] = record.data
+
+    @property
+    def samples(self) -> list[Batch]:
+        """Where the samples are."""
+        number = next((channel.id for channel in self.channels.values() if channel.topic == form.SAMPLE_TOPIC), 0)
+        return self.batches.get(number, [])
+
+    def messages(self, channel: Channel, data: FileBytes) -> Iterator[bytes]:
+        """Messages of a channel, in order."""
+        found = self.batches.get(channel.id, [])
+        if sum(batch.count for batch in found) > _MOST_EVENTS:
+            raise LogError(self.path, f"more than {_MOST_EVENTS} events on {channel.topic}; no run leaves so many")
+        for chunk, batches in groupby(found, key=lambda batch: batch.chunk):
+            content = content_of(data.take(*chunk))
+            for batch in batches:
+                for message in batch.messages(content):
+                    yield message.tobytes()
+
+    def run_log(self, path: Path, salvage: Salvage, data: FileBytes) -> RunLog:
+        """Everything together.
+
+        Raises:
+            LogError: It does not make a run.
+        """
+        channels = {channel.topic: channel for channel in self.channels.values()}
+        channel = channels.get(form.SAMPLE_TOPIC)
+        if channel is None or channel.schema_id not in self.schemas:
+            if form.FACTS_METADATA in self.metadata:
+                raise LogError(path, "the log breaks off, or is damaged, before its first sample")
+            raise LogError(path, "not a log of ffsm-mj, or it breaks off before it begins")
+        try:
+            layout = form.layout_of_schema(self.schemas[channel.schema_id], self.metadata.get(form.SIGNALS_METADATA, {}))
+            size = MESSAGE_HEAD + form.SampleCodec(layout).message_size
+            if any(batch.size != size for batch in self.samples):
+                raise ValueError("a sample has not the size that its schema implies")
+            stored = StoredRows(path, layout, self.samples)
+            rows = stored.copy() if stored.small else stored
+            records = [
+                form.decode_record(_RECORD_TYPES[topic], message)
+                for topic, event_channel in channels.items()
+                if topic in _RECORD_TYPES
+                for message in self.messages(event_channel, data)
+            ]
+        except (ValueError, LookupError, TypeError, DecodeError) as error:
+            raise LogError(path, f"not of this version's format ({error})") from error
+        outcome = next((record for record in records if isinstance(record, OutcomeRecord)), None)
+        events: list[Event] = [record for record in records if not isinstance(record, OutcomeRecord)]
+        if fault := fault_of_names(self.attachments) or fault_of_facts(channel.metadata):
+            raise LogError(path, fault)
+        files = dict(self.attachments)
+        scenario = _text(path, form.SCENARIO_ATTACHMENT, files.pop(form.SCENARIO_ATTACHMENT, b""))
+        header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata)
+        log = run_log(header, rows, events, outcome)
+        return replace(log, damage=_damage(salvage, len(data), _gaps(log), ended=outcome is not None))
+
+
+def _text(path: Path, name: str, content: bytes) -> str:
+    try:
+        return content.decode()
+    except UnicodeDecodeError as error:
+        raise LogError(path, f"its attachment {name} is not UTF-8 (byte {error.start})") from error
+
+
+def _gaps(log: RunLog) -> str:
+    """Where samples do not follow each other by the control period; nothing where the log does not tell it."""
+    try:
+        sampling = Sampling(float(log.header.facts.get("control_period_s", "")), (hit.time_s for hit in log.impacts))
+    except ValueError:
+        return ""
+    sampling.ticks(np.asarray(log.rows[:, 0]))
+    sampling.end(log.outcome.end_s if log.outcome is not None else None)
+    return sampling.sentence()
+
+
+def _damage(salvage: Salvage, size: int, gaps: str, *, ended: bool) -> str:
+    """What is wrong with a file, beyond that it may break off; empty where nothing is."""
+    lost = f"{salvage.lost_bytes} of {size} bytes cannot be read" if salvage.lost_bytes else ""
+    if lost or gaps:
+        return "; ".join(part for part in (lost, gaps) if part)
+    if not salvage.data_match:
+        return "a checksum does not hold: all samples were read, but descriptions and units may be wrong"
+    if ended and not salvage.index_match:
+        return "its index is missing or damaged; all data were read"
+    return ""

@@ -1,0 +1,129 @@
+"""Every record of an MCAP file that can still be read, whatever happened to the file.
+
+Chunks and attachments carry checksums: what does not match is left out, and reading goes on behind it. Where even the length
+of a record is wrong, reading goes on at the next chunk. The file is read record by record; a long one is never in memory.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.stream_reader import StreamReader
+from zstandard import ZstdError
+
+from ffsm_mj.errors import LogError
+from ffsm_mj.log.mcap.chunks import RECORD, content_of, records_of, stated_size
+from ffsm_mj.log.mcap.file_bytes import FileBytes
+
+MAGIC = b"\x89MCAP0\r\n"
+_NOISE = (McapError, ZstdError, ArithmeticError, LookupError, ValueError, MemoryError, struct.error, StopIteration)
+_USED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END}
+_MOST_RECORD_BYTES = 1 << 28
+"""An attachment or a chunk that is longer is none of ours; no more of it is read."""
+_MOST_UNPACKED, _MOST_RATIO = 1 << 30, 500
+"""Chunks may hold this many bytes, or this many times the length of the file: rows shrink to a fifth, at rest to less."""
+# What stands in every chunk of ours, and where: after opcode, length, two times, size and checksum.
+_CHUNK_MARK, _CHUNK_MARK_AT = b"\x04\x00\x00\x00zstd", 9 + 8 + 8 + 8 + 4
+
+
+class Salvage:
+    """One pass over the bytes of a file.
+
+    Attributes:
+        lost_bytes: Bytes that could not be read, with something behind them that could.
+        ended: Whether the data section was read to its end.
+        data_match: Whether the checksum over that section holds; True before its end.
+        index_match: Whether the index behind it is whole.
+    """
+
+    def __init__(self, data: FileBytes) -> None:
+        """Begin before the first record."""
+        self._data = data
+        self.lost_bytes = self._unpacked = 0
+        self.ended, self.data_match, self.index_match = False, True, False
+
+    def records(self) -> Iterator[Any]:
+        """Records in the order of the file, those of chunks one by one, and at last the summary's schemas and channels.
+
+        Messages come as :class:`.chunks.Batch`. A record that breaks off with the file is where a kill or a full
+        disk stopped the writer: reading ends there.
+
+        Raises:
+            LogError: The chunks say that they hold more than a file of this length can.
+        """
+        at = len(MAGIC)
+        while at < len(self._data):
+            end = self._end(at)
+            found = self._read(at, end) if end is not None else None
+            if self._unpacked > max(_MOST_UNPACKED, _MOST_RATIO * len(self._data)):
+                raise LogError(self._data.path, f"its chunks hold more than {self._unpacked} bytes, too many for its length")
+            if found is None:
+                behind = end if end is not None and self._end(end) is not None else self._next_chunk(at + 1)
+                if behind is None:
+                    return
+                self.lost_bytes += behind - at
+                at = behind
+                continue
+            yield from found
+            if self._opcode(at) == Opcode.DATA_END:
+                yield from self._summary(at, int(end or 0))
+                return
+            at = int(end or 0)
+
+    def _opcode(self, at: int) -> int:
+        return self._data.take(at, at + 1)[0]
+
+    def _end(self, at: int) -> int | None:
+        """Where the record at some place ends; None where there is none, or where it does not fit into the file."""
+        if at + RECORD.size > len(self._data):
+            return None
+        opcode, length = RECORD.unpack(self._data.take(at, at + RECORD.size))
+        end = at + RECORD.size + int(length)
+        return end if Opcode.HEADER <= opcode <= Opcode.DATA_END and end <= len(self._data) else None
+
+    def _read(self, at: int, end: int) -> list[Any] | None:
+        """What a record holds; None where it is damaged."""
+        opcode = self._opcode(at)
+        if opcode not in _USED:
+            return []
+        record = self._data.take(at, min(end, at + _MOST_RECORD_BYTES))
+        if opcode == Opcode.ATTACHMENT and zlib.crc32(record[RECORD.size : -4]) != int.from_bytes(record[-4:], "little"):
+            return None
+        try:
+            if opcode == Opcode.CHUNK:
+                self._unpacked += stated_size(record)
+                return list(records_of(content_of(record), (at, end)))
+            return [next(StreamReader(BytesIO(record), skip_magic=True, emit_chunks=True).records)]
+        except _NOISE:
+            return None
+
+    def _next_chunk(self, start: int) -> int | None:
+        """Where the next chunk seems to begin."""
+        mark = self._data.find(_CHUNK_MARK, start + _CHUNK_MARK_AT)
+        while mark >= 0:
+            at = mark - _CHUNK_MARK_AT
+            if self._opcode(at) == Opcode.CHUNK and self._end(at) is not None:
+                return at
+            mark = self._data.find(_CHUNK_MARK, mark + 1)
+        return None
+
+    def _summary(self, data_end: int, start: int) -> Iterator[Any]:
+        """What stands behind the data, where its checksum holds."""
+        self.ended = True
+        stated = int.from_bytes(self._data.take(data_end + RECORD.size, start), "little")
+        self.data_match = stated in {0, self._data.checksum(0, data_end)}
+        checksum = len(self._data) - len(MAGIC) - 4
+        self.index_match = self._data.take(checksum + 4, len(self._data)) == MAGIC and (
+            self._data.checksum(start, checksum) == int.from_bytes(self._data.take(checksum, checksum + 4), "little")
+        )
+        at = start
+        while self.index_match and self._opcode(at) in {Opcode.SCHEMA, Opcode.CHANNEL}:
+            end = self._end(at) or len(self._data)
+            yield from self._read(at, end) or []
+            at = end

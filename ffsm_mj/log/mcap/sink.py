@@ -1,0 +1,146 @@
+"""``run.mcap``, written while the run goes: ``run.mcap.partial`` until it is closed, readable after a kill."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import CompressionType
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import LogWriteError
+from ffsm_mj.log.foxglove.messages import descriptor_set
+from ffsm_mj.log.foxglove.topics import Packet, ViewerTopics
+from ffsm_mj.log.mcap import format as form
+from ffsm_mj.log.mcap.block_writer import BlockWriter
+from ffsm_mj.log.narration import event_time
+from ffsm_mj.log.partial_file import PartialFile
+from ffsm_mj.log.wire import nanoseconds
+from ffsm_mj.model.system import System
+from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.records.header import RunHeader
+
+_MEDIA_TYPES = {".yaml": "application/yaml", ".xml": "application/xml", ".urdf": "application/xml"}
+
+
+class McapSink:
+    """Writes one run to one file. The first write that fails raises; after it nothing more is taken."""
+
+    def __init__(self, take: Callable[[bytes], PartialFile], system: System, view_rate_hz: float) -> None:
+        """Nothing is written yet.
+
+        Args:
+            take: Makes the file with all that it begins with.
+            system: What is logged.
+            view_rate_hz: Frames for viewers per simulated second.
+        """
+        self._take = take
+        self._file: PartialFile | None = None
+        self._viewer = ViewerTopics(system, view_rate_hz)
+        self._broken = False
+
+    def open(self, header: RunHeader) -> None:
+        """Write what must survive a kill at any later moment: facts, signals, scenario and models.
+
+        It is put together in memory and written at once: a kill leaves no file, or one that can be read.
+        """
+        self._viewer.open(header)
+        self._codec = form.SampleCodec(header.layout)
+        self._time_column = header.layout.index["state.time_s"]
+        opening = BytesIO()
+        self._writer = BlockWriter(opening, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._writer.start(profile="", library="ffsm-mj")
+        self._writer.add_metadata(form.FACTS_METADATA, dict(header.facts))
+        self._writer.add_metadata(form.SIGNALS_METADATA, form.signals_metadata(header.layout))
+        self._attach(form.SCENARIO_ATTACHMENT, header.scenario_yaml.encode())
+        for name, content in header.files.items():
+            self._attach(name, content)
+        self._register(header)
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        self._file = self._take(opening.getvalue())
+        self._writer.continue_in(self._file.stream)
+
+    def _attach(self, name: str, content: bytes) -> None:
+        media_type = _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
+        self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=content)
+
+    def _register(self, header: RunHeader) -> None:
+        # Unlike metadata, channels stand in a chunk with a checksum, and once more in the summary: so do the facts.
+        self._channels = {
+            form.SAMPLE_TOPIC: self._channel(
+                form.SAMPLE_TOPIC, form.SAMPLE_SCHEMA, form.sample_schema(header.layout), dict(header.facts)
+            )
+        }
+        for record_type, topic in form.RECORD_TOPICS.items():
+            name, schema = form.schema_name(record_type), form.record_schema(record_type)
+            self._channels[topic] = self._channel(topic, name, schema, {})
+        schemas: dict[str, int] = {}
+        for topic, message in self._viewer.topics.items():
+            name = message.DESCRIPTOR.full_name
+            if name not in schemas:
+                schemas[name] = self._writer.register_schema(name, "protobuf", descriptor_set(message))
+            self._channels[topic] = self._writer.register_channel(topic, "protobuf", schemas[name])
+
+    def _channel(self, topic: str, name: str, schema: bytes, metadata: dict[str, str]) -> int:
+        number = self._writer.register_schema(name, "protobuf", schema)
+        return self._writer.register_channel(topic, "protobuf", number, metadata)
+
+    def rows(self, block: FloatArray) -> None:
+        """Write one sample per row, and the frames of the block for viewers."""
+        with self._writing() as possible:
+            if possible:
+                times = np.rint(block[:, self._time_column] * 1e9).astype(np.int64)
+                self._put((form.SAMPLE_TOPIC, times, self._codec.encode(block)), *self._viewer.rows(block))
+
+    def event(self, event: Event) -> None:
+        """Write an event at its own time."""
+        with self._writing() as possible:
+            if possible:
+                self._record(event)
+
+    def _record(self, event: Event | OutcomeRecord) -> None:
+        time, data = nanoseconds(event_time(event)), form.encode_record(event)
+        channel = self._channels[form.RECORD_TOPICS[type(event)]]
+        self._writer.add_message(channel, log_time=time, data=data, publish_time=time)
+        self._put(*self._viewer.event(event))
+
+    def _put(self, *packets: Packet) -> None:
+        for topic, times, messages in packets:
+            self._writer.add_block(self._channels[topic], times, messages)
+
+    def flush(self) -> None:
+        """Finish the chunk and hand everything to the operating system."""
+        with self._writing() as possible:
+            if possible:
+                self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def close(self, outcome: OutcomeRecord | None) -> None:
+        """Write the outcome, the index and the footer, and give the file its final name."""
+        with self._writing() as possible:
+            if not possible or self._file is None:
+                return
+            if outcome is not None:
+                self._record(outcome)
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            if outcome is not None:
+                self._file.finish()
+            else:
+                self._file.stream.close()
+
+    @contextmanager
+    def _writing(self) -> Iterator[bool]:
+        """Whether the file still takes something; a write that fails ends that, with an error that names the log.
+
+        What was flushed before stays; a half-written chunk at the end is left out by the reader.
+        """
+        try:
+            yield not self._broken
+        except OSError as error:
+            self._broken = True
+            assert self._file is not None
+            with suppress(OSError):
+                self._file.stream.close()
+            raise LogWriteError(self._file.partial, error) from error

@@ -1,0 +1,1 @@
+"""``run.rrd`` and the live stream for the Rerun viewer."""

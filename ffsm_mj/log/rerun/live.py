@@ -1,0 +1,131 @@
+"""A run streamed to an open Rerun viewer. The viewer may be missing, close or hang: the run goes on."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import subprocess
+import time
+from collections.abc import Callable
+
+# One clear line is ours to say; the SDK's own errors on a lost connection would be several. Read when it is imported.
+os.environ.setdefault("RUST_LOG", "warn,re_grpc_client=off,re_sdk=off,re_quota_channel=off")
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import InputError
+from ffsm_mj.log.rerun.relay import Relay
+from ffsm_mj.log.rerun.sink import RerunSink
+from ffsm_mj.log.rerun.viewer import has_display, viewer_command
+from ffsm_mj.model.system import System
+from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.records.header import RunHeader
+
+_LOG = logging.getLogger("ffsm_mj")
+_CONNECT_S = 0.5
+_START_S = 15.0
+_CHECK_PERIOD_S = 0.2
+_PATIENCE_S = 2.0
+
+
+def split_address(address: str) -> tuple[str, int]:
+    """Host and port of ``host:port``.
+
+    Raises:
+        InputError: It is none.
+    """
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal():
+        raise InputError(f"{address}: not the address of a viewer; write host:port, e.g. 127.0.0.1:9876")
+    return host, int(port)
+
+
+class LiveSink:
+    """Sends everything to a viewer while it is there; the first failure is one warning, and the end of the stream."""
+
+    def __init__(self, address: str, system: System, view_rate_hz: float) -> None:
+        """Nothing is sent yet.
+
+        Args:
+            address: ``host:port`` of the viewer.
+            system: The scene.
+            view_rate_hz: Frames per second of simulation time.
+
+        Raises:
+            InputError: The address is none.
+        """
+        self._address, (self._host, self._port) = address, split_address(address)
+        self._system, self._rate = system, view_rate_hz
+        self._sink: RerunSink | None = None
+        self._relay: Relay | None = None
+        self._next_check = 0.0
+
+    def open(self, header: RunHeader) -> None:
+        """Find the viewer, or start one where there is a display."""
+        if not self._listens() and not self._started():
+            self._give_up(f"no Rerun viewer at {self._address}, and none could be started (no display?)")
+            return
+        self._relay = Relay(self._host, self._port)
+        viewer = f"rerun+http://127.0.0.1:{self._relay.port}/proxy"
+        self._sink = RerunSink(viewer, self._system, self._rate, following=True)
+        self._guarded(lambda sink: sink.open(header))
+
+    def rows(self, block: FloatArray) -> None:
+        """Send the frames of a block."""
+        self._guarded(lambda sink: sink.rows(block))
+
+    def event(self, event: Event) -> None:
+        """Send an event."""
+        self._guarded(lambda sink: sink.event(event))
+
+    def flush(self) -> None:
+        """Send the frames kept, and see whether they are taken."""
+        self._guarded(RerunSink.flush)
+        self._guarded(lambda sink: sink.wait(_PATIENCE_S))
+
+    def close(self, outcome: OutcomeRecord | None) -> None:
+        """Send the end of the run."""
+        self.flush()
+        self._guarded(lambda sink: sink.close(outcome))
+        self._sink = None
+
+    def _guarded(self, act: Callable[[RerunSink], None]) -> None:
+        now = time.monotonic()
+        if self._sink is not None and now >= self._next_check:
+            self._next_check = now + _CHECK_PERIOD_S
+            if not self._listens():
+                self._give_up(f"the Rerun viewer at {self._address} is gone")
+        if self._sink is None:
+            return
+        try:
+            act(self._sink)
+        except Exception as error:  # noqa: BLE001 (whatever goes wrong with a viewer, the run goes on)
+            self._give_up(f"the Rerun viewer at {self._address} takes nothing more ({error})")
+
+    def _give_up(self, reason: str) -> None:
+        sink, self._sink = self._sink, None
+        if self._relay is not None:
+            self._relay.cut()
+        if sink is not None:
+            sink.disconnect()
+        _LOG.warning("%s; the run goes on without it", reason)
+
+    def _listens(self) -> bool:
+        try:
+            with socket.create_connection((self._host, self._port), timeout=_CONNECT_S):
+                return True
+        except OSError:
+            return False
+
+    def _started(self) -> bool:
+        """Start a viewer on this machine; False where that is hopeless."""
+        if self._host not in {"127.0.0.1", "localhost"} or not has_display():
+            return False
+        command = viewer_command("--port", str(self._port), "--expect-data-soon")
+        viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+        end = time.monotonic() + _START_S
+        while time.monotonic() < end and viewer.poll() is None:
+            if self._listens():
+                return True
+            time.sleep(0.05)
+        return False

@@ -1,0 +1,257 @@
+"""The Rerun viewer's view of a run: geometry, motion, plots, states and events on one timeline, ``sim_time``.
+
+A derived view: positions are float32 there. The physics is proved from the MCAP.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import LogWriteError
+from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies, target
+from ffsm_mj.log.narration import event_time, is_warning, sentence
+from ffsm_mj.log.rerun.blueprint import TIMELINE, blueprint
+from ffsm_mj.log.rerun.plots import ORANGE, SKY, VERMILION, YELLOW, plots, thrusters
+from ffsm_mj.log.rerun.plumes import Switching, plume_vectors
+from ffsm_mj.log.rerun.scene import body_path, log_shapes
+from ffsm_mj.model.system import System
+from ffsm_mj.records.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord
+from ffsm_mj.records.header import RunHeader
+
+_ARROW_SHOWN_S = 2.0
+# Drawn lengths of an impulse arrow, m.
+_SHORTEST_M, _LONGEST_M = 0.4, 1.5
+_FLAME = (255, 170, 60, 200)
+
+
+class RerunSink:
+    """Writes one recording to a file at its end, or sends it to a viewer whenever the recorder flushes."""
+
+    def __init__(
+        self, output: Callable[[], Path] | str, system: System, view_rate_hz: float, *, following: bool = False
+    ) -> None:
+        """Name where it goes; nothing is written yet.
+
+        Args:
+            output: Gives the file, when the recording begins; or the address of a viewer that listens.
+            system: What is drawn.
+            view_rate_hz: Frames per simulated second.
+            following: The viewer opens at the latest time and follows it.
+        """
+        self._output, self._system, self._following = output, system, following
+        self._picker, self._pending = FramePicker(system, view_rate_hz), list[Frames]()
+
+    def open(self, header: RunHeader) -> None:
+        """Start the recording with everything that does not change."""
+        self._layout = layout = header.layout
+        self._recording = rr.RecordingStream(
+            f"ffsm-mj {header.scenario_name}",  # an open viewer keeps one layout per application
+            recording_id=f"{header.scenario_name}-{header.facts['created_utc']}",
+        )
+        self._connect()
+        self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        log_shapes(self._recording, self._system)
+        self._target(header)
+        self._plots = plots(layout, self._system, header.facts)
+        for plot in self._plots:
+            lines = rr.SeriesLines(names=plot.names, colors=plot.colours, widths=[1.5] * len(plot.names))
+            self._recording.log(plot.entity, lines, static=True)
+        self._thrusters = thrusters(layout, self._system)
+        self._switching = Switching({name: column for name, (column, _) in self._thrusters.items()})
+        self._fired: set[str] = set()
+        self._trail_colours()
+        self._framed, self._arrows = False, list[tuple[float, str]]()
+
+    def _connect(self) -> None:
+        if isinstance(self._output, str):
+            self._recording.connect_grpc(self._output)
+            return
+        # The bytes are written here: on a full disk Rerun's own thread leaves its caller waiting for ever.
+        self._bytes = rr.binary_stream(self._recording)
+        self._path = self._output()
+        try:
+            self._file = self._path.open("wb")
+        except OSError as error:
+            raise LogWriteError(self._path, error) from error
+
+    def _target(self, header: RunHeader) -> None:
+        """A small cross where the tip is wanted."""
+        self._goal = goal = target(header.facts)
+        if goal is None:
+            return
+        self._axes = ["xyz".index(axis) for axis in header.facts["task_axes"].split()]
+        line = rr.SeriesLines(names=["tip error"], colors=[ORANGE], widths=[1.5])
+        self._recording.log("plots/tip_error", line, static=True)
+        arms = [[goal - 0.2 * e, goal + 0.2 * e] for e in np.eye(3)]
+        cross = rr.LineStrips3D(arms, colors=[YELLOW], radii=[0.02], labels=["target", "", ""], show_labels=True)
+        self._recording.log("world/target", cross, static=True)
+
+    def _trail_colours(self) -> None:
+        names = [tree.name for tree in self._system.trees]
+        self._colours = dict(zip(names, (ORANGE, *[SKY] * len(names)), strict=False)) | {"tip": VERMILION}
+
+    def rows(self, block: FloatArray) -> None:
+        """Keep the frames of a block for the next flush, and send what switched in it."""
+        for name, times, states in self._switching.changes(block):
+            if name not in self._fired:
+                self._fired.add(name)
+                self._at(0.0, f"states/thrusters/{name}", rr.StateChange.columns(state=["off"]))
+                colours = rr.StateConfiguration(
+                    values=["off", "fires +", "fires -"], labels=["", "+", "-"], colors=[(60, 60, 60), ORANGE, SKY]
+                )
+                self._recording.log(f"states/thrusters/{name}", colours, static=True)
+                look = rr.Arrows3D.from_fields(colors=[_FLAME], radii=[0.06])
+                self._recording.log(f"world/plumes/{name}", look, static=True)
+            self._send(
+                f"states/thrusters/{name}", [rr.TimeColumn(TIMELINE, duration=times)], rr.StateChange.columns(state=states)
+            )
+        frames = self._picker.pick(block)
+        if frames is not None:
+            self._pending.append(frames)
+
+    def flush(self) -> None:
+        """Send the frames kept: poses, trails, plots, plumes."""
+        if not self._pending:
+            return
+        parts, self._pending = self._pending, []
+        frames = Frames(
+            np.concatenate([part.rows for part in parts]),
+            np.concatenate([part.positions for part in parts]),
+            np.concatenate([part.quaternions for part in parts]),
+        )
+        index = [rr.TimeColumn(TIMELINE, duration=frames.times)]
+        if not self._framed:
+            self._frame_scene(frames.positions[0])
+        for body in moving_bodies(self._system):
+            turned = np.roll(frames.quaternions[:, body], -1, axis=-1)  # xyzw
+            poses = rr.Transform3D.columns(translation=frames.positions[:, body], quaternion=turned)
+            self._send(body_path(self._system, body), index, poses)
+        self._trails(frames, index)
+        self._plumes(frames, index)
+        self._lines(frames, index)
+        self._clear_arrows(float(frames.times[-1]))
+
+    def _write(self) -> None:
+        """Write the file, at once: the pieces of a recording do not add up to one that every reader takes."""
+        if isinstance(self._output, str):
+            return
+        try:
+            self._file.write(self._bytes.read() or b"")
+            self._file.flush()
+        except OSError as error:
+            raise LogWriteError(self._path, error) from error
+
+    def _clear_arrows(self, now_s: float) -> None:
+        """Take arrows away that have been shown long enough; never ahead of the motion, or a viewer would jump there."""
+        for end_s, entity in [arrow for arrow in self._arrows if arrow[0] <= now_s]:
+            self._arrows.remove((end_s, entity))
+            self._at(end_s, entity, rr.Clear.columns(is_recursive=[False]))
+
+    def _frame_scene(self, positions: FloatArray) -> None:
+        bodies = positions[moving_bodies(self._system)]
+        points = np.vstack((bodies, self._goal[None])) if self._goal is not None else bodies
+        low, high = points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
+        layout = blueprint(low, high, self._plots, self._colours, tip=self._goal is not None, following=self._following)
+        self._recording.send_blueprint(layout)
+        self._framed = True
+
+    def _trails(self, frames: Frames, index: Any) -> None:
+        trails = {tree.name: frames.positions[:, tree.root] for tree in self._system.trees}
+        if "state.tip_x_m" in self._layout.index:
+            trails["tip"] = frames.rows[:, self._layout.columns("state.tip_x_m", 3)]
+        for name, points in trails.items():
+            count = len(points)
+            looks = rr.Points3D.columns(positions=points, colors=[self._colours[name]] * count, radii=[0.015] * count)
+            self._send(f"world/trails/{name}", index, looks)
+
+    def _plumes(self, frames: Frames, index: Any) -> None:
+        for name, (column, actuator) in self._thrusters.items():
+            if name not in self._fired:
+                continue
+            efforts = frames.rows[:, column]
+            bounds = frames.rows[0, [column + 1, column + 2]]  # lower and upper follow in a row
+            full = max(abs(bounds[np.isfinite(bounds)]), default=0.0) or max(np.abs(efforts).max(), 1.0)
+            origins, vectors = plume_vectors(self._system, actuator, frames, efforts, full)
+            plume = rr.Arrows3D.columns(origins=origins, vectors=vectors)
+            self._send(f"world/plumes/{name}", index, plume)
+
+    def _lines(self, frames: Frames, index: Any) -> None:
+        if self._goal is not None:
+            tip = frames.rows[:, self._layout.columns("state.tip_x_m", 3)][:, self._axes]
+            error = np.linalg.norm(tip - self._goal[self._axes], axis=1)
+            self._send("plots/tip_error", index, rr.Scalars.columns(scalars=error))
+        for plot in self._plots:
+            values = frames.rows[:, plot.columns]
+            flat = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(values), len(plot.columns)))
+            self._send(plot.entity, index, flat)
+
+    def _send(self, path: str, index: Any, columns: Any) -> None:
+        rr.send_columns(path, indexes=index, columns=columns, recording=self._recording)
+
+    def event(self, event: Event) -> None:
+        """Log an event as text, a phase also as a state, an impact also as an arrow."""
+        self._text(event)
+        if isinstance(event, PhaseRecord):
+            self._at(event.start_s, "states/phase", rr.StateChange.columns(state=[event.name]))
+        elif isinstance(event, ImpactRecord):
+            self._impact(event)
+
+    def _impact(self, event: ImpactRecord) -> None:
+        """An arrow along the impulse on the object; it ends at the contact, where nothing hides it."""
+        push = np.array(event.normal) * float(np.clip(event.impulse_N_s, _SHORTEST_M, _LONGEST_M))
+        arrow = rr.Arrows3D.columns(
+            origins=[np.array(event.point_m) - push],
+            vectors=[push],
+            colors=[YELLOW],
+            radii=[0.04],
+            labels=[f"{event.impulse_N_s:.4g} N s"],
+        )
+        entity = f"world/impacts/{event.event}/{event.robot_geom.rsplit('/', 1)[-1]}"
+        self._at(event.time_s, entity, arrow)
+        self._arrows.append((event.time_s + _ARROW_SHOWN_S, entity))
+
+    def _text(self, event: Event | OutcomeRecord) -> None:
+        text = rr.TextLog.columns(text=[sentence(event)], level=["WARN" if is_warning(event) else "INFO"])
+        self._at(event_time(event), "events", text)
+
+    def _at(self, time_s: float, path: str, columns: Any) -> None:
+        """One value at one time; as columns, because ``log`` adds the wall clock as another timeline."""
+        self._send(path, [rr.TimeColumn(TIMELINE, duration=[time_s])], columns)
+
+    def close(self, outcome: OutcomeRecord | None) -> None:
+        """Say how the run ended, and finish.
+
+        Raises:
+            LogWriteError: The disk is full.
+        """
+        if not hasattr(self, "_recording"):
+            return
+        self.flush()
+        if outcome is not None:
+            self._text(outcome)
+        try:
+            self._write()
+        finally:
+            self.disconnect()
+
+    def wait(self, patience_s: float) -> None:
+        """Wait until what was sent has been taken.
+
+        Raises:
+            RuntimeError: It has not, within the patience.
+        """
+        self._recording.flush(timeout_sec=patience_s)
+
+    def disconnect(self) -> None:
+        """Send nothing more."""
+        self._recording.disconnect()
+        if not isinstance(self._output, str):
+            with suppress(OSError):  # said already, when it was written
+                self._file.close()

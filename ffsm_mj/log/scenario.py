@@ -1,0 +1,84 @@
+"""The resolved scenario of a log: what the models are built from, checked, since anybody may have written it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ffsm_mj.errors import InputError
+from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.yaml.parser import YamlFault, plain_value
+
+
+@dataclass(frozen=True)
+class LoggedScenario:
+    """Parts of a scenario.
+
+    Attributes:
+        robot: Name of the robot's model among the files of the log.
+        objects: The same of each object by its name.
+        time_step_s: Integration step, s.
+        conservative: Whether the models had to be conservative.
+        view_rate_hz: Frames per simulated second for viewers.
+        kinds: Kind of each actuator that has limits, by the name that the scenario gives it.
+    """
+
+    robot: str
+    objects: Mapping[str, str]
+    time_step_s: float
+    conservative: bool
+    view_rate_hz: float
+    kinds: Mapping[str, str]
+
+
+def scenario_data(log: RunLog, place: str = "the log") -> dict[str, Any]:
+    """The scenario as plain data; ``place`` is the log's name for messages.
+
+    Raises:
+        InputError: The log carries none.
+    """
+    try:
+        data = plain_value(log.header.scenario_yaml)
+    except YamlFault as fault:
+        where = f"{SCENARIO_ATTACHMENT}:{fault.place.line}:{fault.place.column}"
+        raise InputError(f"{place}: {where}: {fault.problem}") from fault
+    if not isinstance(data, dict):
+        raise InputError(f"{place}: carries no scenario: its models cannot be built again")
+    return data
+
+
+def logged_scenario(log: RunLog, place: str = "the log") -> LoggedScenario:
+    """What of the scenario the models are built from; ``place`` is the log's name for messages.
+
+    Raises:
+        InputError: The log carries no scenario, or not one of this version.
+    """
+    data = scenario_data(log, place)
+    try:
+        return LoggedScenario(
+            robot=_text(data["robot"]["mjcf"]),
+            objects={_text(name): _text(part["mjcf"]) for name, part in (data.get("objects") or {}).items()},
+            time_step_s=_positive(data["time_step_s"]),
+            conservative=data["conservative"] is not False,
+            view_rate_hz=_positive(data["log"]["view_rate_hz"]),
+            kinds={_text(name): _text(part["kind"]) for name, part in (data.get("actuators") or {}).items()},
+        )
+    except KeyError as error:
+        raise InputError(f"{place}: {SCENARIO_ATTACHMENT}: not a scenario of this version, {error} is missing") from error
+    except (TypeError, AttributeError, ValueError) as error:
+        raise InputError(f"{place}: {SCENARIO_ATTACHMENT}: not a scenario of this version ({error})") from error
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r} should be text")
+    return value
+
+
+def _positive(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
+        raise TypeError(f"{value!r} should be a positive number")
+    return float(value)

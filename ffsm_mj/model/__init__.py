@@ -1,0 +1,1 @@
+"""Robot and objects as one MuJoCo model: read, checked, composed, and its rigid-body quantities."""

@@ -1,0 +1,81 @@
+"""What in a model breaks the conservation of energy or momentum: each element by name, with file and line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.model.files import ModelFiles
+
+# Bits of MjSpec.authored.option that are set when <option> names the field (order of mjOption's fields).
+_AUTHORED_INTEGRATOR = 1 << 16
+
+
+def authored_integrator(spec: Any) -> str | None:
+    """Name of the integrator that the model file asks for, or None where it leaves the choice open."""
+    if not spec.authored.option & _AUTHORED_INTEGRATOR:
+        return None
+    return str(mujoco.mjtIntegrator(spec.option.integrator).name.removeprefix("mjINT_"))
+
+
+def spec_faults(spec: Any, files: ModelFiles) -> list[str]:
+    """Options of one model file that act on free motion: gravity, fluid, wind, another integrator.
+
+    A URDF has no words for options, so its defaults are not held against it.
+    """
+    option = spec.option
+    faults = []
+    if not files.urdf and np.any(option.gravity):
+        value = " ".join(f"{g:g}" for g in option.gravity)
+        faults.append(f'{files.place}: gravity is {value}; write <option gravity="0 0 0"/>')
+    for name in ("density", "viscosity"):
+        if getattr(option, name):
+            faults.append(f"{files.place}: <option {name}={getattr(option, name):g}> makes a fluid; remove it")
+    if np.any(option.wind):
+        faults.append(f"{files.place}: <option wind> moves the medium; remove it")
+    integrator = authored_integrator(spec)
+    if integrator not in (None, "RK4"):
+        faults.append(
+            f'{files.place}: integrator {integrator} leaks momentum; write <option integrator="RK4"/> or leave it out'
+        )
+    return faults
+
+
+def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
+    """Dissipative or elastic elements of the compiled scene, each with the file and line of the model it came from."""
+    return [f"{element_place(scene, files, kind, name)} has {what}; remove it" for kind, name, what in _elements(model)]
+
+
+def element_place(scene: Any, files: Mapping[str, ModelFiles], kind: str, name: str) -> str:
+    """``file:line: kind 'name'`` of an element of the scene, for the beginning of a message."""
+    prefix, _, short = name.partition("/")
+    element = getattr(scene, kind)(name) if name else None
+    line = re.search(r"line (\d+)", element.info or "") if element is not None else None
+    file = files[prefix].place if prefix in files else " and ".join(model.place for model in files.values())
+    return f"{file}{f':{line.group(1)}' if line else ''}: {kind} {short!r}"
+
+
+def _elements(model: Any) -> Iterator[tuple[str, str, str]]:
+    """Yield (kind, full name, what breaks conservation)."""
+    for j in range(model.njnt):
+        joint = model.joint(j)
+        dofs = slice(joint.dofadr[0], joint.dofadr[0] + len(joint.damping))
+        if np.any(model.dof_damping[dofs]):
+            yield "joint", joint.name, f"damping {np.max(model.dof_damping[dofs]):g}"
+        if np.any(model.dof_frictionloss[dofs]):
+            yield "joint", joint.name, f"frictionloss {np.max(model.dof_frictionloss[dofs]):g}"
+        if np.any(model.jnt_stiffness[j]):
+            yield "joint", joint.name, f"stiffness {np.max(model.jnt_stiffness[j]):g} (a spring)"
+    for t in range(model.ntendon):
+        for attribute in ("stiffness", "damping", "frictionloss"):
+            if np.any(getattr(model, f"tendon_{attribute}")[t]):
+                yield "tendon", model.tendon(t).name, attribute
+    for b in range(model.nbody):
+        if model.body_gravcomp[b]:
+            yield "body", model.body(b).name, "gravcomp"
+    for e in range(model.neq):
+        yield "equality", model.equality(e).name, "a soft constraint force"

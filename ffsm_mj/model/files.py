@@ -1,0 +1,151 @@
+"""The files that a model is made of, in memory: the MJCF or URDF itself, what it includes and attaches, meshes, textures.
+
+They are read once, compiled from memory, kept in the log and copied into the run folder, so that a run can be repeated from
+what it left behind. What the model does not use, or what lies outside the folders it may use, is never read.
+"""
+
+from __future__ import annotations
+
+import os
+import posixpath
+import stat
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ffsm_mj.errors import InputError
+from ffsm_mj.model.walk import Shelf, collect
+
+MAX_FILES = 1000
+MAX_BYTES = 256 * 1024**2
+
+
+@dataclass(frozen=True)
+class ModelFiles:
+    """Files of one model.
+
+    Attributes:
+        main: Name of the MJCF or URDF file.
+        files: Content by name, ``main`` first, in reading order; names are relative to one folder, with forward slashes.
+        label: What stands before a name in messages: the folder with a slash, or the log.
+    """
+
+    main: str
+    files: Mapping[str, bytes]
+    label: str = ""
+
+    @property
+    def place(self) -> str:
+        """The main file as messages name it."""
+        return self.label + self.main
+
+    @property
+    def urdf(self) -> bool:
+        """Whether the model is a URDF by its name."""
+        return self.main.lower().endswith(".urdf")
+
+    @property
+    def beside(self) -> bool:
+        """Whether all files lie in the folder of the main one, or below."""
+        folder = posixpath.dirname(self.main)
+        return not folder or all(name.startswith(f"{folder}/") for name in self.files)
+
+
+def logged_name(model: str, name: str) -> str:
+    """Name of a model's file in the log and in the run folder.
+
+    Args:
+        model: ``robot`` or the name of an object.
+        name: The file as :class:`ModelFiles` names it.
+    """
+    return f"mjcf/{model}/{name}"
+
+
+def read_model(main: Path, folders: Sequence[Path] = ()) -> ModelFiles:
+    """Read a model from disk.
+
+    Args:
+        main: The MJCF or URDF file.
+        folders: Further folders that it may use files of; its own is one.
+
+    Raises:
+        InputError: A file is missing, malformed, outside these folders or too large, or the model has too many.
+    """
+    home = Path(os.path.abspath(main.parent))
+    found = collect(main.name, _Disk(main.parent, [home, *folders]))
+    paths = {Path(os.path.normpath(home / name)): content for name, content in found.items()}
+    root = Path(os.path.commonpath([path.parent for path in paths]))
+    label = os.path.normpath(main.parent / os.path.relpath(root, home))
+    return ModelFiles(
+        main=(home / main.name).relative_to(root).as_posix(),
+        files={path.relative_to(root).as_posix(): content for path, content in paths.items()},
+        label="" if label == "." else f"{label.rstrip('/')}/",
+    )
+
+
+def carried_model(main: str, files: Mapping[str, bytes], label: str) -> ModelFiles:
+    """A model out of what a log carries, without what it does not use.
+
+    Args:
+        main: Name of the MJCF or URDF file.
+        files: Content by name.
+        label: What stands before a name in messages.
+
+    Raises:
+        InputError: A file is missing or malformed; nothing is ever looked for on disk.
+    """
+    return ModelFiles(main, collect(main, _Carried(files, label)), label)
+
+
+class _Disk(Shelf):
+    """Files on disk, below some folders, within the limits of one model."""
+
+    def __init__(self, home: Path, folders: Sequence[Path]) -> None:
+        self._home, self._folders = home, [folder.resolve() for folder in folders]
+        self._count = self._bytes = 0
+
+    def label(self, name: str) -> str:
+        return os.path.normpath(self._home / name)
+
+    def has(self, name: str) -> bool:
+        return Path(self.label(name)).is_file()
+
+    def take(self, name: str, place: str) -> bytes:
+        path, before = Path(self.label(name)), f"{place}: " if place else ""
+        if place and not any(path.resolve().is_relative_to(folder) for folder in self._folders):
+            raise InputError(
+                f"{before}{path} lies outside the model's folder: put it there, or name its folder in 'asset_folders', "
+                "beside 'mjcf' in the scenario"
+            )
+        try:
+            state = path.stat()
+            if not stat.S_ISREG(state.st_mode):
+                raise InputError(f"{before}{path}: not a file")
+            self._count, self._bytes = self._count + 1, self._bytes + state.st_size
+            if self._count > MAX_FILES or self._bytes > MAX_BYTES:
+                limit = f"{MAX_FILES} files and {MAX_BYTES >> 20} MiB"
+                raise InputError(f"{before}{path}: a model may have {limit}, with this file it has more")
+            return path.read_bytes()
+        except FileNotFoundError as error:
+            raise InputError(f"{before}{path}: no such {'' if place else 'model '}file") from error
+        except OSError as error:
+            raise InputError(f"{before}{path}: cannot be read ({error.strerror})") from error
+
+
+@dataclass(frozen=True)
+class _Carried(Shelf):
+    """Files of a log."""
+
+    files: Mapping[str, bytes]
+    before: str
+
+    def label(self, name: str) -> str:
+        return self.before + name
+
+    def has(self, name: str) -> bool:
+        return name in self.files
+
+    def take(self, name: str, place: str) -> bytes:
+        if name not in self.files:
+            raise InputError(f"{place + ': ' if place else ''}{self.label(name)} is not in the log")
+        return self.files[name]

@@ -1,0 +1,108 @@
+"""A model as MuJoCo's editable specification, completed: names for all, and what URDF has no words for."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from typing import Any
+
+import mujoco
+
+from ffsm_mj.errors import InputError
+from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.xml import elements
+
+REFUSALS = (ValueError, RuntimeError, MemoryError)
+"""What MuJoCo raises for a model that it does not take."""
+
+
+def load_spec(files: ModelFiles, vfs: Any) -> Any:
+    """Parse an MJCF or URDF; every body, joint, geom, site and actuator has a name afterwards.
+
+    Args:
+        files: The model.
+        vfs: MuJoCo's virtual files; the model's are added. They are needed until the model is compiled.
+
+    Raises:
+        InputError: MuJoCo cannot parse it.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(_mounted(files, vfs), vfs=vfs)
+    except REFUSALS as error:
+        raise InputError(mujoco_line(files, error)) from error
+    if files.urdf:
+        _complete_urdf(spec)
+    _name_all(spec)
+    return spec
+
+
+def _mounted(files: ModelFiles, vfs: Any) -> str:
+    """Name of the main file among the virtual ones.
+
+    The digest keeps apart what MuJoCo keeps by name (compiled meshes), and no such folder exists: a file that is missing
+    here is not found on disk either.
+    """
+    digest = hashlib.sha256()
+    for name, content in files.files.items():
+        digest.update(f"{len(name)} {name} {len(content)} ".encode() + content)
+    folder = f"ffsm-{digest.hexdigest()}"
+    if f"{folder}/{files.main}" not in vfs:  # two objects may be of one kind
+        for name, content in files.files.items():
+            vfs[f"{folder}/{name}"] = content
+    return f"{folder}/{files.main}"
+
+
+def _complete_urdf(spec: Any) -> None:
+    """Give a URDF what it has no words for: a floating root, a motor on each joint, a site on each link.
+
+    The free joint is named ``base``, a motor ``<joint>_motor``, a site like its link.
+    """
+    spec.compiler.fusestatic = False  # a fixed tool frame stays a body, and so does the root
+    root = spec.worldbody.first_body()
+    if root is not None and not root.joints:
+        root.add_freejoint(name="base")
+    for body in spec.bodies[1:]:
+        body.add_site(name=body.name)
+    for joint in spec.joints:
+        if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            motor = spec.add_actuator(name=f"{joint.name}_motor", target=joint.name)
+            motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+            motor.set_to_motor()
+
+
+def _name_all(spec: Any) -> None:
+    """Name what has no name after what it belongs to, because logs, scenarios and errors speak of names."""
+    taken = {element.name for kind in ("bodies", "joints", "geoms", "sites", "actuators") for element in getattr(spec, kind)}
+
+    def name(element: Any, wanted: str) -> None:
+        if not element.name:
+            element.name = next(n for n in (wanted, *(f"{wanted}_{i}" for i in range(2, 10_000))) if n not in taken)
+            taken.add(element.name)
+
+    for body in spec.bodies[1:]:  # the first is the world
+        name(body, "body")
+        for joint in body.joints:
+            name(joint, f"{body.name}_joint")
+    for geom in spec.geoms:
+        name(geom, f"{geom.parent.name}_geom")
+    for site in spec.sites:
+        name(site, f"{site.parent.name}_site")
+    for actuator in spec.actuators:
+        name(actuator, f"{actuator.target or 'actuator'}_motor")
+    for tendon in spec.tendons:
+        name(tendon, "tendon")
+    for key in spec.keys:  # two without a name would be one name with the prefix
+        name(key, "key")
+    for equality in spec.equalities:
+        name(equality, f"{equality.name1 or 'equality'}_equality")
+
+
+def mujoco_line(files: ModelFiles, error: Exception) -> str:
+    """MuJoCo's own message on one line, with the file in front; "line 0" as the lines on which such elements stand."""
+    text = " ".join(str(error).split())
+    nowhere = re.search(r"Element '(\w+)', line 0\b", text)
+    if nowhere:
+        places = [e.place.rpartition(":")[2] for e in elements(files.files[files.main], files.place) if e.tag == nowhere[1]]
+        lines = f", line {' or '.join(places)}" if places else ""
+        text = text.replace(nowhere.group(), f"Element '{nowhere[1]}'{lines}")
+    return f"{files.place}: {text}"

@@ -1,0 +1,292 @@
+"""Robot and objects composed into one MuJoCo model, with index maps resolved once and frozen.
+
+Attached models get the prefixes ``robot/`` and ``<object>/``. Frames: world, unless a name says otherwise. A free joint's
+``qvel`` is the linear velocity of the body frame's origin in world axes, then the angular velocity in body axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+from warnings import catch_warnings
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.model.conservative import authored_integrator, element_place, model_faults, spec_faults
+from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.model.number_faults import number_faults
+from ffsm_mj.model.source import REFUSALS, load_spec, mujoco_line
+
+JointKind = Literal["free", "ball", "slide", "hinge"]
+
+_JOINT_KINDS: tuple[JointKind, ...] = ("free", "ball", "slide", "hinge")
+_QPOS_SIZE = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}
+_DOF_SIZE = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
+
+# At MuJoCo's default of 1e-6 cylinders and ellipsoids miss their distance by 7e-7 m and flip normals near touch.
+_CCD_TOLERANCE = 1e-12
+_CCD_ITERATIONS = 200
+
+_SHARED_OPTIONS = (
+    *("gravity", "wind", "density", "viscosity", "integrator", "timestep"),
+    *("ccd_tolerance", "ccd_iterations", "disableflags"),
+)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Where a joint lives: its full name, kind, slices into ``qpos`` and ``qvel``, and the id of its body."""
+
+    name: str
+    kind: JointKind
+    qpos: slice
+    dofs: slice
+    body: int
+
+
+@dataclass(frozen=True)
+class Tree:
+    """One moving tree of bodies: the robot or an object.
+
+    Attributes:
+        name: ``robot`` or the object's key in the scenario.
+        root: Body id of the root, the base of the robot.
+        bodies: Ids of all bodies of the tree, root first.
+        joints: All joints, those of the root body first.
+        dofs: The tree's slice of ``qvel``.
+        base_dofs: The tree's dofs that move the root body against the world, as a slice of ``qvel``.
+    """
+
+    name: str
+    root: int
+    bodies: tuple[int, ...]
+    joints: tuple[Joint, ...]
+    dofs: slice
+    base_dofs: slice
+
+
+@dataclass(frozen=True)
+class System:
+    """A compiled scene: the robot and its objects in zero gravity, contacts without force.
+
+    Attributes:
+        mj: The MuJoCo model (RK4, contacts disabled, autoreset off).
+        robot: Tree of the FFSM.
+        objects: Trees of the floating objects, in the order of the scenario.
+        files: Files of each model by tree name.
+        faults: What breaks conservation; empty for a conservative system.
+        notes: What MJCF says and the simulation does not do (joint limits); what MuJoCo warned of.
+    """
+
+    mj: Any
+    robot: Tree
+    objects: tuple[Tree, ...]
+    files: Mapping[str, ModelFiles]
+    faults: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    joints: Mapping[str, Joint] = field(default_factory=dict)
+
+    @property
+    def trees(self) -> tuple[Tree, ...]:
+        """The robot's tree, then those of the objects."""
+        return (self.robot, *self.objects)
+
+    def names(self, kind: str) -> tuple[str, ...]:
+        """Full names of all elements of a kind: ``body``, ``joint``, ``geom``, ``site`` or ``actuator``."""
+        count = {"body": self.mj.nbody, "joint": self.mj.njnt, "geom": self.mj.ngeom, "site": self.mj.nsite}
+        number = count.get(kind, self.mj.nu)
+        named = (getattr(self.mj, kind)(i).name for i in range(number))
+        return tuple(name for name in named if name and name != "world")
+
+    def resolve(self, kind: str, name: str) -> str:
+        """Full name of an element; the prefix may be left out where the rest of the name is unique.
+
+        Raises:
+            LookupError: No such element, or more than one; the message lists the valid names.
+        """
+        names = self.names(kind)
+        if name in names:
+            return name
+        matches = [full for full in names if full.split("/", 1)[-1] == name]
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            raise LookupError(f"{kind} {name!r} is ambiguous; write one of {', '.join(matches)}")
+        raise LookupError(unknown_name(kind, name, names))
+
+    def index(self, kind: str, name: str) -> int:
+        """MuJoCo id of an element by full or unambiguous name.
+
+        Raises:
+            LookupError: See :meth:`resolve`.
+        """
+        return int(getattr(self.mj, kind)(self.resolve(kind, name)).id)
+
+    def joint(self, name: str) -> Joint:
+        """Joint by full or unambiguous name.
+
+        Raises:
+            LookupError: See :meth:`resolve`.
+        """
+        return self.joints[self.resolve("joint", name)]
+
+    def tree_of_body(self, body: int) -> Tree | None:
+        """Tree that a body belongs to, or None for the world."""
+        return next((tree for tree in self.trees if body in tree.bodies), None)
+
+
+def compile_system(
+    robot: ModelFiles, objects: Mapping[str, ModelFiles], *, time_step_s: float, conservative: bool = True
+) -> System:
+    """Compose robot and objects into one model and freeze its index maps; nothing is read from disk.
+
+    Args:
+        robot: MJCF or URDF of the robot: one tree whose root is the base.
+        objects: MJCF or URDF of each floating object by name; the name becomes its prefix.
+        time_step_s: Integration step in s.
+        conservative: Refuse whatever breaks the conservation of energy or momentum.
+
+    Raises:
+        InputError: A model is malformed, has no single moving tree, or is not conservative.
+    """
+    files = {"robot": robot, **objects}
+    scene = _empty_scene(time_step_s)
+    faults: list[str] = []
+    warned: list[str] = []
+    # The compiler tells Python of its warnings too.
+    with mujoco.MjVfs() as vfs, collected_warnings(warned), catch_warnings(action="ignore"):
+        for name, model_files in files.items():
+            spec = load_spec(model_files, vfs)
+            _refuse_dangling(model_files, vfs)
+            faults += spec_faults(spec, model_files)
+            _take_options(scene, spec, conservative=conservative)
+            scene.attach(spec, prefix=f"{name}/", frame=scene.worldbody.add_frame())
+        model = _compile(scene, files, vfs)
+    faults += model_faults(model, scene, files)
+    if conservative and faults:
+        raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
+    trees = [_tree(model, name, files[name].place) for name in files]
+    return System(
+        mj=model,
+        robot=trees[0],
+        objects=tuple(trees[1:]),
+        files=files,
+        faults=tuple(faults),
+        notes=(*(_notes(model) if conservative else ()), *(f"MuJoCo: {' '.join(text.split())}" for text in warned)),
+        joints={joint.name: joint for tree in trees for joint in tree.joints},
+    )
+
+
+def _empty_scene(time_step_s: float) -> Any:
+    scene = mujoco.MjSpec()
+    scene.modelname = "ffsm-mj scene"
+    scene.option.gravity = [0.0, 0.0, 0.0]
+    scene.option.timestep = time_step_s
+    scene.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    scene.option.ccd_tolerance = _CCD_TOLERANCE
+    scene.option.ccd_iterations = _CCD_ITERATIONS
+    # Contact is resolved by ffsm_mj.impact, limits would be soft springs, and a reset would rewind a diverging run.
+    for flag in ("CONTACT", "LIMIT", "AUTORESET"):
+        scene.option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
+    return scene
+
+
+def _compile(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any:
+    """Compile the scene, and refuse numbers that MuJoCo takes though no run could work with them."""
+    try:
+        model = scene.compile(vfs=vfs)
+    except REFUSALS as error:
+        raise InputError(_own_words(files.values(), vfs, error)) from error
+    faults = [f"{element_place(scene, files, kind, name)} {what}" for kind, name, what in number_faults(model)]
+    if faults:
+        raise InputError(faults)
+    return model
+
+
+def _refuse_dangling(files: ModelFiles, vfs: Any) -> None:
+    """Refuse what refers to nothing: attaching drops such a motor, tendon or constraint without a word, compiling tells.
+
+    Raises:
+        InputError: The model does not compile alone.
+    """
+    try:
+        load_spec(files, vfs).compile(vfs=vfs)
+    except REFUSALS as error:
+        raise InputError(mujoco_line(files, error)) from error
+
+
+def _own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:
+    """A complaint of the scene, which names no file, as the complaint of the model that has the same alone."""
+    models = tuple(models)
+    for files in models:
+        try:
+            load_spec(files, vfs).compile(vfs=vfs)
+        except REFUSALS as own:
+            return mujoco_line(files, own)
+    return f"{' and '.join(files.place for files in models)}: {' '.join(str(error).split())}"
+
+
+def _take_options(scene: Any, spec: Any, *, conservative: bool) -> None:
+    """Give parent and child equal options before attaching: the scene's, or the model's where dissipation is allowed."""
+    if not conservative:
+        for name in ("gravity", "wind", "density", "viscosity"):
+            if np.any(getattr(spec.option, name)):
+                setattr(scene.option, name, getattr(spec.option, name))
+        if authored_integrator(spec) is not None:
+            scene.option.integrator = spec.option.integrator
+        scene.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    for name in _SHARED_OPTIONS:
+        setattr(spec.option, name, getattr(scene.option, name))
+
+
+def _tree(model: Any, name: str, place: str) -> Tree:
+    """Index map of one attached model.
+
+    Raises:
+        InputError: The file holds no moving body, or several that are not connected.
+    """
+    bodies = [i for i in range(1, model.nbody) if model.body(i).name.startswith(f"{name}/")]
+    roots = [i for i in bodies if model.body_parentid[i] == 0 and model.body_dofnum[model.body_rootid == i].sum() > 0]
+    if len(roots) != 1:
+        found = ", ".join(model.body(i).name.split("/", 1)[1] for i in roots) or "none"
+        raise InputError(
+            f"{place}: a model must be one tree of moving bodies below <worldbody>; found {len(roots)} ({found}). "
+            + (
+                "Give the root body a <freejoint/> or slide and hinge joints"
+                if not roots
+                else "Put each in a file of its own"
+            )
+        )
+    members = tuple(i for i in bodies if model.body_rootid[i] == roots[0])
+    joints = tuple(_joint(model, j) for j in range(model.njnt) if model.jnt_bodyid[j] in members)
+    base = [joint for joint in joints if joint.body == roots[0]]
+    if not base:
+        raise InputError(
+            f"{place}: the root body {model.body(roots[0]).name.split('/', 1)[1]!r} has no joint: it cannot float"
+        )
+    return Tree(
+        name=name,
+        root=roots[0],
+        bodies=members,
+        joints=joints,
+        dofs=slice(joints[0].dofs.start, joints[-1].dofs.stop),
+        base_dofs=slice(base[0].dofs.start, base[-1].dofs.stop),
+    )
+
+
+def _joint(model: Any, j: int) -> Joint:
+    kind = _JOINT_KINDS[model.jnt_type[j]]
+    q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+    return Joint(
+        model.joint(j).name, kind, slice(q, q + _QPOS_SIZE[kind]), slice(v, v + _DOF_SIZE[kind]), int(model.jnt_bodyid[j])
+    )
+
+
+def _notes(model: Any) -> tuple[str, ...]:
+    limited: Iterable[str] = (model.joint(j).name for j in range(model.njnt) if model.jnt_limited[j])
+    names = ", ".join(limited)
+    return (f"joint limits are not enforced: {names}",) if names else ()

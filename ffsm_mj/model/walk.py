@@ -1,0 +1,123 @@
+"""From one file of a model to all that it uses: includes, attached models and assets, by the names MuJoCo looks for."""
+
+from __future__ import annotations
+
+import posixpath
+from dataclasses import replace
+from typing import Protocol
+
+from ffsm_mj.errors import InputError
+from ffsm_mj.model.allowances import MOST_ELEMENTS, MOST_PIXELS, image_pixels, pixels
+from ffsm_mj.model.xml import Element, assets, elements, is_urdf
+
+_MAX_DEPTH = 8
+
+
+class Shelf(Protocol):
+    """Where files are taken from, by normal name relative to the folder of the first one."""
+
+    def label(self, name: str) -> str:
+        """The file as messages name it."""
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a file."""
+
+    def take(self, name: str, place: str) -> bytes:
+        """Its content, for whoever names it at a place (``file:line``; empty for the first one).
+
+        Raises:
+            InputError: It cannot be had, or must not.
+        """
+
+
+def collect(main: str, shelf: Shelf) -> dict[str, bytes]:
+    """Content of everything that a model uses by name, ``main`` first, in reading order.
+
+    Raises:
+        InputError: A file cannot be had, is malformed, or is named otherwise than by a path relative to the model.
+    """
+    if not main.lower().endswith((".xml", ".urdf")):
+        raise InputError(f"{shelf.label(main)}: no model file by its name: MJCF ends in .xml, URDF in .urdf")
+    if "%" in main:
+        raise InputError(f"{shelf.label(main)}: the name of a model file must not hold a percent sign; rename it")
+    walk = _Walk(shelf)
+    walk.model(main, main, "", ())
+    walk.refuse_doubt()
+    return walk.found
+
+
+class _Walk:
+    def __init__(self, shelf: Shelf) -> None:
+        self._shelf, self.found = shelf, dict[str, bytes]()
+        self._by_last_part: dict[str, str] = {}
+        self._elements = self._pixels = 0.0
+
+    def model(self, name: str, written: str, place: str, chain: tuple[str, ...], copies: float = 1.0) -> None:
+        """A model and all that it attaches, each with its own settings."""
+        home = posixpath.dirname(name)
+        whole = self._document(name, written, place, home, chain)
+        repeats = max(element.copies for element in whole)
+        for element in whole:
+            self._count(element.place, element.copies * copies, pixels(element.tag, element.attributes))
+        if not is_urdf(whole):
+            for element in whole:
+                inner = element.attributes.get("file")
+                if element.tag == "model" and inner:
+                    self.model(_join(home, inner), inner, element.place, (*chain, name), copies * repeats)
+        for asset in assets(whole):
+            path = _join(home, posixpath.join(asset.folder, asset.name))
+            content = self._take(path, posixpath.join(asset.folder, asset.name), asset.place)
+            self._count(asset.place, 0.0, image_pixels(content))
+            if asset.stripped:
+                self._by_last_part[path] = asset.place
+
+    def _document(self, name: str, written: str, place: str, home: str, chain: tuple[str, ...]) -> list[Element]:
+        """Elements of a file, those of what it includes in the place of each include."""
+        if name in chain or len(chain) > _MAX_DEPTH:
+            raise InputError(f"{place}: {written!r} comes round to itself, or is more than {_MAX_DEPTH} files deep")
+        own = elements(self._take(name, written, place), self._shelf.label(name))
+        if is_urdf(own):
+            return own
+        filled: list[Element] = []
+        for element in own:
+            inner = element.attributes.get("file")
+            if element.tag != "include" or not inner:
+                filled.append(element)
+                continue
+            path = _join(home, inner)
+            if not self._shelf.has(path) and self._shelf.has(beside := _join(posixpath.dirname(name), inner)):
+                path, self._by_last_part[beside] = beside, element.place
+            included = self._document(path, inner, element.place, home, (*chain, name))[1:]
+            filled += [replace(each, copies=each.copies * element.copies) for each in included]
+        return filled
+
+    def _count(self, place: str, elements: float, pixels: float) -> None:
+        """Add to what the model asks for in all."""
+        self._elements, self._pixels = self._elements + elements, self._pixels + pixels
+        if self._elements > MOST_ELEMENTS:
+            raise InputError(f"{place}: with this the model has more than {MOST_ELEMENTS} elements, repeated ones included")
+        if self._pixels > MOST_PIXELS:
+            raise InputError(f"{place}: with this the model's images have more than {MOST_PIXELS} pixels")
+
+    def _take(self, name: str, written: str, place: str) -> bytes:
+        if name not in self.found:
+            if posixpath.isabs(written) or any(c in written for c in ":\\") or not written.isprintable():
+                before = place or self._shelf.label(name)
+                raise InputError(f"{before}: {written!r} is no path relative to the model, with forward slashes")
+            self.found[name] = self._shelf.take(name, place)
+        return self.found[name]
+
+    def refuse_doubt(self) -> None:
+        """MuJoCo finds some virtual files by the last part of their name alone: that must be one file's only."""
+        for name, place in self._by_last_part.items():
+            others = [other for other in self.found if other != name and _last(other) == _last(name)]
+            if others:
+                raise InputError(f"{place}: {name} and {others[0]} have the same name; rename one of them")
+
+
+def _last(name: str) -> str:
+    return posixpath.basename(name).lower()
+
+
+def _join(home: str, name: str) -> str:
+    return posixpath.normpath(posixpath.join(home, name))

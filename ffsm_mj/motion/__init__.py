@@ -1,0 +1,1 @@
+"""Smooth motion: steps of free flight, and a step as a path."""

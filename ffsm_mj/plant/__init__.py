@@ -1,0 +1,1 @@
+"""What surrounds the motion: actuation within limits, the ledger, samples of live arrays."""

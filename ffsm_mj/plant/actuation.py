@@ -1,0 +1,308 @@
+"""The plant side of actuation: what reaches the joints of what a controller asks for. No controller can bypass it.
+
+Efforts are forces in N or torques in N m at the driven joint or site; MuJoCo's ``ctrl`` is the effort over gear and gain.
+A command is decided once per control tick and held.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, PositiveFloat, model_validator
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.compiled import fastest
+from ffsm_mj.config import StrictModel
+from ffsm_mj.controller_protocol import Command
+from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
+from ffsm_mj.model.system import System
+from ffsm_mj.plant.limits import Bounds, Limits
+from ffsm_mj.records.signals import Signal, identifier
+
+
+class IdealConfig(StrictModel):
+    """An actuator that delivers what is asked, within MJCF's own ctrlrange and forcerange."""
+
+    kind: Literal["ideal"]
+
+
+class TorqueSpeedConfig(StrictModel):
+    """A motor on its torque-speed line, paper (34): |u + (stall / no_load) speed| <= stall, while powered."""
+
+    kind: Literal["torque_speed"]
+    stall_torque_N_m: PositiveFloat
+    """Torque at rest, N m (N for a slide joint)."""
+    no_load_speed_rad_s: PositiveFloat
+    """Speed at zero torque, rad/s (m/s for a slide joint)."""
+
+
+class ReactionWheelConfig(StrictModel):
+    """A wheel's motor: a torque limit, and no torque that would speed it up beyond its greatest speed."""
+
+    kind: Literal["reaction_wheel"]
+    max_torque_N_m: PositiveFloat
+    """Greatest torque, N m."""
+    max_speed_rad_s: PositiveFloat
+    """Speed of the rotor against its bearing at which it is saturated, rad/s."""
+
+
+class OnOffConfig(StrictModel):
+    """A thruster that is off or fully on, in the direction asked for (paper, section 4.4).
+
+    With ``release_N`` below ``threshold_N`` it is a Schmitt trigger. A thruster whose ctrlrange starts at 0 pushes only.
+    """
+
+    kind: Literal["on_off"]
+    force_N: PositiveFloat
+    """Force while on, N."""
+    threshold_N: Annotated[float, Field(ge=0.0)] = 0.0
+    """It fires when more than this is asked for, N."""
+    release_N: Annotated[float, Field(ge=0.0)] | None = None
+    """Once on, it stays on until less than this is asked for, N; left out: the threshold."""
+    min_on_time_s: Annotated[float, Field(ge=0.0)] = 0.0
+    """Once on, it stays on at least this long, unless power is cut, s."""
+
+    @model_validator(mode="after")
+    def _release_below_threshold(self) -> OnOffConfig:
+        if self.release_N is not None and self.release_N > self.threshold_N:
+            raise ValueError(f"release_N must not exceed threshold_N ({self.threshold_N:g})")
+        return self
+
+
+AnyActuator = IdealConfig | TorqueSpeedConfig | ReactionWheelConfig | OnOffConfig
+ACTUATOR_KINDS = ("ideal", "torque_speed", "reaction_wheel", "on_off")
+ActuatorConfig = Annotated[AnyActuator, Field(discriminator="kind")]
+
+
+@dataclass
+class _Limits:
+    """What one actuator can do."""
+
+    low: float
+    high: float
+    stall: float = math.inf
+    slope: float = 0.0
+    saturation: float = math.inf
+    valve: _Valve | None = None
+
+    def configure(self, config: AnyActuator) -> None:
+        """Take the limits of a scenario."""
+        if isinstance(config, TorqueSpeedConfig):
+            self.stall = config.stall_torque_N_m
+            self.slope = config.stall_torque_N_m / config.no_load_speed_rad_s
+        elif isinstance(config, ReactionWheelConfig):
+            self.stall, self.saturation = config.max_torque_N_m, config.max_speed_rad_s
+        elif isinstance(config, OnOffConfig):
+            self.stall, self.valve = config.force_N, _Valve(config)
+
+
+class _Valve:
+    """An on-off thruster's valve, and what it remembers.
+
+    Attributes:
+        firing: Direction in which it fires, 1 or -1, or 0 while it is shut.
+    """
+
+    def __init__(self, config: OnOffConfig) -> None:
+        self._force, self._threshold, self._min_on_s = config.force_N, config.threshold_N, config.min_on_time_s
+        self._release = config.threshold_N if config.release_N is None else config.release_N
+        self.firing, self._lit_at_s = 0.0, 0.0
+
+    def fire(self, wanted: float, lower: float, upper: float, time_s: float) -> float:
+        """Force of the valve: kept on above the release and for its shortest time, lit above the threshold."""
+        size = abs(wanted)
+        sign = math.copysign(1.0, wanted)
+        stays = self.firing == sign and size >= self._release and size > 0.0
+        held = self.firing != 0.0 and time_s - self._lit_at_s < self._min_on_s - 1e-12
+        firing = self.firing if stays or held else sign if size > self._threshold else 0.0
+        if not lower <= firing * self._force <= upper:
+            firing = 0.0  # one that only pushes never fires backwards
+        if firing not in (0.0, self.firing):
+            self._lit_at_s = time_s
+        self.firing = firing
+        return firing * self._force
+
+    def stand(self, force: float, time_s: float) -> float:
+        """Stand as a force says, from a time on; gives the force that the valve has then."""
+        firing = math.copysign(1.0, force) if force else 0.0
+        if firing not in (0.0, self.firing):
+            self._lit_at_s = time_s
+        self.firing = firing
+        return firing * self._force
+
+
+class Actuation:
+    """Limits of all actuators, as arrays.
+
+    Attributes:
+        names: Full names of the actuators in MuJoCo's order.
+        signals: What is logged of them.
+        table: By actuator: command, applied effort, least and greatest possible effort, (nu, 4).
+        applied: Efforts that act now, (nu,).
+        gear: Effort per ctrl, (nu,).
+        counts: Seconds on and unsigned impulse in N s of each on-off actuator, (number of them, 2).
+    """
+
+    def __init__(self, system: System, configs: Mapping[str, AnyActuator]) -> None:
+        """Resolve names and collect limits.
+
+        Raises:
+            ScenarioFaults: An unknown actuator, or one that MJCF does not define as a plain motor.
+        """
+        self.names = system.names("actuator")
+        self.gear = _effort_per_ctrl(system)
+        limits = [_Limits(*ends) for ends in zip(*_mjcf_range(system.mj, self.gear).tolist(), strict=True)]
+        faults = []
+        for name, config in configs.items():
+            try:
+                limits[system.index("actuator", name)].configure(config)
+            except LookupError as error:
+                faults.append(Fault(str(error.args[0]), ("actuators", name)))
+        if faults:
+            raise ScenarioFaults(faults)
+        self._bounds = Bounds(
+            low=np.array([one.low for one in limits]),
+            high=np.array([one.high for one in limits]),
+            stall=np.array([one.stall for one in limits]),
+            slope=np.array([one.slope for one in limits]) / self.gear,
+            saturation=np.array([one.saturation for one in limits]),
+            gear=self.gear,
+        )
+        self._valves = [(i, one.valve) for i, one in enumerate(limits) if one.valve is not None]
+        self.table = np.zeros((len(self.names), 4))
+        self._wanted, self.applied, self._lower, self._upper = self.table.T
+        self._counted = np.array([i for i, _ in self._valves], dtype=np.intp)
+        self._valves_open = False
+        self.counts = np.zeros((len(self._valves), 2))
+        self.signals = _signals(system, self._counted)
+        self._data: Any = None
+        self._command: Command | None = None
+
+    def apply(self, command: Command, data: Any, time_s: float) -> None:
+        """Turn a command into ``data.ctrl`` and hold it.
+
+        Raises:
+            ControllerError: A powered effort is not finite.
+        """
+        if data is not self._data or command is not self._command:
+            self._data, self._command, self._ctrl = data, command, data.ctrl
+            held = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
+            self._limits = fastest(Limits)(self._bounds, *held)
+        if not self._limits.apply():
+            names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
+            raise ControllerError(f"the controller commands an effort that is not finite for {names}")
+        if self._valves:
+            self._switch(command.powered, time_s)
+
+    def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
+        """Open and shut the valves of the on-off actuators, which deliver all or nothing of what the limits left of it."""
+        self._valves_open = False
+        for i, valve in self._valves:
+            if powered[i]:
+                lower, upper = float(self._lower[i]), float(self._upper[i])
+                force = valve.fire(float(self._wanted[i]), lower, upper, time_s)
+                self.applied[i], self._ctrl[i] = force, force / self.gear[i]
+            else:
+                valve.firing = 0.0
+            self._valves_open |= valve.firing != 0.0
+
+    def hold(self, efforts: FloatArray, data: Any, time_s: float) -> None:
+        """Take up efforts that were decided before, within limits as ever; valves stand as the efforts say.
+
+        Args:
+            efforts: Of all actuators, (nu,).
+            data: State at which they were decided.
+            time_s: When that was.
+        """
+        self.apply(Command(efforts, efforts != 0.0), data, time_s)
+        for i, valve in self._valves:
+            force = valve.stand(float(efforts[i]), time_s)
+            self.applied[i], self._ctrl[i] = force, force / self.gear[i]
+        self._valves_open = any(valve.firing != 0.0 for _, valve in self._valves)
+
+    def by_name(self) -> dict[str, tuple[float, ...]]:
+        """Effort that acts now by actuator, N or N m."""
+        return {name: (effort,) for name, effort in zip(self.names, self.applied.tolist(), strict=True)}
+
+    def elapse(self, duration_s: float) -> None:
+        """Count on-times and impulses of the on-off actuators over a time with the efforts held."""
+        if not self._valves_open:
+            return
+        applied = self.applied[self._counted]
+        self.counts[:, 0] += duration_s * (applied != 0.0)
+        self.counts[:, 1] += duration_s * np.abs(applied)
+
+    def copies(self, columns: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """What to copy into a table of so many actuator columns: efforts, then on-time and impulse of each thruster."""
+        efforts, counts = self.table.reshape(-1), self.counts.reshape(-1)
+        return [(efforts, columns[:, : efforts.size]), (counts, columns[:, efforts.size :])]
+
+
+def _effort_per_ctrl(system: System) -> FloatArray:
+    """Gear times gain of each actuator.
+
+    Raises:
+        ScenarioFaults: An actuator is no plain motor (a servo, a muscle, activation dynamics).
+    """
+    model = system.mj
+    gear = np.ones(model.nu)
+    faults = []
+    for i in range(model.nu):
+        fixed_gain = model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+        no_bias = model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
+        if not (fixed_gain and no_bias and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE):
+            message = f"actuator {model.actuator(i).name!r} is no plain <motor>: its force would not be the command"
+            faults.append(Fault(message, ("robot", "mjcf")))
+        on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+        gear[i] = model.actuator_gainprm[i, 0] * (model.actuator_gear[i, 0] if on_joint else 1.0)
+        if gear[i] == 0.0:
+            faults.append(
+                Fault(f"actuator {model.actuator(i).name!r} has gear or gain 0: it drives nothing", ("robot", "mjcf"))
+            )
+    if faults:
+        raise ScenarioFaults(faults)
+    return gear
+
+
+def _mjcf_range(model: Any, gear: FloatArray) -> FloatArray:
+    """Bounds on the effort that MJCF states, (2, nu)."""
+    bounds = np.array([np.full(model.nu, -np.inf), np.full(model.nu, np.inf)])
+    for i in range(model.nu):
+        limits = []
+        if model.actuator_ctrllimited[i]:
+            limits.append(np.sort(model.actuator_ctrlrange[i] * gear[i]))
+        if model.actuator_forcelimited[i]:
+            limits.append(np.sort(model.actuator_forcerange[i] * gear[i] / model.actuator_gainprm[i, 0]))
+        for low, high in limits:
+            bounds[0, i], bounds[1, i] = max(bounds[0, i], low), min(bounds[1, i], high)
+    return bounds
+
+
+def _signals(system: System, counted: npt.NDArray[np.intp]) -> tuple[Signal, ...]:
+    signals = []
+    for i, name in enumerate(system.names("actuator")):
+        unit, suffix = ("N m", "N_m") if _drives_rotation(system.mj, i) else ("N", "N")
+        for what, meaning in (
+            ("command", "asked for"),
+            ("applied", "delivered"),
+            ("lower", "least possible while powered"),
+            ("upper", "greatest possible while powered"),
+        ):
+            signals.append(Signal("actuators", f"{identifier(name)}_{what}_{suffix}", unit, f"effort of {name}, {meaning}"))
+    for name in (system.names("actuator")[i] for i in counted):
+        field = identifier(name)
+        signals.append(Signal("actuators", f"{field}_on_time_s", "s", f"time that {name} has been on"))
+        signals.append(Signal("actuators", f"{field}_impulse_N_s", "N s", f"impulse that {name} has delivered, unsigned"))
+    return tuple(signals)
+
+
+def _drives_rotation(model: Any, i: int) -> bool:
+    if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT:
+        return not np.any(model.actuator_gear[i, :3])
+    return bool(model.jnt_type[model.actuator_trnid[i, 0]] == mujoco.mjtJoint.mjJNT_HINGE)

@@ -1,0 +1,85 @@
+"""What actuators deliver of what they are asked for: bounds, torque-speed lines, saturated wheels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ffsm_mj.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What each actuator can do, (nu,) each: low <= effort <= high, |effort + slope * velocity| <= stall.
+
+    Attributes:
+        low: Least effort that MJCF allows.
+        high: Greatest effort that MJCF allows.
+        stall: Greatest effort at rest; infinite without a limit.
+        slope: Effort lost per actuator velocity.
+        saturation: Joint speed beyond which no effort speeds it up further; infinite without one.
+        gear: Effort per ctrl.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    stall: FloatArray
+    slope: FloatArray
+    saturation: FloatArray
+    gear: FloatArray
+
+
+class Limits:
+    """Turns a command into efforts within bounds, and into ``ctrl``."""
+
+    def __init__(
+        self,
+        bounds: Bounds,
+        effort: FloatArray,
+        powered: npt.NDArray[np.bool_],
+        velocity: FloatArray,
+        table: FloatArray,
+        ctrl: FloatArray,
+    ) -> None:
+        """Bind to a command and to the plant.
+
+        Args:
+            bounds: Of the actuators.
+            effort: What is asked for, (nu,).
+            powered: Which actuators have power, (nu,).
+            velocity: Actuator velocities, (nu,).
+            table: Takes what is wanted, applied, and the lower and upper bound of it, by actuator, (nu, 4).
+            ctrl: Takes MuJoCo's command, (nu,).
+        """
+        self._effort, self._powered, self._velocity, self._ctrl = effort, powered, velocity, ctrl
+        self._wanted, self._applied, self._lower, self._upper = table.T
+        self._low, self._high, self._slope, self._gear = bounds.low, bounds.high, bounds.slope, bounds.gear
+        self._stall, self._reverse_stall = bounds.stall, -bounds.stall
+        self._wheels = [(i, x) for i, x in enumerate(bounds.saturation.tolist()) if x < math.inf]
+        self._drag, self._ones = np.empty(len(ctrl)), np.ones(len(ctrl))
+
+    def apply(self) -> bool:
+        """Work out the table and ``ctrl``; False, with no more than the commands, where a powered effort is not finite."""
+        wanted, applied, lower, upper, powered = self._wanted, self._applied, self._lower, self._upper, self._powered
+        np.multiply(self._effort, powered, out=wanted)
+        if not math.isfinite(wanted.dot(self._ones)):
+            wanted[~powered] = 0.0  # what an unpowered actuator is asked for does not matter
+            if not np.isfinite(wanted).all():
+                return False
+        # The torque-speed line shifts both bounds; without a slope they stay where they are.
+        drag = np.multiply(self._velocity, self._slope, out=self._drag)
+        np.maximum(self._reverse_stall - drag, self._low, out=lower)
+        np.minimum(self._stall - drag, self._high, out=upper)
+        for i, saturation in self._wheels:
+            speed = self._velocity[i] / self._gear[i]
+            if speed <= -saturation:
+                lower[i] = 0.0
+            if speed >= saturation:
+                upper[i] = 0.0
+        np.minimum(np.maximum(wanted, lower), upper, out=applied)
+        np.multiply(applied, powered, out=applied)
+        np.divide(applied, self._gear, out=self._ctrl)
+        return True

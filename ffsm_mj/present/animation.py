@@ -1,0 +1,167 @@
+"""The motion as a film for slides: the pictures of the strobe figure one after the other. No screen, no GPU."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.errors import InputError, MissingPackageError, OutputLostError
+from ffsm_mj.present.output_place import usable_file, writing
+from ffsm_mj.present.plots.motion import draw_plane, polygons, tree_colours, view_box
+from ffsm_mj.present.plots.style import BLACK, YELLOW, publication
+from ffsm_mj.present.plots.subject import Subject
+
+_LONGEST_S = 12.0
+_SPEEDS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
+_SIZE_PX = (960, 720)
+_FLASH_S = 0.5
+_LAST_PICTURE_S = 1.5
+_MOST_PICTURES = 6000
+
+
+def write_animation(
+    run: Run,
+    path: Path,
+    *,
+    frames_per_second: float = 20.0,
+    speed: float | None = None,
+    report: Callable[[float, float], None] | None = None,
+) -> str:
+    """Write the motion of a run as ``.gif`` or ``.mp4``.
+
+    Args:
+        run: A run with at least one sample.
+        path: The file; its suffix says which.
+        frames_per_second: Pictures per second of the film.
+        speed: Times real time; None: so that the film lasts 12 s at most.
+        report: Told how many pictures of how many are drawn.
+
+    Returns:
+        What was written, for a person.
+
+    Raises:
+        InputError: No sample, models that do not compile any more, an unknown suffix, or a file that cannot be written to.
+        OutputLostError: The film could not be written to its end.
+        MissingPackageError: MP4 without imageio-ffmpeg.
+    """
+    writers = {".gif": _write_gif, ".mp4": _write_mp4}
+    if path.suffix.lower() not in writers:
+        raise InputError(f"{path}: an animation is a .gif or an .mp4")
+    usable_file(path)
+    end = run.digest.end_s
+    fast = speed or next((s for s in _SPEEDS if end / s <= _LONGEST_S), end / _LONGEST_S)
+    wanted = end / fast * frames_per_second
+    if not wanted < _MOST_PICTURES:
+        raise InputError(
+            f"{path}: {end:g} s at {fast:g} times real time are {wanted:.3g} pictures, more than {_MOST_PICTURES}; "
+            "raise --speed or lower --fps"
+        )
+    count = max(2, 1 + math.ceil(wanted))
+    times = np.linspace(0.0, end, count)
+    subject = Subject(run, times.tolist())
+    with publication():
+        pictures = _counted(_pictures(subject, times, fast), count, report)
+        writers[path.suffix.lower()](path, pictures, frames_per_second)
+    return f"{count} pictures, {count / frames_per_second:.1f} s at {fast:g} times real time"
+
+
+def _counted(pictures: Iterator[Any], count: int, report: Callable[[float, float], None] | None) -> Iterator[Any]:
+    """The same pictures; each that is done is told."""
+    for done, picture in enumerate(pictures, 1):
+        if report is not None:
+            report(done, count)
+        yield picture
+
+
+def _pictures(subject: Subject, times: Any, speed: float) -> Iterator[Any]:
+    """RGB pictures, (height, width, 3) uint8, at some simulation times."""
+    run, plane = subject.run, subject.planes[0]
+    rows = [min(int(np.searchsorted(run.time, time - 1e-9)), len(run.time) - 1) for time in times]
+    box = view_box(subject, plane, rows[:: max(1, len(rows) // 40)])
+    figure = Figure(figsize=_figure_size(box), dpi=120, layout="constrained")
+    canvas: Any = FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    draw_plane(axes, subject, plane, box)
+    axes.set_title(" ", loc="left")
+    figure.draw_without_rendering()  # the layout is made once and kept
+    figure.set_layout_engine("none")
+    trails = {name: axes.plot([], [], color=c, linewidth=1.2, zorder=20)[0] for name, c in tree_colours(subject).items()}
+    trails["tip"] = axes.plot([], [], color=BLACK, linewidth=1.4, zorder=22)[0]
+    star = axes.plot([], [], "*", markersize=16, markerfacecolor=YELLOW, markeredgecolor=BLACK, zorder=31)[0]
+    paths = subject.roots | ({"tip": subject.tip} if subject.tip is not None else {})
+    for row in rows:
+        time = float(run.time[row])
+        shapes = axes.add_collection(
+            polygons(subject.silhouette.outlines(run.qpos[row], plane), subject, 0.8, 5), autolim=False
+        )
+        past = subject.chosen <= row
+        for name, path in paths.items():
+            trails[name].set_data(*path[past][:, plane.axes].T)
+        hits = [np.array(r.point_m)[plane.axes] for r in run.impacts if 0.0 <= time - r.time_s <= _FLASH_S * speed]
+        star.set_data(*np.array(hits).reshape(-1, 2).T)
+        axes.set_title(f"{_caption(run, time)}   ({speed:g}x)", loc="left")
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+        shapes.remove()
+
+
+def _figure_size(box: tuple[float, float, float, float]) -> tuple[float, float]:
+    """Inches, so that the picture fits the greatest size in pixels and both are even, as films need."""
+    shape = (box[1] - box[0]) / (box[3] - box[2])
+    width = min(_SIZE_PX[0], _SIZE_PX[1] * shape)
+    return 2 * round(width / 2) / 120, 2 * round((width / shape + 60) / 2) / 120
+
+
+def _caption(run: Run, time: float) -> str:
+    phase = next((p.name for p in reversed(run.phases) if p.start_s <= time), "")
+    return f"t = {time:6.2f} s   {phase.replace('_', ' ')}"
+
+
+def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
+    images = [Image.fromarray(picture).quantize(64, Image.Quantize.FASTOCTREE) for picture in pictures]
+    step = max(20, round(1000 / frames_per_second / 10) * 10)  # GIF counts hundredths of a second
+    durations = [step] * (len(images) - 1) + [round(1000 * _LAST_PICTURE_S)]
+    with writing(path):
+        images[0].save(path, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
+
+
+def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
+    try:
+        ffmpeg = import_module("imageio_ffmpeg")
+    except ImportError as error:
+        raise MissingPackageError("--mp4", "imageio-ffmpeg", "mp4") from error
+    first = next(pictures)
+    size = first.shape[1], first.shape[0]
+    writer = ffmpeg.write_frames(
+        str(path), size, fps=frames_per_second, quality=8, macro_block_size=2, ffmpeg_log_level="quiet"
+    )
+    count = 1
+    writer.send(None)
+    try:
+        writer.send(first.tobytes())
+        for picture in pictures:
+            writer.send(picture.tobytes())
+            count += 1
+    except OSError as error:  # several lines of ffmpeg's
+        raise OutputLostError(path, "ffmpeg stopped") from error
+    finally:
+        writer.close()
+    if not _holds(ffmpeg, path, count):
+        raise OutputLostError(path, "ffmpeg did not write it to its end")
+
+
+def _holds(ffmpeg: Any, path: Path, count: int) -> bool:
+    """Whether a film can be read and has so many pictures: ffmpeg's exit code is not to be had."""
+    try:
+        return int(ffmpeg.count_frames_and_secs(str(path))[0]) == count
+    except RuntimeError:
+        return False

@@ -1,0 +1,109 @@
+"""Figures of a run, drawn from its log alone, ready for print.
+
+``figures(run)`` gives them by name, ``save(run, folder)`` writes them as SVG and PNG; the same data give the same bytes.
+``comparison(runs)`` lays several runs over each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.present.output_place import usable_folder, writing
+from ffsm_mj.present.plots.compared import MOST_RUNS, comparison
+from ffsm_mj.present.plots.motion import motion
+from ffsm_mj.present.plots.style import FORMATS, publication, write
+from ffsm_mj.present.plots.subject import Subject
+from ffsm_mj.present.plots.time_series import base, conservation, energies, inputs, joints, momenta, tip, torques
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["FORMATS", "MOST_RUNS", "comparison", "figures", "save", "save_comparison"]
+
+
+def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
+    """Every figure that a run can have, by name.
+
+    ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (where a thruster or wheel
+    did anything), ``momenta``, ``energies``, ``conservation``.
+
+    Args:
+        run: A run with at least one sample.
+        names: Only these, where the run has them; all when empty.
+
+    Raises:
+        InputError: The run has no samples, or its models do not compile any more.
+    """
+    makers = _makers(run, names)
+    with publication():
+        return {name: make() for name, make in makers.items()}
+
+
+def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure that a run can have, by name; see :func:`figures`."""
+    subject = Subject(run)
+    makers = {"motion": motion, "base": base}
+    makers |= {"joints": joints} if subject.arm_joints else {}
+    makers |= {"tip": tip} if run.summary()["tip"] is not None else {}
+    makers |= {"torques": torques} if subject.named("motor") else {}
+    makers |= {"inputs": inputs} if subject.base_actuated else {}
+    makers |= {"momenta": momenta, "energies": energies, "conservation": conservation}
+    return {name: partial(make, subject) for name, make in makers.items() if not names or name in names}
+
+
+def save(
+    run: Run,
+    folder: str | Path,
+    names: Sequence[str] = (),
+    formats: tuple[str, ...] = FORMATS,
+    report: Callable[[float, float], None] | None = None,
+) -> list[Path]:
+    """Write the figures of a run into a folder as ``<name>.<format>``, one after the other; see :func:`figures`.
+
+    Args:
+        run: A run with at least one sample.
+        folder: Where to write; made where there is none.
+        names: Only these, where the run has them; all when empty.
+        formats: Of the files.
+        report: Told how many figures of how many are written.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: See :func:`figures`; or the folder cannot be written to.
+        OutputLostError: A file could not be written to its end.
+    """
+    target, makers = Path(folder), _makers(run, names)
+    usable_folder(target)
+    files: list[Path] = []
+    for done, (name, make) in enumerate(makers.items()):
+        if report is not None:
+            report(done, len(makers))
+        with publication():
+            figure = make()
+        with writing(target):
+            files += write(figure, target, name, formats)
+    return files
+
+
+def save_comparison(runs: Sequence[tuple[str, Run]], folder: str | Path, formats: tuple[str, ...] = FORMATS) -> list[Path]:
+    """Write ``comparison.<format>``: several runs, each with a label, over each other.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: The folder cannot be written to.
+        OutputLostError: A file could not be written to its end.
+    """
+    target = Path(folder)
+    usable_folder(target)
+    with publication():
+        figure = comparison(runs)
+    with writing(target):
+        return write(figure, target, "comparison", formats)

@@ -1,0 +1,45 @@
+"""Several runs over each other: tip error, energy and momenta."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.present.plots.panels import envelope
+from ffsm_mj.present.plots.style import COLOURS, LINE_STYLES, WIDTH_IN
+from ffsm_mj.present.plots.thinning import thinned
+
+MOST_RUNS = len(COLOURS)
+"""More curves than this cannot be told apart in one pair of axes."""
+
+
+def comparison(runs: Sequence[tuple[str, Run]]) -> Figure:
+    """Figure of several runs, each with a label; the first ``MOST_RUNS`` of them."""
+    shown = [(label, thinned(run)) for label, run in runs[:MOST_RUNS]]
+    panels = ["kinetic energy, J", "FFSM $|P|$, N s", "object $|P|$, N s"]
+    tipped = [(label, run) for label, run in shown if run.summary()["tip"] is not None]
+    labels = (["tip error, m"] if tipped else []) + panels
+    figure = Figure(figsize=(WIDTH_IN, 0.8 + 1.5 * len(labels)), layout="constrained")
+    grid = figure.subplots(len(labels), 1, sharex=True, squeeze=False)[:, 0]
+    for i, (label, run) in enumerate(shown):
+        curves = [run["energy.total_J"], *(np.linalg.norm(run.momentum(p)[:, :3], axis=1) for p in ("robot", "objects"))]
+        if tipped:
+            missing = np.full(len(run.time), np.nan)
+            curves.insert(0, run.tip_error() if run.summary()["tip"] is not None else missing)
+        for axes, curve in zip(grid, curves, strict=True):
+            x, y = envelope(run.time, curve)
+            axes.plot(x, y, color=COLOURS[i], linestyle=LINE_STYLES[i], label=label, zorder=3 + len(shown) - i)
+        for time in sorted({record.time_s for record in run.impacts}):
+            for axes in grid:
+                axes.axvline(time, color=COLOURS[i], linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=1)
+    for axes, text in zip(grid, labels, strict=True):
+        axes.set_ylabel(text)
+        axes.margins(x=0.0)
+    grid[-1].set_xlabel("time, s (dotted: impacts)")
+    figure.align_ylabels()
+    handles, names = grid[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper center", ncols=min(4, len(names)))
+    return figure

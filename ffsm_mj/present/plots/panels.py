@@ -1,0 +1,172 @@
+"""Stacked time plots: lines over phases that are shaded and named, impacts marked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.transforms import blended_transform_factory
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.present.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, WIDTH_IN
+
+_SHADES = ("#F1F1F1", "#FFFFFF")
+_BUCKETS = 1200
+
+
+@dataclass(frozen=True)
+class Line:
+    """One curve: its name in the legend and its values; colour and style by its place unless given."""
+
+    label: str
+    values: FloatArray
+    colour: str | None = None
+    style: Any = None
+    width: float = 1.3
+    time: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Attributes:
+        label: What is on the y axis, with its unit.
+        lines: Curves.
+        log: Logarithmic y axis.
+        marks: Points to mark: time, value, text.
+        bars: Instead of curves, rows of bars by name: from when to when, (n, 2).
+        height: Against the other panels.
+    """
+
+    label: str
+    lines: Sequence[Line] = ()
+    log: bool = False
+    marks: Sequence[tuple[float, float, str]] = ()
+    bars: Mapping[str, FloatArray] = field(default_factory=dict)
+    height: float = 1.0
+
+
+def stacked(run: Run, panels: Sequence[Panel], *, columns: int = 1, height_in: float = 1.75) -> Figure:
+    """Panels above each other (or in columns) over one time axis."""
+    rows = -(-len(panels) // columns)
+    heights = [max(panel.height for panel in panels[row * columns : (row + 1) * columns]) for row in range(rows)]
+    figure = Figure(figsize=(WIDTH_IN, 0.55 + height_in * sum(heights)), layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False, height_ratios=heights)
+    for i, axes in enumerate(grid.flat):
+        if i >= len(panels):
+            axes.set_axis_off()
+            continue
+        if panels[i].bars:
+            _draw_bars(axes, panels[i])
+        else:
+            _draw(axes, run.time, panels[i])
+        mark_events(axes, run, names=i < columns, wide=columns == 1)
+        if i + columns >= len(panels):
+            axes.set_xlabel("time, s")
+            axes.tick_params(labelbottom=True)
+    figure.align_ylabels()
+    return figure
+
+
+def _draw(axes: Axes, time: FloatArray, panel: Panel) -> None:
+    for i, line in enumerate(panel.lines):
+        x, y = envelope(time if line.time is None else line.time, line.values)
+        axes.plot(
+            x,
+            y,
+            label=line.label,
+            color=line.colour or COLOURS[i % len(COLOURS)],
+            linestyle=LINE_STYLES[i % len(LINE_STYLES)] if line.style is None else line.style,
+            linewidth=line.width,
+        )
+    if panel.log:
+        axes.set_yscale("log")
+    axes.set_ylabel(panel.label)
+    for x0, y0, text in panel.marks:
+        axes.plot([x0], [y0], marker="o", markersize=4, color=BLACK, markerfacecolor="white", zorder=5, linestyle="none")
+        axes.annotate(text, (x0, y0), (0, 7), textcoords="offset points", ha="center", va="bottom", fontsize=7.5)
+    axes.margins(x=0.0, y=0.08)
+    if sum(not line.label.startswith("_") for line in panel.lines) > 1:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.3)
+
+
+def _draw_bars(axes: Axes, panel: Panel) -> None:
+    for row, intervals in enumerate(panel.bars.values()):
+        spans = [(start, stop - start) for start, stop in intervals]
+        axes.broken_barh(spans, (row - 0.38, 0.76), facecolors=BLUE, edgecolors=BLUE, linewidth=0.3)
+    axes.set_yticks(range(len(panel.bars)), list(panel.bars), fontsize=6.5)
+    axes.set_ylim(len(panel.bars) - 0.4, -0.6)
+    axes.set_ylabel(panel.label)
+    axes.margins(x=0.0)
+
+
+def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A curve with far fewer points that looks the same: first, least, greatest and last value of each of many slices."""
+    count = len(time)
+    if count <= 4 * _BUCKETS:
+        return time, values
+    edges = np.linspace(0, count, _BUCKETS + 1).astype(np.intp)
+    kept = [0, count - 1]
+    for start, stop in pairwise(edges):
+        part = values[start:stop]
+        finite = np.nan_to_num(part, nan=0.0)
+        kept += [start, start + int(np.argmin(finite)), start + int(np.argmax(finite)), stop - 1]
+    chosen = np.unique(kept)
+    return time[chosen], values[chosen]
+
+
+def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None:
+    """Shade the phases, name them above the axes where wanted, and mark the impacts."""
+    phases = run.summary()["phases"]
+    for i, phase in enumerate(phases):
+        axes.axvspan(phase["start_s"], phase["end_s"], color=_SHADES[i % 2], zorder=-2, linewidth=0)
+    across = blended_transform_factory(axes.transData, axes.transAxes)
+    times = sorted({record.time_s for record in run.impacts})
+    for time in times:
+        axes.axvline(time, color=BLACK, linewidth=0.7, linestyle=(0, (1, 1.5)), zorder=1)
+    if names and len(phases) > 1:
+        _name_phases(axes, phases, float(run.time[-1]) * (0.0125 if wide else 0.026))
+    if names and times:
+        axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
+        hits, paper = (
+            "impact" if len(times) == 1 else "impacts",
+            {"facecolor": "white", "alpha": 0.85, "pad": 0.8, "linewidth": 0},
+        )
+        start = (times[0] if len(times) < 4 else times[-1], 0.96)
+        axes.annotate(hits, start, (4, 0), xycoords=across, textcoords="offset points", va="top", fontsize=7.5, bbox=paper)
+
+
+def _name_phases(axes: Axes, phases: Sequence[dict[str, Any]], letter_s: float) -> None:
+    """Names centred above their phases, in a second line where the first is taken; letter_s is the width of a letter."""
+    across = blended_transform_factory(axes.transData, axes.transAxes)
+    taken = [float("-inf")] * 2
+    for phase in phases:
+        text = phase["name"].replace("_", " ")
+        half = 0.5 * len(text) * letter_s
+        middle = max(0.5 * (phase["start_s"] + phase["end_s"]), half)
+        free = [level for level in (0, 1) if middle - half > taken[level]]
+        if free:
+            taken[free[0]] = middle + half
+            axes.annotate(
+                text,
+                (middle, 1.0),
+                (0, 5 + 9 * free[0]),
+                xycoords=across,
+                textcoords="offset points",
+                ha="center",
+                fontsize=7.5,
+                color="#444444",
+            )
+
+
+def running_maximum(time: FloatArray, values: FloatArray, count: int = 400) -> tuple[FloatArray, FloatArray]:
+    """Greatest value in each of so many slices of a run, and the middle of each slice."""
+    edges = np.unique(np.linspace(0, len(time), min(count, len(time)) + 1).astype(np.intp))
+    return 0.5 * (time[edges[:-1]] + time[edges[1:] - 1]), np.maximum.reduceat(values, edges[:-1])

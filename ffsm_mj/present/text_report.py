@@ -1,0 +1,289 @@
+"""What a run came to, as text for a terminal."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from ffsm_mj.analysis.agreement import Difference
+from ffsm_mj.analysis.comparison import Comparison, ImpactDifference
+from ffsm_mj.analysis.recounted import Recount
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.verdicts import Law, Tolerance
+from ffsm_mj.present.json_text import json_text
+from ffsm_mj.records.events import ImpactRecord
+
+_STEP_HINT = (
+    "\n  what RK4 itself leaves falls with the fourth power of the step: try half the time_step_s, or state what you accept"
+    " with 'ffsm analyze --tolerance'"
+)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Aligned columns: text to the left, everything that starts like a number to the right."""
+    cells = [list(head), *(list(row) for row in rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
+    right = [all(row[i][:1] in "0123456789-+." or not row[i] for row in cells[1:]) for i in range(len(head))]
+    lines = []
+    for row in cells:
+        padded = [cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(row, widths, right, strict=True)]
+        lines.append("  " + "  ".join(padded).rstrip())
+    return "\n".join(lines)
+
+
+def run_report(run: Run) -> str:
+    """Outcome, impacts, tip and conservation of a finished run."""
+    parts = [headline(run), impact_table(run.impacts), *_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
+    laws = run.laws()
+    if run.conservative or laws:
+        parts.append(conservation_table(laws) + ("" if all(law.holds for law in laws) else _STEP_HINT))
+    if not run.conservative:
+        parts.append("not conservative: " + run.log.header.facts.get("not_conservative", ""))
+    return "\n\n".join(part for part in parts if part)
+
+
+def headline(run: Run) -> str:
+    """One line: scenario, outcome, times."""
+    summary = run.summary()
+    line = f"{run.name}: {summary['outcome']}"
+    if summary["message"]:
+        line += f" ({summary['message']})"
+    if run.complete:
+        line += f"; {summary['duration_s']:g} s simulated"
+        if summary["wall_s"]:  # not told where SOURCE_DATE_EPOCH is set
+            line += f" in {summary['wall_s']:.1f} s ({summary['real_time_factor']:.1f} times real time)"
+    else:
+        line += f"; {summary['duration_s']:g} s logged"
+    return line
+
+
+def what_is_missing(run: Run) -> str:
+    """What a log does not tell of its run, in a line; empty where it is whole."""
+    broken_off = "" if run.complete else "incomplete: the log breaks off before the end of the run"
+    return "; ".join(part for part in (f"damaged: {run.damage}" if run.damage else "", broken_off) if part)
+
+
+def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
+    """One row per contact of every impact; |dT|, |dP| and |dL| are of the whole system."""
+    if not impacts:
+        return "no impact" if whole else "no impact in what can be read"
+    head = ("impact", "time s", "robot", "object", "e", "approach m/s", "impulse N s", "dT J", "|dP| N s", "|dL| N m s")
+    return table(
+        head,
+        (
+            (
+                str(record.event + 1),
+                f"{record.time_s:.6f}",
+                record.robot_geom,
+                record.object_geom,
+                f"{record.restitution:g}",
+                f"{record.approach_speed_m_s:.6f}",
+                f"{record.impulse_N_s:.6f}",
+                f"{record.energy_change_J:.1e}",
+                f"{record.linear_momentum_change_N_s:.1e}",
+                f"{record.angular_momentum_change_N_m_s:.1e}",
+            )
+            for record in impacts
+        ),
+    )
+
+
+def conservation_table(laws: Sequence[Law]) -> str:
+    """One row per law: worst residual, where and when, what is allowed, verdict."""
+    if not laws:
+        return "no samples: nothing to verify"
+    return table(
+        ("law", "of", "worst residual", "unit", "in", "at s", "allowed", ""),
+        (
+            (
+                law.name,
+                law.party,
+                f"{law.residual:.1e}",
+                law.unit,
+                law.component,
+                f"{law.time_s:.3f}",
+                f"{law.tolerance:.1e}",
+                "holds" if law.holds else "VIOLATED",
+            )
+            for law in laws
+        ),
+    )
+
+
+def _phase_lines(run: Run) -> list[str]:
+    """Phases that the scenario has and the run did not reach."""
+    reached = {phase.name for phase in run.phases}
+    missed = [name for name in run.log.header.facts.get("phases", "").split("\n") if name and name not in reached]
+    lost = "" if not run.damage else ", or lost with the damage"
+    return [f"phases not reached{lost}: {', '.join(missed)}"] if missed else []
+
+
+def _tip_lines(run: Run) -> list[str]:
+    tip = run.summary()["tip"]
+    if tip is None:
+        return []
+    target = ", ".join(f"{x:g}" for x in tip["target_m"])
+    closest = f"smallest error {tip['min_error_m']:.4g} m at {tip['min_error_time_s']:.3f} s"
+    last = f"final error {tip['final_error_m']:.5g} m at {tip['final_speed_m_s']:.4g} m/s"
+    return [f"tip to ({target}) m: {closest}, {last}"]
+
+
+def _contact_lines(run: Run) -> list[str]:
+    if not run.unhandled_contacts:
+        return []
+    head = ("unhandled contact", "and", "from s", "to s", "depth m")
+    rows = (
+        (c.geoms[0], c.geoms[1], f"{c.start_s:.3f}", f"{c.end_s:.3f}", f"{c.max_depth_m:.2e}")
+        for c in run.unhandled_contacts
+    )
+    return [table(head, rows) + "\n  nothing pushed these apart: make them impact pairs, or list them in ignored_pairs"]
+
+
+def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
+    """What ``ffsm analyze`` prints: everything recomputed from the states in the log."""
+    damage = damage_of(run, again)
+    impacts = impact_table(run.impacts, whole=run.complete and not damage)
+    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts]
+    parts += [*_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
+    laws = again.laws(tolerance)
+    if run.conservative or laws:
+        parts.append(conservation_table(laws))
+    if not run.conservative:
+        fault = run.log.header.facts.get("not_conservative", "")
+        parts.append(f"energy and momenta are not judged, the run is not conservative: {fault}")
+    if laws:
+        left = " in what can be read" if damage else ""
+        parts.append(verdict(run, laws) + left + ("" if all(law.holds for law in laws) else _STEP_HINT))
+    parts.append(agreement(again))
+    if not run.complete:
+        parts.append("incomplete: the log breaks off before the end of the run")
+    if damage:
+        parts.append(f"damaged: {damage}")
+    return "\n\n".join(part for part in parts if part)
+
+
+def agreement(again: Recount) -> str:
+    """One line: whether the columns of the log are what its states say; more where they are not."""
+    if again.obstacle:
+        why = f"nothing can be recomputed ({again.obstacle})"
+        return f"NOT VERIFIED: {why}; the laws are judged by what the log says of itself"
+    worst = sorted(again.worst.values(), key=lambda one: -one.excess)
+    if again.agrees:
+        of = f"{again.numbers} numbers of {again.samples} samples"
+        return f"columns agree with states ({of}); the worst difference:\n  {_difference(worst[0])}"
+    return "COLUMNS DO NOT AGREE WITH STATES:" + "".join(f"\n  {_difference(one)}" for one in worst if not one.holds)
+
+
+def _difference(worst: Difference) -> str:
+    unit = f" {worst.unit}" if worst.unit else ""
+    return f"{worst.size:.1e}{unit} in {worst.what} at {worst.time_s:.3f} s (allowed {worst.allowed:.1e})"
+
+
+def damage_of(run: Run, again: Recount) -> str:
+    """What is wrong with the log: with its bytes, and with the times of its samples."""
+    return run.damage if again.gaps in run.damage else "; ".join(part for part in (run.damage, again.gaps) if part)
+
+
+def verdict(run: Run, laws: Sequence[Law]) -> str:
+    """One line: which laws are violated, or that all hold."""
+    broken = [f"{law.name} of {law.party}" for law in laws if not law.holds]
+    words = f"VIOLATED: {', '.join(broken)}" if broken else f"all {len(laws)} laws hold"
+    return f"{words} over {run.digest.end_s:g} s ({run.digest.samples} samples)"
+
+
+def violated(run: Run, tolerance: Tolerance) -> bool:
+    """Whether a law that the run should obey is violated."""
+    return not all(law.holds for law in run.laws(tolerance))
+
+
+def verification_data(run: Run, again: Recount, tolerance: Tolerance) -> dict[str, Any]:
+    """The same for scripts, as plain data."""
+    laws = [
+        {
+            "law": law.name,
+            "of": law.party,
+            "component": law.component,
+            "residual": _finite(law.residual),
+            "unit": law.unit,
+            "time_s": law.time_s,
+            "tolerance": law.tolerance,
+            "holds": law.holds,
+            "drift": _finite(law.drift),
+        }
+        for law in again.laws(tolerance)
+    ]
+    states = {
+        "agree": again.agrees,
+        "obstacle": again.obstacle,
+        "samples": again.samples,
+        "numbers": again.numbers,
+        "worst": {
+            name: {
+                "in": worst.what,
+                "difference": _finite(worst.size),
+                "allowed": worst.allowed,
+                "unit": worst.unit,
+                "time_s": _finite(worst.time_s),
+            }
+            for name, worst in again.worst.items()
+        },
+    }
+    damage = damage_of(run, again)
+    return {"summary": run.summary(), "laws": laws, "states": states, "complete": run.complete, "damage": damage}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def as_json(data: Any) -> str:
+    """JSON for people and scripts."""
+    return json_text(data)
+
+
+def comparison_report(labels: tuple[str, str], found: Comparison) -> str:
+    """What differs between two runs, as text."""
+    head = f"{labels[1]} against {labels[0]}"
+    if found.same:
+        return f"{head}: the same, number by number, at all {found.samples} common times"
+    parts = [f"{head}: {found.samples} common times up to {found.end_s:g} s", _scenario_lines(found)]
+    if any(pair.a != pair.b for pair in found.impacts):
+        names = ("contact", "time s", "", "change s", "impulse N s", "", "change N s")
+        parts.append(table(names, (_impact_row(i, pair) for i, pair in enumerate(found.impacts))))
+    parts.append(_motion_lines(found))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _scenario_lines(found: Comparison) -> str:
+    lines = [f"  {key}: {_brief(a)} -> {_brief(b)}" for key, a, b in found.scenario]
+    lines += [f"  model {name} differs" for name in found.models]
+    return "\n".join(["scenario:", *lines]) if lines else "scenario and models are the same"
+
+
+def _brief(value: Any) -> str:
+    text = "(not given)" if value is None else json.dumps(value) if isinstance(value, dict | list) else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _impact_row(i: int, pair: ImpactDifference) -> tuple[str, ...]:
+    times = [f"{r.time_s:.6f}" if r else "none" for r in (pair.a, pair.b)]
+    impulses = [f"{r.impulse_N_s:.6f}" if r else "none" for r in (pair.a, pair.b)]
+    changes = [f"{x:+.2e}" if math.isfinite(x) else "-" for x in (pair.time_s, pair.impulse_N_s)]
+    return str(i + 1), *times, changes[0], *impulses, changes[1]
+
+
+def _motion_lines(found: Comparison) -> str:
+    """When the motions part, and the largest differences of coordinates, tip, energies and momenta."""
+    shown = [d for d in found.signals if d.key.startswith(("state.", "energy.", "momentum.total_"))]
+    lines = [] if found.first_s is None else [f"the motions part at {found.first_s:.3f} s"]
+    if found.first_s is None:
+        lines.append("the motions are the same, number by number")
+    if shown:
+        rows = ((d.key, f"{d.largest:.3e}", d.unit, f"{d.time_s:.3f}") for d in shown)
+        lines.append(table(("largest difference of", "is", "unit", "at s"), rows))
+    for which, keys in (("first", found.only_a), ("second", found.only_b)):
+        if keys:
+            lines.append(f"only in the {which}: {', '.join(keys)}")
+    return "\n\n".join(lines)

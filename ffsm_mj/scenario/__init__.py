@@ -1,0 +1,1 @@
+"""The scenario: YAML in, validated and frozen; its schema; the shipped ones."""

@@ -1,0 +1,262 @@
+"""The scenario: everything a run needs, typed, validated and frozen. Units are in the key names, frames in the comments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
+
+from ffsm_controllers import kinds
+from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, model_validator
+
+from ffsm_mj.config import StrictModel
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.plant.actuation import ACTUATOR_KINDS, ActuatorConfig
+from ffsm_mj.scenario.faults import KindNames, plain_faults
+from ffsm_mj.scenario.source import YamlSource, read_yaml
+
+_KINDS = kinds()
+if TYPE_CHECKING:
+    ControllerConfig: TypeAlias = Any
+else:
+    ControllerConfig = Annotated[
+        Union[tuple(cls.Config for cls in _KINDS.classes.values())],  # noqa: UP007 (a union of unknown length)
+        Field(discriminator="kind"),
+    ]
+
+# A multiple is one to 1e-9 of the ratio: beyond this that is half a period, and every ratio would pass.
+_MOST_PERIODS = 5e8
+_MOST_FRAMES = 1e6
+
+Name = Annotated[str, Field(min_length=1)]
+Axis = Literal["x", "y", "z"]
+JointValue = float | tuple[float, ...]
+
+
+class RobotConfig(StrictModel):
+    """The free-floating manipulator."""
+
+    mjcf: Name
+    """MJCF or URDF file, relative to the scenario file that names it; its root body is the base."""
+    asset_folders: tuple[Name, ...] = ()
+    """Folders, beside the model's own, that it may use files of (meshes, includes); relative to the scenario file."""
+
+
+class ObjectConfig(StrictModel):
+    """A floating object."""
+
+    mjcf: Name
+    """MJCF or URDF file, relative to the scenario file that names it."""
+    asset_folders: tuple[Name, ...] = ()
+    """Folders, beside the model's own, that it may use files of (meshes, includes); relative to the scenario file."""
+
+
+class InitialConfig(StrictModel):
+    """State at t = 0. Joints that are not named start at the model's zero, at rest."""
+
+    joints: dict[Name, JointValue] = {}
+    """Coordinates by joint: rad or m; a free joint takes x, y, z in m and a quaternion w, x, y, z."""
+    rates: dict[Name, JointValue] = {}
+    """Rates by joint: rad/s or m/s; a free joint takes velocity in world axes and angular velocity in body axes."""
+
+
+class TaskConfig(StrictModel):
+    """What the arm is to do: bring a site to a point."""
+
+    tip: Name
+    """Site of the robot that is regulated."""
+    axes: Annotated[tuple[Axis, ...], Field(min_length=2, max_length=3)] = ("x", "y", "z")
+    """World axes that count: two for a planar task, three in space."""
+    target_m: tuple[float, ...]
+    """Target of the tip along these axes in world coordinates, m."""
+
+    @model_validator(mode="after")
+    def _one_target_per_axis(self) -> TaskConfig:
+        if len(set(self.axes)) != len(self.axes):
+            raise ValueError("axes must be different")
+        if len(self.target_m) != len(self.axes):
+            raise ValueError(f"target_m has {len(self.target_m)} numbers for {len(self.axes)} axes")
+        return self
+
+
+class ImpactPairConfig(StrictModel):
+    """A geom of the robot and a geom of an object whose contact is resolved."""
+
+    robot_geom: Name
+    object_geom: Name
+    restitution: Annotated[float, Field(ge=0.0)] = 1.0
+    """Coefficient of restitution e: 1 elastic, 0 plastic."""
+    super_elastic: bool = False
+    """Allow e > 1, an impact that gains energy (the paper's case c)."""
+
+    @model_validator(mode="after")
+    def _super_elastic_by_name(self) -> ImpactPairConfig:
+        if self.restitution > 1.0 and not self.super_elastic:
+            raise ValueError("restitution must be in [0, 1]; above 1 only with 'super_elastic: true'")
+        return self
+
+
+class IgnoredPairConfig(StrictModel):
+    """Contacts that are known and left alone."""
+
+    pair: Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)]
+    """Two names, each a geom, a body (all its geoms), or a model: ``robot`` or the name of an object."""
+    reason: Name
+    """Why these contacts do not matter."""
+
+
+class PhaseConfig(StrictModel):
+    """A phase of the task: it ends at the first impact, after a time, at the earlier of the two, or with the run."""
+
+    name: Name
+    until: Literal["impact", "end"] | None = None
+    """``impact``: the first impact after its start; ``end``: the end of the run."""
+    for_s: PositiveFloat | None = None
+    """Duration in s; it ends at the first control tick at or after that, with ``until: impact`` at an impact before it."""
+    controller: ControllerConfig
+    """Control law, chosen by ``kind``."""
+
+    @model_validator(mode="after")
+    def _has_an_end(self) -> PhaseConfig:
+        if self.until is None and self.for_s is None:
+            raise ValueError("a phase needs 'until' (impact, end) or 'for_s', or 'until: impact' and 'for_s'")
+        if self.until == "end" and self.for_s is not None:
+            raise ValueError("'for_s' has no effect with 'until: end'; leave one of them out")
+        return self
+
+
+class ImpactConfig(StrictModel):
+    """Law and limits of impact resolution."""
+
+    law: Literal["blend", "poisson", "newton"] = "blend"
+    """What rules where several contacts meet at one instant; a single contact is the same under all."""
+    rest_interval_s: Annotated[float, Field(ge=0.0)] | None = None
+    """A contact with e < 1 lasts once its next flight, as it is pressed, would be shorter, s; left out: time_step_s."""
+    rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 0.0
+    """A pressed contact with e < 1 that would separate slower than this lasts too, m/s."""
+    max_impacts: PositiveInt = 10_000
+    """The run ends after this many impacts."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_cap_per_second(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "max_impacts_per_second" in data:
+            raise ValueError("max_impacts_per_second is gone: rest_interval_s says when a contact lasts; leave it out")
+        return data
+
+
+class LogConfig(StrictModel):
+    """What is written."""
+
+    rerun: bool = True
+    """Write ``run.rrd`` for the Rerun viewer."""
+    view_rate_hz: PositiveFloat = 50.0
+    """Frames per simulated second in ``run.rrd`` and in the viewer topics of ``run.mcap``."""
+    max_size_GB: PositiveFloat = 100.0
+    """A run whose samples are more than this before compression is refused, GB; the log is a half to a fifth of it."""
+
+
+class Scenario(StrictModel):
+    """One run of one robot and its objects."""
+
+    extends: Name | None = None
+    """Scenario that this one changes: a YAML file relative to this one, or the name of a shipped scenario."""
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    """Name of the run folder and of the log: letters, digits, '.', '_' and '-'."""
+    description: str = ""
+    """One line for ``ffsm run --list``."""
+    duration_s: PositiveFloat
+    """Simulated time, a multiple of the control period, s."""
+    time_step_s: PositiveFloat = 0.001
+    """Integration step of RK4, s."""
+    control_period_s: PositiveFloat = 0.001
+    """Time between two decisions of the controller, a multiple of the time step, s."""
+    conservative: bool = True
+    """Refuse gravity, damping, friction, springs, fluids and other integrators in the models."""
+    stop_on_impact: bool = False
+    """End the run right after the first impact."""
+    robot: RobotConfig
+    objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], ObjectConfig] = {}
+    """Floating objects by name; the name is the prefix of everything in the object's model."""
+    initial: InitialConfig = InitialConfig()
+    actuators: dict[Name, ActuatorConfig] = {}
+    """Limits of the robot's actuators by name; an actuator that is not named is ideal."""
+    task: TaskConfig | None = None
+    impact_pairs: tuple[ImpactPairConfig, ...] = ()
+    ignored_pairs: tuple[IgnoredPairConfig, ...] = ()
+    phases: Annotated[tuple[PhaseConfig, ...], Field(min_length=1)]
+    impact: ImpactConfig = ImpactConfig()
+    log: LogConfig = LogConfig()
+
+    @property
+    def steps_per_tick(self) -> int:
+        """Integration steps in a control period."""
+        return round(self.control_period_s / self.time_step_s)
+
+    @property
+    def ticks(self) -> int:
+        """Control periods in the run."""
+        return round(self.duration_s / self.control_period_s)
+
+
+def timing_faults(scenario: Scenario) -> list[Fault]:
+    """What is wrong with duration, control period and time step together."""
+    faults = []
+    for key, whole, unit, unit_key in (
+        ("control_period_s", scenario.control_period_s, scenario.time_step_s, "time_step_s"),
+        ("duration_s", scenario.duration_s, scenario.control_period_s, "control_period_s"),
+    ):
+        ratio = whole / unit
+        if ratio > _MOST_PERIODS:
+            faults.append(Fault(f"is {ratio:.3g} times {unit_key} ({unit:g} s); at most {_MOST_PERIODS:g} times", (key,)))
+        elif round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9 * ratio:
+            nearest = max(1, round(ratio)) * unit
+            faults.append(Fault(f"must be a multiple of {unit_key} ({unit:g} s); the nearest is {nearest:g}", (key,)))
+    return faults
+
+
+def _other_faults(scenario: Scenario) -> list[Fault]:
+    faults = timing_faults(scenario)
+    frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
+    if frames > _MOST_FRAMES and not faults:
+        faults.append(Fault(f"makes {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", ("log", "view_rate_hz")))
+    if scenario.extends is not None:
+        faults.append(Fault("can only stand in a scenario file", ("extends",)))
+    for reserved in {"robot", "world"} & set(scenario.objects):
+        faults.append(Fault("this name is taken; choose another", ("objects", reserved)))
+    names = [phase.name for phase in scenario.phases]
+    for i, phase in enumerate(scenario.phases):
+        if phase.name in names[:i]:
+            faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
+        if phase.until == "impact" and not scenario.impact_pairs:
+            faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
+    for i, phase in enumerate(scenario.phases[:-1]):
+        if phase.until == "end":
+            faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
+    return faults
+
+
+def load_scenario(path: Path, overrides: Sequence[str] = ()) -> tuple[Scenario, YamlSource]:
+    """Read and validate a scenario.
+
+    Returns:
+        The scenario and its source, which tells where each key stands.
+
+    Raises:
+        InputError: One line per fault, with file, line and column.
+    """
+    source = read_yaml(path, overrides)
+    try:
+        scenario = Scenario.model_validate(source.data)
+    except ValidationError as error:
+        kinds_known = KindNames(Scenario, _KINDS.classes, ACTUATOR_KINDS, _KINDS.broken)
+        raise InputError(source.lines(plain_faults(error, kinds_known))) from error
+    faults = _other_faults(scenario)
+    if faults:
+        raise located(ScenarioFaults(faults), source)
+    return scenario, source
+
+
+def located(error: ScenarioFaults, source: YamlSource) -> InputError:
+    """The same faults with the places where they stand."""
+    return InputError(source.lines(error.faults))

@@ -1,0 +1,67 @@
+"""JSON Schema of scenario files, for editors: of a whole scenario, and of one that extends another.
+
+What a scenario changes need not be whole: keys that are required may be missing and ``null`` takes an entry away.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import Any
+
+from ffsm_mj.scenario.inheritance import EXTENDS
+from ffsm_mj.scenario.scenario import Scenario
+
+_WHOLE, _CHANGES = "Scenario", "Changes"
+_NAMED_ITEMS = "PhaseConfig"  # items of a list that start from the parent's item of the same name
+_REF = "#/$defs/"
+
+
+def scenario_schema() -> dict[str, Any]:
+    """Schema of a scenario file."""
+    whole = Scenario.model_json_schema()
+    models = whole.pop("$defs") | {_WHOLE: whole}
+    changes: dict[str, Any] = {}
+    _loosen(_WHOLE, models, changes)
+    changes[_WHOLE + _CHANGES]["required"] = [EXTENDS, "name"]
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "ffsm-mj scenario",
+        "if": {"type": "object", "required": [EXTENDS]},
+        "then": {"$ref": f"{_REF}{_WHOLE}{_CHANGES}"},
+        "else": {"$ref": f"{_REF}{_WHOLE}"},
+        "$defs": models | changes,
+    }
+
+
+def _loosen(name: str, models: dict[str, Any], changes: dict[str, Any]) -> None:
+    """Add the schema of changes to a model, and to the models in it."""
+    if name + _CHANGES in changes:
+        return
+    schema = changes[name + _CHANGES] = deepcopy(models[name])
+    schema["required"] = ["name"] if name == _NAMED_ITEMS else []
+    for found in _loose(schema):
+        _loosen(found, models, changes)
+
+
+def _loose(node: Any) -> list[str]:
+    """Turn a schema, in place, into that of changes; returns the models that it now refers to in that sense."""
+    found = []
+    if isinstance(node, list):
+        return [name for item in node for name in _loose(item)]
+    if not isinstance(node, dict):
+        return []
+    if "items" in node and node["items"].get("$ref") != _REF + _NAMED_ITEMS:
+        return []  # a list replaces the parent's, so its items are whole
+    if "$ref" in node:
+        found.append(node["$ref"].removeprefix(_REF))
+        node["$ref"] += _CHANGES
+    if "discriminator" in node:  # without a kind, the parent's holds, and more than one member may fit
+        del node["discriminator"]
+        node["anyOf"] = node.pop("oneOf")
+    for part in (list(node.get("properties", {}).values()), node.get("items"), node.get("anyOf")):
+        found += _loose(part)
+    entries = node.get("additionalProperties")
+    if isinstance(entries, dict):
+        found += _loose(entries)
+        node["additionalProperties"] = {"anyOf": [entries, {"type": "null"}]}
+    return found

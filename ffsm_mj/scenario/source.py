@@ -1,0 +1,116 @@
+"""A scenario file as plain data that knows where each key stands; overrides merged in. YAML ends here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from ffsm_mj.errors import Fault, InputError
+from ffsm_mj.scenario.inheritance import read_inherited
+from ffsm_mj.yaml.node import KeyPath, Node
+from ffsm_mj.yaml.parser import MAX_DEPTH, YamlFault, plain_value
+
+_POSITION = re.compile(r"[0-9]{1,9}")
+
+
+@dataclass
+class YamlSource:
+    """Data of a scenario and where it came from.
+
+    Attributes:
+        path: The file as the user named it.
+        data: Plain dicts, lists and scalars: the file's own, what it inherits, the overrides.
+    """
+
+    path: Path
+    data: Any
+    _root: Node
+    _overrides: dict[KeyPath, str] = field(default_factory=dict)
+
+    def line(self, fault: Fault) -> str:
+        """``file:line:col: path.to.key: what is wrong``; the override in place of the file where one is to blame."""
+        name = ".".join(str(part) for part in fault.path)
+        label = f"{name}: " if name else ""
+        for path, text in self._overrides.items():
+            shared = min(len(path), len(fault.path))
+            if shared and path[:shared] == fault.path[:shared]:
+                return f"-s {text}: {label}{fault.message}"
+        return f"{self._root.find(fault.path).place}: {label}{fault.message}"
+
+    def lines(self, faults: Iterable[Fault]) -> list[str]:
+        """One line per fault, in the order of the file."""
+        return [self.line(fault) for fault in sorted(faults, key=lambda fault: self._root.find(fault.path).place)]
+
+    def folder(self, path: KeyPath) -> Path:
+        """Folder of the file that states a key; an override states it as the file that the user named."""
+        if any(path[: len(override)] == override for override in self._overrides):
+            return self.path.parent
+        return self._root.find(path).place.path.parent
+
+
+def read_yaml(path: Path, overrides: Sequence[str] = ()) -> YamlSource:
+    """Read a scenario with what it extends, and apply ``key.to.value=yaml`` overrides.
+
+    Numbers in an override's key are list positions.
+
+    Raises:
+        InputError: A file cannot be read or parsed, is no mapping, or an override has no place in it.
+    """
+    root = read_inherited(path)
+    source = YamlSource(path, root.plain(), root)
+    for override in overrides:
+        _apply(source, override)
+    return source
+
+
+def write_yaml(data: Any) -> str:
+    """YAML text of plain data, keys in their order."""
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.width = 100
+    out = StringIO()
+    yaml.dump(data, out)
+    return out.getvalue()
+
+
+def _apply(source: YamlSource, override: str) -> None:
+    key, equals, text = override.partition("=")
+    if not equals or not key.strip():
+        raise InputError(f"-s {override}: an override is written key=value, e.g. -s task.target_m='[3, 0]'")
+    try:
+        value = plain_value(text)
+    except YamlFault as fault:
+        raise InputError(f"-s {override}: in the value: {fault.problem}") from fault
+    parts = key.strip().split(".")
+    if len(parts) > MAX_DEPTH:
+        raise InputError(f"-s {override}: a key of {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
+    path: tuple[str | int, ...] = ()
+    node = source.data
+    for depth, name in enumerate(parts):
+        last = depth == len(parts) - 1
+        part: str | int = int(name) if isinstance(node, list) and _POSITION.fullmatch(name) else name
+        path += (part,)
+        if isinstance(node, list):
+            if not isinstance(part, int) or part >= len(node):
+                where = ".".join(parts[:depth])
+                raise InputError(f"-s {override}: {where} is a list of {len(node)}: {_positions(len(node))}")
+        elif not isinstance(node, dict):
+            raise InputError(f"-s {override}: {'.'.join(parts[:depth])} is a single value and has no {part!r}")
+        elif not last and part not in node:
+            node[part] = {}
+        if last:
+            node[part] = value
+        else:
+            node = node[part]
+    source._overrides[path] = override
+
+
+def _positions(length: int) -> str:
+    return f"its positions are 0 to {length - 1}" if length else "it has no positions"

@@ -1,0 +1,261 @@
+"""The loop: observe, control, actuate, step, detect, resolve, record. It knows nothing of phases or control laws.
+
+One control tick: the controller sees the current state and decides the efforts, a row is recorded, and the plant moves on
+step by step with the efforts held. A touch inside a step stops the step there, is resolved, and the rest of the step runs.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import Any
+
+import mujoco
+
+from ffsm_mj.contact.watch import ContactWatch
+from ffsm_mj.controller_protocol import Command, Observation, TaskController
+from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at
+from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
+from ffsm_mj.impact.resolution import Contact, Impact, resolve
+from ffsm_mj.impact.resting import RestRule, Touching, lasting_contact
+from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.log.recorder import Recorder
+from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.model.system import System
+from ffsm_mj.plant.actuation import Actuation
+from ffsm_mj.plant.ledger import Ledger
+from ffsm_mj.records.events import Outcome, OutcomeRecord
+from ffsm_mj.simulation.rows import RowWriter
+
+MOST_TOUCHES_PER_STEP = 1000
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Times and limits of a run; see the scenario's keys of the same names."""
+
+    time_step_s: float
+    steps_per_tick: int
+    ticks: int
+    stop_on_impact: bool
+    rest: RestRule
+    max_impacts: int
+    law: str
+
+
+@dataclass
+class Plant:
+    """Everything that moves, and what watches it."""
+
+    system: System
+    data: Any
+    actuation: Actuation
+    detector: Detector
+    watch: ContactWatch
+    ledger: Ledger
+
+
+class RunEnded(Exception):
+    """The run is over before its time; carries how."""
+
+    def __init__(self, outcome: Outcome, message: str = "") -> None:
+        self.outcome, self.message = outcome, message or outcome.sentence
+        super().__init__(self.message)
+
+
+@dataclass
+class _Progress:
+    time_s: float = 0.0
+    steps: int = 0
+    ticks: int = 0
+    events: int = 0
+
+
+class Simulation:
+    """One run of a plant under a controller."""
+
+    def __init__(
+        self, plant: Plant, controller: TaskController, rows: RowWriter, recorder: Recorder, settings: Settings
+    ) -> None:
+        """Wire the parts; nothing moves yet."""
+        self._plant, self._controller, self._rows = plant, controller, rows
+        self._recorder, self._settings = recorder, settings
+        self._command = Command.off(int(plant.system.mj.nu))
+        self._done = _Progress()
+        self._warnings: list[str] = []
+
+    def run(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> OutcomeRecord:
+        """Simulate to the end, or to what ends the run before.
+
+        Args:
+            interrupted: Asked at each tick and often in steps with a contact; True ends the run there.
+            report: Told the simulation time at each tick.
+
+        Returns:
+            How it ended, without the facts that only the controller's log knows.
+        """
+        started = time.perf_counter()
+        outcome, message = Outcome.COMPLETED, ""
+        with collected_warnings(self._warnings):
+            try:
+                self._loop(interrupted, report)
+            except RunEnded as end:
+                outcome, message = end.outcome, end.message if end.outcome != Outcome.COMPLETED else ""
+            except KeyboardInterrupt:
+                outcome, message = Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence
+            except LogWriteError as error:
+                outcome, message = Outcome.WRITE_FAILED, str(error)
+            except mujoco.FatalError as error:
+                outcome, message = Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: MuJoCo gave up ({described(error)})"
+        return OutcomeRecord(
+            outcome=outcome.value,
+            message=message,
+            end_s=self._done.time_s,
+            steps=self._done.steps,
+            wall_s=time.perf_counter() - started,
+            controller_ticks=self._done.ticks,
+            riccati_fallbacks=0,
+            worst_riccati_residual=0.0,
+        )
+
+    def _loop(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> None:
+        settings, data = self._settings, self._plant.data
+        period = settings.time_step_s * settings.steps_per_tick
+
+        def poll() -> None:
+            if interrupted():
+                raise RunEnded(Outcome.INTERRUPTED)
+
+        self._plant.detector.interrupt_by(poll)
+        try:
+            for tick in range(settings.ticks):
+                now = tick * period
+                self._decide(Observation(now, data))
+                self._record(now)
+                report(now)
+                poll()
+                for _ in range(settings.steps_per_tick):
+                    self._step()
+            self._record(settings.ticks * period)
+        finally:
+            for record in self._plant.watch.finish(self._done.time_s):
+                self._recorder.event(record)
+
+    def _decide(self, observation: Observation) -> None:
+        """Ask the controller, and record the phase that begins with that."""
+        self._ask(observation)
+        self._report_phases()
+
+    def _ask(self, observation: Observation) -> None:
+        """Ask the controller and hold what the plant makes of its command."""
+        self._command.clear()
+        try:
+            self._controller.control(observation, self._command)
+            self._plant.actuation.apply(self._command, observation.data, observation.time_s)
+        except Exception as error:
+            reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
+            message = f"{self._controller.in_charge} at t = {observation.time_s:.6g} s: {reason}"
+            raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
+        self._done.ticks += 1
+
+    def _report_phases(self) -> None:
+        for phase in self._controller.drain_phases():
+            self._recorder.event(phase)
+
+    def _record(self, time_s: float) -> None:
+        self._rows.fill(self._recorder.line, time_s)
+        self._recorder.commit()
+        for record in self._plant.watch.look(time_s):
+            self._recorder.event(record)
+
+    def _step(self) -> None:
+        """One integration step, with as many impacts as happen in it."""
+        plant, step_s = self._plant, self._settings.time_step_s
+        end_s, left = (self._done.steps + 1) * step_s, step_s
+        for touches in count(1):
+            plant.ledger.open()
+            try:
+                touch = plant.detector.advance(left)
+            except UnsupportedContactError as error:
+                raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
+            plant.ledger.close(left if touch is None else touch)
+            plant.actuation.elapse(left if touch is None else touch)
+            self._check_finite()
+            if touch is None:
+                break
+            left -= touch
+            plant.data.time = self._done.time_s = end_s - left
+            self._impact(end_s - left, touches)
+            if left <= 0.0:
+                break
+        self._done.steps += 1
+        # Multiples of the step, not sums: the clock does not drift.
+        plant.data.time = self._done.time_s = end_s
+
+    def _check_finite(self) -> None:
+        if self._warnings or not math.isfinite(self._plant.detector.kinetic_energy_J):
+            message = self._warnings[-1] if self._warnings else "the state is not finite"
+            raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
+
+    def _impact(self, time_s: float, touches: int) -> None:
+        """Resolve the contacts at this instant, book and record them, and ask the controller at once."""
+        plant, data, model = self._plant, self._plant.data, self._plant.system.mj
+        touching = plant.detector.contacts()
+        names = "; ".join(f"{pair.robot_geom} - {pair.object_geom}" for pair, _ in touching)
+        if touches > MOST_TOUCHES_PER_STEP:
+            message = f"{names} touched {touches - 1} times within the step before t = {time_s:.6g} s"
+            raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; a shorter time_step_s follows it further")
+        contacts = [
+            Contact(pair.robot_body, pair.object_body, point, near.normal, pair.restitution)
+            for pair, near in touching
+            for point in near.points
+        ]
+        try:
+            impact = resolve(model, data, contacts, self._settings.law)
+        except (UnsupportedContactError, ValueError) as error:
+            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"at t = {time_s:.6g} s: {error} ({names})") from error
+        self._refuse_lasting(touching, impact, time_s)
+        if not any(near.approaches for _, near in touching):
+            plant.detector.restart()  # a root at rounding level: what comes next decides
+            return
+        energies = party_energies(plant.system, data, impact)
+        data.qvel[:] = impact.after.qvel
+        mujoco.mj_forward(model, data)
+        plant.detector.restart()
+        plant.ledger.impact(energies[1] - energies[0], contact_wrench(impact))
+        done = self._done
+        records = impact_records(plant.system, data, touching, impact, energies, done.events, done.steps, time_s)
+        done.events += 1
+        self._after_impact(Observation(time_s, data, records))
+
+    def _after_impact(self, observation: Observation) -> None:
+        """Ask the controller at once, and record the impact with the efforts that act from there on."""
+        stop, limit = self._settings.stop_on_impact, self._done.events >= self._settings.max_impacts
+        try:
+            if stop or not limit:
+                self._ask(observation)
+        finally:
+            efforts = self._plant.actuation.by_name()
+            for record in observation.impacts:
+                self._recorder.event(replace(record, efforts_after=efforts))
+        self._report_phases()
+        if stop:
+            self._record(observation.time_s)
+            raise RunEnded(Outcome.COMPLETED)
+        if limit:
+            raise RunEnded(Outcome.EVENT_LIMIT, f"{self._done.events} impacts; raise impact.max_impacts to go on")
+
+    def _refuse_lasting(self, touching: Touching, impact: Impact, time_s: float) -> None:
+        """End the run where a contact lasts: it would not fly, or for less than the scenario's rest interval."""
+        rule = self._settings.rest
+        lasting = lasting_contact(self._plant.system.mj, self._plant.data, touching, impact, rule)
+        if lasting is None:
+            return
+        name = f"{lasting.pair.robot_geom} - {lasting.pair.object_geom}"
+        flight = f"its next flight would last {2.0 * lasting.speed / lasting.pressing:.3g} s"
+        why = f"pressed at {lasting.pressing:.3g} m/s^2, {flight} (impact.rest_interval_s: {rule.interval_s:g} s)"
+        message = f"{name} stays in contact from t = {time_s:.6g} s: {why}; contact that lasts is not modelled"
+        raise RunEnded(Outcome.LASTING_CONTACT, message)

@@ -1,0 +1,118 @@
+"""Output that cannot be written: told in one line, never a success; places are tried before the work."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from ffsm_mj.cli.main import main
+from ffsm_mj.present import plots
+from tests.scenes import two_balls
+from tests.terminal import ffsm
+
+FULL = Path("/dev/full")
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    (tmp_path / "cwd").mkdir()
+    monkeypatch.chdir(tmp_path / "cwd")
+
+
+@pytest.fixture
+def run(tmp_path, capsys) -> str:
+    """A short run."""
+    assert main(["run", str(two_balls(tmp_path, duration_s=0.1)), "--no-rerun", "--out", "a"]) == 0
+    capsys.readouterr()
+    return "a"
+
+
+def on_full_disk(*arguments):
+    """A command whose stdout is a full device."""
+    with FULL.open("w") as full:
+        return subprocess.run(ffsm(*arguments), stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+
+
+@pytest.mark.parametrize("arguments", ["analyze a", "schema", "run --list", "-h", ""])
+@pytest.mark.usefixtures("run")
+def test_a_full_stdout_is_no_success(arguments):
+    process = on_full_disk(*arguments.split())
+    assert (process.returncode, process.stderr) == (3, "stdout: output is lost (No space left on device)\n")
+
+
+def test_a_run_that_cannot_report_is_whole_and_keeps_its_own_exit_code(tmp_path):
+    path = str(two_balls(tmp_path, duration_s=0.5))
+    process = on_full_disk("run", path, "--no-rerun", "--out", "a")
+    assert (process.returncode, process.stderr) == (3, "stdout: output is lost (No space left on device)\n")
+    assert main(["analyze", "a"]) == 0
+    process = on_full_disk("analyze", "a", "--tolerance", "1e-30")
+    assert process.returncode == 1
+    assert process.stderr == "stdout: output is lost (No space left on device)\n"
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["analyze", "a"]])
+@pytest.mark.usefixtures("run")
+def test_a_reader_who_has_gone_is_no_failure(arguments):
+    read, write = os.pipe()
+    os.close(read)
+    process = subprocess.run(ffsm(*arguments), stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (process.returncode, process.stderr) == (0, "")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio-ffmpeg leaves its pipe open
+@pytest.mark.parametrize("form", ["--csv --table impacts", "--csv", "--parquet", "--gif", "--mp4"])
+def test_a_file_on_a_full_disk_is_lost(form, run, capsys):
+    """Through a link: what a library tidies away after a failure is the link, not the device."""
+    name = f"x.{form.split()[0][2:]}"
+    os.symlink(FULL, name)
+    assert main(["export", run, *form.split(), "--out", name]) == 3
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"{name}: output is lost (")
+    assert captured.err.count("\n") == 1
+    assert os.path.islink(name)
+
+
+def test_figures_on_a_full_disk_are_lost(run, capsys, monkeypatch):
+    every = plots._makers
+    monkeypatch.setattr(plots, "_makers", lambda run, _: every(run, ["energies"]))
+    os.mkdir("figures")
+    os.symlink(FULL, "figures/energies.svg")
+    assert main(["analyze", run, "--plots", "figures"]) == 3
+    assert capsys.readouterr().err == "figures: output is lost (No space left on device)\n"
+
+
+LONG = "x" * 300
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("analyze a --plots file", "file: cannot be used as a folder to write to (File exists)"),
+        ("analyze a --plots file/x", "file/x: cannot be used as a folder to write to (Not a directory)"),
+        (f"analyze a --plots {LONG}", f"{LONG}: cannot be used as a folder to write to (File name too long)"),
+        ("analyze a --plots /proc/x", "/proc/x: cannot be used as a folder to write to (No such file or directory)"),
+        (f"export a --csv --out {LONG}", f"{LONG}: cannot be written (File name too long)"),
+        ("export a --csv --out folder", "folder: is a folder; name the file to write"),
+        ("export a --gif --out file/x.gif", "file/x.gif: cannot be written (Not a directory)"),
+        ("export a --mp4 --out /proc/x.mp4", "/proc: cannot be used as a folder to write to (No such file or directory)"),
+        (f"run baseline --out {LONG}", f"{LONG}"),
+        (f"run {LONG}", f"{LONG}"),
+        (f"analyze {LONG}", f"{LONG}"),
+    ],
+)
+@pytest.mark.usefixtures("run")
+def test_a_place_that_cannot_be_used_is_refused_before_the_work(arguments, message, capsys, monkeypatch):
+    Path("file").touch()
+    Path("folder").mkdir()
+    for work in ("ffsm_mj.analysis.run.read_log", "ffsm_mj.simulation.loop.Simulation.run"):
+        monkeypatch.setattr(work, lambda *_: pytest.fail("it was done"))
+    assert main(arguments.split()) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(message)
+    assert captured.err.count("\n") == 1

@@ -1,0 +1,152 @@
+"""The commands on a terminal of their own: what is shown on the way, and that it is gone in the end."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from ffsm_mj.analysis.run import load_run
+from ffsm_mj.cli.main import main
+from ffsm_mj.present.text_report import run_report
+from tests.scenes import two_balls
+from tests.terminal import ffsm, on_terminal
+
+# A second or so of work: enough for the line, which waits 0.4 s, to be painted.
+LONG_S = 60.0
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    (tmp_path / "cwd").mkdir()
+    monkeypatch.chdir(tmp_path / "cwd")
+
+
+def squeezed(text: str) -> str:
+    """Without blanks and line ends: a narrow terminal breaks lines anywhere."""
+    return "".join(text.split())
+
+
+@pytest.mark.parametrize(
+    ("columns", "environment", "painted"),
+    [
+        (200, {}, "of 60 s"),
+        (20, {}, " %  scene"),
+        (80, {"NO_COLOR": "1"}, "of 60 s"),
+        (80, {"TERM": "dumb"}, ""),
+        (80, {"TERM": ""}, ""),
+    ],
+)
+def test_a_run_shows_how_far_it_is_and_leaves_its_report_alone(tmp_path, columns, environment, painted):
+    path = str(two_balls(tmp_path, duration_s=LONG_S if painted else 0.1))
+    shown = on_terminal(ffsm("run", path, "--no-rerun", "--out", "a"), columns=columns, **environment)
+    assert shown.code == 0, shown.written
+    expected = run_report(load_run("a"))
+    rest = "files in a: mjcf, run.mcap, scenario.yaml, summary.json look at it: ffsm view a verify the log: ffsm analyze a"
+    assert squeezed("".join(shown.screen)) == squeezed(expected + rest)
+    assert shown.cursor
+    if painted:
+        assert painted in shown.written
+    else:
+        assert "\x1b" not in shown.written
+
+
+@pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&- >&- 2>&-"])
+def test_closed_streams_end_nothing(tmp_path, closed):
+    command = " ".join(ffsm("run", str(two_balls(tmp_path, duration_s=0.5)), "--no-rerun", "--out", "a"))
+    process = subprocess.run(["sh", "-c", f"{command} {closed}"], capture_output=True, text=True, check=False)
+    assert (process.returncode, process.stderr) == (0, "")
+    assert load_run("a").outcome == "completed"
+
+
+@pytest.fixture
+def runs(tmp_path, capsys) -> tuple[str, str]:
+    """Two runs, one a copy of the other."""
+    assert main(["run", str(two_balls(tmp_path, duration_s=4)), "--no-rerun", "--out", "a"]) == 0
+    shutil.copytree("a", "b")
+    capsys.readouterr()
+    return "a", "b"
+
+
+def test_several_runs_are_analyzed_one_after_the_other(runs, capsys):
+    """Each report is printed whole while the line is away; the same as without a terminal."""
+    shown = on_terminal(ffsm("analyze", *runs, "--compare"))
+    assert shown.code == 0, shown.written
+    assert main(["analyze", *runs, "--compare"]) == 0
+    assert shown.screen == [line.rstrip() for line in capsys.readouterr().out.rstrip().splitlines()]
+    assert shown.cursor
+
+
+@pytest.mark.usefixtures("runs")
+def test_figures_are_counted():
+    shown = on_terminal(ffsm("analyze", "a", "--plots", "figures"))
+    assert shown.code == 0, shown.written
+    expected = "figures in figures: motion, base, torques, momenta, energies, conservation (svg, png)"
+    assert squeezed("".join(shown.screen)).endswith(squeezed(expected))
+    assert " of 6 figures" in shown.written
+    assert "figures of a" not in "\n".join(shown.screen)
+
+
+@pytest.mark.usefixtures("runs")
+def test_pictures_of_a_film_are_counted():
+    shown = on_terminal(ffsm("export", "a", "--gif", "--fps", "10"))
+    assert shown.code == 0, shown.written
+    assert shown.screen == ["a/motion.gif: 41 pictures, 4.1 s at 1 times real time"]
+    assert " of 41 pictures" in shown.written
+
+
+def test_what_is_printed_goes_to_stdout_not_to_the_terminal_of_the_line(runs, tmp_path):
+    """``ffsm analyze a b > file``: the line is on the terminal, the report in the file."""
+    shown = on_terminal(ffsm("analyze", *runs), stdout=tmp_path / "report")
+    assert (shown.code, shown.screen) == (0, [])
+    assert (tmp_path / "report").read_text().endswith("2 of 2 runs verified\n")
+
+
+REPRODUCE = """
+import sys, time
+from ffsm_mj.reproduction import Reproduction, cases, page, comparison, printed
+import ffsm_mj.reproduction as reproduction
+
+def run_case(case):
+    time.sleep(float(case.scenario))
+
+cases.run_case = run_case
+printed_number = printed.Printed("4.2", "baseline", "x", "m", "1.23", "x", "")
+content = page.Report((comparison.Comparison(printed_number, 1.23, None, 0.0),), {}, {}, (), {})
+
+def reproduce(report):
+    cases.run_cases([cases.Case(wait) for wait in ("2.0", "0.8", "1.4")], report)
+    return Reproduction(content, {"reproduction.md": "1.2224\\n", "appendix-a.md": "A\\n"}, 3, 1.6)
+
+reproduction.reproduce = reproduce
+from ffsm_mj.cli.main import main
+sys.exit(main(["reproduce", "--check", "--long", "--out", sys.argv[1]]))
+"""
+
+
+@pytest.mark.parametrize("columns", [20, 200])
+def test_reproduce_counts_its_runs(tmp_path, columns):
+    """The whole command but for its runs, which only wait: known from the start how many, and each that ends is seen."""
+    for name, text in (("reproduction.md", "1.2229\n"), ("appendix-a.md", "A\n")):
+        (tmp_path / name).write_text(text)
+    shown = on_terminal([sys.executable, "-c", REPRODUCE, str(tmp_path)], columns=columns)
+    assert shown.code == 1, shown.written
+    assert "Traceback" not in shown.written
+    assert squeezed("".join(shown.screen)).endswith("1linesarenotcurrent")
+    assert "line1:committed'1.2229',now'1.2224'" in squeezed("".join(shown.screen))
+    assert "?" not in shown.written.replace("\x1b[?", "")
+    for done in range(3):
+        assert (f"{done} of 3 runs" if columns == 200 else f"{100 * done / 3:.0f} %  reproduce") in shown.written
+
+
+def test_an_interrupted_command_leaves_a_clean_terminal(tmp_path):
+    """Ctrl-C in the middle: the log is kept, the line is gone, the cursor is back."""
+    path = str(two_balls(tmp_path))
+    command = ffsm("run", path, "-s", "duration_s=200", "--no-rerun", "--out", "a")
+    shown = on_terminal(command, keys={"of 200 s": b"\x03"})
+    assert shown.code == 130, shown.written
+    assert shown.screen[-1] == "interrupted: the run was interrupted"
+    assert "of 200 s" not in "\n".join(shown.screen)
+    assert shown.cursor

@@ -1,0 +1,209 @@
+"""All 28 pairs of seven convex shapes: gap, normal and point at touch against the shapes' own closed forms."""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+
+import mujoco
+import numpy as np
+import pytest
+
+from ffsm_mj.assembly.run import prepare
+from ffsm_mj.contact.manifold import touching_set
+from ffsm_mj.contact.shape import PARALLEL, Shape
+from ffsm_mj.errors import InputError
+from tests.scenes import HEAD, ball, box, scene
+
+_hull = np.random.default_rng(5).normal(size=(14, 3))
+MESHES = {
+    "tetra": "0.2 0 -0.1  -0.1 0.18 -0.1  -0.1 -0.18 -0.1  0 0 0.25",
+    "hull": " ".join(f"{x:.6f}" for x in (0.2 * _hull / np.linalg.norm(_hull, axis=1)[:, None]).ravel()),
+}
+SHAPES = {
+    "sphere": 'type="sphere" size="0.15"',
+    "capsule": 'type="capsule" size="0.08 0.15"',
+    "ellipsoid": 'type="ellipsoid" size="0.1 0.2 0.15"',
+    "cylinder": 'type="cylinder" size="0.12 0.15"',
+    "box": 'type="box" size="0.1 0.15 0.2"',
+    "tetra": 'type="mesh" mesh="tetra"',
+    "hull": 'type="mesh" mesh="hull"',
+}
+PAIRS = list(combinations_with_replacement(SHAPES, 2))
+
+
+def shape(name):
+    asset = f'<asset><mesh name="{name}" vertex="{MESHES[name]}"/></asset>' if name in MESHES else ""
+    return f"""<mujoco>{HEAD}{asset}<worldbody><body name="b"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/><geom name="g" {SHAPES[name]} mass="0"/>
+      </body></worldbody></mujoco>"""
+
+
+def support(name, model, data, geom, direction):
+    """How far a shape reaches along a world direction, in closed form."""
+    rotation, position = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+    n = rotation.T @ direction
+    if name in MESHES:
+        mesh = int(model.geom_dataid[geom])
+        first = model.mesh_vertadr[mesh]
+        reach = (model.mesh_vert[first : first + model.mesh_vertnum[mesh]] @ n).max()
+    else:
+        reach = {
+            "sphere": 0.15,
+            "capsule": 0.08 + 0.15 * abs(n[2]),
+            "ellipsoid": np.linalg.norm(np.array([0.1, 0.2, 0.15]) * n),
+            "cylinder": 0.12 * np.hypot(n[0], n[1]) + 0.15 * abs(n[2]),
+            "box": np.array([0.1, 0.15, 0.2]) @ np.abs(n),
+        }[name]
+    return position @ direction + reach
+
+
+def collision(folder, a, b, rng, *, tumbling=True):
+    """Impact record and state of two shapes flying at each other in random poses."""
+
+    def quaternion():
+        q = rng.normal(size=4)
+        return (q / np.linalg.norm(q)).tolist()
+
+    spin = (lambda: rng.uniform(-2, 2, 3).tolist()) if tumbling else (lambda: [0.0, 0.0, 0.0])
+    path = scene(
+        folder,
+        shape(a),
+        {"other": shape(b)},
+        duration_s=1.2,
+        time_step_s=0.01,
+        control_period_s=0.01,
+        stop_on_impact=True,
+        initial={
+            "joints": {
+                "robot/free": [0, 0, 0, *quaternion()],
+                "other/free": [1.0, *rng.uniform(-0.1, 0.1, 2).tolist(), *quaternion()],
+            },
+            "rates": {"robot/free": [1, 0, 0, *spin()], "other/free": [0, 0, 0, *spin()]},
+        },
+        impact_pairs=[{"robot_geom": "robot/g", "object_geom": "other/g"}],
+    )
+    prepared = prepare(path)
+    run = prepared.run()
+    model = prepared.assembly.system.mj
+    data = mujoco.MjData(model)
+    data.qpos[:] = run.impacts[0].qpos
+    mujoco.mj_forward(model, data)
+    return run.impacts[0], model, data
+
+
+@pytest.mark.parametrize(("a", "b"), PAIRS)
+def test_touch_is_exact_for_every_pair(tmp_path, rng, a, b):
+    """Along the normal the shapes' closed-form supports meet: gap and normal are optimal, the point lies on both.
+
+    The gap is stationary in the normal, so a wrong normal of angle d shows up as R d^2 there, but as R d in the point: where
+    a shape has one extreme point along the normal, the contact point must be it. 1e-12 m is rounding of metres times a few.
+    """
+    for _ in range(4):
+        impact, model, data = collision(tmp_path, a, b, rng)
+        normal, point = np.array(impact.normal), np.array(impact.point_m)
+        sides = []
+        for geom, name, direction in ((0, a, normal), (1, b, -normal)):
+            reach = support(name, model, data, geom, direction)
+            sides.append(reach)
+            assert point @ direction == pytest.approx(reach, abs=1e-12)
+            own = Shape(model, data, geom).extreme(direction, PARALLEL)
+            if len(own) == 1:
+                np.testing.assert_allclose(point, own[0], rtol=0, atol=1e-12)
+        assert -sides[1] - sides[0] == pytest.approx(0.0, abs=1e-12)
+        assert abs(impact.gap_m) < 1e-12
+        # It was the first touch: no direction separates the shapes by more.
+        for _ in range(20):
+            other = normal + rng.normal(scale=1e-3, size=3)
+            other /= np.linalg.norm(other)
+            gap = -support(b, model, data, 1, -other) - support(a, model, data, 0, other)
+            assert gap < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("asset", "static", "moving", "word"),
+    [
+        ("", '<geom name="g" type="plane" size="1 1 0.1"/>', "", "plane"),
+        (
+            '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>',
+            "",
+            '<geom name="g" type="hfield" hfield="h" mass="0"/>',
+            "height field",
+        ),
+    ],
+)
+def test_shapes_without_an_exact_distance_are_refused_by_name(tmp_path, asset, static, moving, word):
+    ground = f"""<mujoco>{HEAD}{asset}<worldbody>{static}<body name="b"><freejoint/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{moving}</body></worldbody></mujoco>"""
+    path = scene(tmp_path, ball(), {"o": ground}, impact_pairs=[{"robot_geom": "ball", "object_geom": "o/g"}])
+    with pytest.raises(InputError, match=f"geom 'o/g' is a {word}: impacts need convex geoms"):
+        prepare(path)
+
+
+def square(half, z=0.0, centre=(0.0, 0.0), turn=0.0):
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    c, s = np.cos(turn), np.sin(turn)
+    return np.column_stack((corners @ np.array([[c, s], [-s, c]]) + centre, np.full(4, z)))
+
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "count"),
+    [
+        (square(1.0), square(0.5), 4),
+        (square(1.0), square(1.0, turn=np.pi / 4), 8),
+        (square(1.0), square(1.0, centre=(1.5, 0.3)), 4),
+        (square(1.0), np.array([[-2.0, 0.2, 0], [2.0, 0.1, 0]]), 2),
+        (np.array([[-2.0, 0, 0], [2.0, 0, 0]]), np.array([[0, -1.0, 0], [0.3, 1.0, 0]]), 1),
+        (np.array([[-2.0, 0, 0], [2.0, 0, 0]]), np.array([[-3.0, 0, 0], [0.3, 0.0, 0]]), 2),
+        (square(1.0), np.array([[0.3, 0.3, 0.0]]), 1),
+        (square(1.0), square(1.0, centre=(5.0, 0.0)), 0),
+    ],
+)
+def test_touching_set(first, second, count):
+    """Extreme points of two overlapping features, whichever comes first."""
+    one, other = touching_set(first, second, UP), touching_set(second, first, UP)
+    assert len(one) == len(other) == count
+    if count:
+        np.testing.assert_allclose(np.sort(one.round(9), axis=0), np.sort(other.round(9), axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("radius", [1e-3, 0.02, 0.15, 1.0])
+def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, radius):
+    """Against the closed form (the centre clipped to the box), at gaps of 0 to 1e-7 m, whatever the pair saw before.
+
+    A direction that is off by d loses extent * d at a face: 1e-14 m, forty times the rounding of coordinates of 1 m, leaves
+    room for 1e-14 rad. Near an edge the face's normal and the edge's differ by the angle drawn here, down to 1e-12 rad.
+    """
+    half = np.full(3, 0.5)
+    prepared = prepare(
+        scene(
+            tmp_path,
+            ball("ball", radius=radius),
+            {"block": box("block", half=tuple(half))},
+            initial={"joints": {"block/free": [5.0, 0, 0, 1, 0, 0, 0]}},
+            impact_pairs=[{"robot_geom": "ball", "object_geom": "block/block"}],
+        )
+    )
+    (pair,), model = prepared.assembly.pairs, prepared.assembly.system.mj
+    data = mujoco.MjData(model)
+    for _ in range(300):
+        across = rng.permutation(3)[: rng.integers(1, 4)]
+        point, outward = rng.uniform(-0.5, 0.5, 3), np.zeros(3)
+        point[across] = np.copysign(half[across], point[across])
+        outward[across] = np.copysign(10.0 ** rng.uniform(-12, 0, len(across)), point[across])
+        outward /= np.linalg.norm(outward)
+        centre = point + (radius + rng.choice([0.0, 1e-12, 1e-9, 1e-7])) * outward
+        quaternion = rng.normal(size=4)
+        quaternion /= np.linalg.norm(quaternion)
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, quaternion)
+        rotation = rotation.reshape(3, 3)
+        data.qpos[:] = [0, 0, 0, 1, 0, 0, 0, *(-rotation @ centre), *quaternion]
+        mujoco.mj_forward(model, data)
+        seen = rotation @ -outward + rng.choice([0.0, 1e-6, 0.3]) * rng.normal(size=3)
+        pair._normal = seen / np.linalg.norm(seen)
+        centre = rotation.T @ (data.geom_xpos[0] - data.geom_xpos[1])
+        true = np.linalg.norm(centre - np.clip(centre, -half, half)) - radius
+        assert pair.proximity(model, data).gap == pytest.approx(true, abs=1e-14)

@@ -1,0 +1,95 @@
+"""The second rate of the gap of every pair of shapes, against differences of its rate along the motion."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from ffsm_mj.assembly.run import prepare
+from ffsm_mj.impact.resolution import Contact, resolve
+from ffsm_mj.impact.resting import RestRule, lasting_contact
+from tests.contact.test_geometry import PAIRS, shape
+from tests.scenes import scene
+
+_STEP = 1e-5
+
+
+def quaternion(rng):
+    q = rng.normal(size=4)
+    return (q / np.linalg.norm(q)).tolist()
+
+
+def close_pair(folder, a, b, rng):
+    """Two tumbling shapes at a gap of 1e-9 m, with forces on both: (pair, model, data)."""
+    path = scene(
+        folder,
+        shape(a),
+        {"other": shape(b)},
+        initial={
+            "joints": {
+                "robot/free": [0, 0, 0, *quaternion(rng)],
+                "other/free": [1.0, *rng.uniform(-0.1, 0.1, 2).tolist(), *quaternion(rng)],
+            },
+            "rates": {key: rng.uniform(-1, 1, 6).tolist() for key in ("robot/free", "other/free")},
+        },
+        impact_pairs=[{"robot_geom": "robot/g", "object_geom": "other/g"}],
+    )
+    assembly = prepare(path).assembly
+    (pair,), model, data = assembly.pairs, assembly.system.mj, assembly.data
+    approach = np.array([-1.0, 0.0, 0.0])  # always along one line, so that corners meet faces and edges, not corners
+    for _ in range(60):
+        near = pair.proximity(model, data)
+        if abs(near.gap - 1e-9) < 1e-11:
+            break
+        data.qpos[7:10] += approach * (near.gap - 1e-9) / max(0.2, -near.normal @ approach)
+        mujoco.mj_forward(model, data)
+    else:
+        pytest.fail("the shapes were not brought together")
+    data.qfrc_applied[:] = rng.uniform(-1, 1, 12)
+    mujoco.mj_forward(model, data)
+    return pair, model, data
+
+
+@pytest.mark.parametrize(("a", "b"), PAIRS)
+def test_second_rate_is_the_derivative_of_the_rate(tmp_path, rng, a, b):
+    """Fourth-order differences over 1e-5 s: 1e-16 / 1e-5 of rounding in the rate is 1e-11 of it, h^4 is below that."""
+    pair, model, data = close_pair(tmp_path, a, b, rng)
+    near = pair.proximity(model, data)
+    found = pair.second_rate(model, data, near, near.points[0])
+    qpos, qvel, forces = data.qpos.copy(), data.qvel.copy(), data.qfrc_applied.copy()
+
+    def rate(time):
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = qpos, qvel, forces
+        data.qvel[:] *= np.sign(time)  # backwards: the reversed motion under the same forces
+        model.opt.timestep = abs(time)
+        mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
+        return float(np.sign(time)) * pair.proximity(model, data).rate
+
+    near_by, further = (rate(h) - rate(-h) for h in (_STEP, 2 * _STEP))
+    slope = (8.0 * near_by - further) / (12.0 * _STEP)
+    assert found.value == pytest.approx(slope, abs=1e-8 * (1.0 + found.scale))
+
+
+def test_what_presses_is_the_motion_after_a_plastic_impact(tmp_path, rng):
+    """B is -gap'' with the velocities that a plastic impact leaves, and with the forces held; not with those before it."""
+    pressed = 0
+    for _ in range(12):
+        pair, model, data = close_pair(tmp_path, "capsule", "ellipsoid", rng)
+        near = pair.proximity(model, data)
+        data.qvel[:] *= -0.4 * np.sign(near.rate)  # it approaches, and the forces count
+        mujoco.mj_forward(model, data)
+        near = pair.proximity(model, data)
+        before = pair.second_rate(model, data, near, near.points[0]).value
+        impact = resolve(model, data, [Contact(pair.robot_body, pair.object_body, near.points[0], near.normal, 0.0)])
+        found = lasting_contact(model, data, [(pair, near)], impact, RestRule(1e-3, 0.0))
+        data.qvel[:] = impact.after.qvel
+        mujoco.mj_forward(model, data)
+        after = pair.second_rate(model, data, near, near.points[0]).value
+        assert abs(before - after) > 1e-3
+        assert (found is None) == (after >= 0.0)
+        if found is not None:
+            pressed += 1
+            assert found.pressing == pytest.approx(-after, rel=1e-9)
+    assert pressed >= 3  # half of them, but for chance

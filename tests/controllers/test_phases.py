@@ -1,0 +1,134 @@
+"""The phase machine: when phases begin and end, who is in charge, what is reported."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from ffsm_controllers.phases import Phase, PhaseMachine
+
+import ffsm_mj
+from ffsm_mj.controller_protocol import Command, Observation
+from ffsm_mj.records.signals import Signal
+from tests.scenes import two_balls
+
+
+class Recorder:
+    """Remembers its calls and reports one number."""
+
+    telemetry_signals: ClassVar = (Signal("controller", "count", "", "calls"),)
+
+    def __init__(self):
+        self.started, self.times = [], []
+
+    def start(self, observation):
+        self.started.append(observation.time_s)
+
+    def control(self, observation, command):
+        self.times.append(observation.time_s)
+
+    def telemetry(self):
+        return (float(len(self.times)),)
+
+
+class Silent(Recorder):
+    telemetry_signals: ClassVar = ()
+
+    def telemetry(self):
+        return ()
+
+
+def test_a_timed_phase_ends_at_the_first_tick_at_or_after_its_time():
+    first, second, third = Recorder(), Silent(), Recorder()
+    machine = PhaseMachine(
+        [Phase("a", "x", first, until_impact=True), Phase("b", "y", second, duration_s=0.25), Phase("c", "z", third)]
+    )
+    hit = object()
+    calls = [(0.0, ()), (0.1, ()), (0.137, (hit,)), (0.2, ()), (0.3, ()), (0.35, (hit,)), (0.4, ()), (0.5, ())]
+    for time, impacts in calls:
+        machine.control(Observation(time, None, impacts), Command.off(0))
+    assert first.times == [0.0, 0.1]
+    # Not at 0.387 (no tick), not at the impact of 0.35: the next tick is 0.4.
+    assert second.times == [0.137, 0.2, 0.3, 0.35]
+    assert third.times == [0.4, 0.5]
+    begun = machine.drain_phases()
+    assert [(p.name, p.start_s, p.reason) for p in begun] == [
+        ("a", 0.0, "start"),
+        ("b", 0.137, "impact"),
+        ("c", 0.4, "time"),
+    ]
+    assert machine.drain_phases() == []
+
+
+@pytest.mark.parametrize(
+    ("for_s", "start_s", "reason"),
+    [
+        (0.2501, 0.251, "time"),  # the first tick at or after it; the touch is at 0.3 s
+        (0.4, 0.3, "impact"),
+        (30.0, 0.3, "impact"),
+    ],
+)
+def test_the_first_of_impact_and_time_ends_a_phase_and_the_next_one_says_which(tmp_path, for_s, start_s, reason):
+    path = two_balls(
+        tmp_path,
+        gap=0.3,
+        speed=1.0,
+        phases=[
+            {"name": "approach", "until": "impact", "for_s": for_s, "controller": {"kind": "off"}},
+            {"name": "after", "until": "end", "controller": {"kind": "off"}},
+        ],
+    )
+    phase = ffsm_mj.run(path).phases[1]
+    assert (phase.name, phase.reason) == ("after", reason)
+    assert phase.start_s == pytest.approx(start_s, abs=1e-9)
+
+
+def test_telemetry_of_other_phases_is_nan():
+    machine = PhaseMachine([Phase("a", "x", Recorder(), duration_s=1.0), Phase("b", "y", Silent())])
+    machine.control(Observation(0.0, None), Command.off(0))
+    np.testing.assert_array_equal(machine.telemetry, [1.0])
+    machine.control(Observation(1.0, None), Command.off(0))
+    np.testing.assert_array_equal(machine.telemetry, [np.nan])
+
+
+def test_pd_closed_form(tmp_path):
+    """A 2 kg ball on kp, kd: critically damped, x(t) = (1 + w t) e^(-w t) from rest; sampled at 1 ms, error O(period)."""
+    w = 2.0
+    path = two_balls(
+        tmp_path,
+        impact_pairs=[],
+        initial={"joints": {"robot/x": 1.0, "target/x": 9.0}},
+        phases=[
+            {
+                "name": "p",
+                "until": "end",
+                "controller": {"kind": "pd", "joints": ["robot/x"], "kp": 2 * w * w, "kd": 4 * w, "target": [0.0]},
+            }
+        ],
+    )
+    errors = []
+    for period in (0.004, 0.002):
+        run = ffsm_mj.run(path, {"control_period_s": period})
+        errors.append(np.abs(run["state.q_robot_x_m"] - (1 + w * run.time) * np.exp(-w * run.time)).max())
+    assert errors[0] < 0.01
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.05)  # a held command lags by half a period: first order
+
+
+def test_hold_keeps_the_configuration_at_the_start_of_the_phase(tmp_path):
+    path = two_balls(
+        tmp_path,
+        phases=[
+            {"name": "coast", "until": "impact", "controller": {"kind": "off"}},
+            {"name": "hold", "until": "end", "controller": {"kind": "pd", "joints": ["robot/x"], "kp": 800.0, "kd": 160.0}},
+        ],
+    )
+    run = ffsm_mj.run(path)
+    assert run["state.q_robot_x_m"][-1] == pytest.approx(0.3, abs=1e-4)
+
+
+def test_a_command_is_written_into_not_replaced():
+    """Its arrays are bound to the plant: another one would be ignored."""
+    with pytest.raises(FrozenInstanceError):
+        Command.off(2).effort = np.ones(2)

@@ -1,0 +1,81 @@
+"""Control laws of other packages: the documented example as it stands, and a broken one."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import ffsm_mj
+
+DOC = Path(__file__).parents[2] / "docs" / "own-controller.md"
+
+
+def install(folder: Path, module: str, code: str, entry: str) -> dict[str, str]:
+    """What ``pip install`` leaves: a module and a dist-info with an entry point. Returns the environment to run in."""
+    (folder / f"{module}.py").write_text(code)
+    info = folder / f"{module}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[ffsm_mj.controllers]\n{entry}\n")
+    return os.environ | {"PYTHONPATH": str(folder)}
+
+
+def ffsm(environment, *arguments):
+    command = [sys.executable, "-m", "ffsm_mj.cli.main", *arguments]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def example():
+    """(python, toml, yaml) blocks of the page."""
+    blocks = dict(re.findall(r"```(python|toml|yaml)\n(.*?)```", DOC.read_text(), flags=re.DOTALL))
+    ((name, place),) = tomllib.loads(blocks["toml"])["project"]["entry-points"]["ffsm_mj.controllers"].items()
+    entry = f"{name} = {place}"
+    return blocks["python"], entry, blocks["yaml"]
+
+
+def test_the_documented_example_runs(tmp_path, example):
+    code, entry, phases = example
+    environment = install(tmp_path, "my_laws", code, entry)
+    (tmp_path / "mine.yaml").write_text(f"extends: coasting\nname: mine\n{phases}")
+    out = tmp_path / "out"
+    done = ffsm(environment, "run", str(tmp_path / "mine.yaml"), "-s", "duration_s=2", "--no-rerun", "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    run = ffsm_mj.load_run(out)
+    rate = run["controller.damp_rate_rad_s"]
+    assert abs(rate[-1]) < 0.5 * abs(rate[0])
+    assert all(law.holds for law in run.laws())
+
+
+def test_a_broken_plugin_harms_only_who_asks_for_it(tmp_path):
+    environment = install(tmp_path, "broken_laws", "import nothing_like_this\n", "broken = broken_laws:Law")
+    assert ffsm(environment, "check", "baseline").returncode == 0
+    done = ffsm(environment, "check", "baseline", "-s", "phases.1.controller={kind: broken}")
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert "the plugin for kind 'broken' cannot be used (ModuleNotFoundError: No module named 'nothing_like_this')" in line
+    assert "usable: off, pd, osdre, free_flying" in line
+
+
+def test_a_plugin_without_a_config_is_named(tmp_path):
+    environment = install(tmp_path, "bare_laws", "class Law: pass\n", "bare = bare_laws:Law")
+    done = ffsm(environment, "check", "baseline", "-s", "phases.1.controller={kind: bare}")
+    assert done.returncode == 2
+    assert "bare_laws:Law has no class attribute Config" in done.stderr
+
+
+def test_a_plugin_that_fails_when_it_is_made_is_a_fault_of_the_phase(tmp_path, example):
+    code, entry, phases = example
+    code = code.replace("        model = context.system.mj\n", '        raise RuntimeError("no licence")\n')
+    (tmp_path / "mine.yaml").write_text(f"extends: coasting\nname: mine\n{phases}")
+    done = ffsm(install(tmp_path, "my_laws", code, entry), "check", str(tmp_path / "mine.yaml"))
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith(f"{tmp_path}/mine.yaml:6:")
+    assert line.endswith("phases.0.controller.kind: the controller cannot be made (RuntimeError: no licence)")

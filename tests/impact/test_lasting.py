@@ -1,0 +1,339 @@
+"""Contact that would last ends the run at the instant that rule (10) says, never by stalling, never with an overlap."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
+
+import ffsm_mj
+import ffsm_mj.assembly.run
+from ffsm_mj.cli.main import main
+from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.motion.step_path import StepPath
+from ffsm_mj.simulation import loop as simulation
+from tests.scenes import HEAD, ball, box, scene, two_balls
+
+PENETRATION_M = 1e-9
+
+
+def pressed(folder, restitution, step=1e-3, *, kp=30.0, **scenario):
+    """A motor presses a ball of 2 kg on a free one of 3 kg, 0.1 mm away, with a spring of 1 m: 15 m/s^2 at first."""
+    return two_balls(
+        folder,
+        restitution=restitution,
+        time_step_s=step,
+        control_period_s=step,
+        **{
+            "initial": {"joints": {"target/x": 0.2001}},
+            "phases": [
+                {
+                    "name": "push",
+                    "until": "end",
+                    "controller": {"kind": "pd", "joints": ["robot/x"], "kp": kp, "kd": 0.0, "target": [1.0]},
+                }
+            ],
+            **scenario,
+        },
+    )
+
+
+def check(run, *, fine=True):
+    """What every run must show, whatever its outcome; what RK4 leaves of the books is small for fine steps only."""
+    assert run["ledger.deepest_overlap_m"].max() <= PENETRATION_M
+    own = ("no penetration", "impact energy", "impact restitution", "momentum two ways")
+    laws = [law for law in run.laws() if fine or law.name in own]
+    assert "no penetration" in {law.name for law in laws}
+    assert all(law.holds for law in laws), laws
+
+
+@pytest.mark.parametrize("step", [1e-3, 5e-3, 1e-2])
+@pytest.mark.parametrize("restitution", [0.0, 0.1, 0.5, 0.7, 0.9])
+def test_a_pressed_ball_ends_the_run_when_its_flight_is_shorter_than_a_step(tmp_path, restitution, step):
+    """It falls s = 1e-4 m with b = 15 m/s^2 and flies for 2 e^k sqrt(2 s / b) after hit k; one below a step is none.
+
+    The spring gives way by 1e-3 m of 1 m until the end, and the reaction of the target is in b: 2 % in the flight.
+    """
+    run = ffsm_mj.run(pressed(tmp_path, restitution, step))
+    assert run.outcome == "lasting_contact"
+    assert "robot/ball - target/target stays in contact" in run.message
+    fall = np.sqrt(2e-4 / 15.0)
+    flights = 2.0 * restitution ** np.arange(1, 60) * fall
+    hits = int(np.argmax(flights < step))
+    assert len(run.impacts) == hits
+    assert run.summary()["duration_s"] == pytest.approx(fall + flights[:hits].sum(), rel=0.02)
+    check(run)
+
+
+def test_an_elastic_ball_never_settles(tmp_path):
+    """Flights stay as long as they are: an honest answer, cut off by no cap on impacts per second."""
+    run = ffsm_mj.run(pressed(tmp_path, 1.0))
+    assert run.outcome == "completed"
+    assert len(run.impacts) > 40
+    check(run)
+
+
+def bouncing(folder, restitution, **impact):
+    """A ball dropped from 1 m under gravity on a floor that is hardly moved."""
+    gravity = '<option gravity="0 0 -9.81"/>'
+    floor = box("floor", mass=1e9, half=(1, 1, 0.5)).replace('<body name="floor">', '<body name="floor" gravcomp="1">')
+    return scene(
+        folder,
+        ball("ball", joints="z").replace(HEAD, gravity),
+        {"floor": floor.replace(HEAD, gravity)},
+        duration_s=10.0,
+        conservative=False,
+        initial={"joints": {"robot/z": 1.6, "floor/free": [0, 0, 0, 1, 0, 0, 0]}},
+        impact_pairs=[{"robot_geom": "ball", "object_geom": "floor/floor", "restitution": restitution}],
+        impact=impact,
+    )
+
+
+def test_the_limit_of_a_bouncing_ball(tmp_path):
+    """t* = sqrt(2 h / g) (1 + e) / (1 - e) = 8.57895 s; the rule ends it at most one rest interval / (1 - e) before."""
+    fall = np.sqrt(2.0 / 9.81)
+    limit = fall * (1.0 + 0.9) / (1.0 - 0.9)
+    run = ffsm_mj.run(bouncing(tmp_path, 0.9))
+    assert run.outcome == "lasting_contact"
+    assert limit - 0.001 / (1.0 - 0.9) < run.summary()["duration_s"] < limit
+    assert run["ledger.deepest_overlap_m"].max() <= PENETRATION_M
+    # Without the rule it comes to rest by rounding: gaps of 1e-14 m end flights of sqrt(8e-14 / g) = 1e-7 s.
+    run = ffsm_mj.run(bouncing(tmp_path, 0.9, rest_interval_s=0.0))
+    assert run.outcome == "lasting_contact"
+    assert run.summary()["duration_s"] == pytest.approx(limit, abs=1e-5)
+    assert len(run.impacts) > 120
+
+
+def test_rest_speed_ends_flights_too(tmp_path):
+    """E |u| < v: the first hit is at sqrt(2 s b) = 0.055 m/s."""
+    run = ffsm_mj.run(pressed(tmp_path, 0.5, impact={"rest_interval_s": 0.0, "rest_speed_m_s": 0.03}))
+    assert (run.outcome, len(run.impacts)) == ("lasting_contact", 0)
+    run = ffsm_mj.run(pressed(tmp_path, 0.5, impact={"rest_interval_s": 0.0, "rest_speed_m_s": 0.02}))
+    assert (run.outcome, len(run.impacts)) == ("lasting_contact", 1)
+
+
+def test_a_pair_at_rest_that_a_motor_begins_to_press(tmp_path):
+    """Plastic, no force: they travel together, which is no lasting contact; an effort that jumps at a tick makes it one."""
+    coast = {"name": "coast", "for_s": 0.5, "controller": {"kind": "off"}}
+    push = {"name": "push", "until": "end"}
+    push["controller"] = {"kind": "pd", "joints": ["robot/x"], "kp": 1.0, "kd": 0.0, "target": [5.0]}
+    run = ffsm_mj.run(two_balls(tmp_path, gap=0.1, restitution=0.0, phases=[coast, push]))
+    assert run.outcome == "lasting_contact"
+    assert len(run.impacts) == 1
+    assert run.summary()["duration_s"] == pytest.approx(0.5, abs=1e-9)
+    check(run)
+
+
+def test_plastic_and_free_goes_on(tmp_path):
+    """Two balls that stick for want of a force drift along: one impact, no event at rounding level, no overlap."""
+    run = ffsm_mj.run(two_balls(tmp_path, restitution=0.0))
+    assert (run.outcome, len(run.impacts)) == ("completed", 1)
+    check(run)
+
+
+def jaws(folder, restitution, *, kp, speed=0.0, shape='type="box" size="0.02 0.1 0.1" euler="0 0 90"'):
+    """Two jaws on slides of a free base close on a free cube between them."""
+
+    def jaw(name, y):
+        return f"""<body name="{name}" pos="0 {y} 0"><inertial pos="0 0 0" mass="0.5" diaginertia="0.01 0.01 0.01"/>
+          <joint name="{name}" type="slide" axis="0 1 0"/><geom name="{name}" {shape} mass="0"/></body>"""
+
+    robot = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="5" diaginertia="1 1 1"/>{jaw("left", -0.4)}{jaw("right", 0.4)}</body></worldbody>
+      <actuator><motor name="ml" joint="left"/><motor name="mr" joint="right"/></actuator></mujoco>"""
+    grip = {"kind": "pd", "joints": ["left", "right"], "kp": kp, "kd": 0.5 if kp else 0.0, "target": [0.3, -0.3]}
+    return scene(
+        folder,
+        robot,
+        {"cube": box("cube", mass=2.0, half=(0.1, 0.1, 0.1))},
+        initial={"rates": {"left": speed, "right": -1.3 * speed}},
+        impact_pairs=[
+            {"robot_geom": name, "object_geom": "cube/cube", "restitution": restitution} for name in ("left", "right")
+        ],
+        phases=[{"name": "grip", "until": "end", "controller": grip}],
+    )
+
+
+def test_two_jaws_grip_and_hold(tmp_path):
+    """Four corners of each jaw, redundant: e = 0 ends at the first touch that is pressed."""
+    run = ffsm_mj.run(jaws(tmp_path, 0.0, kp=30.0))
+    assert run.outcome == "lasting_contact"
+    check(run)
+
+
+def test_two_plastic_jaws_that_coast_are_not_pressed(tmp_path):
+    """Accelerations that are zero but for rounding press nothing."""
+    run = ffsm_mj.run(jaws(tmp_path, 0.0, kp=0.0, speed=0.3))
+    assert run.outcome == "completed"
+    assert 1 <= len({impact.event for impact in run.impacts}) <= 3
+    check(run)
+
+
+def chattering(folder):
+    """An elastic ball of 1 g pressed at 1e6 m/s^2 on 1000 t, 1e-7 m away: it flies for 2 sqrt(2e-7 / 1e6) = 9e-7 s."""
+    push = {"kind": "pd", "joints": ["robot/x"], "kp": 1e3, "kd": 0.0, "target": [1.0]}
+    return scene(
+        folder,
+        ball("ball", mass=1e-3, joints="x"),
+        {"target": ball("target", mass=1e6, joints="x")},
+        time_step_s=0.01,
+        control_period_s=0.01,
+        initial={"joints": {"target/x": 0.2 + 1e-7}},
+        impact_pairs=[{"robot_geom": "robot/ball", "object_geom": "target/target"}],
+        phases=[{"name": "push", "until": "end", "controller": push}],
+    )
+
+
+def test_a_thousand_touches_in_a_step_end_the_run_with_the_pair_named(tmp_path, monkeypatch):
+    """The limit is lowered here, for a thousand take seconds; the 10 ms step would hold eleven thousand."""
+    assert simulation.MOST_TOUCHES_PER_STEP == 1000
+    monkeypatch.setattr(simulation, "MOST_TOUCHES_PER_STEP", 50)
+    run = ffsm_mj.run(chattering(tmp_path))
+    assert run.outcome == "event_limit"
+    assert "robot/ball - target/target touched 50 times within the step before t = " in run.message
+    check(run)
+
+
+@pytest.mark.parametrize(("gap", "speed"), [(1e-9, 1e-9), (1e-10, 1e-9), (5e-10, 1e-3)])
+def test_slow_and_near_is_hit_when_it_touches(tmp_path, gap, speed):
+    """Not where the gap counts as small: the root is good to 1e-14 m and 8e-17 m of rounding, over the speed."""
+    run = ffsm_mj.run(two_balls(tmp_path, speed=speed, gap=gap, duration_s=1.2))
+    (impact,) = run.impacts
+    assert impact.time_s == pytest.approx(gap / speed, abs=2e-14 / speed)
+
+
+def test_a_signal_is_heard_inside_a_step(tmp_path, monkeypatch):
+    """The first Ctrl-C ends a search for touches at its next evaluation of the path."""
+    moves = 0
+    move_to = StepPath.move_to
+
+    def counted(self, time_s):
+        nonlocal moves
+        moves += 1
+        if moves == 50:
+            assert threading.current_thread() is threading.main_thread()
+            os.kill(os.getpid(), signal.SIGINT)
+        move_to(self, time_s)
+
+    monkeypatch.setattr(StepPath, "move_to", counted)
+    run = ffsm_mj.run(chattering(tmp_path))
+    assert run.outcome == "interrupted"
+    assert moves <= 52
+
+
+CHOICES = {
+    "restitution": [0.0, 0.1, 0.5, 0.7, 0.9, 0.99, 1.0],
+    "step": [2e-4, 1e-3, 4e-3, 1e-2],
+    "gap": [0.0, 1e-9, 1e-4, 0.02],
+    "turn": [0.0, 0.3, -0.2],
+    "shape": ["ball", "box"],
+}
+RANGES = {"kp": (0.0, 300.0), "kd": (0.0, 5.0), "target": (-0.3, 0.6), "speed": (-0.5, 0.5), "spin": (-2.0, 2.0)}
+SCENES = st.fixed_dictionaries(
+    {key: st.sampled_from(values) for key, values in CHOICES.items()}
+    | {key: st.floats(*ends) for key, ends in RANGES.items()}
+)
+
+
+def drawn_evenly(rng):
+    """A scene drawn evenly rather than towards simple ones."""
+    chosen = {key: values[rng.integers(len(values))] for key, values in CHOICES.items()}
+    return chosen | {key: rng.uniform(*ends) for key, ends in RANGES.items()}
+
+
+def _pushed(folder, d):
+    """A pusher on a slide of a free base against a free, spinning box: a ball on its face, or a plate on its turned edge."""
+    geom = 'type="sphere" size="0.05"' if d["shape"] == "ball" else 'type="box" size="0.05 0.5 0.5"'
+    turn = 0.0 if d["shape"] == "ball" else d["turn"]
+    reach = 0.05 + 0.2 * np.cos(turn) + 0.3 * abs(np.sin(turn))
+    robot = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="4" diaginertia="0.5 0.6 0.7"/>
+      <body name="rod"><inertial pos="0 0 0" mass="0.5" diaginertia="0.01 0.01 0.01"/>
+      <joint name="rod" type="slide" axis="1 0 0"/><geom name="pad" {geom} mass="0"/></body></body></worldbody>
+      <actuator><motor name="push" joint="rod"/></actuator></mujoco>"""
+    c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
+    return scene(
+        folder,
+        robot,
+        {"block": box("block", mass=1.5, half=(0.2, 0.3, 0.25))},
+        duration_s=0.02,
+        time_step_s=d["step"],
+        control_period_s=d["step"],
+        initial={
+            "joints": {"block/free": [reach + d["gap"] + 1e-12, 0.02, -0.03, c, 0.0, 0.0, s]},
+            "rates": {"rod": d["speed"], "block/free": [-0.5 * abs(d["speed"]), 0, 0, d["spin"], -d["spin"], d["spin"]]},
+        },
+        impact_pairs=[{"robot_geom": "pad", "object_geom": "block/block", "restitution": d["restitution"]}],
+        phases=[
+            {
+                "name": "push",
+                "until": "end",
+                "controller": {"kind": "pd", "joints": ["rod"], "kp": d["kp"], "kd": d["kd"], "target": [d["target"]]},
+            }
+        ],
+    )
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(SCENES)
+def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path_factory, drawn):
+    touched = _never_stalls(tmp_path_factory.mktemp("pushed"), drawn)
+    event("touched" if touched else "never touched")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(75))
+def test_many_pushes(tmp_path, seed):
+    """Four scenes each."""
+    rng = np.random.default_rng(seed)
+    for _ in range(4):
+        _never_stalls(tmp_path, drawn_evenly(rng))
+
+
+def _never_stalls(folder, drawn):
+    """Every run ends, with an outcome of its own; the path is evaluated a bounded number of times per step.
+
+    A touch takes two searches for a root at the most, each of 100 evaluations at worst and ten as a rule, and a few looks.
+    Says whether anything touched.
+    """
+    moves: dict[float, int] = {}
+    move_to = StepPath.move_to
+
+    def counted(self, time_s):
+        moves[drawn_time()] = moves.get(drawn_time(), 0) + 1
+        move_to(self, time_s)
+
+    prepared = ffsm_mj.assembly.run.prepare(_pushed(folder, drawn))
+    data = prepared.assembly.data
+
+    def drawn_time():
+        return round(float(data.time) / drawn["step"] - 0.5)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(StepPath, "move_to", counted)
+        run = prepared.run()
+    assert run.outcome in ("completed", "lasting_contact", "event_limit"), run.message
+    if run.outcome == "completed":
+        assert run.time[-1] == pytest.approx(0.02)
+    touches = len({impact.event for impact in run.impacts}) + 1
+    assert max(moves.values(), default=0) <= 200 * (touches + 1)
+    check(run, fine=drawn["step"] <= 1e-3)
+    return bool(run.impacts) or run.outcome != "completed"
+
+
+def test_an_overlap_is_never_reported_as_good(tmp_path, monkeypatch, capsys):
+    """Were every touch missed, the log would say how deep, and the run, its summary and `analyze` would not hold."""
+    monkeypatch.setattr(Detector, "_first_touch", lambda *_: None)
+    monkeypatch.setattr(Detector, "_touching_now", lambda _: False)
+    path = two_balls(tmp_path, speed=1.0, gap=0.01, duration_s=0.05, conservative=False)
+    assert main(["run", str(path), "--no-rerun", "--out", str(tmp_path / "through")]) == 1
+    assert "VIOLATED" in capsys.readouterr().out
+    assert main(["analyze", str(tmp_path / "through")]) == 1
+    # The balls pass through each other from 0.01 s on, at 1 m/s.
+    run = ffsm_mj.load_run(tmp_path / "through")
+    assert run["ledger.deepest_overlap_m"].max() == pytest.approx(0.04, abs=1e-12)

@@ -1,0 +1,241 @@
+"""Logs that broke off or were damaged, full disks and closed pipes: what can be read is read, one line says the rest."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import zstandard
+
+import ffsm_mj
+from ffsm_mj.cli.main import main
+from ffsm_mj.errors import LogError
+from tests.scenes import two_balls
+
+SEED, CUTS, FLIPS = 7, 150, 300
+CHUNK_ROWS = 2000  # a chunk ends with the block in which it passes 1 MiB
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The bytes of a finished log of several chunks, and its run."""
+    folder = tmp_path_factory.mktemp("whole")
+    path = two_balls(folder, duration_s=4.0, gap=2.5, log={"view_rate_hz": 5.0})
+    run = ffsm_mj.run(path, out=folder / "out", rerun=False)
+    return (folder / "out" / "run.mcap").read_bytes(), run
+
+
+def read(tmp_path, data):
+    """The run in some bytes, or the one line that says why there is none."""
+    file = tmp_path / "x.mcap"
+    file.write_bytes(data)
+    try:
+        return ffsm_mj.load_run(file)
+    except LogError as error:
+        line = str(error)
+    assert "\n" not in line
+    assert line.startswith(f"{file}: ")
+    return None
+
+
+def chunks(data):
+    """Where the chunks of a whole file begin and end."""
+    at, found = 8, []
+    while at < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        if opcode == 6:
+            found.append((at, at + 9 + length))
+        at += 9 + length
+    return found
+
+
+def test_a_truncated_log_gives_every_chunk_before_the_cut(finished, tmp_path):
+    data, run = finished
+    ends = [end for _, end in chunks(data)]
+    rng = random.Random(SEED)
+    for cut in [*(rng.randrange(len(data)) for _ in range(CUTS)), *ends, len(data) - 1]:
+        got = read(tmp_path, data[:cut])
+        if cut < ends[0]:  # before the first chunk there is nothing to be had
+            assert got is None
+            continue
+        assert got is not None
+        np.testing.assert_array_equal(got.log.rows, run.log.rows[: len(got.time)])
+        assert len(got.time) >= 1000 * (sum(end <= cut for end in ends) - 3)  # two events and the outcome end chunks early
+        assert got.complete == (cut >= ends[-1])
+        assert got.complete == bool(got.damage)
+        assert all(law.holds for law in got.laws(1e-12))
+
+
+def test_a_flipped_byte_never_passes_unnoticed_and_spoils_one_chunk(finished, tmp_path):
+    """Anywhere in the file: every row that is given is a row that was written, and something says what is wrong."""
+    data, run = finished
+    written = {row.tobytes() for row in run.log.rows}
+    rng = random.Random(SEED)
+    for _ in range(FLIPS):
+        bad = bytearray(data)
+        at = rng.randrange(len(data))
+        bad[at] ^= rng.randrange(1, 256)
+        got = read(tmp_path, bytes(bad))
+        if got is None:
+            assert at < chunks(data)[0][1]
+            continue
+        assert got.damage or not got.complete
+        assert all(row.tobytes() in written for row in got.log.rows)
+        assert len(got.time) >= len(run.time) - CHUNK_ROWS
+
+
+@pytest.mark.parametrize("offset", [200, 3, 0, 40], ids=["content", "length", "opcode", "compression"])
+def test_reading_goes_on_behind_a_damaged_chunk(finished, tmp_path, capsys, offset):
+    """The largest chunk of the first half: its samples are missing, all others are there, and analyze says which.
+
+    Which chunk has samples is not the same everywhere: a slow machine flushes between blocks, an event ends a chunk early.
+    """
+    data, run = finished
+    bad, (start, _) = bytearray(data), max((c for c in chunks(data) if c[1] < len(data) / 2), key=lambda c: c[1] - c[0])
+    bad[start + offset] ^= 0x55
+    got = read(tmp_path, bytes(bad))
+    assert got.complete
+    assert 0 < len(run.time) - len(got.time) <= CHUNK_ROWS
+    assert got.time[-1] == 4.0
+    assert main(["analyze", str(tmp_path / "x.mcap")]) == 4
+    said = capsys.readouterr()
+    (line,) = (line for line in said.out.splitlines() if line.startswith("damaged: "))
+    assert "bytes cannot be read; samples are missing from " in line
+    assert not said.err
+
+
+def test_without_its_first_chunk_the_summary_still_tells_the_schemas(finished, tmp_path):
+    data, run = finished
+    start, end = chunks(data)[0]
+    bad = bytearray(data)
+    bad[(start + end) // 2] ^= 1
+    got = read(tmp_path, bytes(bad))
+    assert got.name == run.name
+    assert got.conservative
+    assert len(got.time) > 2000
+
+
+def test_nothing_to_read_is_one_line_and_exit_2(finished, tmp_path, capsys):
+    data, _ = finished
+    for bad, words in ((data[:100], "breaks off"), (b"", "not an MCAP file"), (os.urandom(5000), "not an MCAP file")):
+        (tmp_path / "x.mcap").write_bytes(bad)
+        assert main(["analyze", str(tmp_path / "x.mcap")]) == 2
+        said = capsys.readouterr()
+        assert said.err.count("\n") == 1
+        assert words in said.err
+
+
+def run_in_process(arguments, *, file_bytes=None, **streams):
+    """``ffsm`` in a process of its own, whose files cannot grow beyond a size."""
+
+    def limit():
+        if file_bytes is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
+
+    command = [sys.executable, "-m", "ffsm_mj.cli.main", *arguments]
+    return subprocess.run(command, preexec_fn=limit, text=True, stderr=subprocess.PIPE, check=False, **streams)
+
+
+@pytest.mark.parametrize(
+    ("file_bytes", "rerun"),
+    [(500, False), (10_000, False), (120_000, False), (120_000, True)],
+    ids=["inputs", "head of the log", "mid-run", "mid-run with Rerun"],
+)
+def test_a_full_disk_is_one_line_and_exit_3(tmp_path, file_bytes, rerun):
+    """What was flushed before can be read, and holds what it promises."""
+    path = two_balls(tmp_path, duration_s=4.0)
+    out = tmp_path / "out"
+    arguments = ["run", str(path), "--out", str(out), *([] if rerun else ["--no-rerun"])]
+    done = run_in_process(arguments, file_bytes=file_bytes, stdout=subprocess.PIPE)
+    assert done.returncode == 3
+    *others, line = done.stderr.splitlines()
+    assert line.startswith("write_failed: ")
+    assert line.endswith("File too large")
+    assert not others or (rerun and all("ERROR" in other for other in others))  # Rerun's own
+    if file_bytes == 120_000:
+        got = ffsm_mj.load_run(out)
+        assert len(got.time) >= 1000
+        assert not got.complete
+        assert all(law.holds for law in got.laws(1e-12))
+        assert json.loads((out / "summary.json").read_text())["outcome"] == "write_failed"
+
+
+@pytest.mark.parametrize("arguments", [("run",), ("check",), ("--help",), ("schema",)], ids=lambda a: a[0])
+def test_a_closed_stdout_ends_nothing(tmp_path, arguments):
+    """Somebody reads ``ffsm ... | head`` no further: exit 0, no complaint, the run is whole."""
+    path = two_balls(tmp_path, duration_s=0.01)
+    more = {"run": [str(path), "--no-rerun", "--out", str(tmp_path / "out")], "check": [str(path)]}
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = run_in_process([*arguments, *more.get(arguments[0], [])], stdout=writer)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
+    if arguments == ("run",):
+        assert ffsm_mj.load_run(tmp_path / "out").complete
+
+
+def test_laws_are_judged_from_the_first_sample_that_is_left(tmp_path):
+    """The accounts begin at t = 0: what they held before the first sample read is no violation, and the gap is told."""
+    ffsm_mj.run(two_balls(tmp_path, duration_s=3.0), out=tmp_path / "out", rerun=False)
+    log = tmp_path / "out" / "run.mcap"
+    data = bytearray(log.read_bytes())
+    whole = ffsm_mj.load_run(log)
+    chunk = next(s for s in range(len(data)) if data[s] == 6 and data[s + 37 : s + 45] == b"\x04\x00\x00\x00zstd")
+    damaged = None
+    for _ in range(20):  # the chunk with the first samples: an event behind them closes it
+        length = int.from_bytes(data[chunk + 1 : chunk + 9], "little")
+        copy = data.copy()
+        copy[chunk + length // 2 + 9] ^= 0xFF
+        log.write_bytes(copy)
+        run = ffsm_mj.load_run(log)
+        if len(run.time) and run.time[0] > 0.0:
+            damaged = run
+            break
+        chunk += 9 + length
+        chunk = next(s for s in range(chunk, len(data)) if data[s] == 6 and data[s + 37 : s + 45] == b"\x04\x00\x00\x00zstd")
+    assert damaged is not None
+    assert damaged.time[0] > 0.0
+    assert f"samples are missing from 0 to {damaged.time[0]:g} s" in damaged.damage
+    assert all(law.holds for law in damaged.laws(1e-12))
+    assert len(damaged.time) < len(whole.time)
+
+
+@pytest.mark.parametrize("where", ["head", "frame"])
+def test_a_chunk_that_states_gigabytes_takes_no_memory(finished, tmp_path, where):
+    """8 GiB in the chunk's head, or 1 GiB in the frame that zstd allocates for: the chunk is left out, the rest is read."""
+    data, run = finished
+    start, end = chunks(data)[2]
+    bad = bytearray(data)
+    if where == "head":
+        struct.pack_into("<Q", bad, start + 25, 8 << 30)
+    else:
+        compressor = zstandard.ZstdCompressor().compressobj(size=1 << 30)
+        packed = b"".join(compressor.compress(bytes(1 << 20)) for _ in range(1 << 10)) + compressor.flush()
+        bad[start:end] = bad[start : start + 9 + 36] + struct.pack("<Q", len(packed)) + packed
+        struct.pack_into("<Q", bad, start + 1, 36 + 8 + len(packed))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    got = read(tmp_path, bytes(bad))
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < before + 100_000  # kB
+    assert 0 < len(run.time) - len(got.time) <= CHUNK_ROWS
+    assert got.damage
+
+
+def test_other_commands_tell_of_damage_too(finished, tmp_path, capsys):
+    """A table of a log with a hole is written, and one line says that it has one."""
+    data, _ = finished
+    start, _ = chunks(data)[0]
+    file = tmp_path / "hole.mcap"
+    file.write_bytes(data[: start + 200] + bytes(100) + data[start + 300 :])
+    assert main(["export", str(file), "--csv", "--table", "impacts"]) == 4
+    assert f"{file}: damaged: " in capsys.readouterr().err
+    assert main(["analyze", str(file)]) == 4
+    out = capsys.readouterr().out
+    assert "DAMAGED LOG, see the end" in out
+    assert "in what can be read" in out

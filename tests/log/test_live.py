@@ -1,0 +1,109 @@
+"""Streaming to an open viewer: it arrives, and a viewer that is missing, closes or hangs never ends or stalls the run."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import subprocess
+import threading
+import time
+import warnings
+
+import pytest
+
+import ffsm_mj
+from ffsm_mj.cli.main import main
+from ffsm_mj.log.rerun import live as rerun_live
+from ffsm_mj.log.rerun.viewer import viewer_command
+from tests.log.test_recording import read
+from tests.scenes import two_balls
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+@contextlib.contextmanager
+def stub_viewer(*, closes_after):
+    """Accepts everything and answers nothing; closes after so many connections, or never."""
+    server = socket.create_server(("127.0.0.1", 0))
+    held = []
+
+    def serve():
+        with contextlib.suppress(OSError):
+            while True:
+                held.append(server.accept()[0])
+                if len(held) == closes_after:
+                    break
+        for each in (server, *held):
+            each.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    yield server.getsockname()[1]
+    with contextlib.suppress(OSError):
+        server.shutdown(socket.SHUT_RDWR)
+    server.close()
+    thread.join()
+    for each in held:
+        each.close()
+
+
+def test_what_the_viewer_gets_is_the_recording(tmp_path, caplog):
+    port = free_port()
+    received = tmp_path / "received.rrd"
+    command = viewer_command("--port", str(port), "--save", str(received))
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
+        try:
+            wait_for(port)
+            run = ffsm_mj.run(two_balls(tmp_path), out=tmp_path / "out", live=f"127.0.0.1:{port}")
+            time.sleep(0.5)
+        finally:
+            server.terminate()
+    assert run.outcome == "completed"
+    assert not caplog.records
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what the server saves has no footer
+        assert read(received) == read(tmp_path / "out" / "run.rrd")
+
+
+def wait_for(port):
+    for _ in range(200):
+        with contextlib.suppress(OSError):
+            socket.create_connection(("127.0.0.1", port)).close()
+            return
+        time.sleep(0.1)
+    raise TimeoutError(port)
+
+
+def test_without_a_viewer_and_a_display_one_line_and_the_run_goes_on(tmp_path, monkeypatch, capsys, caplog):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    address = f"127.0.0.1:{free_port()}"
+    out = ["--out", str(tmp_path / "out"), "--no-rerun"]
+    assert main(["run", str(two_balls(tmp_path)), "--live", "--viewer", address, *out]) == 0
+    assert [record.message for record in caplog.records] == [
+        f"no Rerun viewer at {address}, and none could be started (no display?); the run goes on without it"
+    ]
+    assert "completed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("closes_after", [2, None], ids=["closes", "hangs"])
+def test_a_viewer_that_closes_or_hangs_is_one_line(tmp_path, monkeypatch, caplog, closes_after):
+    monkeypatch.setattr(rerun_live, "_PATIENCE_S", 0.3)
+    monkeypatch.setattr(rerun_live, "_CHECK_PERIOD_S", 0.0)
+    start = time.monotonic()
+    with stub_viewer(closes_after=closes_after) as port:
+        run = ffsm_mj.run(two_balls(tmp_path, duration_s=3.0), live=f"127.0.0.1:{port}")
+    assert run.outcome == "completed"
+    assert len(caplog.records) == 1
+    assert "; the run goes on without it" in caplog.text
+    assert time.monotonic() - start < 10.0
+
+
+def test_an_address_that_is_none_is_refused(tmp_path, capsys):
+    arguments = ["run", str(two_balls(tmp_path)), "--live", "--viewer", "here", "--out", str(tmp_path / "out")]
+    assert main(arguments) == 2
+    assert capsys.readouterr().err == "here: not the address of a viewer; write host:port, e.g. 127.0.0.1:9876\n"

@@ -1,0 +1,99 @@
+"""The Rerun recording: everything in it, also when it is made from the log alone."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections import defaultdict
+
+import mujoco
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+import ffsm_mj
+from ffsm_mj.log.drawing import Frames
+from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.log.rerun.plumes import Switching, plume_vectors
+from tests.conftest import MJCF
+from tests.scenes import compile_paths, two_balls
+
+ENTITIES = (
+    "/world/robot/ball",
+    "/world/target/target",
+    "/world/trails/robot",
+    "/world/impacts/0",
+    "/plots/energy",
+    "/plots/ledger",
+    "/plots/linear_momentum/robot",
+    "/states/phase",
+    "/events",
+)
+
+
+def read(path):
+    """Temporal data by entity and component: times in s and values, in order of time."""
+    data = defaultdict(list)
+    for chunk in RrdReader(path).stream():
+        if chunk.is_static:
+            continue
+        assert chunk.timeline_names == ["sim_time"], chunk.entity_path
+        batch = chunk.to_record_batch()
+        times = np.asarray(batch.column("sim_time").cast("int64")) * 1e-9
+        for name in batch.schema.names[2:]:
+            data[chunk.entity_path, name] += zip(times, batch.column(name).to_pylist(), strict=True)
+    return {key: sorted(rows, key=lambda row: row[0]) for key, rows in data.items()}
+
+
+def entities(path):
+    """Entity paths in a recording, as Rerun's own tool lists them."""
+    command = [sys.executable, "-m", "rerun", "rrd", "print", "-v", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+@pytest.mark.parametrize("source", ["run", "log"])
+def test_a_recording_holds_scene_plots_phases_and_events(tmp_path, source):
+    path = two_balls(tmp_path)
+    run = ffsm_mj.run(path, out=tmp_path / "out", rerun=source == "run")
+    recording = tmp_path / "out" / "run.rrd"
+    if source == "log":
+        assert not recording.exists()
+        write_recording(ffsm_mj.load_run(tmp_path / "out" / "run.mcap").log, recording)
+    text = entities(recording)
+    for entity in ENTITIES:
+        assert entity in text
+    assert run.outcome == "completed"
+
+
+def test_arrow_and_plume_data():
+    """A plume leaves against the push; a thruster on a turned body turns with it."""
+    system = compile_paths(MJCF / "ffsm_3dof_hardware.xml", {"object": MJCF / "box_1m.xml"})
+    model = system.mj
+    data = mujoco.MjData(model)
+    data.qpos[2] = 0.7  # base yaw
+    mujoco.mj_forward(model, data)
+    actuator = next(i for i in range(model.nu) if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_SITE)
+    site = int(model.actuator_trnid[actuator, 0])
+    frames = Frames(np.zeros((1, 1)), data.xpos[None].copy(), data.xquat[None].copy())
+    origins, vectors = plume_vectors(system, actuator, frames, np.array([2.0]), full=4.0)
+    np.testing.assert_allclose(origins[0], data.site_xpos[site], atol=1e-12)
+    data.ctrl[actuator] = 1.0
+    mujoco.mj_forward(model, data)
+    jacobian = np.empty((3, model.nv))
+    mujoco.mj_jacSite(model, data, jacobian, None, site)
+    push = np.linalg.lstsq(jacobian.T, data.qfrc_actuator, rcond=None)[0]
+    assert vectors[0] @ push == pytest.approx(-np.linalg.norm(vectors[0]) * np.linalg.norm(push), rel=1e-9)
+
+
+def test_switching_is_followed_across_blocks():
+    """A thruster that fires from one block into the next switches on once and off once."""
+    rows = np.zeros((40, 2))
+    rows[:, 0] = 0.1 * np.arange(40)
+    rows[15:25, 1] = -3.0
+    switching = Switching({"jet": 1})
+    found = [change for k in range(0, 40, 10) for change in switching.changes(rows[k : k + 10])]
+    assert [(name, times.tolist(), states) for name, times, states in found] == [
+        ("jet", [pytest.approx(1.5)], ["fires -"]),
+        ("jet", [pytest.approx(2.5)], ["off"]),
+    ]

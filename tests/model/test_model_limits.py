@@ -1,0 +1,145 @@
+"""Models with numbers that MuJoCo takes, or hangs on, and no run can work with: one line with file, line and element."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from ffsm_mj.assembly.run import prepare
+from ffsm_mj.errors import InputError
+from tests.scenes import ball, scene
+
+_BODY = '<body name="ball">'
+
+
+def faults(folder, robot, **scenario):
+    """Lines of the error that a robot makes."""
+    with pytest.raises(InputError) as caught:
+        prepare(scene(folder, robot, {"target": ball("target")}, **scenario))
+    return caught.value.lines
+
+
+def with_asset(text):
+    return ball("ball", joints="x").replace("<worldbody>", f"<asset>{text}</asset><worldbody>")
+
+
+def with_body(text):
+    return ball("ball", joints="x", extra=text)
+
+
+@pytest.mark.parametrize(
+    ("robot", "expected"),
+    [
+        (
+            ball("ball").replace('mass="1.0"', 'mass="nan"'),
+            ".xml:2: <inertial mass='nan'>: every number must be finite",
+        ),
+        (ball("ball").replace('type="sphere"', 'type="sphere" rgba="-inf 0 0 1"'), "<geom rgba='-inf 0 0 1'>: every number"),
+        (with_asset('<mesh name="m" vertex="nan 0 0 1 0 0 0 1 0 0 0 1"/>'), "<mesh vertex='nan 0 0 1 0"),
+        (
+            with_asset('<hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/>'),
+            "with this the model's images have more than",
+        ),
+        (
+            with_asset('<texture name="t" type="2d" builtin="flat" width="90000" height="9000"/>'),
+            "with this the model's images have more than",
+        ),
+        (with_body('<replicate count="100000000"><geom size="1"/></replicate>'), "more than 200000 elements"),
+        (
+            with_body('<replicate count="9000">' * 3 + '<geom size="1"/>' + "</replicate>" * 3),
+            "more than 200000 elements",
+        ),
+        (ball("ball").replace("<worldbody>", '<size memory="100G"/><worldbody>'), "<size memory='100G'> asks for more"),
+        (
+            ball("ball").replace("<worldbody>", '<size nuser_geom="1000000"/><worldbody>'),
+            "<size nuser_geom='1000000'> asks",
+        ),
+        (ball("ball").replace('type="sphere"', 'type="sphere" class="%s%n"'), "must not hold a percent sign; rename it"),
+        (ball("ball", mass=1e300), "robot.xml:1: body 'ball' has a mass or inertia of 1e+300; at most 1e+20 kg"),
+        (with_body('<geom name="far" size="1e20" mass="0"/>'), "geom 'far' has a length of 1e+20 m; at most 1e+10 m"),
+        (
+            with_body('<geom name="red" size="1" rgba="255 0 0 1" mass="0"/>'),
+            "geom 'red' has rgba 255 0 0 1; each is",
+        ),
+        (with_asset('<material name="red" rgba="2 0 0 1"/>'), "material 'red' has rgba 2 0 0 1; each is from 0 to 1"),
+        (
+            ball("ball").replace("</worldbody>", '</worldbody><contact><pair geom1="ball" geom2="ball"/></contact>'),
+            "geom 'ball' is in a <contact><pair> with itself; remove it",
+        ),
+        (
+            ball("ball").replace("</mujoco>", "<compiler/></mujoco>").replace("<worldbody>", "<worldbody><compiler/>"),
+            "Element",
+        ),
+    ],
+)
+def test_one_line_with_file_and_element(tmp_path, robot, expected):
+    (line,) = faults(tmp_path, robot)
+    assert line.startswith(f"{tmp_path / 'robot.xml'}")
+    assert expected in line
+    assert "line 0" not in line
+
+
+def test_a_file_name_is_no_format(tmp_path):
+    path = scene(tmp_path, ball("ball"), {"target": ball("target")})
+    path.write_text(path.read_text().replace('"robot.xml"', '"%n.xml"'))
+    (tmp_path / "%n.xml").write_text(ball("ball"))
+    with pytest.raises(InputError, match="the name of a model file must not hold a percent sign"):
+        prepare(path)
+
+
+def test_keyframes_need_no_name(tmp_path):
+    keys = "</worldbody><keyframe><key/><key/></keyframe>"
+    prepare(scene(tmp_path, ball("ball").replace("</worldbody>", keys), {"target": ball("target")}))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('<tendon><fixed stiffness="1"><joint joint="x" coef="1"/></fixed></tendon>', "tendon 'tendon' has stiffness"),
+        ('<equality><joint joint1="x"/></equality>', "equality 'x_equality' has a soft constraint force"),
+    ],
+)
+def test_elements_without_a_name_are_found_too(tmp_path, text, expected):
+    (line,) = faults(tmp_path, ball("ball", joints="x").replace("</worldbody>", f"</worldbody>{text}"))
+    assert line.startswith(f"{tmp_path / 'robot.xml'}:")
+    assert expected in line
+
+
+def test_a_name_may_look_like_a_number(tmp_path):
+    prepare(scene(tmp_path, with_body('<site name="nan"/>'), {"target": ball("target")}))
+
+
+def test_a_mass_matrix_that_no_solver_holds(tmp_path):
+    """Two joints about one axis: their columns of the mass matrix are equal."""
+    twice = with_body(
+        '<body name="tip"><joint name="a" axis="0 0 1"/><joint name="b" axis="0 0 1"/><geom size="0.1"/></body>'
+    )
+    (line,) = faults(tmp_path, twice)
+    assert ": initial: the mass matrix is singular to " in line
+    assert "at joint 'robot/b'" in line or "at joint 'robot/a'" in line
+
+
+def test_an_inertia_that_rounding_decides(tmp_path):
+    """1e-12 kg m^2 about one axis of a body turned in space and 1e6 about the others: the sum knows it to 1e-10."""
+    needle = re.sub('diaginertia="[^"]*"', 'diaginertia="1e-12 1e6 1e6" euler="10 20 30"', ball("ball", joints="x"))
+    pair = {"robot_geom": "ball", "object_geom": "target/target"}
+    start = {"joints": {"target/free": [2, 0, 0, 1, 0, 0, 0]}}
+    (line,) = faults(tmp_path, needle, impact_pairs=[pair], initial=start)
+    assert "impact_pairs.0: a moment of inertia of robot/ball or target/target is less than rounding of the others" in line
+
+
+def test_what_mujoco_warns_of_is_not_printed(tmp_path, capfd):
+    sheet = '<flexcomp name="f" type="grid" count="3 3 1" spacing="1 1 1" dim="2" mass="1"/>'
+    lines = faults(tmp_path, with_body(sheet))
+    assert lines[0].startswith(f"{tmp_path / 'robot.xml'}: ")
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("name", ["model", "model.obj", "model.mjb"])
+def test_a_model_is_known_by_its_ending(tmp_path, name):
+    path = scene(tmp_path, ball("ball"), {"target": ball("target")})
+    path.write_text(path.read_text().replace('"robot.xml"', f'"{name}"'))
+    (tmp_path / name).write_text(ball("ball"))
+    with pytest.raises(InputError, match=r"no model file by its name: MJCF ends in \.xml, URDF in \.urdf"):
+        prepare(path)

@@ -1,0 +1,62 @@
+"""``docs/own-robot.md`` as it stands: its files written to disk, checked, run and verified; the errors on the way."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+import ffsm_mj
+from ffsm_mj.cli.main import main
+from tests.scenario.test_scenario import faults
+
+PAGE = (Path(__file__).parents[2] / "docs" / "own-robot.md").read_text()
+FILES = dict(re.findall(r"`([\w.]+)`[^`\n]*:\n\n```(?:xml|yaml)\n(.*?)```", PAGE, flags=re.DOTALL))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    assert set(FILES) == {"crab.xml", "rock.xml", "crab.yaml", "otto.urdf", "otto.yaml"}
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["crab", "otto"])
+def test_the_page_runs(folder, name, capsys):
+    assert len(FILES[f"{name}.yaml"].splitlines()) <= 24
+    assert main(["check", f"{name}.yaml"]) == 0
+    assert main(["run", f"{name}.yaml", "--no-rerun", "--out", "out"]) == 0
+    assert main(["analyze", "out"]) == 0
+    run = ffsm_mj.load_run(folder / "out")
+    assert len(run.impacts) >= 1
+    assert run.unhandled_contacts == ()
+    assert [p.name for p in run.phases][:2] == (["reach", "pause"] if name == "crab" else ["reach", "hold"])
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "file", "expected"),
+    [
+        ('<option gravity="0 0 0"/>', "", "crab.xml", 'gravity is 0 0 -9.81; write <option gravity="0 0 0"/>'),
+        ('<freejoint name="float"/>', "", "crab.xml", "has no joint: it cannot float"),
+        ('<motor name="drive a" joint="J-a"/>', '<position name="servo" joint="J-a"/>', "crab.xml", "is no plain <motor>"),
+        ("rock/body_joint: [1.9", "rock/body_joint: [1.2", "crab.yaml", "overlap by"),
+        ("tip: claw point", "tip: claw_point", "crab.yaml", "(did you mean 'robot/claw point'?)"),
+    ],
+)
+def test_errors_on_the_way_name_the_cure(folder, old, new, file, expected):
+    assert old in FILES[file]
+    (folder / file).write_text(FILES[file].replace(old, new))
+    lines = faults(path=Path("crab.yaml"))
+    assert any(expected in line for line in lines)
+
+
+def test_urdf_damping_is_refused_by_name(folder):
+    text = FILES["otto.urdf"].replace('<limit lower="-2"', '<dynamics damping="0.3" friction="0.1"/><limit lower="-2"')
+    (folder / "otto.urdf").write_text(text)
+    lines = faults(path=Path("otto.yaml"))
+    assert any("joint 'swing' has damping 0.3" in line for line in lines)
+    assert any("joint 'swing' has frictionloss 0.1" in line for line in lines)

@@ -1,0 +1,116 @@
+"""Figures: outlines against closed forms, every axis labelled, the same bytes for the same data."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from ffsm_mj.present import plots
+from ffsm_mj.present.plots.panels import envelope, running_maximum
+from ffsm_mj.present.plots.silhouette import Plane, Silhouette, hull
+from ffsm_mj.present.plots.subject import Subject
+from tests.scenes import HEAD, scene, two_balls
+
+
+@pytest.fixture(scope="module")
+def hit(tmp_path_factory, ffsm_run):
+    return ffsm_run(two_balls(tmp_path_factory.mktemp("hit"), duration_s=0.5))
+
+
+@pytest.fixture(scope="module")
+def spatial(ffsm_run):
+    """The spatial scenario through its first impact, at a coarse tick."""
+    return ffsm_run("spatial", {"duration_s": 2.1})
+
+
+def area(polygon):
+    x, y = polygon.T
+    return 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+
+
+SHAPES = {  # geom, area of its outline seen along z, after a turn of 0.7 rad about x
+    "box": ('type="box" size="0.3 0.2 0.1"', 0.6 * (0.4 * np.cos(0.7) + 0.2 * np.sin(0.7))),
+    "sphere": ('type="sphere" size="0.3"', np.pi * 0.09),
+    "capsule": ('type="capsule" size="0.1 0.4"', np.pi * 0.01 + 0.2 * 0.8 * np.sin(0.7)),
+    "cylinder": ('type="cylinder" size="0.1 0.4"', np.pi * 0.01 * np.cos(0.7) + 0.2 * 0.8 * np.sin(0.7)),
+    "ellipsoid": ('type="ellipsoid" size="0.3 0.2 0.1"', np.pi * 0.3 * np.hypot(0.2 * np.cos(0.7), 0.1 * np.sin(0.7))),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_outlines_have_the_area_of_the_projection(shape, tmp_path, ffsm_run):
+    """Circles are drawn with 48 corners: their area is 0.3 % short."""
+    geom, expected = SHAPES[shape]
+    robot = f"""<mujoco>{HEAD}<worldbody><body name="b"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom name="g" {geom} mass="0"/></body></worldbody></mujoco>"""
+    turned = [0.5, -0.25, 0.0, np.cos(0.35), np.sin(0.35), 0.0, 0.0]
+    path = scene(tmp_path, robot, {}, duration_s=0.002, initial={"joints": {"free": turned}})
+    subject = Subject(ffsm_run(path))
+    (outline,) = subject.silhouette.outlines(subject.run.qpos[0], Plane(0, 1))
+    assert area(outline.points) == pytest.approx(expected, rel=4e-3)
+    np.testing.assert_allclose(outline.points.mean(axis=0), [0.5, -0.25], atol=1e-9)
+
+
+def test_nearer_geoms_are_drawn_later(case_study):
+    """Seen along -z, the third link's tube (z = 0.88) is above the first's (0.56)."""
+    silhouette = Silhouette(case_study)
+    names = [case_study.mj.geom(g).name for g, _ in silhouette._geoms]
+    outlines = silhouette.outlines(mujoco.MjData(case_study.mj).qpos, Plane(0, 1))
+    assert len(outlines) == len(names)
+    long = [i for i, shape in enumerate(outlines) if np.ptp(shape.points, axis=0).max() == pytest.approx(2.1, abs=0.03)]
+    assert len(long) >= 3  # the three tubes (2 m and two caps), nearest last
+    assert outlines[-1].tree == "robot"
+
+
+def test_hull_of_a_square_with_points_inside(rng):
+    inside = rng.uniform(0.01, 0.99, size=(50, 2))
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    np.testing.assert_array_equal(hull(np.vstack((inside, corners))), corners)
+
+
+def test_thinned_curves_keep_their_peaks():
+    time, values = np.linspace(0.0, 30.0, 30001), np.zeros(30001)
+    values[[777, 20002]] = 50.0, -50.0
+    x, y = envelope(time, values)
+    assert len(x) < 6000
+    assert (y.max(), y.min(), x[0], x[-1]) == (50.0, -50.0, 0.0, 30.0)
+    middles, worst = running_maximum(time, values)
+    assert worst.max() == 50.0
+    assert middles[np.argmax(worst)] == pytest.approx(0.777, abs=0.075)
+
+
+def test_figures_of_a_planar_hit_without_a_task(hit):
+    figures = plots.figures(hit)
+    assert list(figures) == ["motion", "base", "torques", "momenta", "energies", "conservation"]
+
+
+def test_figures_in_space(spatial):
+    """Two projections of the motion; every axis says what it shows, and the bottom ones the time."""
+    figures = plots.figures(spatial)
+    assert {"joints", "tip", "torques", "momenta"} <= set(figures)
+    assert len(figures["motion"].axes) == 2
+    for name, figure in figures.items():
+        assert all(axes.get_ylabel() for axes in figure.axes), name
+        assert figure.axes[-1].get_xlabel() in ("time, s", "$x$, m", "$y$, m")
+    names = [text.get_text() for text in figures["tip"].axes[0].texts]
+    assert {"approach", "impact"} <= set(names)
+
+
+def test_the_same_data_give_the_same_bytes(hit, tmp_path):
+    first, again = (plots.save(hit, tmp_path / name, ["motion", "momenta"]) for name in ("a", "b"))
+    assert [path.name for path in first] == ["motion.png", "motion.svg", "momenta.png", "momenta.svg"]
+    for one, other in zip(first, again, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+    assert b"<dc:date>" not in first[1].read_bytes()
+
+
+def test_the_case_study_is_drawn_from_the_log(baseline):
+    """The paper's robot in its plane: base actuators are no motors, and the unused ones get no figure."""
+    subject = Subject(baseline)
+    assert subject.planes == (Plane(0, 1),)
+    assert subject.named("motor") == ["robot/motor_1", "robot/motor_2", "robot/motor_3"]
+    assert subject.named("thruster") == ["robot/thruster_x", "robot/thruster_y"]
+    assert subject.named("wheel") == ["robot/wheel"]
+    assert not subject.base_actuated
+    np.testing.assert_allclose(subject.roots["robot"][0], [5.0, -1.75, 0.0], atol=1e-12)

@@ -1,0 +1,199 @@
+"""Runs of any length: flat memory while they are written and read, the same numbers from memory and from the file."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+import ffsm_mj
+from ffsm_mj.analysis.residuals import Accounts, norms
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.verdicts import Audit
+from ffsm_mj.errors import LogError
+from ffsm_mj.log.mcap import stored_rows
+from ffsm_mj.log.mcap.stored_rows import StoredRows
+from ffsm_mj.present import export
+from ffsm_mj.present.animation import write_animation
+from ffsm_mj.present.plots import figures, thinning
+from tests.scenes import two_balls
+
+
+@pytest.fixture
+def large(monkeypatch):
+    """No log is small."""
+    monkeypatch.setattr(stored_rows, "KEPT_BYTES", 0)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("large")
+def test_memory_and_file_give_the_same_numbers(tmp_path):
+    """Bit by bit, whether the rows were kept, went past in the run, or are read back block by block."""
+    settings = {"duration_s": 12.0}
+    kept = ffsm_mj.run("baseline", settings)
+    written = ffsm_mj.run("baseline", settings, out=tmp_path / "out", rerun=False)
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert isinstance(kept.log.rows, np.ndarray)
+    assert isinstance(written.log.rows, StoredRows)
+    assert isinstance(read.log.rows, StoredRows)
+    assert written.path == read.path == tmp_path / "out" / "run.mcap"
+    assert kept.laws() == written.laws() == read.laws() == Run(read.log).laws()
+    assert written.summary() == read.summary() == json.loads((tmp_path / "out" / "summary.json").read_text())
+    differing = {"wall_s", "real_time_factor"}
+    summaries = [{k: v for k, v in run.summary().items() if k not in differing} for run in (kept, written)]
+    assert summaries[0] == summaries[1]
+    assert summaries[0]["controller"]["worst_riccati_residual"] == np.nanmax(kept["controller.osdre_riccati_residual"])
+    for run in (written, read):
+        np.testing.assert_array_equal(run.log.rows, kept.log.rows)
+        np.testing.assert_array_equal(np.concatenate(list(run.log.blocks())), kept.log.rows)
+        for key in kept.keys:
+            np.testing.assert_array_equal(run[key], kept[key])
+        np.testing.assert_array_equal(run.momentum("robot"), kept.momentum("robot"))
+        np.testing.assert_array_equal(run.tip_error(), kept.tip_error())
+        np.testing.assert_array_equal(run.qpos, kept.qpos)
+    assert ffsm_mj.compare(kept, read).same
+
+
+KEYS = [0, -1, 1234, slice(100, 3000, 7), slice(None, None, -500), [5, 2999, 17, 17], np.arange(4001) % 1000 == 0]
+KEYS += [
+    (slice(None), 3),
+    (-1, 0),
+    (slice(10, 20), [1, 2]),
+    (slice(None), slice(2, 5)),
+    (np.array([4000, 1, 2]), 7),
+    ([2, 1], -1),
+]
+
+
+@pytest.mark.usefixtures("large")
+@pytest.mark.parametrize("key", KEYS, ids=str)
+def test_rows_on_disk_are_indexed_like_an_array(tmp_path_factory, key):
+    folder = tmp_path_factory.getbasetemp() / "indexed"
+    if not folder.exists():
+        folder.mkdir()
+        ffsm_mj.run(two_balls(folder, duration_s=4.0), out=folder / "out", rerun=False)
+    rows = ffsm_mj.load_run(folder / "out").log.rows
+    whole = rows.copy()
+    assert rows.shape == whole.shape == (4001, whole.shape[1])
+    np.testing.assert_array_equal(rows[key], whole[key])
+
+
+@pytest.mark.usefixtures("large")
+def test_a_log_that_was_replaced_is_not_taken_for_the_run(tmp_path):
+    path = two_balls(tmp_path)
+    run = ffsm_mj.run(path, out=tmp_path / "out", rerun=False)
+    ffsm_mj.run(path, {"duration_s": 0.5}, out=tmp_path / "out", rerun=False, force=True)
+    with pytest.raises(LogError, match="is not what it was when the run was read"):
+        run.time  # noqa: B018
+
+
+def test_a_thinned_run_keeps_what_stands_out(baseline, monkeypatch):
+    """Least and greatest of every column in every slice, of tip error and residual norms too; rows at events."""
+    assert thinning.thinned(baseline) is baseline
+    monkeypatch.setattr(thinning, "KEPT_BYTES", 0)
+    monkeypatch.setattr(thinning, "_SLICES", 20)
+    times = [1.2345, 17.0, 29.9999, 30.0]
+    thin = thinning.thinned(baseline, times)
+    assert len(thin.time) < len(baseline.time) / 5
+    assert np.all(np.diff(thin.time) > 0.0)
+    place = np.searchsorted(baseline.time, thin.time)
+    np.testing.assert_array_equal(thin.log.rows, baseline.log.rows[place])
+    edges = np.arange(0, len(baseline.time), -(-len(baseline.time) // 20))
+    of_slice = np.searchsorted(edges, place, side="right")
+    curves = {key: (baseline[key], thin[key]) for key in baseline.keys}
+    curves["tip"] = baseline.tip_error(), thin.tip_error()
+    for party in ("total", "robot"):
+        accounts = Accounts(baseline.log.header.layout, baseline.log.header.facts, party)
+        start = accounts.momentum(baseline.log.rows[:1])
+        curves[party] = tuple(norms((accounts.momentum(run.log.rows) - start)[:, 3:]) for run in (baseline, thin))
+    for i, (start, stop) in enumerate(zip(edges, [*edges[1:], len(baseline.time)], strict=True), 1):
+        for whole, kept in curves.values():
+            part = whole[start:stop]
+            if np.isfinite(part).any():
+                assert np.nanmin(kept[of_slice == i]) == np.nanmin(part)
+                assert np.nanmax(kept[of_slice == i]) == np.nanmax(part)
+    hit = int(np.searchsorted(baseline.time, baseline.impacts[0].time_s))
+    assert {hit - 1, hit, *np.searchsorted(baseline.time, np.array(times) - 1e-9)} <= set(place.tolist())
+    assert thin.laws() == baseline.laws()
+    assert thin.summary() == baseline.summary()
+
+
+def test_figures_and_films_of_a_long_run_are_drawn_from_the_thinned_one(baseline, monkeypatch, tmp_path):
+    names = set(figures(baseline, ("tip", "conservation", "motion")))
+    monkeypatch.setattr(thinning, "KEPT_BYTES", 0)
+    monkeypatch.setattr(thinning, "_SLICES", 100)
+    drawn = figures(baseline, ("tip", "conservation", "motion"))
+    assert set(drawn) == names
+    (error, *_) = drawn["tip"].axes[0].get_lines()
+    assert error.get_ydata().min() == baseline.tip_error().min()
+    assert error.get_ydata()[-1] == baseline.tip_error()[-1]
+    write_animation(baseline, tmp_path / "film.gif", speed=30.0, frames_per_second=4.0)
+    assert (tmp_path / "film.gif").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_a_long_run_is_exported_in_parts(tmp_path, monkeypatch, form):
+    ffsm_mj.run(two_balls(tmp_path, duration_s=3.0), out=tmp_path / "out", rerun=False)
+    run = ffsm_mj.load_run(tmp_path / "out")
+    assert export.write_table(run, "samples", tmp_path / f"whole.{form}", form) == f"3001 rows of {len(run.keys)} columns"
+    monkeypatch.setattr(stored_rows, "KEPT_BYTES", 0)
+    monkeypatch.setattr(export, "_ROWS_AT_ONCE", 700)
+    export.write_table(ffsm_mj.load_run(tmp_path / "out"), "samples", tmp_path / f"parts.{form}", form)
+    if form == "csv":
+        assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
+    else:
+        parts, whole = (pyarrow.parquet.ParquetFile(tmp_path / f"{name}.parquet") for name in ("parts", "whole"))
+        assert parts.num_row_groups > 1
+        assert parts.read().equals(whole.read(), check_metadata=True)
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize("duration_s", [110, 400, 3000], ids=lambda x: f"{x} s")
+def test_a_long_baseline_holds_in_little_memory_and_a_leak_is_found(tmp_path, duration_s):
+    """In 400 s L_z drifts by 7e-9 and the base by 47 m; in 3000 s by 5e-7 and 310 m. 1e-7 leaked at 105 s are found."""
+    out = str(tmp_path / "out")
+    assert peak_MB(f"ffsm_mj.run('baseline', {{'duration_s': {duration_s}.0}}, out={out!r}, rerun=False)") < 300
+    arguments = ["analyze", out, "--plots", str(tmp_path / "figures")]
+    assert peak_MB(f"from ffsm_mj.cli.main import main\nassert main({arguments!r}) == 0") < 1000
+    log = ffsm_mj.load_run(out).log
+    sound, leaking = (Audit(log.header.layout, log.header.facts) for _ in range(2))
+    for block in log.blocks():
+        sound.rows(block)
+        block[block[:, 0] > 105.0, log.header.layout.index["momentum.robot_L_z_N_m_s"]] += 1e-7
+        leaking.rows(block)
+    assert all(law.holds for law in sound.laws(log.impacts))
+    broken = {(law.name, law.party) for law in leaking.laws(log.impacts) if not law.holds}
+    assert ("angular momentum", "robot") in broken
+
+
+# Not ru_maxrss: a child begins with that of its parent.
+PEAK = """
+import ffsm_mj
+{code}
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
+"""
+
+
+def peak_MB(code: str) -> float:
+    """Peak memory of a process of its own."""
+    done = subprocess.run([sys.executable, "-c", PEAK.format(code=code)], capture_output=True, text=True, check=True)
+    return int(done.stdout.splitlines()[-1]) / 1024
+
+
+@pytest.mark.slow
+def test_memory_is_flat_while_a_run_is_written_and_read(tmp_path):
+    """Two balls at 1 kHz, 20 s and 120 s: rows of 120 s are 100 MB. What grows is the index, 1 kB per chunk."""
+    path = two_balls(tmp_path, gap=500.0)
+    peaks = {}
+    for duration in (20, 120):
+        out = str(tmp_path / f"out{duration}")
+        written = peak_MB(f"ffsm_mj.run({str(path)!r}, {{'duration_s': {duration}.0}}, out={out!r}, rerun=False)")
+        read = peak_MB(f"run = ffsm_mj.load_run({out!r}); assert all(x.holds for x in run.laws()); run.summary(); run.time")
+        peaks[duration] = written, read
+    for short, long in zip(peaks[20], peaks[120], strict=True):
+        assert long < short + 20.0

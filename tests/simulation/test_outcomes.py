@@ -1,0 +1,292 @@
+"""Every way a run can end, each with its log kept and readable."""
+
+from __future__ import annotations
+
+import errno
+import json
+
+import mujoco
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.assembly.run import prepare
+from ffsm_mj.controller_protocol import Command
+from ffsm_mj.errors import ControllerError
+from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.log.mcap.sink import McapSink
+from ffsm_mj.log.run_folder import RunFolder
+from tests.scenes import ball, box, scene, two_balls
+
+
+def run_and_read(path, folder, **kwargs):
+    run = ffsm_mj.run(path, out=folder / "out", rerun=False, **kwargs)
+    read = ffsm_mj.load_run(folder / "out")
+    assert (read.outcome, read.message) == (run.outcome, run.message)
+    return read
+
+
+def test_completed_with_and_without_impacts(tmp_path):
+    assert run_and_read(two_balls(tmp_path), tmp_path).outcome == "completed"
+    run = ffsm_mj.run(two_balls(tmp_path, duration_s=0.1))
+    assert (run.outcome, run.impacts) == ("completed", ())
+
+
+def test_stop_on_impact(tmp_path):
+    run = run_and_read(two_balls(tmp_path, stop_on_impact=True), tmp_path)
+    assert run.outcome == "completed"
+    assert run.time[-1] == run.impacts[0].time_s == pytest.approx(0.3, abs=1e-13)
+    assert run.summary()["duration_s"] == run.time[-1]
+
+
+def test_diverged(tmp_path):
+    """A PD gain far beyond what 10 ms can hold blows up; MuJoCo's own words are kept, its log file is not written."""
+    path = two_balls(
+        tmp_path,
+        impact_pairs=[],
+        duration_s=30.0,
+        time_step_s=0.01,
+        control_period_s=0.01,
+        phases=[{"name": "p", "until": "end", "controller": {"kind": "pd", "joints": ["robot/x"], "kp": 1e6, "kd": 0.0}}],
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome == "diverged"
+    assert "huge value" in run.message
+    assert np.isfinite(run["state.q_robot_x_m"]).all()
+    assert run.time[-1] < 30.0
+    assert not list(tmp_path.rglob("MUJOCO_LOG.TXT"))
+
+
+@pytest.mark.parametrize("rate", [1e9, 1e7])
+def test_absurd_speeds_end_the_run_and_never_hang(tmp_path, rate):
+    """A closing speed that no sub-step can follow, or that is not finite: one clear line, soon."""
+    path = scene(
+        tmp_path,
+        ball("ball", radius=0.001, joints="xy"),
+        {"target": ball("target", radius=0.001, joints="xy")},
+        initial={"joints": {"target/x": 1e3, "target/y": 0.5}, "rates": {"robot/x": rate}},
+        duration_s=0.01,
+        impact_pairs=[{"robot_geom": "ball", "object_geom": "target/target"}],
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome in ("diverged", "completed")
+    assert run.impacts == ()
+    assert "\n" not in run.message
+
+
+def test_event_limit(tmp_path):
+    """A ball between two heavy ones bounces until the limit."""
+    path = scene(
+        tmp_path,
+        ball("ball", joints="x"),
+        {n: ball(n, mass=1e6, joints="x") for n in ("left", "right")},
+        duration_s=3.0,
+        initial={"joints": {"left/x": -0.3, "right/x": 0.3}, "rates": {"robot/x": 2.0}},
+        impact_pairs=[{"robot_geom": "robot/ball", "object_geom": f"{n}/{n}"} for n in ("left", "right")],
+        impact={"max_impacts": 7},
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome == "event_limit"
+    assert len(run.impacts) == 7
+    assert "raise impact.max_impacts" in run.message
+
+
+def test_lasting_contact(tmp_path):
+    """A held force pushes the ball onto a heavy one: ever shorter bounces, never silently; see test_lasting."""
+    push = {"kind": "pd", "joints": ["robot/x"], "kp": 50.0, "kd": 0.0, "target": [1.0]}
+    path = two_balls(
+        tmp_path,
+        restitution=0.5,
+        initial={"joints": {"target/x": 0.2001}, "rates": {}},
+        phases=[{"name": "push", "until": "end", "controller": push}],
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome == "lasting_contact"
+    assert "contact that lasts is not modelled" in run.message
+
+
+def test_unsupported_contact(tmp_path):
+    """Newton's law does not cover face on face with a corner that leaves: the run ends rather than guess."""
+    path = scene(
+        tmp_path,
+        box("block"),
+        {"wall": box("wall")},
+        initial={"joints": {"wall/free": [1.0, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/free": [0.1, 0, 0, 0, 0, 1]}},
+        impact_pairs=[{"robot_geom": "block", "object_geom": "wall/wall"}],
+        impact={"law": "newton"},
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome == "unsupported_contact"
+    assert "'newton' needs equal restitution and no contact that separates; use 'poisson'" in run.message
+
+
+class Unprintable(Exception):
+    def __str__(self):
+        raise ValueError("no text")
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (ControllerError("no gain"), "no gain"),
+        (ZeroDivisionError("division by zero"), "ZeroDivisionError: division by zero"),
+        (RuntimeError("Maximum number of iterations reached."), "RuntimeError: Maximum number of iterations reached."),
+        (AssertionError(), "AssertionError"),
+        (NotImplementedError("later"), "NotImplementedError: later"),
+        (MemoryError("huge"), "MemoryError: huge"),
+        (OSError(5, "no such table"), "OSError: [Errno 5] no such table"),
+        (Exception("two\nlines and half a \ud83d"), "Exception: two lines and half a \\ud83d"),
+        (RuntimeError("x" * 1000), f"RuntimeError: {'x' * 300}..."),
+        (Unprintable(), "Unprintable"),
+        (None, "the controller commands an effort that is not finite for robot/push_x"),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, Exception) else None,
+)
+def test_controller_failed(tmp_path, fault, words):
+    """Whatever a control law raises: the outcome, one line that says whose fault it was, and a closed log."""
+    prepared = prepare(two_balls(tmp_path, gap=5.0))
+
+    def fail(observation, command: Command):
+        if observation.time_s >= 0.2 - 1e-9:
+            if fault is not None:
+                raise fault
+            command.drive(np.array([0]), np.array([np.nan]))
+
+    prepared.assembly.controller._phases[0].controller.control = fail
+    run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
+    assert run.outcome == "controller_failed"
+    said, _, place = run.message.partition(" (test_outcomes.py:")
+    assert said == f"phase 'coast' (off) at t = 0.2 s: {words}"
+    assert bool(place) == (not isinstance(fault, ControllerError | None))  # the line of the law's own code, where one raised
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert read.path.name == "run.mcap"
+    assert (read.outcome, read.message) == (run.outcome, run.message)
+    assert read.time[-1] == pytest.approx(0.199)
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["message"] == run.message
+
+
+@pytest.mark.parametrize("method", ["start", "control", "telemetry"])
+def test_controller_failed_at_an_impact(tmp_path, method):
+    """The phase that the impact begins fails in each of its methods: the impact before it is in the log."""
+    phases = [
+        {"name": "approach", "until": "impact", "controller": {"kind": "off"}},
+        {"name": "after", "until": "end", "controller": {"kind": "off"}},
+    ]
+    prepared = prepare(two_balls(tmp_path, phases=phases))
+    controller = prepared.assembly.controller._phases[1].controller
+    controller.telemetry_signals = (object(),)  # so that it is asked for a report
+
+    def fail(*_):
+        raise RuntimeError("not now")
+
+    setattr(controller, method, fail)
+    run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
+    assert run.outcome == "controller_failed"
+    assert run.message.startswith("phase 'after' (off) at t = 0.3 s: RuntimeError: not now (test_outcomes.py:")
+    assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
+
+
+def test_a_command_that_is_not_finite_at_an_impact(tmp_path):
+    """The record of the impact carries the efforts that act after it: none do."""
+    prepared = prepare(two_balls(tmp_path))
+
+    def fail(observation, command: Command):
+        if observation.impacts:
+            command.drive(np.array([0]), np.array([np.nan]))
+
+    prepared.assembly.controller._phases[0].controller.control = fail
+    run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
+    assert run.outcome == "controller_failed"
+    assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["outcome"] == "controller_failed"
+
+
+def test_leaving_the_program_is_no_fault_of_a_controller(tmp_path):
+    """``sys.exit`` in a control law leaves, with everything so far in the log."""
+    prepared = prepare(two_balls(tmp_path, gap=5.0))
+
+    def leave(observation, _):
+        if observation.time_s >= 0.2 - 1e-9:
+            raise SystemExit(7)
+
+    prepared.assembly.controller._phases[0].controller.control = leave
+    with pytest.raises(SystemExit):
+        prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert read.time[-1] == pytest.approx(0.199)
+    assert not read.complete
+
+
+def test_a_fault_of_our_own_is_not_hidden_and_costs_no_data(tmp_path, monkeypatch):
+    """No outcome pretends that a defect is a result: it propagates, and the log up to it is readable."""
+    prepared = prepare(two_balls(tmp_path))
+
+    def defect(*_):
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr("ffsm_mj.simulation.loop.party_energies", defect)
+    with pytest.raises(RuntimeError, match="a defect"):
+        prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
+    assert ffsm_mj.load_run(tmp_path / "out").time[-1] == pytest.approx(0.3, abs=2e-3)
+
+
+def test_mujocos_own_errors_end_the_run(tmp_path, monkeypatch):
+    def fatal(*_):
+        raise mujoco.FatalError("mj_stackAlloc: insufficient memory")
+
+    monkeypatch.setattr(Detector, "advance", fatal)
+    run = run_and_read(two_balls(tmp_path), tmp_path)
+    assert run.outcome == "diverged"
+    assert "MuJoCo gave up (FatalError: mj_stackAlloc: insufficient memory)" in run.message
+
+
+def test_write_failed(tmp_path, monkeypatch):
+    """The disk fills up in mid-run: what was flushed before can be read, and the run says so."""
+    rows = McapSink.rows
+    written = []
+
+    def full(self, block):
+        written.append(len(block))
+        if sum(written) > 2500:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        rows(self, block)
+
+    def wrapped(self, block):
+        from ffsm_mj.errors import LogWriteError
+
+        try:
+            full(self, block)
+        except OSError as error:
+            raise LogWriteError(self._file.partial, error) from error
+
+    monkeypatch.setattr(McapSink, "rows", wrapped)
+    run = ffsm_mj.run(two_balls(tmp_path, duration_s=5.0), out=tmp_path / "out", rerun=False)
+    assert run.outcome == "write_failed"
+    assert "No space left on device" in run.message
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert len(read.time) > 1000
+
+
+def test_interrupted(tmp_path):
+    """A second Ctrl-C, or one inside a library: the log is closed all the same."""
+
+    def stop(time_s, _):
+        if time_s >= 0.5:
+            raise KeyboardInterrupt
+
+    run = run_and_read(two_balls(tmp_path), tmp_path, report=stop)
+    assert run.outcome == "interrupted"
+    assert run.time[-1] == pytest.approx(0.5)
+
+
+def test_an_impact_tells_its_step_and_the_efforts_that_act_from_there_on(tmp_path):
+    """0.3005 s lies in step 300 of 1 ms. 2 kg at 1 m/s on 3 kg goes back at 0.2 m/s: a damper of 2 N s/m gives 0.4 N."""
+    phases = [
+        {"name": "coast", "until": "impact", "controller": {"kind": "off"}},
+        {"name": "brake", "until": "end", "controller": {"kind": "pd", "joints": ["robot/x"], "kp": 1.0, "kd": 2.0}},
+    ]
+    run = run_and_read(two_balls(tmp_path, gap=0.3005, duration_s=0.4, phases=phases), tmp_path)
+    (impact,) = run.impacts
+    assert impact.step == 300
+    assert impact.efforts_after["robot/push_x"] == (pytest.approx(0.4, abs=1e-12),)
+    assert [phase.name for phase in run.phases] == ["coast", "brake"]
