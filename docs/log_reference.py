@@ -10,7 +10,7 @@ from typing import get_args, get_origin, get_type_hints
 from ffsm_mj.assembly.run import prepare
 from ffsm_mj.log.foxglove import topics as viewer
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.records.events import ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.records.events import ImpactRecord, OutcomeRecord, PhaseRecord, Report, UnhandledContactRecord
 from ffsm_mj.records.signals import GROUPS, build_layout, unit_of
 
 HEAD = """# Log reference
@@ -133,7 +133,7 @@ def type_name(hint: object) -> str:
     parts = get_args(hint)
     if get_origin(hint) is tuple:
         return f"{words[parts[0]]}[]"
-    return f"map of {'string' if parts[1] is str else 'double[]'}"
+    return f"map of {'string' if parts[1] in (str, Report) else 'double[]'}"
 
 
 def table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> str:

@@ -6,16 +6,16 @@ writes efforts for the actuators it drives; all others stay off. Limits are the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import System
-from ffsm_mj.records.events import ImpactRecord, PhaseRecord
+from ffsm_mj.records.events import ImpactRecord, PhaseRecord, Report
 from ffsm_mj.records.signals import Signal
 
 
@@ -100,6 +100,14 @@ class Controller(Protocol):
         """Values of ``telemetry_signals`` after the last call."""
 
 
+@runtime_checkable
+class Summarises(Protocol):
+    """A control law that sums its work up; one that has nothing to say leaves this method out."""
+
+    def summary(self) -> Report:
+        """What it came to since it was made, finite numbers and texts by name; asked once, at the end of the run."""
+
+
 class TaskController(Protocol):
     """The controller of a whole run: the phase machine."""
 
@@ -117,3 +125,6 @@ class TaskController(Protocol):
 
     def drain_phases(self) -> list[PhaseRecord]:
         """Phases begun since the last call, oldest first."""
+
+    def reports(self) -> Mapping[str, Report]:
+        """What the control laws of the phases begun say of their work, by phase."""

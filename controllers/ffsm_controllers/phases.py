@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
 
 import numpy as np
 
 from ffsm_controllers.indices import compact
-from ffsm_mj.controller_protocol import Command, Controller, Observation
-from ffsm_mj.records.events import PhaseRecord
+from ffsm_mj.controller_protocol import Command, Controller, Observation, Summarises
+from ffsm_mj.errors import ControllerError
+from ffsm_mj.records.events import PhaseRecord, Report
 from ffsm_mj.records.signals import Signal
 
 # Ticks are exact multiples of the period up to rounding of the product.
@@ -94,3 +98,26 @@ class PhaseMachine:
         """Phases begun since the last call."""
         begun, self._begun = self._begun, []
         return begun
+
+    def reports(self) -> dict[str, Report]:
+        """What the control laws of the phases begun say of their work, by phase.
+
+        Raises:
+            ControllerError: One says what is neither a finite number nor text.
+        """
+        found: dict[str, Report] = {}
+        for phase in self._phases[: self.phase_index + 1]:
+            told = phase.controller.summary() if isinstance(phase.controller, Summarises) else {}
+            found[phase.name] = {str(name): _plain(phase, name, value) for name, value in told.items()}
+        return found
+
+
+def _plain(phase: Phase, name: str, value: Any) -> float | int | str:
+    """A value of a summary in Python's own types, whatever a law counted in."""
+    if isinstance(value, str):
+        return str(value)
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real) and math.isfinite(value):
+        return float(value)
+    raise ControllerError(f"summary of phase {phase.name!r} ({phase.kind}): {name} is {value!r}, no finite number or text")

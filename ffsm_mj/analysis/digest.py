@@ -66,8 +66,6 @@ class Digest:
         tip: The tip; None without a task.
         samples: Rows so far.
         end_s: Time of the last of them, 0 without any.
-        riccati_fallbacks: Ticks that needed the robust Riccati solver.
-        worst_riccati_residual: Greatest residual of the Riccati equation.
     """
 
     def __init__(self, header: RunHeader) -> None:
@@ -77,7 +75,6 @@ class Digest:
         target = task_target(header.facts)
         self.tip = TipDigest(*target) if target is not None else None
         self.samples, self.end_s = 0, 0.0
-        self.riccati_fallbacks, self.worst_riccati_residual = 0, 0.0
 
     def rows(self, block: FloatArray) -> None:
         """Take the next rows."""
@@ -85,16 +82,6 @@ class Digest:
         self.audit.rows(block)
         if self.tip is not None:
             self.tip.rows(block, self._layout)
-        self.riccati_fallbacks += int(np.sum(self._told(block, "controller.osdre_riccati_fallback")))
-        worst = np.max(self._told(block, "controller.osdre_riccati_residual"), initial=0.0)
-        self.worst_riccati_residual = max(self.worst_riccati_residual, float(worst))
-
-    def _told(self, block: FloatArray, key: str) -> FloatArray:
-        """What a controller reported, where it did."""
-        if key not in self._layout.index:
-            return np.empty(0)
-        values = block[:, self._layout.index[key]]
-        return values[np.isfinite(values)]
 
 
 def digest(log: RunLog) -> Digest:

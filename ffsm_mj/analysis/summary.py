@@ -13,7 +13,8 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+"""Later ones only add keys."""
 
 
 def tip_error(log: RunLog) -> FloatArray:
@@ -54,8 +55,10 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
         "tip": _tip(digest.tip),
         "controller": {
             "ticks": outcome.controller_ticks if outcome else 0,
-            "riccati_fallbacks": outcome.riccati_fallbacks if outcome else 0,
-            "worst_riccati_residual": outcome.worst_riccati_residual if outcome else 0.0,
+            "phases": [
+                {"name": p.name, "kind": p.controller, "reports": dict(outcome.reports.get(p.name, {})) if outcome else {}}
+                for p in log.phases
+            ],
         },
         "conservation": _conservation(digest.audit),
         "versions": dict(outcome.versions) if outcome else {},
@@ -107,11 +110,19 @@ def _tip(tip: TipDigest | None) -> dict[str, Any] | None:
     }
 
 
-def _conservation(audit: Audit) -> dict[str, float]:
+def _conservation(audit: Audit) -> dict[str, float | None] | None:
+    """Worst residuals since the first row, None for one that is no finite number; None where conservation is not judged."""
+    judged = audit.laws(())
     names = {
         "energy": "energy_residual_J",
         "linear momentum": "linear_momentum_residual_N_s",
         "angular momentum": "angular_momentum_residual_N_m_s",
     }
-    drifts = {key: audit.drift(name) for name, key in names.items()}
-    return {key: drift if math.isfinite(drift) else 0.0 for key, drift in drifts.items()}
+    found: dict[str, float | None] = {}
+    for name, key in names.items():
+        laws = [law for law in judged if law.name == name]
+        if not laws:
+            return None
+        finite = all(math.isfinite(law.residual) and math.isfinite(law.drift) for law in laws)
+        found[key] = max(law.drift for law in laws) if finite else None
+    return found

@@ -143,10 +143,6 @@ class Audit:
             laws.append(_law("no penetration", "total", self._deepest, allowed))
         return (*laws, *_impact_laws(impacts, allowed))
 
-    def drift(self, name: str) -> float:
-        """Largest change of a residual since the first row, of any party: of ``energy``, ``linear momentum`` and so on."""
-        return max(self._changes[party, name].drift for party in PARTIES)
-
 
 def check_laws(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
     """Every law that a run should obey, with its worst residual; none for a log without rows.

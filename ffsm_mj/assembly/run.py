@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.analysis.digest import Digest, DigestSink
+from ffsm_mj.analysis.digest import DigestSink
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly, assemble, unwatched_overlaps
 from ffsm_mj.assembly.interrupts import noted
@@ -176,9 +176,7 @@ def _simulate(
         with noted() as interrupted, recorder:
             recorder.open(header)
             outcome = simulation.run(interrupted, lambda t: report(t, config.duration_s) if report else None)
-            recorder.outcome = outcome
-            recorder.pass_on()
-            recorder.outcome = _with_controller(outcome, digested.digest)
+            recorder.outcome = _with_versions(outcome)
     except LogWriteError as error:
         if recorder.outcome is None:
             raise
@@ -204,15 +202,9 @@ def _settings(config: Scenario) -> Settings:
     )
 
 
-def _with_controller(outcome: OutcomeRecord, digest: Digest) -> OutcomeRecord:
-    """Add what the rows say of the Riccati solver, and the versions that made the run; see :mod:`.source_date`."""
-    return replace(
-        outcome,
-        wall_s=outcome.wall_s if source_date() is None else 0.0,
-        riccati_fallbacks=digest.riccati_fallbacks,
-        worst_riccati_residual=digest.worst_riccati_residual,
-        versions=versions(),
-    )
+def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:
+    """Add the versions that made the run, and leave out what differs from run to run where a source date is set."""
+    return replace(outcome, wall_s=outcome.wall_s if source_date() is None else 0.0, versions=versions())
 
 
 @cache

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+Report = Mapping[str, float | int | str]
+"""What a control law says of its work in a phase: finite numbers and texts by name."""
+
 
 class Outcome(StrEnum):
     """How a run ended; each member's ``sentence`` says it to a person."""
@@ -147,8 +150,7 @@ class OutcomeRecord:
         steps: Integration steps taken.
         wall_s: Wall time of the simulation; 0 where SOURCE_DATE_EPOCH is set.
         controller_ticks: Control ticks taken.
-        riccati_fallbacks: Ticks that needed the robust Riccati solver: the first of a phase, or the warm start failed.
-        worst_riccati_residual: Greatest residual of the Riccati equation, relative.
+        reports: What the control laws of the phases begun say of their work, by phase; JSON in the log.
         versions: Versions of the packages that shape a result.
     """
 
@@ -158,8 +160,7 @@ class OutcomeRecord:
     steps: int
     wall_s: float
     controller_ticks: int
-    riccati_fallbacks: int
-    worst_riccati_residual: float
+    reports: Mapping[str, Report] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -27,7 +27,7 @@ from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.system import System
 from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.plant.ledger import Ledger
-from ffsm_mj.records.events import Outcome, OutcomeRecord
+from ffsm_mj.records.events import Outcome, OutcomeRecord, Report
 from ffsm_mj.simulation.rows import RowWriter
 
 MOST_TOUCHES_PER_STEP = 1000
@@ -95,7 +95,7 @@ class Simulation:
             report: Told the simulation time at each tick.
 
         Returns:
-            How it ended, without the facts that only the controller's log knows.
+            How it ended, but for the versions that made it.
         """
         started = time.perf_counter()
         outcome, message = Outcome.COMPLETED, ""
@@ -110,6 +110,7 @@ class Simulation:
                 outcome, message = Outcome.WRITE_FAILED, str(error)
             except mujoco.FatalError as error:
                 outcome, message = Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: MuJoCo gave up ({described(error)})"
+        outcome, message, reports = self._summed_up(outcome, message)
         return OutcomeRecord(
             outcome=outcome.value,
             message=message,
@@ -117,9 +118,18 @@ class Simulation:
             steps=self._done.steps,
             wall_s=time.perf_counter() - started,
             controller_ticks=self._done.ticks,
-            riccati_fallbacks=0,
-            worst_riccati_residual=0.0,
+            reports=reports,
         )
+
+    def _summed_up(self, outcome: Outcome, message: str) -> tuple[Outcome, str, Mapping[str, Report]]:
+        """How the run ended, and what the control laws say of it; one that cannot say it has failed."""
+        try:
+            return outcome, message, self._controller.reports()
+        except Exception as error:  # noqa: BLE001 (a plugin's code)
+            if outcome != Outcome.COMPLETED:
+                return outcome, message, {}
+            reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
+            return Outcome.CONTROLLER_FAILED, f"{self._controller.in_charge} at its end: {reason}", {}
 
     def _loop(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> None:
         settings, data = self._settings, self._plant.data

@@ -88,9 +88,7 @@ def test_the_same_verdict_however_the_rows_are_cut(baseline):
         for block in np.split(log.rows, sorted({*map(int, cuts)})):
             if len(block):
                 seen.rows(block)
-        drifts = (seen.audit.drift(name) for name in ("energy", "angular momentum"))
-        told = seen.samples, seen.end_s, seen.riccati_fallbacks, seen.worst_riccati_residual, str(seen.tip)
-        found.add((seen.audit.laws(log.impacts), *drifts, *told))
+        found.add((seen.audit.laws(log.impacts), seen.samples, seen.end_s, str(seen.tip)))
     assert len(found) == 1
 
 
@@ -170,4 +168,5 @@ def test_without_conservation_only_impacts_and_overlap_are_judged(tmp_path):
     assert not run.conservative
     assert {law.name for law in run.laws()} - {"no penetration"} == {"impact energy", "impact restitution"}
     assert all(law.holds for law in run.laws())
-    assert run.summary()["conservation"]["energy_residual_J"] > 1e-3  # what the damper took, and nobody booked
+    assert run.summary()["conservation"] is None
+    assert np.ptp(run["ledger.total_energy_residual_J"]) > 1e-3  # what the damper took, and nobody booked

@@ -76,7 +76,7 @@ def test_some_columns_are_those_of_all(rng):
     [
         PhaseRecord(1, "pause", "off", 7.5, "impact"),
         UnhandledContactRecord(("a", "b"), 0.5, 1.25, 1e-3),
-        OutcomeRecord("completed", "", 30.0, 30000, 1.5, 30001, 2, 1e-14, {"mujoco": "4.0.0"}),
+        OutcomeRecord("completed", "", 30.0, 30000, 1.5, 30001, {"approach": {"n": 2, "worst": 1e-14}}, {"mujoco": "4.0.0"}),
     ],
 )
 def test_events_survive_the_round_trip(record):

@@ -100,7 +100,12 @@ def test_summary_has_the_contracted_keys(baseline):
         *("qvel_before", "qvel_after", "energy_change_J", "linear_momentum_change_N_s", "angular_momentum_change_N_m_s"),
     ]
     assert set(summary["tip"]) == {"target_m", "min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s"}
-    assert set(summary["controller"]) == {"ticks", "riccati_fallbacks", "worst_riccati_residual"}
+    assert summary["schema_version"] == 2
+    approach, pause, regulate = summary["controller"].pop("phases")
+    assert list(summary["controller"]) == ["ticks"]
+    assert [(p["name"], p["kind"]) for p in (approach, pause)] == [("approach", "osdre"), ("safety_pause", "off")]
+    assert list(approach["reports"]) == list(regulate["reports"]) == ["riccati_fallbacks", "worst_riccati_residual"]
+    assert pause["reports"] == {}
     assert summary["steps"] == 30000
     assert summary["unhandled_contacts"] == []
 

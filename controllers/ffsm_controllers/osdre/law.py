@@ -22,6 +22,7 @@ from ffsm_mj.compiled import fastest
 from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
+from ffsm_mj.records.events import Report
 from ffsm_mj.records.signals import Signal
 
 Weight = tuple[float, ...] | tuple[tuple[float, ...], ...]
@@ -85,6 +86,7 @@ class Osdre:
         self._driven = np.eye(self._model.nv)[self._joints.dofs]
         self._driven_R = np.linalg.inv(_input_weight(config.R, len(self._joints.dofs))) @ self._driven
         self._Q = Q
+        self._fallbacks, self._worst_residual = 0, 0.0
 
     def start(self, observation: Observation) -> None:
         """Build the law around the plant's data. It has no memory, and its Riccati solver starts cold."""
@@ -108,7 +110,9 @@ class Osdre:
             self._law.tick()
         except RiccatiError as error:
             raise ControllerError(str(error)) from error
-        u = self._law.effort
+        u, (_, residual, fallback, _) = self._law.effort, self._law.report.tolist()
+        self._fallbacks += fallback == 1.0
+        self._worst_residual = max(self._worst_residual, residual)
         if self._damping > 0.0:
             B_lower, brake = self._kinematics.W @ self._driven.T, self._damping * self._qvel[self._joints.dofs]
             u = u - brake + np.linalg.pinv(B_lower) @ (B_lower @ brake)
@@ -117,6 +121,10 @@ class Osdre:
     def telemetry(self) -> FloatArray:
         """Error, Riccati residual, fallback, smallest gain of the last tick."""
         return self._law.report
+
+    def summary(self) -> Report:
+        """How often the robust Riccati solver was needed, and the greatest residual of the equation, relative."""
+        return {"riccati_fallbacks": self._fallbacks, "worst_riccati_residual": self._worst_residual}
 
 
 def _matrix(weight: Weight, size: int, key: str, of: str) -> FloatArray:

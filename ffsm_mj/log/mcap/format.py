@@ -6,6 +6,8 @@ constant template with float64 values at fixed offsets, and a block of rows is e
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, get_args, get_origin, get_type_hints
@@ -16,7 +18,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.wire import varint
-from ffsm_mj.records.events import ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.records.events import ImpactRecord, OutcomeRecord, PhaseRecord, Report, UnhandledContactRecord
 from ffsm_mj.records.signals import GROUPS, Layout, Signal
 
 SAMPLE_TOPIC = "/ffsm/sample"
@@ -171,7 +173,7 @@ def record_schema(record_type: type) -> bytes:
 
 
 def _add_field(message: Any, name: str, number: int, hint: Any) -> None:
-    """Add a field: scalar, sequence of scalars, or map from names to text or to lists of doubles."""
+    """Add a field: scalar, sequence of scalars, or map from names to text, to lists of doubles or to reports."""
     scalar = _SCALARS.get(hint)
     if scalar is not None:
         message.field.add(name=name, number=number, type=scalar, label=_Field.LABEL_OPTIONAL)
@@ -185,7 +187,7 @@ def _add_field(message: Any, name: str, number: int, hint: Any) -> None:
     entry.options.map_entry = True
     entry.field.add(name="key", number=1, type=_Field.TYPE_STRING, label=_Field.LABEL_OPTIONAL)
     path = f".ffsm.{message.name}"
-    if parts[1] is str:
+    if parts[1] in (str, Report):
         entry.field.add(name="value", number=2, type=_Field.TYPE_STRING, label=_Field.LABEL_OPTIONAL)
     else:
         if not any(nested.name == "Values" for nested in message.nested_type):
@@ -223,8 +225,8 @@ def encode_record(record: Any) -> bytes:
     for name, value in _items(record):
         if isinstance(value, Mapping):
             for key, entry in value.items():
-                if isinstance(entry, str):
-                    getattr(message, name)[key] = entry
+                if isinstance(entry, str | Mapping):
+                    getattr(message, name)[key] = entry if isinstance(entry, str) else json.dumps(entry)
                 else:
                     getattr(message, name)[key].values.extend(entry)
         elif isinstance(value, tuple):
@@ -245,11 +247,36 @@ def decode_record(record_type: type, data: bytes) -> Any:
         if kind is tuple:
             value = tuple(value)
         elif kind is not None:
-            text = get_args(hint)[1] is str
-            value = {key: entry if text else tuple(entry.values) for key, entry in value.items()}
+            value = {key: _entry(get_args(hint)[1], entry) for key, entry in value.items()}
         values[field.name] = value
     _check_lengths(values)
     return record_type(**values)
+
+
+def _entry(hint: Any, entry: Any) -> Any:
+    """One entry of a map."""
+    if hint is str:
+        return entry
+    return _report(entry) if hint == Report else tuple(entry.values)
+
+
+def _report(text: str) -> Report:
+    """A report of its JSON.
+
+    Raises:
+        ValueError: It is none.
+    """
+    try:
+        found = json.loads(text)
+    except RecursionError as error:
+        raise ValueError("a report is nested too deeply") from error
+    if not isinstance(found, dict) or not all(map(_is_told, found.values())):
+        raise ValueError("a report has other values than finite numbers and texts")
+    return found
+
+
+def _is_told(value: Any) -> bool:
+    return isinstance(value, int | str) or (isinstance(value, float) and math.isfinite(value))
 
 
 def _check_lengths(values: Mapping[str, Any]) -> None:
