@@ -1,0 +1,190 @@
+"""Kinds of records: what a log, the tables, the viewers and the reports must know of what happens once in a run.
+
+Whoever leaves records registers their kind, and from that alone they come out everywhere: a topic of the log, ``/log``, a
+list in ``summary.json`` and on a run, a table, a line where runs are compared, marks in Rerun, Foxglove, films and figures.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, get_args, get_origin, get_type_hints
+
+from ffsm_mj.errors import unknown_name
+
+_TAKEN = frozenset(
+    (
+        *("samples", "laws", "plumes"),  # tables and topics of every run
+        *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "wall_s", "real_time_factor"),
+        *("conservative", "tip", "controller", "conservation", "versions"),  # keys of summary.json
+    )
+)
+"""Plurals that mean something else."""
+_ONE = (float, int, str)
+_LETTERS = re.compile(r"_\{(\w+)\}")
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A point to draw at the time of a record, with an arrow and a text, world axes.
+
+    Attributes:
+        point_m: Where.
+        direction: Unit vector of the arrow; zero for none.
+        magnitude: What the arrow stands for, in the unit of its text: 1 m for each within the limits of a viewer.
+        text: What stands beside it.
+    """
+
+    point_m: tuple[float, ...]
+    direction: tuple[float, ...] = (0.0, 0.0, 0.0)
+    magnitude: float = 0.0
+    text: str = ""
+
+
+def _never(_: Any) -> bool:
+    return False
+
+
+def all_fields(record: Any) -> dict[str, Any]:
+    """The fields of a record as plain data."""
+    return {each.name: _plain(getattr(record, each.name)) for each in fields(record)}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _plain(entry) for name, entry in value.items()}
+    return list(value) if isinstance(value, tuple) else value
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordKind:
+    """What must be known of one kind of record; all functions take a record.
+
+    Attributes:
+        record: Its class: a frozen dataclass whose fields are numbers and text, tuples of either, mappings from names to
+            text or to tuples of numbers; its docstring says what each means, names end in their unit.
+        name: ``impact``: its topic is ``/ffsm/impact``, its schema ``ffsm.Impact``.
+        plural: ``impacts``: its list in ``summary.json`` and on a run, its table; empty for what a run leaves but once.
+        when: When one is left, in words.
+        time: When one is logged, s.
+        sentence: What happened, in one line.
+        summary: Its entry in ``summary.json``.
+        columns: Unit and meaning of the columns of its table. ``impulse_N_s`` is the field of that name, ``point_{xyz}_m``
+            one column for each value of the field ``point_m``.
+        lengths: How many values a field holds, ``point_m``, or the entry of a mapping, ``energy_before_J.total``.
+        marks: What is drawn of one; None where nothing ever is.
+        state: What holds from then on, in a word, for a track of states; None where nothing does.
+        warning: Whether the user should look into it.
+        in_every_run: Every log has its topic; otherwise those whose header names it.
+    """
+
+    record: type
+    name: str
+    plural: str
+    when: str
+    time: Callable[[Any], float]
+    sentence: Callable[[Any], str]
+    summary: Callable[[Any], dict[str, Any]] = all_fields
+    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    lengths: Mapping[str, int] = field(default_factory=dict)
+    marks: Callable[[Any], Sequence[Mark]] | None = None
+    state: Callable[[Any], str] | None = None
+    warning: Callable[[Any], bool] = _never
+    in_every_run: bool = False
+
+    @property
+    def topic(self) -> str:
+        """Its topic in a log."""
+        return f"/ffsm/{self.name}"
+
+    @property
+    def schema(self) -> str:
+        """The name of its schema in a log."""
+        return "ffsm." + "".join(word.capitalize() for word in self.name.split("_"))
+
+
+_KINDS: dict[str, RecordKind] = {}
+
+
+def register(kind: RecordKind) -> None:
+    """Make a kind known; the same one again changes nothing.
+
+    Raises:
+        ValueError: Its name, plural or class belongs to another kind, or the kind contradicts itself.
+    """
+    if _KINDS.get(kind.name) == kind:
+        return
+    for other in _KINDS.values():
+        if kind.name == other.name or kind.record is other.record or (kind.plural and kind.plural == other.plural):
+            raise ValueError(f"the kind {kind.name} ({kind.plural}) of {kind.record.__name__} is {other.name} already")
+    if kind.name == "sample" or kind.plural in _TAKEN:
+        raise ValueError(f"the kind {kind.name} ({kind.plural}): every log has something else of that name")
+    for fault in _faults(kind):
+        raise ValueError(f"the kind {kind.name}: {fault}")
+    _KINDS[kind.name] = kind
+
+
+def kinds() -> tuple[RecordKind, ...]:
+    """Every kind there is, in the order in which they were registered: impacts first."""
+    return tuple(_KINDS.values())
+
+
+def kinds_of(names: Sequence[str]) -> tuple[RecordKind, ...]:
+    """The kinds of every run, and those with some names, in order.
+
+    Raises:
+        KeyError: No such kind.
+    """
+    for name in names:
+        if name not in _KINDS:
+            raise KeyError(unknown_name("kind of record", name, _KINDS))
+    return tuple(kind for kind in _KINDS.values() if kind.in_every_run or kind.name in names)
+
+
+def kind_of(record: Any) -> RecordKind:
+    """The kind of a record.
+
+    Raises:
+        TypeError: It is of none.
+    """
+    for kind in _KINDS.values():
+        if kind.record is type(record):
+            return kind
+    raise TypeError(f"{type(record).__name__} is no kind of record; there are {', '.join(_KINDS)}")
+
+
+def field_of(column: str) -> tuple[str, str]:
+    """Field that a column of a table shows, and a letter for each of its values: ``point_m`` and ``xyz``."""
+    found = _LETTERS.search(column)
+    return _LETTERS.sub("", column), found[1] if found else ""
+
+
+def _faults(kind: RecordKind) -> Iterator[str]:
+    """What a log or a reader would stumble over."""
+    if not is_dataclass(kind.record):
+        yield f"{kind.record.__name__} is no dataclass"
+        return
+    if kind.plural and not kind.columns:
+        yield f"the table {kind.plural} has no columns"
+    hints = get_type_hints(kind.record)
+    yield from (
+        f"no log holds a {hints[each.name]} ({each.name})" for each in fields(kind.record) if not _storable(hints[each.name])
+    )
+    yield from (f"there is no field {name} to have a length" for name in kind.lengths if name.partition(".")[0] not in hints)
+    for column in kind.columns:
+        name, letters = field_of(column)
+        if name not in hints:
+            yield f"there is no field {name} for the column {column}"
+        elif letters and kind.lengths.get(name) != len(letters):
+            yield f"the column {column} shows {len(letters)} values, lengths does not say that {name} has as many"
+        elif not letters and hints[name] not in _ONE:
+            yield f"the column {column} shows one value, {name} has several"
+
+
+def _storable(hint: Any) -> bool:
+    """Whether a field is a number or text, a tuple of either, or a mapping from names to text or to tuples of numbers."""
+    parts = get_args(hint)
+    if get_origin(hint) is tuple:
+        return len(parts) == 2 and parts[0] in _ONE and parts[1] is ...
+    return hint in _ONE or (get_origin(hint) is Mapping and parts[0] is str and parts[1] in (str, tuple[float, ...]))
