@@ -1,4 +1,4 @@
-"""What a controller sees and what it returns.
+"""What a controller sees and what it returns, and all else that a control law needs to import.
 
 A controller is called once per control period and at once at an impact. It sees the true state through MuJoCo's data and
 writes efforts for the actuators it drives; all others stay off. Limits are the plant's business, not the controller's.
@@ -13,10 +13,61 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.arrays import FloatArray
-from ffsm_mj.model.system import System
+from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.config import StrictModel
+from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
+from ffsm_mj.model.dynamics import (
+    ReducedModel,
+    base_jacobian,
+    base_wrench,
+    external_actuators,
+    free_components,
+    kinetic_energy,
+    mass_matrix,
+    momentum_matrix,
+    reduced_model,
+    skew,
+    subtree_momenta,
+)
+from ffsm_mj.model.system import Joint, System, Tree
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, Report
-from ffsm_mj.records.signals import Signal
+from ffsm_mj.records.signals import Signal, identifier
+
+__all__ = [
+    "Command",
+    "Controller",
+    "ControllerContext",
+    "ControllerError",
+    "Fault",
+    "FloatArray",
+    "ImpactRecord",
+    "IntArray",
+    "Joint",
+    "Observation",
+    "PhaseRecord",
+    "ReducedModel",
+    "Report",
+    "ScenarioFaults",
+    "Signal",
+    "StrictModel",
+    "Summarises",
+    "System",
+    "Task",
+    "TaskController",
+    "Tree",
+    "base_jacobian",
+    "base_wrench",
+    "external_actuators",
+    "free_components",
+    "identifier",
+    "kinetic_energy",
+    "mass_matrix",
+    "momentum_matrix",
+    "reduced_model",
+    "skew",
+    "subtree_momenta",
+    "unknown_name",
+]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Control laws. ``kinds()`` maps the ``kind`` of a scenario to its configuration model and class.
 
 Laws of other packages plug in through the entry-point group ``ffsm_mj.controllers``: the entry point's name is the kind and
-its object a class with a ``Config`` (a :class:`~ffsm_mj.config.StrictModel` with a field ``kind``) that is built as
+its object a class with a ``Config`` (a :class:`~ffsm_mj.controller_protocol.StrictModel` with a field ``kind``) that is built as
 ``cls(config, context)``; see :class:`~ffsm_mj.controller_protocol.Controller`.
 """
 
@@ -15,7 +15,7 @@ from ffsm_controllers.free_flying import FreeFlying
 from ffsm_controllers.off import Off
 from ffsm_controllers.osdre.law import Osdre
 from ffsm_controllers.pd import Pd
-from ffsm_mj.config import StrictModel
+from ffsm_mj.controller_protocol import StrictModel
 
 GROUP = "ffsm_mj.controllers"
 _BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying)
@@ -49,7 +49,9 @@ def _load(entry_point: EntryPoint) -> Any:
     cls = entry_point.load()
     config = getattr(cls, "Config", None)
     if not (isinstance(config, type) and issubclass(config, StrictModel)):
-        raise TypeError(f"{entry_point.value} has no class attribute Config derived from ffsm_mj.config.StrictModel")
+        raise TypeError(
+            f"{entry_point.value} has no class attribute Config derived from ffsm_mj.controller_protocol.StrictModel"
+        )
     if _kind_of(cls) != entry_point.name:
         raise TypeError(f"{entry_point.value}: the entry point's name must be the kind {_kind_of(cls)!r}")
     return cls

@@ -8,9 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
-from ffsm_mj.model.system import System
+from ffsm_mj.controller_protocol import ControllerError, Fault, FloatArray, IntArray, ScenarioFaults, System
 
 _SMALL_SHARES = 1e-7
 _PASSES = 100

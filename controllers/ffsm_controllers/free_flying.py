@@ -15,11 +15,16 @@ import numpy as np
 
 from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation, actuators_by_name
 from ffsm_controllers.pd import Gain, Pd, PdConfig
-from ffsm_mj.arrays import FloatArray
-from ffsm_mj.config import StrictModel
-from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
-from ffsm_mj.errors import Fault, ScenarioFaults
-from ffsm_mj.records.signals import Signal
+from ffsm_mj.controller_protocol import (
+    Command,
+    ControllerContext,
+    Fault,
+    FloatArray,
+    Observation,
+    ScenarioFaults,
+    Signal,
+    StrictModel,
+)
 
 
 class BaseGains(StrictModel):

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import IntArray
-from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
-from ffsm_mj.model.system import System
+from ffsm_mj.controller_protocol import Fault, IntArray, ScenarioFaults, System, unknown_name
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
-from ffsm_mj.config import StrictModel
-from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
-from ffsm_mj.records.signals import Signal
+from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, Signal, StrictModel
 
 
 class OffConfig(StrictModel):

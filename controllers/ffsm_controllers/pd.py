@@ -9,11 +9,16 @@ import numpy as np
 from pydantic import Field
 
 from ffsm_controllers.joints import DrivenJoints, driven_joints
-from ffsm_mj.arrays import FloatArray
-from ffsm_mj.config import StrictModel
-from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
-from ffsm_mj.errors import Fault, ScenarioFaults
-from ffsm_mj.records.signals import Signal
+from ffsm_mj.controller_protocol import (
+    Command,
+    ControllerContext,
+    Fault,
+    FloatArray,
+    Observation,
+    ScenarioFaults,
+    Signal,
+    StrictModel,
+)
 
 Gain = Annotated[float, Field(ge=0.0)]
 

@@ -11,10 +11,16 @@ from typing import Any
 import numpy as np
 
 from ffsm_controllers.indices import compact
-from ffsm_mj.controller_protocol import Command, Controller, Observation, Summarises
-from ffsm_mj.errors import ControllerError
-from ffsm_mj.records.events import PhaseRecord, Report
-from ffsm_mj.records.signals import Signal
+from ffsm_mj.controller_protocol import (
+    Command,
+    Controller,
+    ControllerError,
+    Observation,
+    PhaseRecord,
+    Report,
+    Signal,
+    Summarises,
+)
 
 # Ticks are exact multiples of the period up to rounding of the product.
 _TIME_TOLERANCE_S = 1e-9

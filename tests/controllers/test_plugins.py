@@ -18,6 +18,7 @@ DOC = Path(__file__).parents[2] / "docs" / "own-controller.md"
 
 def install(folder: Path, module: str, code: str, entry: str) -> dict[str, str]:
     """What ``pip install`` leaves: a module and a dist-info with an entry point. Returns the environment to run in."""
+    folder.mkdir(exist_ok=True)
     (folder / f"{module}.py").write_text(code)
     info = folder / f"{module}-1.0.dist-info"
     info.mkdir()
@@ -45,12 +46,26 @@ def test_the_documented_example_runs(tmp_path, example):
     environment = install(tmp_path, "my_laws", code, entry)
     (tmp_path / "mine.yaml").write_text(f"extends: coasting\nname: mine\n{phases}")
     out = tmp_path / "out"
-    done = ffsm(environment, "run", str(tmp_path / "mine.yaml"), "-s", "duration_s=2", "--no-rerun", "--out", str(out))
+    changes = ("-s", "duration_s=2", "--no-rerun", "--out")
+    done = ffsm(environment, "run", str(tmp_path / "mine.yaml"), *changes, str(out))
     assert done.returncode == 0, done.stderr
     run = ffsm_mj.load_run(out)
     rate = run["controller.damp_rate_rad_s"]
     assert abs(rate[-1]) < 0.5 * abs(rate[0])
     assert all(law.holds for law in run.laws())
+    assert run.summary()["controller"]["phases"][0]["reports"] == {"last_rate_rad_s": rate[-1]}
+    assert set(re.findall(r"^from (ffsm_mj\S*) import", code, flags=re.MULTILINE)) == {"ffsm_mj.controller_protocol"}
+    # The same without a summary, which a law may leave out.
+    code = re.sub(r"\n    def summary.*", "", code, flags=re.DOTALL)
+    ffsm(
+        install(tmp_path / "silent", "my_laws", code, entry),
+        "run",
+        str(tmp_path / "mine.yaml"),
+        *changes,
+        str(out),
+        "--force",
+    )
+    assert ffsm_mj.load_run(out).summary()["controller"]["phases"][0]["reports"] == {}
 
 
 def test_a_broken_plugin_harms_only_who_asks_for_it(tmp_path):

@@ -17,13 +17,19 @@ from ffsm_controllers.osdre.block_law import BlockLaw
 from ffsm_controllers.osdre.planar_law import PlanarLaw
 from ffsm_controllers.osdre.riccati import BlockRiccati, RiccatiError, planar_riccati
 from ffsm_controllers.osdre.tip_kinematics import TipKinematics
-from ffsm_mj.arrays import FloatArray
 from ffsm_mj.compiled import fastest
-from ffsm_mj.config import StrictModel
-from ffsm_mj.controller_protocol import Command, ControllerContext, Observation
-from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
-from ffsm_mj.records.events import Report
-from ffsm_mj.records.signals import Signal
+from ffsm_mj.controller_protocol import (
+    Command,
+    ControllerContext,
+    ControllerError,
+    Fault,
+    FloatArray,
+    Observation,
+    Report,
+    ScenarioFaults,
+    Signal,
+    StrictModel,
+)
 
 Weight = tuple[float, ...] | tuple[tuple[float, ...], ...]
 
