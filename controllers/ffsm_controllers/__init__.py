@@ -1,8 +1,8 @@
 """Control laws. ``kinds()`` maps the ``kind`` of a scenario to its configuration model and class.
 
 Laws of other packages plug in through the entry-point group ``ffsm_mj.controllers``: the entry point's name is the kind and
-its object a class with a ``Config`` (a :class:`~ffsm_mj.controller_protocol.StrictModel` with a field ``kind``) that is built as
-``cls(config, context)``; see :class:`~ffsm_mj.controller_protocol.Controller`.
+its object a class with a ``Config`` (a ``StrictModel`` of :mod:`ffsm_mj.controller_protocol` with a field ``kind``) that is
+built as ``cls(config, context)``; see :class:`~ffsm_mj.controller_protocol.Controller`.
 """
 
 from __future__ import annotations
