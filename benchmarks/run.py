@@ -34,7 +34,7 @@ from ffsm_controllers.osdre.riccati_planar import principal_axes, turned
 
 from ffsm_mj.assembly.run import Prepared, prepare
 from ffsm_mj.compiled import is_compiled
-from ffsm_mj.contact.pairs import ImpactPair
+from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.partial_file import PartialFile
@@ -72,7 +72,7 @@ def forwarded(*, pairs: tuple[str, ...]) -> float:
     data.qvel[3:6] = 0.1
     data.qpos[6] = -6.0  # out of reach: nothing is resolved here, so nothing may touch
     mujoco.mj_forward(model, data)
-    watched = [ImpactPair(assembly.system, name, "object/box", 1.0) for name in pairs]
+    watched = [ContactPair(assembly.system, name, name, "object/box", 1.0) for name in pairs]
     detector = Detector(model, data, watched)
     start = time.perf_counter()
     if watched:
@@ -88,7 +88,7 @@ def forwarded(*, pairs: tuple[str, ...]) -> float:
 def closed() -> float:
     """The gripper rests on the box, nothing presses: every step looks for a touch and for an overlap. 1 s, times thirty."""
     assembly, model, data = fresh(contacts=False)
-    pair = ImpactPair(assembly.system, "gripper", "object/box", 0.0)
+    pair = ContactPair(assembly.system, "hit", "gripper", "object/box", 0.0)
     data.qpos[6] += float(data.geom("robot/gripper").xpos[0] - 0.501 - data.qpos[6])
     data.qpos[7] = data.geom("robot/gripper").xpos[1]
     mujoco.mj_forward(model, data)

@@ -104,7 +104,7 @@ class Agreement:
         for each in fields(ImpactRecord):
             given, known = getattr(logged, each.name), getattr(again, each.name)
             name = f"impact {logged.event + 1} {each.name}"
-            if isinstance(given, str):
+            if _is_text(known):
                 self.keep(Difference(name, 0.0 if given == known else math.inf, AGREES, "", logged.time_s))
                 continue
             a, b = numbers_of(given), numbers_of(known)
@@ -119,6 +119,10 @@ class Agreement:
             size = float(np.max(np.abs(logged - again), initial=0.0)) if not np.array_equal(logged, again) else 0.0
         allowed = AGREES * (1.0 + float(np.max(np.abs(scale), initial=0.0)))
         self.keep(Difference(name, math.inf if math.isnan(size) else size, allowed, unit, time_s))
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) or (isinstance(value, tuple) and bool(value) and isinstance(value[0], str))
 
 
 def numbers_of(value: Any) -> FloatArray:

@@ -72,8 +72,9 @@ def _impact(record: ImpactRecord) -> dict[str, Any]:
     return {
         "event": record.event,
         "time_s": record.time_s,
-        "robot_geom": record.robot_geom,
-        "object_geom": record.object_geom,
+        "pair": record.pair,
+        "geoms": list(record.geoms),
+        **({"robot_geom": record.robot_geom, "object_geom": record.object_geom} if record.robot_geom else {}),
         "point_m": list(record.point_m),
         "normal": list(record.normal),
         "manifold": record.manifold,

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Tolerance, check_laws
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import MissingPackageError, unknown_name
+from ffsm_mj.records.kinds import field_of
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
 
@@ -22,17 +23,19 @@ TABLES = ("samples", "impacts", "phases", "laws")
 _IMPACT_COLUMNS = {
     "time_s": ("s", "simulation time"),
     "event": ("", "number of the impact, from 0; contacts at one instant share it"),
-    "robot_geom": ("", "geom of the robot"),
-    "object_geom": ("", "geom of the object"),
+    "pair": ("", "name of the pair of geoms that touch"),
+    "geoms_{ab}": ("", "geom of the pair"),
+    "robot_geom": ("", "geom a where the robot touches an object, else empty"),
+    "object_geom": ("", "geom b where the robot touches an object, else empty"),
     "manifold": ("", "point, edge or face"),
     "law": ("", "contact law that made the result"),
     "restitution": ("", "coefficient of restitution"),
-    "point_{axis}_m": ("m", "contact point, world frame"),
-    "normal_{axis}": ("", "normal from the robot to the object, world frame"),
+    "point_{xyz}_m": ("m", "contact point, world frame"),
+    "normal_{xyz}": ("", "normal from a to b, world frame"),
     "approach_speed_m_s": ("m/s", "normal speed of approach before"),
     "separation_speed_m_s": ("m/s", "normal speed of separation after"),
-    "impulse_N_s": ("N s", "impulse on the object along the normal"),
-    "angular_impulse_{axis}_N_m_s": ("N m s", "angular impulse on the object about its centre of mass"),
+    "impulse_N_s": ("N s", "impulse on b along the normal"),
+    "angular_impulse_{xyz}_N_m_s": ("N m s", "angular impulse on b about the centre of mass of its robot or object"),
     "gap_m": ("m", "signed distance at the event"),
     "energy_change_J": ("J", "kinetic energy gained by the whole system"),
     "linear_momentum_change_N_s": ("N s", "norm of the change of the whole system's linear momentum"),
@@ -143,14 +146,13 @@ def _impacts(log: RunLog) -> Table:
     columns: dict[str, npt.NDArray[Any]] = {}
     meaning: dict[str, tuple[str, str]] = {}
     for pattern, about in _IMPACT_COLUMNS.items():
-        values = [getattr(record, pattern.replace("_{axis}", "")) for record in log.impacts]
-        if "{axis}" not in pattern:
+        name, letters = field_of(pattern)
+        values = [getattr(record, name) for record in log.impacts]
+        if not letters:
             columns[pattern], meaning[pattern] = np.array(values), about
-            continue
-        vectors = np.array(values, dtype=np.float64).reshape(-1, 3)
-        for i, axis in enumerate("xyz"):
-            name = pattern.format(axis=axis)
-            columns[name], meaning[name] = vectors[:, i], about
+        for i, letter in enumerate(letters):
+            column = pattern.replace(f"{{{letters}}}", letter)
+            columns[column], meaning[column] = np.array([value[i] for value in values]), about
     return Table(
         "impacts",
         columns,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,13 +12,13 @@ import numpy as np
 from ffsm_controllers import kinds
 from ffsm_controllers.phases import Phase, PhaseMachine
 
+from ffsm_mj.assembly.impact_pairs import impact_pairs, known_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.run_size import too_large
-from ffsm_mj.contact.pairs import ImpactPair
+from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.controller_protocol import ControllerContext, Task
-from ffsm_mj.errors import Fault, ScenarioFaults, described, unknown_name
-from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
+from ffsm_mj.errors import Fault, ScenarioFaults, described
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.plant.actuation import Actuation
@@ -49,7 +48,7 @@ class Assembly:
     scenario: Scenario
     system: System
     data: Any
-    pairs: tuple[ImpactPair, ...]
+    pairs: tuple[ContactPair, ...]
     known_pairs: frozenset[frozenset[int]]
     actuation: Actuation
     controller: PhaseMachine
@@ -67,8 +66,8 @@ def assemble(scenario: Scenario, source: YamlSource) -> Assembly:
     try:
         data = initial_state(scenario, system)
         pairs = impact_pairs(scenario, system)
-        known = _known_pairs(scenario, system, pairs)
-        _refuse_undetectable(system, data, pairs)
+        known = known_pairs(scenario, system, pairs)
+        refuse_undetectable(system, data, pairs)
         actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
         controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s))
@@ -109,104 +108,6 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
 def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:
     """A path in a scenario: relative to the file that states it."""
     return Path(os.path.normpath(source.folder(keys) / name))
-
-
-def impact_pairs(scenario: Scenario, system: System) -> tuple[ImpactPair, ...]:
-    """Impact pairs of a scenario, in its order.
-
-    Raises:
-        ScenarioFaults: A geom that there is not, on the wrong side, or without an exact distance.
-    """
-    pairs, faults = [], []
-    for i, config in enumerate(scenario.impact_pairs):
-        for key in ("robot_geom", "object_geom"):
-            fault = _geom_fault(system, key, getattr(config, key))
-            if fault:
-                faults.append(Fault(fault, ("impact_pairs", i, key)))
-        if faults:
-            continue
-        try:
-            pairs.append(ImpactPair(system, config.robot_geom, config.object_geom, config.restitution))
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("impact_pairs", i)))
-    if faults:
-        raise ScenarioFaults(faults)
-    return tuple(pairs)
-
-
-def _geom_fault(system: System, key: str, name: str) -> str:
-    """What is wrong with a geom's name on one side of an impact pair, or nothing."""
-    side = "the robot" if key == "robot_geom" else "an object"
-    valid = [full for full in system.names("geom") if full.startswith(f"{system.robot.name}/") == (side == "the robot")]
-    try:
-        full = system.resolve("geom", name)
-    except LookupError as error:
-        message = str(error.args[0])
-        return unknown_name(f"geom of {side}", name, valid) if message.startswith("unknown") else message
-    return "" if full in valid else f"{full} is no geom of {side}; allowed: {', '.join(sorted(valid))}"
-
-
-def _refuse_contradictions(pairs: tuple[ImpactPair, ...], ignored: set[frozenset[int]]) -> None:
-    """A pair is resolved once, or ignored; not both."""
-    faults: list[Fault] = []
-    seen: set[tuple[str, str]] = set()
-    for i, pair in enumerate(pairs):
-        name = f"{pair.robot_geom} - {pair.object_geom}"
-        if (pair.robot_geom, pair.object_geom) in seen:
-            faults.append(Fault(f"{name} is listed twice", ("impact_pairs", i)))
-        if pair.geoms in ignored:
-            faults.append(Fault(f"{name} is also in ignored_pairs", ("impact_pairs", i)))
-        seen.add((pair.robot_geom, pair.object_geom))
-    if faults:
-        raise ScenarioFaults(faults)
-
-
-def _refuse_undetectable(system: System, data: Any, pairs: tuple[ImpactPair, ...]) -> None:
-    """Refuse pairs that overlap at the start, or whose speed no energy bounds."""
-    faults = []
-    for i, pair in enumerate(pairs):
-        if math.isinf(pair.reach_per_root_energy(system.mj, data)):
-            message = f"a moment of inertia of {pair.robot_geom} or {pair.object_geom} is less than rounding of the others"
-            faults.append(Fault(f"{message}: no energy bounds how fast it spins", ("impact_pairs", i)))
-        gap = pair.gap(system.mj, data, 1.0)
-        if gap < -GAP_TOLERANCE:
-            message = f"{pair.robot_geom} and {pair.object_geom} overlap by {-gap:.6g} m at the start; move one of them"
-            faults.append(Fault(message, ("impact_pairs", i)))
-    if faults:
-        raise ScenarioFaults(faults)
-
-
-def _known_pairs(scenario: Scenario, system: System, pairs: tuple[ImpactPair, ...]) -> frozenset[frozenset[int]]:
-    known: set[frozenset[int]] = set()
-    faults = []
-    for i, config in enumerate(scenario.ignored_pairs):
-        sides = []
-        for k, name in enumerate(config.pair):
-            geoms = _geoms_of(system, name)
-            if not geoms:
-                names = {tree.name for tree in system.trees} | {*system.names("body"), *system.names("geom")}
-                faults.append(Fault(unknown_name("geom, body or model", name, names), ("ignored_pairs", i, "pair", k)))
-            sides.append(geoms)
-        known |= {frozenset((a, b)) for a in sides[0] for b in sides[1]}
-    if faults:
-        raise ScenarioFaults(faults)
-    _refuse_contradictions(pairs, known)
-    return frozenset(known | {pair.geoms for pair in pairs})
-
-
-def _geoms_of(system: System, name: str) -> list[int]:
-    """Geoms that a name stands for: those of a model, of a body, or the geom itself."""
-    model = system.mj
-    for tree in system.trees:
-        if tree.name == name:
-            return [g for g in range(model.ngeom) if model.geom_bodyid[g] in tree.bodies]
-    for kind in ("geom", "body"):
-        try:
-            index = system.index(kind, name)
-        except LookupError:
-            continue
-        return [index] if kind == "geom" else [g for g in range(model.ngeom) if model.geom_bodyid[g] == index]
-    return []
 
 
 def task_of(scenario: Scenario, system: System) -> Task | None:

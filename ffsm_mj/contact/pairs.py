@@ -1,4 +1,4 @@
-"""Impact pairs: signed gap, normal, contact point and how fast the gap can close.
+"""Pairs of geoms that may touch: signed gap, normal, contact point and how fast the gap can close.
 
 MuJoCo's contacts are off; ``mj_geomDistance`` is asked for each pair. Its witness direction is meaningless at touch, so a
 normal starts from a shifted query (one geom moved away along the estimate, asked again, a few passes) and is then
@@ -49,7 +49,7 @@ class Proximity:
 
     Attributes:
         gap: Signed distance in m, negative when overlapping.
-        normal: Unit normal from the robot to the object, (3,).
+        normal: Unit normal from a to b, (3,).
         points: Where they touch, or would: one point, or the extreme points of an edge or a face, (k, 3).
         rates: Rate of the gap at each point in m/s, negative when approaching, (k,).
         still: Rates within this of zero in m/s are rounding: neither approaching nor separating.
@@ -74,48 +74,62 @@ class Proximity:
         return self.rate < (-self.still if self.gap > -_FALLEN * self.rounding else -_EXACT * self.still)
 
 
-class ImpactPair:
-    """A geom of the robot and a geom of an object that may hit each other.
+class ContactPair:
+    """Two geoms, a and b, on bodies that move against each other: of the robot, of objects, of one of them itself.
 
     Attributes:
-        robot_geom: Full name of the robot's geom.
-        object_geom: Full name of the object's geom.
+        name: What it is called, unique among the pairs of a run.
+        geom_a: Full name of the geom that the normal points away from.
+        geom_b: Full name of the geom that the normal points to.
+        body_a: Id of the body of a.
+        body_b: Id of the body of b.
+        robot_on_object: Whether a is the robot's and b an object's.
         restitution: Coefficient e of this pair.
-        geoms: Ids of both geoms.
+        geom_ids: Ids of both geoms.
         size: Length in m below which the pair's gap is a simple function of time (half the thinnest extent).
     """
 
-    def __init__(self, system: System, robot_geom: str, object_geom: str, restitution: float) -> None:
+    def __init__(self, system: System, name: str, geom_a: str, geom_b: str, restitution: float) -> None:
         """Resolve names and constants.
 
         Raises:
-            LookupError: An unknown geom, a geom on the wrong side, or a shape without an exact distance.
+            LookupError: An unknown geom, one that does not move or moves with the other, or a shape without an exact
+                distance.
         """
         model = system.mj
-        self._g1, self._g2 = system.index("geom", robot_geom), system.index("geom", object_geom)
-        self.robot_geom, self.object_geom = model.geom(self._g1).name, model.geom(self._g2).name
-        self.robot_body, self.object_body = int(model.geom_bodyid[self._g1]), int(model.geom_bodyid[self._g2])
-        self.geoms = frozenset((self._g1, self._g2))
-        self._check_sides(system)
+        self._g1, self._g2 = system.index("geom", geom_a), system.index("geom", geom_b)
+        self.name, self.geom_a, self.geom_b = name, model.geom(self._g1).name, model.geom(self._g2).name
+        self.body_a, self.body_b = int(model.geom_bodyid[self._g1]), int(model.geom_bodyid[self._g2])
+        self.geom_ids = frozenset((self._g1, self._g2))
+        self._check(system)
+        on_robot = [body in system.robot.bodies for body in (self.body_a, self.body_b)]
+        self.robot_on_object = on_robot == [True, False]
         self.restitution = restitution
         self.size = 0.5 * float(min(model.geom_aabb[self._g1, 3:].min(), model.geom_aabb[self._g2, 3:].min()))
         self._r1, self._r2 = float(model.geom_rbound[self._g1]), float(model.geom_rbound[self._g2])
-        self._root1, self._root2 = int(model.body_rootid[self.robot_body]), int(model.body_rootid[self.object_body])
+        self._root1, self._root2 = int(model.body_rootid[self.body_a]), int(model.body_rootid[self.body_b])
         self._fromto = np.empty(6)
         self._normal: FloatArray | None = None
 
-    def _check_sides(self, system: System) -> None:
+    def _check(self, system: System) -> None:
         model = system.mj
-        for name, body, robot_side in (
-            (self.robot_geom, self.robot_body, True),
-            (self.object_geom, self.object_body, False),
-        ):
-            shape = _UNSUPPORTED.get(int(model.geom_type[model.geom(name).id]))
+        for geom, name, body in ((self._g1, self.geom_a, self.body_a), (self._g2, self.geom_b, self.body_b)):
+            shape = _UNSUPPORTED.get(int(model.geom_type[geom]))
             if shape:
                 raise LookupError(f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...)")
-            if (body in system.robot.bodies) != robot_side or system.tree_of_body(body) is None:
-                side = "the robot" if robot_side else "an object"
-                raise LookupError(f"geom {name!r} does not belong to {side}")
+            if system.tree_of_body(body) is None:
+                raise LookupError(f"geom {name!r} is fixed to the world: both geoms of a pair must be on bodies that move")
+        if model.body_weldid[self.body_a] == model.body_weldid[self.body_b]:
+            raise LookupError(f"geoms {self.geom_a!r} and {self.geom_b!r} are on one rigid body: they cannot meet")
+
+    @property
+    def geoms(self) -> tuple[str, str]:
+        """Full names of a and b."""
+        return self.geom_a, self.geom_b
+
+    def __str__(self) -> str:
+        """Both geoms, for messages."""
+        return f"{self.geom_a} - {self.geom_b}"
 
     def gap(self, model: Any, data: Any, limit: float) -> float:
         """Signed distance in m, negative when overlapping; ``limit`` where it is larger than that."""
@@ -123,8 +137,8 @@ class ImpactPair:
 
     def closing_bound(self, data: Any) -> float:
         """Speed in m/s that the gap cannot change faster than: centres apart, plus spins times bounding radii."""
-        v1, w1 = self._centre_motion(data, self.robot_body, self._root1, self._g1)
-        v2, w2 = self._centre_motion(data, self.object_body, self._root2, self._g2)
+        v1, w1 = self._centre_motion(data, self.body_a, self._root1, self._g1)
+        v2, w2 = self._centre_motion(data, self.body_b, self._root2, self._g2)
         return _BOUND_MARGIN * (math.dist(v1, v2) + w1 * self._r1 + w2 * self._r2)
 
     @staticmethod
@@ -139,7 +153,9 @@ class ImpactPair:
         """Bound on the closing speed over sqrt(2 T), T the kinetic energy of everything, in any configuration.
 
         A rigid group of mass m and least moment of inertia I has |v| <= sqrt(2 T / m) and |w| <= sqrt(2 T / I); a point of a
-        geom is at most its distance from the group's mass centre plus its bounding radius away from that centre.
+        geom is at most its distance from the group's mass centre plus its bounding radius away from that centre. The groups
+        of a and b are two, of one tree or not, and T is at least T_a + T_b: the speed at which they close, at most
+        k_a sqrt(2 T_a) + k_b sqrt(2 T_b), is by Cauchy and Schwarz at most hypot(k_a, k_b) sqrt(2 T).
         """
         parts = (
             _speed_per_root_energy(model, data, self._g1, self._r1),
@@ -154,8 +170,8 @@ class ImpactPair:
         normal = self._normal = polished(first, second, estimate)
         points = touching_set(first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL), normal)
         points = points if len(points) else witness[None]
-        here = self._velocity(data, self.robot_body, self._root1, points)
-        there = self._velocity(data, self.object_body, self._root2, points)
+        here = self._velocity(data, self.body_a, self._root1, points)
+        there = self._velocity(data, self.body_b, self._root2, points)
         still = REST_RATE * (1.0 + float(np.abs(here).max()) + float(np.abs(there).max()))
         rounding = _ROUNDING + 4.0 * _EPSILON * float(np.abs(points).max())
         return Proximity(separation(first, second, normal), normal, points, (there - here) @ normal, still, rounding)
@@ -164,7 +180,7 @@ class ImpactPair:
         """Second rate of the gap at one of the points of a proximity; accelerations in ``data`` must be current."""
         shapes = Shape(model, data, self._g1), Shape(model, data, self._g2)
         half = 0.5 * near.gap * near.normal
-        bodies, points = (self.robot_body, self.object_body), (point - half, point + half)
+        bodies, points = (self.body_a, self.body_b), (point - half, point + half)
         return second_rate(model, data, bodies, shapes, near.normal, points)
 
     def pressed(self, model: Any, data: Any, near: Proximity) -> bool:
@@ -179,7 +195,7 @@ class ImpactPair:
         return np.asarray(linear + np.cross(angular, points - data.subtree_com[root]))
 
     def _shifted_query(self, model: Any, data: Any) -> tuple[FloatArray, FloatArray]:
-        """Normal and the midpoint of the witnesses, asked with the object's geom moved clear of the robot's."""
+        """Normal and the midpoint of the witnesses, asked with b moved clear of a."""
         centre = data.geom_xpos[self._g2].copy()
         normal = self._estimate(model, data)
         shift = min(_SHIFT, _SHARE * self.size)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from ffsm_mj.impact.laws import reflect
 from ffsm_mj.impact.paper import PaperSolution, solve_paper_system
-from ffsm_mj.impact.resolution import Contact, Impact, ImpactState, compare_laws, contact_jacobian, reflect, resolve
+from ffsm_mj.impact.resolution import Contact, Impact, ImpactState, compare_laws, contact_jacobian, resolve
 
 __all__ = [
     "Contact",

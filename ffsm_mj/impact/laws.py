@@ -6,8 +6,8 @@ velocities are A w, and an impulse lambda >= 0 gives w+ = w + A^T lambda.
 ``blend`` mixes the plastic solution with generalised reflections (Smith, Kaufman, Vouga, Tamstorf, Grinspun, ACM TOG
 31(4), 2012): kinetic energy never grows, e = 1 conserves it, nothing ends approaching, no impulse pulls, symmetric scenes
 stay symmetric. ``poisson`` never gains energy either and dissipates more; ``newton`` is the textbook law, allowed only where
-it is consistent. One contact: all are -(1 + e) u / (J M^-1 J^T). Several contacts have no one physical answer; the law is a
-choice.
+it is consistent. One contact: all are the closed form of :func:`reflect`, -(1 + e) u / (J M^-1 J^T). Several contacts have
+no one physical answer; the law is a choice.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import UnsupportedContactError
 
+IMMOVABLE = "neither body can move along the contact normal"
+"""What is wrong with a contact whose J M^-1 J^T is zero."""
 _APPROACH = 1e-10
 """Relative to the largest normal velocity: slower approach is rounding."""
 _KKT = 1e-9
@@ -41,6 +43,33 @@ class LawResult:
     impulses: FloatArray
     w: FloatArray
     jammed: bool = False
+
+
+def impulse_of_one(u: float, inverse_mass: float, restitution: float) -> float:
+    """Closed form for one contact, -(1 + e) u / (J M^-1 J^T), N s: what takes the normal velocity u to -e u.
+
+    Args:
+        u: Normal velocity before, m/s.
+        inverse_mass: J M^-1 J^T, 1/kg.
+        restitution: Coefficient e.
+    """
+    return -(1.0 + restitution) * u / inverse_mass
+
+
+def reflect(M: FloatArray, J_n: FloatArray, qvel: FloatArray, restitution: float = 1.0) -> tuple[FloatArray, float]:
+    """The unconditional single-contact map, approaching or not: (qvel after, impulse in N s).
+
+    For e = 1 it is a reflection in the metric of M: applied twice it returns the velocity it was given.
+
+    Raises:
+        ValueError: Nothing can move along the normal (J_n = 0).
+    """
+    response = np.linalg.solve(M, J_n)
+    inverse_mass = float(J_n @ response)
+    if inverse_mass <= 0.0:
+        raise ValueError(IMMOVABLE)
+    impulse = impulse_of_one(float(J_n @ qvel), inverse_mass, restitution)
+    return qvel + response * impulse, impulse
 
 
 def blend(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
@@ -97,7 +126,7 @@ def project(A: FloatArray, w: FloatArray) -> FloatArray:
     if not np.any(speeds < 0.0):
         return np.zeros(len(A))
     if len(A) == 1:
-        return np.asarray(-speeds / (A[0] @ A[0]))
+        return np.array([impulse_of_one(float(speeds[0]), float(A[0] @ A[0]), 0.0)])
     from scipy.optimize import nnls  # a second to import, needed when several contacts meet
 
     lengths = np.linalg.norm(A, axis=1)

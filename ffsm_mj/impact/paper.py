@@ -48,17 +48,17 @@ def solve_paper_system(system: System, data: Any, contact: Contact) -> PaperSolu
         contact: The contact; its restitution is taken as 1.
 
     Raises:
-        ValueError: The contact is not between the robot and an object.
+        ValueError: The contact is not of the robot (a) on an object (b).
     """
     model = system.mj
-    tree = system.tree_of_body(contact.object_body)
-    if tree is None or contact.robot_body not in system.robot.bodies:
+    tree = system.tree_of_body(contact.body_b)
+    if tree not in system.objects or contact.body_a not in system.robot.bodies:
         raise ValueError("the paper's system is for one contact between the robot and an object")
     M = mass_matrix(model, data)
     robot, target = system.robot.dofs, tree.dofs
     v, v_o = np.array(data.qvel[robot]), np.array(data.qvel[target])
     jacobian = np.empty((3, model.nv))
-    mujoco.mj_jac(model, data, jacobian, None, np.asarray(contact.point), contact.robot_body)
+    mujoco.mj_jac(model, data, jacobian, None, np.asarray(contact.point), contact.body_a)
     slope = _solve(M[robot, robot], jacobian[:, robot].T @ contact.normal)
 
     # (17): what the FFSM loses per unit impulse is what the object gains, as a momentum about the origin.

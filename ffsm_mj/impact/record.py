@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.manifold import manifold_name
-from ffsm_mj.contact.pairs import ImpactPair, Proximity
+from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.impact.resolution import Impact
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
@@ -26,11 +26,15 @@ def party_energies(system: System, data: Any, impact: Impact) -> FloatArray:
     return out
 
 
-def contact_wrench(impact: Impact) -> FloatArray:
-    """Impulse on the objects: force part and moment about the world origin, (6,)."""
-    wrench = np.zeros(6)
+def contact_wrench(system: System, impact: Impact) -> FloatArray:
+    """Impulse of the robot on the objects: force part and moment about the world origin, (6,).
+
+    A contact of two objects, or of the robot with itself, is within one party and adds nothing.
+    """
+    wrench, robot = np.zeros(6), system.robot.bodies
     for contact, impulse in zip(impact.contacts, impact.impulses, strict=True):
-        force = impulse * contact.normal
+        from_robot = (contact.body_a in robot) - (contact.body_b in robot)
+        force = from_robot * impulse * contact.normal
         wrench += np.concatenate((force, np.cross(contact.point, force)))
     return wrench
 
@@ -38,7 +42,7 @@ def contact_wrench(impact: Impact) -> FloatArray:
 def impact_records(
     system: System,
     data: Any,
-    touching: list[tuple[ImpactPair, Proximity]],
+    touching: list[tuple[ContactPair, Proximity]],
     impact: Impact,
     energies: FloatArray,
     event: int,
@@ -58,15 +62,17 @@ def impact_records(
     flat = [(pair, near, point) for pair, near in touching for point in near.points]
     for i, (pair, near, point) in enumerate(flat):
         vector = impact.impulses[i] * near.normal
-        tree = system.tree_of_body(pair.object_body)
+        tree = system.tree_of_body(pair.body_b)
         arm = point - data.subtree_com[tree.root if tree else 0]
         records.append(
             ImpactRecord(
                 event=event,
                 time_s=time_s,
                 step=step,
-                robot_geom=pair.robot_geom,
-                object_geom=pair.object_geom,
+                pair=pair.name,
+                geoms=pair.geoms,
+                robot_geom=pair.geom_a if pair.robot_on_object else "",
+                object_geom=pair.geom_b if pair.robot_on_object else "",
                 point_m=tuple(point.tolist()),
                 normal=tuple(near.normal.tolist()),
                 manifold=manifold_name(len(near.points)),

@@ -1,6 +1,6 @@
 """Impulse and velocities after a frictionless impact: momentum and energy resolved at once (paper (15)-(18)).
 
-One contact with normal n and common point p, J_n = n^T (J_object(p) - J_robot(p)), u = J_n qdot < 0: the impulse is
+One contact with normal n and common point p, J_n = n^T (J_b(p) - J_a(p)), u = J_n qdot < 0: the impulse is
 -(1 + e) u / (J_n M^-1 J_n^T) and qdot+ = qdot- + M^-1 J_n^T impulse. For e = 1 this is the solution of the paper's
 momentum equations (17) and energy equation (18). Several contacts at one instant go by a law of :mod:`ffsm_mj.impact.laws`.
 """
@@ -16,8 +16,11 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import UnsupportedContactError
-from ffsm_mj.impact.laws import LAWS
+from ffsm_mj.impact.laws import IMMOVABLE, LAWS, reflect
 from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix, momentum_matrix
+
+_CANCELLED = 1e-12
+"""A contact row below this share of those of its bodies is the rounding of their difference, some 1e-16."""
 
 
 @dataclass(frozen=True)
@@ -25,15 +28,15 @@ class Contact:
     """Two bodies touching at a point.
 
     Attributes:
-        robot_body: Body id of the first body; the impulse on it points along ``-normal``.
-        object_body: Body id of the second body; the impulse on it points along ``normal``.
+        body_a: Body id of the first body; the impulse on it points along ``-normal``.
+        body_b: Body id of the second body; the impulse on it points along ``normal``.
         point: Common contact point in world axes, (3,), m.
         normal: Unit normal from the first body to the second in world axes, (3,).
         restitution: Coefficient e: 1 elastic, 0 plastic, above 1 super-elastic (the paper's case c).
     """
 
-    robot_body: int
-    object_body: int
+    body_a: int
+    body_b: int
     point: FloatArray
     normal: FloatArray
     restitution: float = 1.0
@@ -54,7 +57,7 @@ class Impact:
 
     Attributes:
         contacts: What touched.
-        impulses: Normal impulse at each contact in N s, >= 0, along the normal on the object.
+        impulses: Normal impulse at each contact in N s, >= 0, along the normal on b.
         approach_speeds: -u before at each contact in m/s, positive when approaching.
         separation_speeds: u after at each contact in m/s.
         before: Velocities, energy and momentum before the impact.
@@ -84,33 +87,19 @@ class Impact:
 
 
 def contact_jacobian(model: Any, data: Any, contact: Contact) -> FloatArray:
-    """J_n = n^T (J_object(p) - J_robot(p)), shape (nv,): the normal velocity of the object relative to the robot.
+    """J_n = n^T (J_b(p) - J_a(p)), shape (nv,): the normal velocity of b relative to a.
 
-    Both bodies are evaluated at the one common point, so that the impulse pair has no moment and L is exact.
+    Both bodies are evaluated at the one common point, so that the impulse pair has no moment and L is exact. A row in which
+    the two cancel to rounding, as those of links about a hinge that the normal goes through, is zero.
     """
-    jac_robot, jac_object = np.empty((3, model.nv)), np.empty((3, model.nv))
+    jac_a, jac_b = np.empty((3, model.nv)), np.empty((3, model.nv))
     point = np.asarray(contact.point, dtype=np.float64)
-    mujoco.mj_jac(model, data, jac_robot, None, point, contact.robot_body)
-    mujoco.mj_jac(model, data, jac_object, None, point, contact.object_body)
-    row: FloatArray = np.asarray(contact.normal, dtype=np.float64) @ (jac_object - jac_robot)
-    return row
-
-
-def reflect(M: FloatArray, J_n: FloatArray, qvel: FloatArray, restitution: float = 1.0) -> tuple[FloatArray, float]:
-    """The unconditional single-contact map, approaching or not: (qvel after, impulse in N s).
-
-    For e = 1 it is a reflection in the metric of M: applied twice it returns the velocity it was given.
-
-    Raises:
-        ValueError: Nothing can move along the normal (J_n = 0).
-    """
-    u = float(J_n @ qvel)
-    response = np.linalg.solve(M, J_n)
-    inverse_mass = float(J_n @ response)
-    if inverse_mass <= 0.0:
-        raise ValueError("neither body can move along the contact normal")
-    impulse = -(1.0 + restitution) * u / inverse_mass
-    return qvel + response * impulse, impulse
+    mujoco.mj_jac(model, data, jac_a, None, point, contact.body_a)
+    mujoco.mj_jac(model, data, jac_b, None, point, contact.body_b)
+    normal = np.asarray(contact.normal, dtype=np.float64)
+    row: FloatArray = normal @ (jac_b - jac_a)
+    size = np.linalg.norm(normal @ jac_a) + np.linalg.norm(normal @ jac_b)
+    return row if np.linalg.norm(row) > _CANCELLED * size else np.zeros_like(row)
 
 
 def resolve(model: Any, data: Any, contacts: Sequence[Contact], law: str = "blend") -> Impact:
@@ -165,7 +154,7 @@ def _velocities(
     L = np.linalg.cholesky(M)
     A = np.linalg.solve(L, J.T).T
     if np.any(np.linalg.norm(A, axis=1) == 0.0):
-        raise ValueError("neither body can move along the contact normal")
+        raise ValueError(IMMOVABLE)
     result = LAWS[law](A, L.T @ qvel, e)
     # The change, not the state, is brought back from mass-weighted velocities: what nothing pushes stays as it was.
     change = np.linalg.solve(L.T, A.T @ result.impulses)

@@ -16,13 +16,13 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.pairs import ImpactPair, Proximity
+from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.impact.laws import least_norm, project
 from ffsm_mj.impact.resolution import Impact, contact_jacobian, resolve
 from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.motion.flight import WHOLE_STATE
 
-Touching = Sequence[tuple[ImpactPair, Proximity]]
+Touching = Sequence[tuple[ContactPair, Proximity]]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class RestRule:
 class Lasting:
     """A contact that would last: its pair, the speed at which it would separate in m/s, how it is pressed in m/s^2."""
 
-    pair: ImpactPair
+    pair: ContactPair
     speed: float
     pressing: float
 
@@ -77,7 +77,7 @@ def lasting_contact(model: Any, data: Any, touching: Touching, impact: Impact, r
 
 
 def _pressing(
-    model: Any, data: Any, points: Sequence[tuple[ImpactPair, Proximity, FloatArray]], impact: Impact
+    model: Any, data: Any, points: Sequence[tuple[ContactPair, Proximity, FloatArray]], impact: Impact
 ) -> FloatArray:
     """The b of each contact in m/s^2, (k,); zero where it is not pressed."""
     plastic = resolve(model, data, [replace(contact, restitution=0.0) for contact in impact.contacts])

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.compiled import fastest
-from ffsm_mj.contact.pairs import FAR, ImpactPair, Proximity
+from ffsm_mj.contact.pairs import FAR, ContactPair, Proximity
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact.first_touch import first_touch
 from ffsm_mj.motion.flight import Flight
@@ -54,7 +54,7 @@ class Detector:
         overlap: Deepest overlap of any pair at the ends of (sub-)steps since it was last set to zero, m, (1,).
     """
 
-    def __init__(self, model: Any, data: Any, pairs: Sequence[ImpactPair]) -> None:
+    def __init__(self, model: Any, data: Any, pairs: Sequence[ContactPair]) -> None:
         """Start watching at the state in ``data`` (all derived quantities current)."""
         self._model, self._data, self._pairs = model, data, tuple(pairs)
         self._path, self._usual = StepPath(model, data), model.opt.timestep
@@ -131,7 +131,7 @@ class Detector:
         flight.horizon = min(self._safe)
         return True
 
-    def contacts(self) -> list[tuple[ImpactPair, Proximity]]:
+    def contacts(self) -> list[tuple[ContactPair, Proximity]]:
         """All pairs in contact at the state in ``data``."""
         model, data = self._model, self._data
         close = [pair for pair in self._pairs if pair.gap(model, data, _LOOK) <= _NEAR]
@@ -154,10 +154,8 @@ class Detector:
             return self._pairs[i].proximity(self._model, self._data)
         if (i, time) not in self._seen:
             if len(self._seen) >= _MOST_LOOKS:
-                pair = self._pairs[i]
-                names = f"{pair.robot_geom} - {pair.object_geom}"
                 raise UnsupportedContactError(
-                    f"the gap of {names} changes too often within a step to follow; try a shorter one"
+                    f"the gap of {self._pairs[i]} changes too often within a step to follow; try a shorter one"
                 )
             self._seen[i, time] = self._pairs[i].proximity(self._model, self._data)
         return self._seen[i, time]

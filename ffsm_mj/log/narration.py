@@ -15,9 +15,9 @@ def event_time(event: Event | OutcomeRecord) -> float:
 def sentence(event: Event | OutcomeRecord) -> str:
     """What happened, in one line."""
     if isinstance(event, ImpactRecord):
-        pair = f"{event.robot_geom} on {event.object_geom}, e = {event.restitution:g}"
+        pair = f"{' on '.join(event.geoms)}, e = {event.restitution:g}"
         speeds = f"approach {event.approach_speed_m_s:.4g} m/s, separation {event.separation_speed_m_s:.4g} m/s"
-        return f"impact: {event.impulse_N_s:.5g} N s, {pair}, {speeds}"
+        return f"impact of {event.pair}: {event.impulse_N_s:.5g} N s, {pair}, {speeds}"
     if isinstance(event, PhaseRecord):
         return f"phase {event.name} ({event.controller}) begins: {event.reason}"
     if isinstance(event, OutcomeRecord):

@@ -69,15 +69,27 @@ def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
     """One row per contact of every impact; |dT|, |dP| and |dL| are of the whole system."""
     if not impacts:
         return "no impact" if whole else "no impact in what can be read"
-    head = ("impact", "time s", "robot", "object", "e", "approach m/s", "impulse N s", "dT J", "|dP| N s", "|dL| N m s")
+    head = (
+        "impact",
+        "time s",
+        "pair",
+        "geom",
+        "on geom",
+        "e",
+        "approach m/s",
+        "impulse N s",
+        "dT J",
+        "|dP| N s",
+        "|dL| N m s",
+    )
     return table(
         head,
         (
             (
                 str(record.event + 1),
                 f"{record.time_s:.6f}",
-                record.robot_geom,
-                record.object_geom,
+                record.pair,
+                *record.geoms,
                 f"{record.restitution:g}",
                 f"{record.approach_speed_m_s:.6f}",
                 f"{record.impulse_N_s:.6f}",
@@ -250,7 +262,7 @@ def comparison_report(labels: tuple[str, str], found: Comparison) -> str:
         return f"{head}: the same, number by number, at all {found.samples} common times"
     parts = [f"{head}: {found.samples} common times up to {found.end_s:g} s", _scenario_lines(found)]
     if any(pair.a != pair.b for pair in found.impacts):
-        names = ("contact", "time s", "", "change s", "impulse N s", "", "change N s")
+        names = ("contact", "pair", "time s", "", "change s", "impulse N s", "", "change N s")
         parts.append(table(names, (_impact_row(i, pair) for i, pair in enumerate(found.impacts))))
     parts.append(_motion_lines(found))
     return "\n\n".join(part for part in parts if part)
@@ -271,7 +283,8 @@ def _impact_row(i: int, pair: ImpactDifference) -> tuple[str, ...]:
     times = [f"{r.time_s:.6f}" if r else "none" for r in (pair.a, pair.b)]
     impulses = [f"{r.impulse_N_s:.6f}" if r else "none" for r in (pair.a, pair.b)]
     changes = [f"{x:+.2e}" if math.isfinite(x) else "-" for x in (pair.time_s, pair.impulse_N_s)]
-    return str(i + 1), *times, changes[0], *impulses, changes[1]
+    pairs = dict.fromkeys(r.pair for r in (pair.a, pair.b) if r)
+    return str(i + 1), " -> ".join(pairs), *times, changes[0], *impulses, changes[1]
 
 
 def _motion_lines(found: Comparison) -> str:

@@ -48,18 +48,20 @@ class ImpactRecord:
         event: Number of the impact, from 0.
         time_s: Instant of the impact.
         step: Integration step in which it happened, from 0.
-        robot_geom: Geom of the robot that touches.
-        object_geom: Geom of the object that touches.
+        pair: Name of the pair of geoms that touch.
+        geoms: The two, a and b.
+        robot_geom: Geom a, where the robot touches an object; else empty.
+        object_geom: Geom b, where the robot touches an object; else empty.
         point_m: Contact point, the midpoint of the witness points, in world axes.
-        normal: Unit normal in world axes, from the robot to the object.
+        normal: Unit normal in world axes, from a to b.
         manifold: ``point``, ``edge`` or ``face``.
         law: Impact law that made the result.
         jammed: 1 where bodies were squeezed without clearance: no elastic answer exists and energy was lost.
         restitution: Coefficient of restitution of the pair.
         approach_speed_m_s: Speed of approach along the normal before.
         separation_speed_m_s: Speed of separation along the normal after.
-        impulse_N_s: Impulse on the object, along the normal.
-        angular_impulse_N_m_s: Its moment about the object's centre of mass, in world axes.
+        impulse_N_s: Impulse on b, along the normal.
+        angular_impulse_N_m_s: Its moment about the centre of mass of the robot or object that b is of, in world axes.
         gap_m: Distance of the geoms at the event; zero but for the root's tolerance.
         qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
         qvel_before: Generalised velocity before, by joint.
@@ -77,6 +79,8 @@ class ImpactRecord:
     event: int
     time_s: float
     step: int
+    pair: str
+    geoms: tuple[str, ...]
     robot_geom: str
     object_geom: str
     point_m: tuple[float, ...]

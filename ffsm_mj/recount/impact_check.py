@@ -62,6 +62,7 @@ class ImpactCheck:
         self._scene, self._data, self._found = scene, data, found
         self.detector = Detector(scene.system.mj, data, scene.pairs)
         self._step_s = scene.scenario.time_step_s
+        self._bodies = {pair.name: (pair.body_a, pair.body_b) for pair in scene.pairs}
         groups = [tuple(group) for _, group in groupby(records, key=lambda record: record.event)]
         self.pending = [event for i, group in enumerate(groups) if (event := self._encounter(i, group)) is not None]
 
@@ -86,6 +87,9 @@ class ImpactCheck:
         )
         if not whole or not all(np.isfinite(numbers).all() for numbers in (state, after, efforts)):
             self._refuse(f"{name} state", first.time_s)
+            return None
+        if any(contact.pair not in self._bodies for contact in contacts):
+            self._refuse(f"{name} pair", first.time_s)
             return None
         return Encounter(name, number, contacts, state, state_after, efforts)
 
@@ -121,7 +125,7 @@ class ImpactCheck:
             self._found.vector(f"{event.name} {what}", logged[part], flown[part], flown[part], "", event.time_s)
         impact = self._logged(event)
         energies = party_energies(self._scene.system, self._data, impact)
-        ledger.impact(energies[1] - energies[0], contact_wrench(impact))
+        ledger.impact(energies[1] - energies[0], contact_wrench(self._scene.system, impact))
         again = self._resolved(event)
         if len(again) != len(event.contacts):
             self._refuse(f"{event.name} contacts", event.time_s)
@@ -142,7 +146,7 @@ class ImpactCheck:
         try:
             touching = self.detector.contacts()
             contacts = [
-                Contact(pair.robot_body, pair.object_body, point, near.normal, pair.restitution)
+                Contact(pair.body_a, pair.body_b, point, near.normal, pair.restitution)
                 for pair, near in touching
                 for point in near.points
             ]
@@ -160,7 +164,10 @@ class ImpactCheck:
             ImpactState(v, kinetic_energy(M, v), np.zeros(6)) for v in (event.state[nq:], event.state_after[nq:])
         )
         return Impact(
-            contacts=tuple(Contact(0, 0, np.array(c.point_m), np.array(c.normal), c.restitution) for c in event.contacts),
+            contacts=tuple(
+                Contact(*self._bodies[c.pair], np.array(c.point_m), np.array(c.normal), c.restitution)
+                for c in event.contacts
+            ),
             impulses=np.array([c.impulse_N_s for c in event.contacts]),
             approach_speeds=np.array([c.approach_speed_m_s for c in event.contacts]),
             separation_speeds=np.array([c.separation_speed_m_s for c in event.contacts]),

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from pydantic import ValidationError
 
-from ffsm_mj.assembly.assemble import impact_pairs, task_of
-from ffsm_mj.contact.pairs import ImpactPair
+from ffsm_mj.assembly.assemble import task_of
+from ffsm_mj.assembly.impact_pairs import impact_pairs
+from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.controller_protocol import Task
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.model import compile_log
@@ -26,7 +27,7 @@ class LogScene:
 
     scenario: Scenario
     system: System
-    pairs: tuple[ImpactPair, ...]
+    pairs: tuple[ContactPair, ...]
     actuation: Actuation
     task: Task | None
 

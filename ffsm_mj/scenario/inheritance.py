@@ -2,8 +2,8 @@
 
 Keys of the scenario take the place of the parent's; mappings are merged key by key. ``null`` takes away what the parent has.
 A mapping with another ``kind`` replaces the parent's whole, since its keys mean something else. A list replaces the
-parent's, but an item with the ``name`` of one of the parent's items (a phase) starts from that one. ``name`` and
-``description`` are never inherited: they say what the scenario itself is.
+parent's, but an item with the ``name`` of one of the parent's items (a phase, an impact pair) starts from that one. ``name``
+and ``description`` are never inherited: they say what the scenario itself is.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.shipped import scenario_names, scenarios_dir
 from ffsm_mj.yaml.node import Node
 from ffsm_mj.yaml.parser import read_node
@@ -92,9 +93,7 @@ def _merged_mapping(parent: dict[Any, Node], child: dict[Any, Node]) -> dict[Any
 
 def _merged_item(parents: list[Node], item: Node) -> Node:
     """An item of a list on top of the parent's item of the same name, where there is one."""
-    name = _name(item)
-    return next((_merged(parent, item) for parent in parents if name is not None and _name(parent) == name), item)
-
-
-def _name(item: Node) -> Any:
-    return item.value["name"].value if isinstance(item.value, dict) and "name" in item.value else None
+    if not isinstance(item.value, dict) or "name" not in item.value:
+        return item
+    name = element_name(item.plain())
+    return next((_merged(parent, item) for parent in parents if name and element_name(parent.plain()) == name), item)

@@ -7,18 +7,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 from ffsm_controllers import kinds
-from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, model_validator
+from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError, model_validator
 
 from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.impact.laws import LAWS
 from ffsm_mj.plant.actuation import ACTUATOR_KINDS, ActuatorConfig
+from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 
 _KINDS = kinds()
 if TYPE_CHECKING:
     ControllerConfig: TypeAlias = Any
+    LawName: TypeAlias = str
 else:
+    LawName = Literal[tuple(LAWS)]
     ControllerConfig = Annotated[
         Union[tuple(cls.Config for cls in _KINDS.classes.values())],  # noqa: UP007 (a union of unknown length)
         Field(discriminator="kind"),
@@ -80,14 +84,38 @@ class TaskConfig(StrictModel):
 
 
 class ImpactPairConfig(StrictModel):
-    """A geom of the robot and a geom of an object whose contact is resolved."""
+    """Two geoms on different moving bodies whose contact is resolved: ``geoms``, or ``robot_geom`` and ``object_geom``."""
 
-    robot_geom: Name
-    object_geom: Name
+    model_config = ConfigDict(
+        json_schema_extra={"oneOf": [{"required": ["geoms"]}, {"required": ["robot_geom", "object_geom"]}]}
+    )
+
+    geoms: Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)] | None = None
+    """Geoms a and b, of the robot, of objects or of one of them twice; the normal points from a to b."""
+    robot_geom: Name | None = None
+    """Geom a where it is one of the robot and b one of an object; in place of ``geoms``."""
+    object_geom: Name | None = None
+    """Geom b, one of an object; with ``robot_geom``."""
+    name: Name = Field(default_factory=lambda fields: element_name(fields) or "")
+    """What records, columns and overrides call it, unique; left out: ``<a>-<b>``, the geoms as written here."""
     restitution: Annotated[float, Field(ge=0.0)] = 1.0
     """Coefficient of restitution e: 1 elastic, 0 plastic."""
     super_elastic: bool = False
     """Allow e > 1, an impact that gains energy (the paper's case c)."""
+
+    @property
+    def sides(self) -> tuple[str, str]:
+        """Geoms a and b as the scenario names them."""
+        return (self.geoms[0], self.geoms[1]) if self.geoms else (self.robot_geom or "", self.object_geom or "")
+
+    @model_validator(mode="after")
+    def _one_way_to_name_two_geoms(self) -> ImpactPairConfig:
+        given = [key for key in ("geoms", "robot_geom", "object_geom") if getattr(self, key) is not None]
+        if given not in (["geoms"], ["robot_geom", "object_geom"]):
+            raise ValueError("a pair needs 'geoms: [a, b]', or 'robot_geom' and 'object_geom'")
+        if self.name.isdecimal():
+            raise ValueError(f"a pair named {self.name!r} could not be told from a position in the list; add a letter")
+        return self
 
     @model_validator(mode="after")
     def _super_elastic_by_name(self) -> ImpactPairConfig:
@@ -128,7 +156,7 @@ class PhaseConfig(StrictModel):
 class ImpactConfig(StrictModel):
     """Law and limits of impact resolution."""
 
-    law: Literal["blend", "poisson", "newton"] = "blend"
+    law: LawName = "blend"
     """What rules where several contacts meet at one instant; a single contact is the same under all."""
     rest_interval_s: Annotated[float, Field(ge=0.0)] | None = None
     """A contact with e < 1 lasts once its next flight, as it is pressed, would be shorter, s; left out: time_step_s."""

@@ -12,7 +12,7 @@ from ffsm_mj.scenario.inheritance import EXTENDS
 from ffsm_mj.scenario.scenario import Scenario
 
 _WHOLE, _CHANGES = "Scenario", "Changes"
-_NAMED_ITEMS = "PhaseConfig"  # items of a list that start from the parent's item of the same name
+_NAMED_ITEMS = ("PhaseConfig", "ImpactPairConfig")  # items of a list that start from the parent's item of the same name
 _REF = "#/$defs/"
 
 
@@ -38,7 +38,9 @@ def _loosen(name: str, models: dict[str, Any], changes: dict[str, Any]) -> None:
     if name + _CHANGES in changes:
         return
     schema = changes[name + _CHANGES] = deepcopy(models[name])
-    schema["required"] = ["name"] if name == _NAMED_ITEMS else []
+    schema["required"] = ["name"] if name in _NAMED_ITEMS and "name" in schema.get("required", ()) else []
+    if "oneOf" in schema:  # an item that names one of the parent's may leave out what this asks for
+        schema["anyOf"] = [{"required": ["name"]}, *schema.pop("oneOf")]
     for found in _loose(schema):
         _loosen(found, models, changes)
 
@@ -50,7 +52,7 @@ def _loose(node: Any) -> list[str]:
         return [name for item in node for name in _loose(item)]
     if not isinstance(node, dict):
         return []
-    if "items" in node and node["items"].get("$ref") != _REF + _NAMED_ITEMS:
+    if "items" in node and node["items"].get("$ref", "").removeprefix(_REF) not in _NAMED_ITEMS:
         return []  # a list replaces the parent's, so its items are whole
     if "$ref" in node:
         found.append(node["$ref"].removeprefix(_REF))

@@ -12,6 +12,7 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from ffsm_mj.errors import Fault, InputError
+from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.inheritance import read_inherited
 from ffsm_mj.yaml.node import KeyPath, Node
 from ffsm_mj.yaml.parser import MAX_DEPTH, YamlFault, plain_value
@@ -57,7 +58,7 @@ class YamlSource:
 def read_yaml(path: Path, overrides: Sequence[str] = ()) -> YamlSource:
     """Read a scenario with what it extends, and apply ``key.to.value=yaml`` overrides.
 
-    Numbers in an override's key are list positions.
+    An item of a list is meant by its position, a number, or by its name (a phase, an impact pair).
 
     Raises:
         InputError: A file cannot be read or parsed, is no mapping, or an override has no place in it.
@@ -92,25 +93,36 @@ def _apply(source: YamlSource, override: str) -> None:
     if len(parts) > MAX_DEPTH:
         raise InputError(f"-s {override}: a key of {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
     path: tuple[str | int, ...] = ()
-    node = source.data
-    for depth, name in enumerate(parts):
-        last = depth == len(parts) - 1
-        part: str | int = int(name) if isinstance(node, list) and _POSITION.fullmatch(name) else name
-        path += (part,)
-        if isinstance(node, list):
-            if not isinstance(part, int) or part >= len(node):
-                where = ".".join(parts[:depth])
-                raise InputError(f"-s {override}: {where} is a list of {len(node)}: {_positions(len(node))}")
-        elif not isinstance(node, dict):
-            raise InputError(f"-s {override}: {'.'.join(parts[:depth])} is a single value and has no {part!r}")
-        elif not last and part not in node:
-            node[part] = {}
-        if last:
+    node, done = source.data, 0
+    while done < len(parts):
+        part, used = _step(node, parts, done, override)
+        path, done = (*path, part), done + used
+        if done == len(parts):
             node[part] = value
         else:
-            node = node[part]
+            node = node.setdefault(part, {}) if isinstance(node, dict) else node[part]
     source._overrides[path] = override
 
 
-def _positions(length: int) -> str:
-    return f"its positions are 0 to {length - 1}" if length else "it has no positions"
+def _step(node: Any, parts: Sequence[str], done: int, override: str) -> tuple[str | int, int]:
+    """The next key or list position on an override's way, and how many of its parts that takes.
+
+    Raises:
+        InputError: There is no such place.
+    """
+    where = ".".join(parts[:done])
+    if isinstance(node, dict):
+        return parts[done], 1
+    if not isinstance(node, list):
+        raise InputError(f"-s {override}: {where} is a single value and has no {parts[done]!r}")
+    if _POSITION.fullmatch(parts[done]) and int(parts[done]) < len(node):
+        return int(parts[done]), 1
+    names = [element_name(element) for element in node]
+    # A name may have dots in it: the longest that fits is meant.
+    for used in range(len(parts) - done, 0, -1):
+        name = ".".join(parts[done : done + used])
+        if name in names:
+            return names.index(name), used
+    positions = f"its positions are 0 to {len(node) - 1}" if node else "it has no positions"
+    known = ", ".join(name for name in names if name)
+    raise InputError(f"-s {override}: {where} is a list of {len(node)}: {positions}{known and f', its names {known}'}")

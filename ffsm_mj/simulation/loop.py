@@ -214,12 +214,12 @@ class Simulation:
         """Resolve the contacts at this instant, book and record them, and ask the controller at once."""
         plant, data, model = self._plant, self._plant.data, self._plant.system.mj
         touching = plant.detector.contacts()
-        names = "; ".join(f"{pair.robot_geom} - {pair.object_geom}" for pair, _ in touching)
+        names = "; ".join(str(pair) for pair, _ in touching)
         if touches > MOST_TOUCHES_PER_STEP:
             message = f"{names} touched {touches - 1} times within the step before t = {time_s:.6g} s"
             raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; a shorter time_step_s follows it further")
         contacts = [
-            Contact(pair.robot_body, pair.object_body, point, near.normal, pair.restitution)
+            Contact(pair.body_a, pair.body_b, point, near.normal, pair.restitution)
             for pair, near in touching
             for point in near.points
         ]
@@ -235,7 +235,7 @@ class Simulation:
         data.qvel[:] = impact.after.qvel
         mujoco.mj_forward(model, data)
         plant.detector.restart()
-        plant.ledger.impact(energies[1] - energies[0], contact_wrench(impact))
+        plant.ledger.impact(energies[1] - energies[0], contact_wrench(plant.system, impact))
         done = self._done
         records = impact_records(plant.system, data, touching, impact, energies, done.events, done.steps, time_s)
         done.events += 1
@@ -264,8 +264,7 @@ class Simulation:
         lasting = lasting_contact(self._plant.system.mj, self._plant.data, touching, impact, rule)
         if lasting is None:
             return
-        name = f"{lasting.pair.robot_geom} - {lasting.pair.object_geom}"
         flight = f"its next flight would last {2.0 * lasting.speed / lasting.pressing:.3g} s"
         why = f"pressed at {lasting.pressing:.3g} m/s^2, {flight} (impact.rest_interval_s: {rule.interval_s:g} s)"
-        message = f"{name} stays in contact from t = {time_s:.6g} s: {why}; contact that lasts is not modelled"
+        message = f"{lasting.pair} stays in contact from t = {time_s:.6g} s: {why}; contact that lasts is not modelled"
         raise RunEnded(Outcome.LASTING_CONTACT, message)

@@ -82,7 +82,7 @@ def test_what_presses_is_the_motion_after_a_plastic_impact(tmp_path, rng):
         mujoco.mj_forward(model, data)
         near = pair.proximity(model, data)
         before = pair.second_rate(model, data, near, near.points[0]).value
-        impact = resolve(model, data, [Contact(pair.robot_body, pair.object_body, near.points[0], near.normal, 0.0)])
+        impact = resolve(model, data, [Contact(pair.body_a, pair.body_b, near.points[0], near.normal, 0.0)])
         found = lasting_contact(model, data, [(pair, near)], impact, RestRule(1e-3, 0.0))
         data.qvel[:] = impact.after.qvel
         mujoco.mj_forward(model, data)

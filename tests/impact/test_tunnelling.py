@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact.pairs import ImpactPair
+from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.impact.time_of_impact import Detector
 from tests.scenes import HEAD, box, compile_paths
 
@@ -31,7 +31,7 @@ def flight(tmp_path_factory):
 
 def first_touch(system, data, speed, step, offset, *, start=0.0):
     """Time at which the ball touches the plate, flown in steps from a time."""
-    pair = ImpactPair(system, "ball", "plate/plate", 1.0)
+    pair = ContactPair(system, "hit", "ball", "plate/plate", 1.0)
     mujoco.mj_resetData(system.mj, data)
     x = -0.25 * min(speed, 20.0) + speed * start
     data.qpos[:7] = (x, offset[0], offset[1], 1, 0, 0, 0)

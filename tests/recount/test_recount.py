@@ -114,6 +114,8 @@ def test_every_field_of_an_impact_shows_a_change(hit, field):
             return value + "x"
         if isinstance(value, int):
             return value + 1
+        if isinstance(value, tuple) and isinstance(value[0], str):
+            return (other(value[0]), *value[1:])
         if isinstance(value, tuple):
             # What acts after it is known by the step that follows: 1e-6 N for 0.5 ms on 2 kg are 2.5e-10 m/s.
             return (value[0] + (1e-6 if field == "efforts_after" else CHANGE), *value[1:])

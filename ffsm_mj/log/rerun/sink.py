@@ -24,6 +24,7 @@ from ffsm_mj.log.rerun.scene import body_path, log_shapes
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.signals import identifier
 
 _ARROW_SHOWN_S = 2.0
 # Drawn lengths of an impulse arrow, m.
@@ -213,7 +214,7 @@ class RerunSink:
             radii=[0.04],
             labels=[f"{event.impulse_N_s:.4g} N s"],
         )
-        entity = f"world/impacts/{event.event}/{event.robot_geom.rsplit('/', 1)[-1]}"
+        entity = f"world/impacts/{event.event}/{identifier(event.pair)}"
         self._at(event.time_s, entity, arrow)
         self._arrows.append((event.time_s + _ARROW_SHOWN_S, entity))
 

@@ -1,0 +1,134 @@
+"""Impact pairs of a scenario found in its models and checked, also against each other, the ignored and the initial state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
+from ffsm_mj.model.system import System
+from ffsm_mj.scenario.scenario import ImpactPairConfig, Scenario
+
+
+def impact_pairs(scenario: Scenario, system: System) -> tuple[ContactPair, ...]:
+    """Impact pairs of a scenario, in its order.
+
+    Raises:
+        ScenarioFaults: A geom that there is not, that is on the wrong side, cannot meet the other or has no exact distance.
+    """
+    pairs, faults = [], []
+    for i, config in enumerate(scenario.impact_pairs):
+        wrong = [Fault(fault.message, ("impact_pairs", i, *fault.path)) for fault in _geom_faults(system, config)]
+        faults += wrong
+        if wrong:
+            continue
+        try:
+            pairs.append(ContactPair(system, config.name, *config.sides, config.restitution))
+        except LookupError as error:
+            faults.append(Fault(str(error.args[0]), ("impact_pairs", i)))
+    if faults:
+        raise ScenarioFaults(faults)
+    return tuple(pairs)
+
+
+def _geom_faults(system: System, config: ImpactPairConfig) -> Iterator[Fault]:
+    """What is wrong with the names of a pair's geoms."""
+    if config.geoms is None:
+        for key, name, side in zip(("robot_geom", "object_geom"), config.sides, ("the robot", "an object"), strict=True):
+            fault = _side_fault(system, name, side)
+            if fault:
+                yield Fault(fault, (key,))
+        return
+    for k, name in enumerate(config.geoms):
+        try:
+            system.resolve("geom", name)
+        except LookupError as error:
+            yield Fault(str(error.args[0]), ("geoms", k))
+
+
+def _side_fault(system: System, name: str, side: str) -> str:
+    """What is wrong with the name of a geom that must be of the robot, or of an object; or nothing."""
+    valid = [full for full in system.names("geom") if full.startswith(f"{system.robot.name}/") == (side == "the robot")]
+    try:
+        full = system.resolve("geom", name)
+    except LookupError as error:
+        message = str(error.args[0])
+        return unknown_name(f"geom of {side}", name, valid) if message.startswith("unknown") else message
+    return "" if full in valid else f"{full} is no geom of {side}; allowed: {', '.join(sorted(valid))}"
+
+
+def refuse_undetectable(system: System, data: Any, pairs: tuple[ContactPair, ...]) -> None:
+    """Refuse pairs that overlap at the start, or whose speed no energy bounds.
+
+    Raises:
+        ScenarioFaults: There is such a pair.
+    """
+    faults = []
+    for i, pair in enumerate(pairs):
+        if math.isinf(pair.reach_per_root_energy(system.mj, data)):
+            message = f"a moment of inertia of {pair.geom_a} or {pair.geom_b} is less than rounding of the others"
+            faults.append(Fault(f"{message}: no energy bounds how fast it spins", ("impact_pairs", i)))
+        gap = pair.gap(system.mj, data, 1.0)
+        if gap < -GAP_TOLERANCE:
+            message = f"{pair.geom_a} and {pair.geom_b} overlap by {-gap:.6g} m at the start; move one of them"
+            faults.append(Fault(message, ("impact_pairs", i)))
+    if faults:
+        raise ScenarioFaults(faults)
+
+
+def known_pairs(scenario: Scenario, system: System, pairs: tuple[ContactPair, ...]) -> frozenset[frozenset[int]]:
+    """Ids of the geoms of all pairs that need no watching: impact pairs and ignored ones.
+
+    Raises:
+        ScenarioFaults: A name that there is not, or a pair that is listed twice, ignored too, or has the name of another.
+    """
+    known: set[frozenset[int]] = set()
+    faults = []
+    for i, config in enumerate(scenario.ignored_pairs):
+        sides = []
+        for k, name in enumerate(config.pair):
+            geoms = _geoms_of(system, name)
+            if not geoms:
+                names = {tree.name for tree in system.trees} | {*system.names("body"), *system.names("geom")}
+                faults.append(Fault(unknown_name("geom, body or model", name, names), ("ignored_pairs", i, "pair", k)))
+            sides.append(geoms)
+        known |= {frozenset((a, b)) for a in sides[0] for b in sides[1]}
+    if faults:
+        raise ScenarioFaults(faults)
+    _refuse_contradictions(pairs, known)
+    return frozenset(known | {pair.geom_ids for pair in pairs})
+
+
+def _refuse_contradictions(pairs: tuple[ContactPair, ...], ignored: set[frozenset[int]]) -> None:
+    """A pair is resolved once, under a name of its own, or ignored; not both."""
+    faults: list[Fault] = []
+    for i, pair in enumerate(pairs):
+        if any(pair.geom_ids == other.geom_ids for other in pairs[:i]):
+            faults.append(Fault(f"{pair} is listed twice", ("impact_pairs", i)))
+        else:
+            same = next((other for other in pairs[:i] if pair.name == other.name), None)
+            if same is not None:
+                message = f"{pair} and {same} have the name {pair.name!r}; give one of them another"
+                faults.append(Fault(message, ("impact_pairs", i, "name")))
+        if pair.geom_ids in ignored:
+            faults.append(Fault(f"{pair} is also in ignored_pairs", ("impact_pairs", i)))
+    if faults:
+        raise ScenarioFaults(faults)
+
+
+def _geoms_of(system: System, name: str) -> list[int]:
+    """Geoms that a name stands for: those of a model, of a body, or the geom itself."""
+    model = system.mj
+    for tree in system.trees:
+        if tree.name == name:
+            return [g for g in range(model.ngeom) if model.geom_bodyid[g] in tree.bodies]
+    for kind in ("geom", "body"):
+        try:
+            index = system.index(kind, name)
+        except LookupError:
+            continue
+        return [index] if kind == "geom" else [g for g in range(model.ngeom) if model.geom_bodyid[g] == index]
+    return []
