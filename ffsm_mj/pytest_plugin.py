@@ -88,7 +88,7 @@ def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, laws: Sequence[st
             raise ValueError(unknown_name("law", name, LAW_NAMES))
     checked = [law for law in run.laws(tolerance) if not laws or law.name in laws]
     if not run.conservative:
-        raise AssertionError(f"{run.name} is not conservative: {run.log.header.facts.get('not_conservative', '')}")
+        raise AssertionError(f"{run.name} is not conservative: {run.why_not_conservative}")
     if not checked:
         raise AssertionError(f"{run.name}: the log holds nothing to check")
     broken = [law for law in checked if not law.holds]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,17 +11,10 @@ from ffsm_mj.analysis.residuals import norms
 from ffsm_mj.analysis.verdicts import Audit
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.records.facts import LoggedTask, logged_task
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
-
-
-def task_target(facts: Mapping[str, str]) -> tuple[list[int], FloatArray] | None:
-    """Axes (0, 1, 2 for x, y, z) and target of the tip in m, or None without a task."""
-    if "task_axes" not in facts:
-        return None
-    axes = ["xyz".index(axis) for axis in facts["task_axes"].split()]
-    return axes, np.array([float(x) for x in facts["task_target_m"].split()])
 
 
 @dataclass
@@ -30,8 +22,7 @@ class TipDigest:
     """The tip on its way to the target.
 
     Attributes:
-        axes: Axes of the task, 0 to 2.
-        goal: Target along them, m.
+        task: Where it is wanted.
         finite: Whether every error was a number.
         best_m: Smallest error.
         best_s: When it was.
@@ -39,8 +30,7 @@ class TipDigest:
         last_m_s: Speed along the axes in the last row.
     """
 
-    axes: list[int]
-    goal: FloatArray
+    task: LoggedTask
     finite: bool = True
     best_m: float = math.inf
     best_s: float = 0.0
@@ -50,12 +40,12 @@ class TipDigest:
     def rows(self, block: FloatArray, layout: Layout) -> None:
         """Take the next rows."""
         place, rate = (layout.columns(first, 3) for first in ("state.tip_x_m", "state.tip_vx_m_s"))
-        error = norms(block[:, place][:, self.axes] - self.goal)
+        error = norms(self.task.errors_m(block[:, place]))
         self.finite &= bool(np.all(np.isfinite(error)))
         best = int(np.argmin(error))
         if error[best] < self.best_m:
             self.best_m, self.best_s = float(error[best]), float(block[best, 0])
-        self.last_m, self.last_m_s = float(error[-1]), math.hypot(*block[-1, rate][self.axes])
+        self.last_m, self.last_m_s = float(error[-1]), math.hypot(*block[-1, rate][self.task.axes])
 
 
 class Digest:
@@ -72,8 +62,8 @@ class Digest:
         """Nothing was told yet."""
         self._layout = header.layout
         self.audit = Audit(header.layout, header.facts)
-        target = task_target(header.facts)
-        self.tip = TipDigest(*target) if target is not None else None
+        task = logged_task(header.facts)
+        self.tip = TipDigest(task) if task is not None else None
         self.samples, self.end_s = 0, 0.0
 
     def rows(self, block: FloatArray) -> None:

@@ -12,16 +12,11 @@ from itertools import pairwise
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.facts import free_components
 from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout
 
 STRETCH_STEPS = 100_000
 """Steps over which a residual may change by what a law allows; then it is counted anew."""
-
-
-def free_components(facts: Mapping[str, str], party: str) -> FloatArray:
-    """1 for each component of (P, L about the origin) that the party's base joints leave free, else 0, (6,)."""
-    text = facts.get(f"free_components_{party}", "1 1 1 1 1 1")
-    return np.array([float(x) for x in text.split()])
 
 
 def stretch_s(facts: Mapping[str, str]) -> float:

@@ -19,6 +19,7 @@ from ffsm_mj.errors import unknown_name
 from ffsm_mj.log.mcap.reader import read_log
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.records.facts import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import PARTIES
 
@@ -156,7 +157,12 @@ class Run:
     @property
     def conservative(self) -> bool:
         """Whether nothing in the models breaks conservation."""
-        return self.log.header.facts.get("conservative") == "true"
+        return is_conservative(self.log.header.facts)
+
+    @property
+    def why_not_conservative(self) -> str:
+        """What in the models breaks conservation; empty where nothing does."""
+        return why_not_conservative(self.log.header.facts)
 
     def laws(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
         """Every law with its worst residual; see :func:`ffsm_mj.analysis.verdicts.check_laws`."""

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.analysis.digest import Digest, TipDigest, task_target
+from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.analysis.verdicts import Audit
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.facts import is_conservative, logged_task
 from ffsm_mj.records.run_log import RunLog
 
 SCHEMA_VERSION = 2
@@ -23,12 +24,11 @@ def tip_error(log: RunLog) -> FloatArray:
     Raises:
         ValueError: The scenario has no task.
     """
-    target = task_target(log.header.facts)
-    if target is None:
+    task = logged_task(log.header.facts)
+    if task is None:
         raise ValueError("the scenario has no task, so there is no tip error")
-    axes, goal = target
-    tip = np.column_stack([log.column(f"state.tip_{'xyz'[axis]}_m") for axis in axes])
-    return np.asarray(np.linalg.norm(tip - goal, axis=1))
+    tip = np.column_stack([log.column(f"state.tip_{axis}_m") for axis in "xyz"])
+    return np.asarray(np.linalg.norm(task.errors_m(tip), axis=1))
 
 
 def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
         "steps": outcome.steps if outcome else 0,
         "wall_s": wall,
         "real_time_factor": end / wall if wall else 0.0,
-        "conservative": log.header.facts.get("conservative") == "true",
+        "conservative": is_conservative(log.header.facts),
         "impacts": [_impact(record) for record in log.impacts],
         "unhandled_contacts": [
             {"geoms": list(c.geoms), "start_s": c.start_s, "end_s": c.end_s, "max_depth_m": c.max_depth_m}
@@ -103,7 +103,7 @@ def _tip(tip: TipDigest | None) -> dict[str, Any] | None:
     if tip is None or not tip.finite or math.isinf(tip.best_m):
         return None
     return {
-        "target_m": tip.goal.tolist(),
+        "target_m": tip.task.target_m.tolist(),
         "min_error_m": tip.best_m,
         "min_error_time_s": tip.best_s,
         "final_error_m": tip.last_m,

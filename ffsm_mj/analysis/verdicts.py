@@ -22,9 +22,10 @@ from itertools import groupby
 
 import numpy as np
 
-from ffsm_mj.analysis.residuals import Accounts, Change, Peak, free_components, stretch_s
+from ffsm_mj.analysis.residuals import Accounts, Change, Peak, stretch_s
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.facts import free_components, is_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import COMPONENTS, OVERLAP, PARTIES, Layout
 
@@ -94,7 +95,7 @@ class Audit:
 
     def __init__(self, layout: Layout, facts: Mapping[str, str]) -> None:
         """Find the columns that count."""
-        self._conservative = facts.get("conservative") == "true"
+        self._conservative = is_conservative(facts)
         self._accounts = {party: Accounts(layout, facts, party) for party in PARTIES}
         self._changes = {(party, name): Change(stretch_s(facts)) for party in PARTIES for name in LAW_NAMES[:3]}
         self._bodies, self._matrix = (

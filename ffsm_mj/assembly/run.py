@@ -31,8 +31,8 @@ from ffsm_mj.log.sink import Sink
 from ffsm_mj.model.files import logged_name
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.records.events import Outcome, OutcomeRecord
+from ffsm_mj.records.facts import conservative_facts, free_facts, task_facts
 from ffsm_mj.records.header import RunHeader
-from ffsm_mj.records.signals import PARTIES
 from ffsm_mj.scenario.scenario import Scenario, load_scenario
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import write_yaml
@@ -230,7 +230,7 @@ def _without_none(value: Any) -> Any:
 
 
 def _facts(assembly: Assembly, ledger: Ledger) -> dict[str, str]:
-    config, task = assembly.scenario, assembly.task
+    config = assembly.scenario
     facts = {
         "format_version": "1",
         "scenario": config.name,
@@ -239,12 +239,8 @@ def _facts(assembly: Assembly, ledger: Ledger) -> dict[str, str]:
         "time_step_s": repr(config.time_step_s),
         "control_period_s": repr(config.time_step_s * config.steps_per_tick),
         "phases": "\n".join(phase.name for phase in config.phases),
-        "conservative": "true" if not assembly.system.faults else "false",
-        "not_conservative": "; ".join(assembly.system.faults),
     }
-    for party, free in zip(PARTIES, ledger.free, strict=True):
-        facts[f"free_components_{party}"] = " ".join(f"{x:.0f}" for x in free)
-    if task is not None and config.task is not None:
-        facts["task_axes"] = " ".join(config.task.axes)
-        facts["task_target_m"] = " ".join(repr(float(x)) for x in config.task.target_m)
+    facts |= conservative_facts(assembly.system.faults) | free_facts(ledger.free)
+    if config.task is not None:
+        facts |= task_facts(config.task.axes, config.task.target_m)
     return facts | {f"version {name}": text for name, text in versions().items()}

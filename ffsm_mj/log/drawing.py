@@ -5,7 +5,7 @@ Nothing here depends on a viewer; quaternions are wxyz.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -148,13 +148,3 @@ class FramePicker:
             mujoco.mj_kinematics(self._model, self._data)
             positions[i], quaternions[i] = self._data.xpos, self._data.xquat
         return Frames(rows, positions, quaternions)
-
-
-def target(facts: Mapping[str, str]) -> FloatArray | None:
-    """Where the tip is wanted, as the facts of a log tell it, zero along axes that do not count; (3,) or None, m."""
-    if "task_target_m" not in facts:
-        return None
-    goal = np.zeros(3)
-    for axis, value in zip(facts["task_axes"].split(), facts["task_target_m"].split(), strict=True):
-        goal["xyz".index(axis)] = float(value)
-    return goal

@@ -40,7 +40,7 @@ def run_report(run: Run) -> str:
     if run.conservative or laws:
         parts.append(conservation_table(laws) + ("" if all(law.holds for law in laws) else _STEP_HINT))
     if not run.conservative:
-        parts.append("not conservative: " + run.log.header.facts.get("not_conservative", ""))
+        parts.append("not conservative: " + run.why_not_conservative)
     return "\n\n".join(part for part in parts if part)
 
 
@@ -163,7 +163,7 @@ def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
     if run.conservative or laws:
         parts.append(conservation_table(laws))
     if not run.conservative:
-        fault = run.log.header.facts.get("not_conservative", "")
+        fault = run.why_not_conservative
         parts.append(f"energy and momenta are not judged, the run is not conservative: {fault}")
     if laws:
         left = " in what can be read" if damage else ""

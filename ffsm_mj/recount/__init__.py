@@ -15,8 +15,9 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.records.facts import conservative_facts, free_facts
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import PARTIES, build_layout
+from ffsm_mj.records.signals import build_layout
 from ffsm_mj.recount.retrace import Retrace
 from ffsm_mj.recount.scene import LogScene, log_scene
 
@@ -59,14 +60,8 @@ def recount(
 
 def _facts(scene: LogScene, retrace: Retrace) -> dict[str, str]:
     """What the models and the scenario say, whatever the log says of them."""
-    free = {
-        f"free_components_{party}": " ".join(f"{x:.0f}" for x in row)
-        for party, row in zip(PARTIES, retrace.free, strict=True)
-    }
-    return free | {
-        "conservative": "true" if not scene.system.faults else "false",
-        "time_step_s": repr(scene.scenario.time_step_s),
-    }
+    facts = free_facts(retrace.free) | conservative_facts(scene.system.faults)
+    return facts | {"time_step_s": repr(scene.scenario.time_step_s)}
 
 
 def _refuse_other_columns(log: RunLog, scene: LogScene) -> None:

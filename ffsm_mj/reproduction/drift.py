@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ffsm_mj.analysis.digest import task_target
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import System
+from ffsm_mj.records.facts import logged_task
 from ffsm_mj.reproduction.measure import state_at
 
 _EVERY = 50  # rows
@@ -50,8 +50,8 @@ def drift(run: Run, system: System) -> Drift:
     """Look at a run from the robot's mass centre."""
     model, root = system.mj, system.robot.root
     centres = _mass_centres(run, system)
-    target = task_target(run.log.header.facts)
-    goal = np.zeros(3) if target is None else np.array([*target[1], 0.0])
+    task = logged_task(run.log.header.facts)
+    goal = np.zeros(3) if task is None else task.point_m
     time = run.time[::_EVERY]
     last = time >= run.phases[-1].start_s
     line = np.polyfit(time[last] - time[last][0], centres[last], 1)

@@ -14,7 +14,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies, shapes_by_body, target
+from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies, shapes_by_body
 from ffsm_mj.log.foxglove.messages import TransformsCodec, timestamp
 from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.foxglove.scene import bodies_update, frame_id, impacts_update, plumes_update
@@ -22,6 +22,7 @@ from ffsm_mj.log.narration import event_time, is_warning, sentence
 from ffsm_mj.log.wire import nanoseconds
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, ImpactRecord, OutcomeRecord
+from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.signals import identifier
 
@@ -71,7 +72,8 @@ class ViewerTopics:
 
     def open(self, header: RunHeader) -> None:
         """Learn the columns of the rows and the task."""
-        self._target = target(header.facts)
+        task = logged_task(header.facts)
+        self._target = task.point_m if task is not None else None
         names = [identifier(self._system.mj.actuator(i).name) for i in self._thrusters]
         self._efforts = [header.layout.index[f"actuators.{name}_applied_N"] for name in names]
 

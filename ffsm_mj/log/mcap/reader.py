@@ -15,7 +15,6 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 
 from ffsm_mj.errors import LogError
 from ffsm_mj.log.attachments import fault_of_names
-from ffsm_mj.log.facts import fault_of_facts
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.chunks import MESSAGE_HEAD, Batch, content_of
 from ffsm_mj.log.mcap.file_bytes import FileBytes
@@ -23,6 +22,7 @@ from ffsm_mj.log.mcap.salvage import MAGIC, Salvage
 from ffsm_mj.log.mcap.stored_rows import StoredRows
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.records.facts import fault_of_facts
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.run_log import RunLog, run_log
 from ffsm_mj.records.signals import Layout

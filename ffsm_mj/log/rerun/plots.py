@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsm_mj.model.dynamics import external_actuators
 from ffsm_mj.model.system import System
+from ffsm_mj.records.facts import free_components
 from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout, identifier
 
 Colour = tuple[int, int, int]
@@ -58,8 +59,8 @@ def plots(layout: Layout, system: System, facts: Mapping[str, str]) -> list[Plot
 
 def _free(facts: Mapping[str, str], party: str) -> list[str]:
     """Components of momentum that the joints leave free: the others are zero or borne."""
-    flags = facts[f"free_components_{party}"].split()
-    return [component for component, flag in zip(COMPONENTS, flags, strict=True) if flag == "1"]
+    flags = free_components(facts, party)
+    return [component for component, flag in zip(COMPONENTS, flags, strict=True) if flag]
 
 
 def _momenta(index: Mapping[str, int], facts: Mapping[str, str]) -> list[Plot]:

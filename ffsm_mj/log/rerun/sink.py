@@ -15,7 +15,7 @@ import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogWriteError
-from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies, target
+from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies
 from ffsm_mj.log.narration import event_time, is_warning, sentence
 from ffsm_mj.log.rerun.blueprint import TIMELINE, blueprint
 from ffsm_mj.log.rerun.plots import ORANGE, SKY, VERMILION, YELLOW, plots, thrusters
@@ -23,6 +23,7 @@ from ffsm_mj.log.rerun.plumes import Switching, plume_vectors
 from ffsm_mj.log.rerun.scene import body_path, log_shapes
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord
+from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.signals import identifier
 
@@ -84,10 +85,10 @@ class RerunSink:
 
     def _target(self, header: RunHeader) -> None:
         """A small cross where the tip is wanted."""
-        self._goal = goal = target(header.facts)
-        if goal is None:
+        self._task = task = logged_task(header.facts)
+        if task is None:
             return
-        self._axes = ["xyz".index(axis) for axis in header.facts["task_axes"].split()]
+        goal = task.point_m
         line = rr.SeriesLines(names=["tip error"], colors=[ORANGE], widths=[1.5])
         self._recording.log("plots/tip_error", line, static=True)
         arms = [[goal - 0.2 * e, goal + 0.2 * e] for e in np.eye(3)]
@@ -157,9 +158,9 @@ class RerunSink:
 
     def _frame_scene(self, positions: FloatArray) -> None:
         bodies = positions[moving_bodies(self._system)]
-        points = np.vstack((bodies, self._goal[None])) if self._goal is not None else bodies
+        points = np.vstack((bodies, self._task.point_m[None])) if self._task is not None else bodies
         low, high = points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
-        layout = blueprint(low, high, self._plots, self._colours, tip=self._goal is not None, following=self._following)
+        layout = blueprint(low, high, self._plots, self._colours, tip=self._task is not None, following=self._following)
         self._recording.send_blueprint(layout)
         self._framed = True
 
@@ -184,9 +185,9 @@ class RerunSink:
             self._send(f"world/plumes/{name}", index, plume)
 
     def _lines(self, frames: Frames, index: Any) -> None:
-        if self._goal is not None:
-            tip = frames.rows[:, self._layout.columns("state.tip_x_m", 3)][:, self._axes]
-            error = np.linalg.norm(tip - self._goal[self._axes], axis=1)
+        if self._task is not None:
+            tip = frames.rows[:, self._layout.columns("state.tip_x_m", 3)]
+            error = np.linalg.norm(self._task.errors_m(tip), axis=1)
             self._send("plots/tip_error", index, rr.Scalars.columns(scalars=error))
         for plot in self._plots:
             values = frames.rows[:, plot.columns]

@@ -12,11 +12,11 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ffsm_mj.analysis.digest import task_target
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.present.plots.silhouette import Outline, Plane
 from ffsm_mj.present.plots.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH_IN, YELLOW
 from ffsm_mj.present.plots.subject import Subject
+from ffsm_mj.records.facts import logged_task
 
 _POSES = 6
 _OBJECT_COLOURS = (VERMILLION, ORANGE, GREEN)
@@ -79,10 +79,17 @@ def draw_plane(axes: Axes, subject: Subject, plane: Plane, box: tuple[float, flo
     axes.set_ylim(box[2], box[3])
     axes.set_xlabel(f"${plane.names[0]}$, m")
     axes.set_ylabel(f"${plane.names[1]}$, m")
-    target = task_target(subject.run.log.header.facts)
-    if target is not None and set(plane.axes) <= set(target[0]):
-        at = [target[1][target[0].index(axis)] for axis in plane.axes]
-        axes.plot(*at, marker="+", markersize=10, markeredgewidth=1.6, color=BLACK, zorder=30, linestyle="none")
+    task = logged_task(subject.run.log.header.facts)
+    if task is not None and set(plane.axes) <= set(task.axes):
+        axes.plot(
+            *task.point_m[plane.axes],
+            marker="+",
+            markersize=10,
+            markeredgewidth=1.6,
+            color=BLACK,
+            zorder=30,
+            linestyle="none",
+        )
 
 
 def polygons(outlines: Sequence[Outline], subject: Subject, strength: float, zorder: float) -> PolyCollection:
@@ -179,7 +186,7 @@ def _legend(subject: Subject) -> list[Line2D]:
         star = Line2D([], [], linestyle="none", marker="*", markersize=10, markeredgecolor=BLACK, label="impact")
         star.set_markerfacecolor(YELLOW)
         handles.append(star)
-    if task_target(subject.run.log.header.facts) is not None:
+    if logged_task(subject.run.log.header.facts) is not None:
         cross = Line2D([], [], linestyle="none", marker="+", markersize=9, markeredgewidth=1.6, color=BLACK, label="target")
         handles.append(cross)
     return handles

@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffsm_mj.analysis.digest import task_target
 from ffsm_mj.analysis.residuals import Accounts, norms
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
 from ffsm_mj.log.narration import event_time
 from ffsm_mj.records.events import Event
+from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import PARTIES
 
@@ -50,8 +50,8 @@ class _Beside:
         layout, facts = log.header.layout, log.header.facts
         self._accounts = [Accounts(layout, facts, party) for party in PARTIES]
         self._first: Sequence[FloatArray] | None = None
-        self._target = task_target(facts)
-        self._tip = layout.columns("state.tip_x_m", 3) if self._target is not None else slice(0)
+        self._task = logged_task(facts)
+        self._tip = layout.columns("state.tip_x_m", 3) if self._task is not None else slice(0)
 
     def of(self, part: FloatArray) -> FloatArray:
         momenta = [accounts.momentum(part) for accounts in self._accounts]
@@ -59,8 +59,8 @@ class _Beside:
         changes = [momentum - first for momentum, first in zip(momenta, self._first, strict=True)]
         columns = [norms(change[:, axes]) for change in changes for axes in (slice(3), slice(3, 6))]
         columns += [accounts.energy(part) for accounts in self._accounts]
-        if self._target is not None:
-            columns.append(norms(part[:, self._tip][:, self._target[0]] - self._target[1]))
+        if self._task is not None:
+            columns.append(norms(self._task.errors_m(part[:, self._tip])))
         return np.column_stack(columns)
 
 

@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
-from ffsm_mj.analysis.digest import task_target
-from ffsm_mj.analysis.residuals import Accounts, free_components, norms, stretch_s
+from ffsm_mj.analysis.residuals import Accounts, norms, stretch_s
 from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import Joint, Tree
 from ffsm_mj.present.plots.panels import Line, Panel, running_maximum, stacked
 from ffsm_mj.present.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILLION
 from ffsm_mj.present.plots.subject import Subject
+from ffsm_mj.records.facts import free_components, logged_task
 from ffsm_mj.records.signals import COMPONENTS, PARTIES, coordinate_names, identifier, rate_names
 
 _GREY = "#7F7F7F"
@@ -73,16 +73,15 @@ def joints(subject: Subject) -> Figure:
 
 def tip(subject: Subject) -> Figure:
     """Error of the tip along the task's axes, and its velocity (paper, Fig. 6)."""
-    run, target = subject.run, task_target(subject.run.log.header.facts)
-    assert target is not None, "a figure for runs with a task"
-    axes, goal = target
+    run, task = subject.run, logged_task(subject.run.log.header.facts)
+    assert task is not None, "a figure for runs with a task"
     error, best = run.tip_error(), run.summary()["tip"]
     lines = [Line("norm", error, BLACK, "-", 1.6)]
-    lines += [Line("xyz"[a], run.tip[:, a] - goal[i], COLOURS[a], _STYLES[a]) for i, a in enumerate(axes)]
+    lines += [Line("xyz"[a], run.tip[:, a] - task.point_m[a], COLOURS[a], _STYLES[a]) for a in task.axes]
     marks = []
     if best is not None and best["min_error_time_s"] < 0.98 * run.time[-1]:
         marks = [(best["min_error_time_s"], best["min_error_m"], f"{best['min_error_m']:.3g} m")]
-    velocity = [Line("xyz"[a], run.tip_velocity[:, a], COLOURS[a], _STYLES[a]) for a in axes]
+    velocity = [Line("xyz"[a], run.tip_velocity[:, a], COLOURS[a], _STYLES[a]) for a in task.axes]
     panels = [Panel("tip error, m", lines, marks=marks), Panel("tip velocity, m/s", velocity)]
     return stacked(run, panels, height_in=2.0)
 

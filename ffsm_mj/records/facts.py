@@ -1,0 +1,104 @@
+"""Facts of a run that others work with: written into a log, read out of it and checked there, all in this one place.
+
+Facts are text by name. Somebody else may have written a log, so its reader asks :func:`fault_of_facts` before anybody else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.signals import PARTIES
+
+_ALL_FREE = "1 1 1 1 1 1"
+
+
+@dataclass(frozen=True)
+class LoggedTask:
+    """Where the tip was wanted.
+
+    Attributes:
+        axes: World axes that count: 0 to 2 for x, y and z.
+        target_m: Target along them, (number of axes,), m.
+    """
+
+    axes: list[int]
+    target_m: FloatArray
+
+    @property
+    def point_m(self) -> FloatArray:
+        """The target in the world, zero along axes that do not count, (3,), m."""
+        point = np.zeros(3)
+        point[self.axes] = self.target_m
+        return point
+
+    def errors_m(self, tip_m: FloatArray) -> FloatArray:
+        """Places of the tip, (n, 3), less the target along the axes that count, (n, number of axes), m."""
+        return np.asarray(tip_m[:, self.axes] - self.target_m)
+
+
+def task_facts(axes: Iterable[str], target_m: Iterable[float]) -> dict[str, str]:
+    """How a task is told: ``x``, ``y``, ``z`` for the axes that count, and the target along them in m."""
+    return {"task_axes": " ".join(axes), "task_target_m": " ".join(repr(float(x)) for x in target_m)}
+
+
+def logged_task(facts: Mapping[str, str]) -> LoggedTask | None:
+    """The task that facts tell; None where they tell none."""
+    if "task_axes" not in facts:
+        return None
+    axes = ["xyz".index(axis) for axis in facts["task_axes"].split()]
+    return LoggedTask(axes, np.array([float(x) for x in facts["task_target_m"].split()]))
+
+
+def free_facts(free: FloatArray) -> dict[str, str]:
+    """How it is told which components of (P, L about the origin) the base joints leave free: 1 or 0 by party, (3, 6)."""
+    return {_free(party): " ".join(f"{x:.0f}" for x in row) for party, row in zip(PARTIES, free, strict=True)}
+
+
+def free_components(facts: Mapping[str, str], party: str) -> FloatArray:
+    """1 for each component of (P, L about the origin) that the party's base joints leave free, else 0, (6,)."""
+    return np.array([float(x) for x in facts.get(_free(party), _ALL_FREE).split()])
+
+
+def _free(party: str) -> str:
+    return f"free_components_{party}"
+
+
+def conservative_facts(faults: Sequence[str]) -> dict[str, str]:
+    """How it is told what breaks conservation; nothing does where there are no faults."""
+    return {"conservative": "false" if faults else "true", "not_conservative": "; ".join(faults)}
+
+
+def is_conservative(facts: Mapping[str, str]) -> bool:
+    """Whether nothing in the models breaks conservation."""
+    return facts.get("conservative") == "true"
+
+
+def why_not_conservative(facts: Mapping[str, str]) -> str:
+    """What in the models breaks conservation, for a person; empty where nothing does."""
+    return facts.get("not_conservative", "")
+
+
+def fault_of_facts(facts: Mapping[str, str]) -> str:
+    """What is wrong with facts that are used as numbers, or nothing."""
+    for name in map(_free, PARTIES):
+        words = facts.get(name, _ALL_FREE).split()
+        if len(words) != 6 or not set(words) <= {"0", "1"}:
+            return f"its fact {name} is {facts[name]!r}; six of 0 and 1 are allowed"
+    axes, target = (facts.get(name, "").split() for name in ("task_axes", "task_target_m"))
+    if len(set(axes)) != len(axes) or not set(axes) <= set("xyz"):
+        return f"its fact task_axes is {facts['task_axes']!r}; different axes of x, y and z are allowed"
+    if len(target) != len(axes) or not all(map(_is_number, target)):
+        return f"its fact task_target_m is {' '.join(target)!r}; a finite number for each of its task_axes is allowed"
+    return ""
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
