@@ -1,19 +1,71 @@
-"""MuJoCo's warnings, kept: by itself it writes them to MUJOCO_LOG.TXT where the user stands, and on the console."""
+"""MuJoCo's warnings, kept: by itself it writes them to MUJOCO_LOG.TXT where the user stands, and on the console.
+
+MuJoCo calls one handler for the whole process, in the thread that warns. Ours is there while any thread collects, and hands
+each warning to those who collect in its own thread; in all others everything stays as it is without us.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Lock, local
 
 import mujoco
 
 
+class _Here(local):
+    """Who collects in this thread, the latest last."""
+
+    def __init__(self) -> None:
+        self.collectors: list[list[str]] = []
+
+
+_HERE = _Here()
+
+
+class _Handler:
+    """What MuJoCo calls while anybody collects; the handler that was there before is put back by the last one out."""
+
+    def __init__(self) -> None:
+        self._lock, self._collecting = Lock(), 0
+        self._before: Callable[[str], None] | None = None
+
+    def enter(self) -> None:
+        with self._lock:
+            there = mujoco.get_mju_user_warning()
+            if there != self.tell:
+                self._before = there
+                mujoco.set_mju_user_warning(self.tell)
+            self._collecting += 1
+
+    def leave(self) -> None:
+        with self._lock:
+            self._collecting -= 1
+            # One that somebody has set meanwhile stays.
+            if not self._collecting and mujoco.get_mju_user_warning() == self.tell:
+                mujoco.set_mju_user_warning(self._before)
+
+    def tell(self, message: str) -> None:
+        if _HERE.collectors:
+            _HERE.collectors[-1].append(message)
+        elif self._before is not None:
+            self._before(message)
+        else:  # as MuJoCo does where there is no handler
+            mujoco.mju_writeLog("WARNING", message)
+            print(f"WARNING: {message}", file=sys.stderr)
+
+
+_HANDLER = _Handler()
+
+
 @contextmanager
 def collected_warnings(messages: list[str]) -> Iterator[None]:
-    """Add MuJoCo's warnings to some messages instead."""
-    previous = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(messages.append)
+    """Add what MuJoCo warns of in this thread to some messages instead."""
+    _HANDLER.enter()
+    _HERE.collectors.append(messages)
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(previous)
+        _HERE.collectors.pop()
+        _HANDLER.leave()

@@ -1,0 +1,99 @@
+"""MuJoCo's warnings reach those who collect in the thread that warns, and nobody else."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from threading import Thread
+
+import mujoco
+import pytest
+
+from ffsm_mj.model.mujoco_warnings import collected_warnings
+
+XML = "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
+
+
+def warn(dof=0):
+    """Have MuJoCo warn, in words that name a dof."""
+    model = mujoco.MjModel.from_xml_string(XML)
+    data = mujoco.MjData(model)
+    data.qvel[dof] = 1e20
+    mujoco.mj_step(model, data)
+
+
+@pytest.fixture
+def own():
+    """What a handler of the user's is told; it must be there again afterwards."""
+    told = []
+    handler = told.append
+    mujoco.set_mju_user_warning(handler)
+    yield told
+    found = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(None)
+    assert found == handler
+
+
+def elsewhere(function, *arguments):
+    thread = Thread(target=function, args=arguments)
+    thread.start()
+    thread.join()
+
+
+def test_the_inner_collector_takes_what_comes_while_it_is_there(own):
+    outer, inner = [], []
+    with collected_warnings(outer):
+        warn(1)
+        with collected_warnings(inner):
+            warn(2)
+        warn(3)
+    warn(4)
+    assert [text.split("DOF ")[1][0] for text in (*outer, *inner, *own)] == ["1", "3", "2", "4"]
+
+
+def test_a_thread_that_collects_nothing_tells_the_users_handler(own):
+    mine = []
+    with collected_warnings(mine):
+        elsewhere(warn, 5)
+    assert mine == []
+    assert "DOF 5" in own[0]
+
+
+def test_without_a_handler_mujoco_says_it_as_ever(tmp_path, monkeypatch, capfd):
+    """On the console and in its log file."""
+    monkeypatch.chdir(tmp_path)
+    with collected_warnings([]):
+        elsewhere(warn, 5)
+    assert "WARNING: Nan, Inf or huge value in QVEL at DOF 5" in capfd.readouterr().err
+    assert "at DOF 5" in (tmp_path / "MUJOCO_LOG.TXT").read_text()
+    assert mujoco.get_mju_user_warning() is None
+
+
+def test_each_thread_has_its_own_and_the_last_one_out_puts_the_users_back(own):
+    def collect(dof):
+        mine = []
+        for _ in range(20):
+            with collected_warnings(mine):
+                warn(dof)
+        return mine
+
+    with ThreadPoolExecutor(4) as threads:
+        for dof, mine in enumerate(threads.map(collect, range(4))):
+            assert len(mine) == 20
+            assert all(f"DOF {dof}." in text for text in mine)
+    assert own == []
+
+
+@pytest.mark.usefixtures("own")
+def test_a_handler_that_the_user_sets_meanwhile_stays():
+    """One that collects later takes warnings from it, and puts it back, not the one before it."""
+    told, mine = [], []
+    before, other = mujoco.get_mju_user_warning(), told.append
+    with collected_warnings([]):
+        mujoco.set_mju_user_warning(other)
+        warn(1)
+        with collected_warnings(mine):
+            warn(2)
+    warn(3)
+    mujoco.set_mju_user_warning(before)
+    assert ["DOF 2" in text for text in mine] == [True]
+    assert [text.split("DOF ")[1][0] for text in told] == ["1", "3"]
