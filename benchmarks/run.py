@@ -32,7 +32,7 @@ import peers
 from ffsm_controllers.osdre.riccati import BlockRiccati, planar_riccati, solve_care
 from ffsm_controllers.osdre.riccati_planar import principal_axes, turned
 
-from ffsm_mj.assembly.run import Prepared, prepare
+from ffsm_mj.assembly.prepare import Prepared, prepare
 from ffsm_mj.compiled import is_compiled
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.impact.time_of_impact import Detector
@@ -49,7 +49,7 @@ PAIRS = ("gripper", "link_1", "link_2", "link_3", "base")
 
 def fresh(*, contacts: bool):
     """Model and data of the baseline at its start."""
-    assembly = prepare("baseline").assembly
+    assembly = prepare("baseline").assemble()
     bit = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     model = assembly.system.mj
     model.opt.disableflags = model.opt.disableflags & ~bit if contacts else model.opt.disableflags | bit
@@ -131,7 +131,7 @@ def writing() -> float:
     prepared, log = logged()
     with tempfile.TemporaryDirectory() as folder:
         take = partial(PartialFile.begun, Path(folder) / "run.mcap")
-        sink = McapSink(take, prepared.assembly.system, prepared.scenario.log.view_rate_hz)
+        sink = McapSink(take, prepared.system, prepared.scenario.log.view_rate_hz)
         start = time.perf_counter()
         sink.open(log.header)
         for first in range(0, len(log.rows), BLOCK_ROWS):

@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 
 import ffsm_mj
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix, subtree_momenta
 from ffsm_mj.reproduction.markdown import fixed, small, table
@@ -85,7 +85,7 @@ class SoftRun:
     def __init__(self, recipe: Recipe, step_s: float) -> None:
         """Set up model and controller."""
         self.recipe, self.step_s = recipe, step_s
-        self.assembly = prepare("baseline", [f"time_step_s={step_s}"]).assembly
+        self.assembly = prepare("baseline", [f"time_step_s={step_s}"]).assemble()
         self.model, self.data = self.assembly.system.mj, self.assembly.data
         self._let_touch()
         self.work_J = self.energy_before = self.energy_change = self.impulse = self.depth_m = 0.0

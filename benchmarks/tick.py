@@ -19,7 +19,7 @@ from unittest.mock import patch
 from ffsm_controllers.osdre.law import Osdre
 from ffsm_controllers.osdre.riccati_planar import PlanarRiccati
 
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.compiled import is_compiled
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.impact.time_of_impact import Detector

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import fields
 from typing import get_args, get_origin, get_type_hints
 
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.log.foxglove import topics as viewer
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.records.events import ImpactRecord, OutcomeRecord, PhaseRecord, Report, UnhandledContactRecord
@@ -99,7 +99,7 @@ def topics() -> Iterator[tuple[str, str, str]]:
 
 def samples() -> dict[str, list[tuple[str, str, str]]]:
     """Fields of a sample of the baseline by group."""
-    assembly = prepare("baseline").assembly
+    assembly = prepare("baseline").assemble()
     layout = build_layout(
         assembly.system, assembly.actuation.signals, assembly.controller.telemetry_signals, tip=assembly.task is not None
     )

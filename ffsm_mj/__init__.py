@@ -1,7 +1,7 @@
 """ffsm-mj: exact impacts for free-floating space manipulators, on MuJoCo.
 
 ``run(scenario)`` simulates and returns a :class:`~ffsm_mj.analysis.run.Run`; ``load_run(path)`` reads one back from its log,
-``compare(a, b)`` tells two of them apart;
+``compare(a, b)`` tells two of them apart; ``prepare(scenario)`` gives a recipe that runs again and again;
 ``impact`` resolves single collisions on any MuJoCo model. Everything is imported on first use, so that ``import ffsm_mj``
 and ``ffsm --help`` cost nothing.
 """
@@ -17,17 +17,19 @@ if TYPE_CHECKING:
     from ffsm_mj.analysis.run import Run as Run
     from ffsm_mj.analysis.run import compare as compare
     from ffsm_mj.analysis.run import load_run as load_run
-    from ffsm_mj.assembly.run import run as run
+    from ffsm_mj.assembly.prepare import prepare as prepare
+    from ffsm_mj.assembly.prepare import run as run
 
 _LAZY = {
-    "run": ("ffsm_mj.assembly.run", "run"),
+    "prepare": ("ffsm_mj.assembly.prepare", "prepare"),
+    "run": ("ffsm_mj.assembly.prepare", "run"),
     "compare": ("ffsm_mj.analysis.run", "compare"),
     "load_run": ("ffsm_mj.analysis.run", "load_run"),
     "Run": ("ffsm_mj.analysis.run", "Run"),
     "impact": ("ffsm_mj.impact", None),
 }
 
-__all__ = ["Run", "compare", "impact", "load_run", "run"]
+__all__ = ["Run", "compare", "impact", "load_run", "prepare", "run"]
 
 
 def one_blas_thread() -> None:

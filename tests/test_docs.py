@@ -19,8 +19,9 @@ def python_blocks(page):
     return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
 
 
-def test_single_collision_of_the_user_guide(capsys):
-    code = next(block for block in python_blocks("docs/user-guide.md") if "resolve" in block)
+@pytest.mark.parametrize("word", ["resolve", "prepare"])
+def test_what_the_code_of_the_user_guide_prints(capsys, word):
+    code = next(block for block in python_blocks("docs/user-guide.md") if word in block)
     promised = re.search(r"\)  # (.*)$", code, flags=re.MULTILINE).group(1)
     exec(code, {})
     assert capsys.readouterr().out.strip() == promised

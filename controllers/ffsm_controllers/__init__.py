@@ -8,6 +8,7 @@ built as ``cls(config, context)``; see :class:`~ffsm_mj.controller_protocol.Cont
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -34,8 +35,12 @@ class Kinds:
     broken: dict[str, str]
 
 
+@cache
 def kinds() -> Kinds:
-    """Built-in laws and those of installed plugins; a broken plugin harms only the scenarios that ask for it."""
+    """Built-in laws and those of installed plugins; a broken plugin harms only the scenarios that ask for it.
+
+    What is installed is looked up once: a run that starts takes what its scenario was validated with.
+    """
     found = Kinds({_kind_of(cls): cls for cls in _BUILT_IN}, {})
     for entry_point in entry_points(group=GROUP):
         try:

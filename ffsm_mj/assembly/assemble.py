@@ -31,7 +31,7 @@ _AXES = {"x": 0, "y": 1, "z": 2}
 
 @dataclass(frozen=True)
 class Assembly:
-    """Parts of a run, checked against each other.
+    """Parts of one run, checked against each other.
 
     Attributes:
         scenario: What was asked for.
@@ -56,13 +56,17 @@ class Assembly:
     layout: Layout
 
 
-def assemble(scenario: Scenario, source: YamlSource) -> Assembly:
-    """Build everything a run needs.
+def assemble(scenario: Scenario, source: YamlSource, system: System) -> Assembly:
+    """Build everything that one run needs.
+
+    Args:
+        scenario: What is asked for.
+        source: Where each of its keys stands.
+        system: Robot and objects, with a model that is the run's own: the run writes its time step.
 
     Raises:
         InputError: One line per fault, with the place in the scenario or the model.
     """
-    system = compile_scenario(scenario, source)
     try:
         data = initial_state(scenario, system)
         pairs = impact_pairs(scenario, system)

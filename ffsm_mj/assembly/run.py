@@ -1,21 +1,19 @@
-"""From a scenario to a finished run, in a straight line: assemble, open the log, simulate, close, summarise."""
+"""One run of what was assembled, in a straight line: open the log, simulate, close, summarise."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.analysis.digest import DigestSink
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.assembly.assemble import Assembly, assemble, unwatched_overlaps
+from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.run_size import refuse_without_room
 from ffsm_mj.assembly.source_date import source_date
@@ -33,8 +31,7 @@ from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.facts import conservative_facts, free_facts, task_facts
 from ffsm_mj.records.header import RunHeader
-from ffsm_mj.scenario.scenario import Scenario, load_scenario
-from ffsm_mj.scenario.shipped import scenario_path
+from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.source import write_yaml
 from ffsm_mj.simulation.loop import Plant, Settings, Simulation
 from ffsm_mj.simulation.rows import RowWriter
@@ -42,109 +39,31 @@ from ffsm_mj.simulation.rows import RowWriter
 _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
 
 
-def run(
-    scenario: str | Path,
-    overrides: Sequence[str] | Mapping[str, Any] = (),
+# A run checks that its state is finite and ends where it is not; numpy would say so again, and to nobody in particular.
+@np.errstate(all="ignore")
+def simulate(
+    assembly: Assembly,
+    folder: RunFolder | None = None,
     *,
-    out: str | Path | None = None,
-    force: bool = False,
-    rerun: bool | None = None,
+    with_rerun: bool = False,
     live: str | None = None,
     report: Callable[[float, float], None] | None = None,
 ) -> Run:
-    """Simulate a scenario.
+    """Run what was assembled, once: its parts are at the end of the run afterwards.
 
     Args:
-        scenario: A path, or the name of a shipped scenario.
-        overrides: ``key=value`` strings as on the command line, or a mapping of dotted keys to values.
-        out: Run folder to write; None keeps the run in memory only.
-        force: Replace a run that ``out`` already holds.
-        rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
-        live: ``host:port`` of a Rerun viewer to stream to; one that is missing or goes away never ends the run.
+        assembly: Parts that have not run.
+        folder: Where to write; None keeps the run in memory only.
+        with_rerun: Write ``run.rrd`` into the folder.
+        live: ``host:port`` of a Rerun viewer to stream to.
         report: Told (simulation time, duration) in s as the run goes.
 
-    Returns:
-        The run, the same object that :func:`ffsm_mj.load_run` reads from the log.
-
     Raises:
-        InputError: The scenario or a model is wrong, or the folder holds a run.
+        InputError: The folder cannot be used, or there is no room for the run.
     """
-    if isinstance(overrides, Mapping):
-        overrides = [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
-    prepared = prepare(scenario, overrides)
-    folder = RunFolder(Path(out), force=force) if out is not None else None
-    return prepared.run(folder=folder, rerun=rerun, live=live, report=report)
-
-
-def prepare(scenario: str | Path, overrides: Sequence[str] = ()) -> Prepared:
-    """Read, validate and assemble a scenario; nothing is written and nothing moves.
-
-    Raises:
-        InputError: The scenario or a model is wrong.
-    """
-    config, source = load_scenario(scenario_path(scenario), overrides)
-    return Prepared(assemble(config, source))
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """A scenario that is ready to run, once."""
-
-    assembly: Assembly
-
-    @property
-    def scenario(self) -> Scenario:
-        """The validated scenario."""
-        return self.assembly.scenario
-
-    def run(
-        self,
-        *,
-        folder: RunFolder | None = None,
-        rerun: bool | None = None,
-        live: str | None = None,
-        report: Callable[[float, float], None] | None = None,
-    ) -> Run:
-        """Simulate; see :func:`run`."""
-        source_date()  # one that is malformed is refused before there is a folder
-        refuse_without_room(
-            self.scenario.ticks, len(self.assembly.layout.signals), folder.path if folder is not None else None
-        )
-        with_rerun = self.scenario.log.rerun if rerun is None else rerun
-        return _simulate(self.assembly, folder, with_rerun=with_rerun, live=live, report=report)
-
-    def describe(self) -> list[str]:
-        """Lines that tell a person what would run, and what to know of it."""
-        assembly, system = self.assembly, self.assembly.system
-        pairs = ", ".join(f"{p} (e = {p.restitution:g})" for p in assembly.pairs) or "none"
-        phases = ", ".join(f"{p.name} ({p.controller.kind})" for p in self.scenario.phases)
-        lines = [
-            f"{self.scenario.name}: valid",
-            *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
-            f"  impact pairs: {pairs}",
-            f"  phases: {phases}",
-            f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
-            f" steps of {self.scenario.time_step_s:g} s",
-        ]
-        lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
-            "conservative: nothing in the models breaks it"
-        ]
-        lines += [f"note: {note}" for note in system.notes]
-        lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
-        return lines
-
-
-# A run checks that its state is finite and ends where it is not; numpy would say so again, and to nobody in particular.
-@np.errstate(all="ignore")
-def _simulate(
-    assembly: Assembly,
-    folder: RunFolder | None,
-    *,
-    with_rerun: bool,
-    live: str | None,
-    report: Callable[[float, float], None] | None,
-) -> Run:
     config, system, layout = assembly.scenario, assembly.system, assembly.layout
+    clock = source_date()  # one that is malformed is refused before there is a folder
+    refuse_without_room(config.ticks, len(layout.signals), folder.path if folder is not None else None)
     files = {logged_name(model, n): data for model, each in system.files.items() for n, data in each.files.items()}
     detector = Detector(system.mj, assembly.data, assembly.pairs)
     ledger = Ledger(system, assembly.data, detector.momentum, notes=BLOCK_ROWS)
@@ -170,7 +89,7 @@ def _simulate(
     rows = RowWriter(
         layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, detector.overlap, tip, block
     )
-    recorder = Recorder(block, sinks, rows.complete, by_clock=source_date() is None)
+    recorder = Recorder(block, sinks, rows.complete, by_clock=clock is None)
     simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
     try:
         with noted() as interrupted, recorder:

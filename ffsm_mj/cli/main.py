@@ -76,7 +76,7 @@ def _run(options: argparse.Namespace, output: Output) -> int:
     if options.scenario is None:
         complain("ffsm run: name a scenario; 'ffsm run --list' shows the shipped ones")
         return BAD_INPUT
-    from ffsm_mj.assembly.run import prepare
+    from ffsm_mj.assembly.prepare import prepare
     from ffsm_mj.log.run_folder import RunFolder
 
     prepared = prepare(options.scenario, options.overrides)
@@ -118,7 +118,7 @@ def _list(output: Output) -> int:
 
 
 def _check(options: argparse.Namespace, output: Output) -> int:
-    from ffsm_mj.assembly.run import prepare
+    from ffsm_mj.assembly.prepare import prepare
 
     for line in prepare(options.scenario, options.overrides).describe():
         output.say(line)

@@ -6,8 +6,9 @@ Attached models get the prefixes ``robot/`` and ``<object>/``. Frames: world, un
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 from warnings import catch_warnings
 
@@ -94,6 +95,10 @@ class System:
     def trees(self) -> tuple[Tree, ...]:
         """The robot's tree, then those of the objects."""
         return (self.robot, *self.objects)
+
+    def copy(self) -> System:
+        """The same scene with a MuJoCo model of its own."""
+        return replace(self, mj=copy.copy(self.mj))
 
     def names(self, kind: str) -> tuple[str, ...]:
         """Full names of all elements of a kind: ``body``, ``joint``, ``geom``, ``site`` or ``actuator``."""

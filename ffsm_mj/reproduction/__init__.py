@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.present.output_place import usable_folder, writing
 from ffsm_mj.present.text_report import table
@@ -141,7 +141,7 @@ def reproduce(report: Callable[[int, int], None] | None = None) -> Reproduction:
     """Make every run and the pages; ``report`` is told how many runs of how many are done."""
     started = time.perf_counter()
     results = run_cases(all_cases(), report)
-    system = prepare("baseline").assembly.system
+    system = prepare("baseline").system
     drifts = {}
     for name, case in _LONG_RUNS.items():
         run = results[case].run

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from multiprocessing import active_children
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.reproduction.measure import Measures, measure
 from ffsm_mj.reproduction.threshold import run_with_threshold
 
@@ -99,4 +99,4 @@ def run_case(case: Case) -> Result:
         return Result(run_with_threshold(case.scenario), None)
     prepared = prepare(case.scenario, case.overrides)
     run = prepared.run()
-    return Result(measure(run, prepared.assembly.system), run if case.keep else None)
+    return Result(measure(run, prepared.system), run if case.keep else None)

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.assembly.assemble import Assembly
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.reproduction.measure import tip_state
 
 
 def stated_inputs() -> list[tuple[str, str, str]]:
     """Name, printed text and our value of each input."""
-    baseline, flying = prepare("baseline").assembly, prepare("free-flying").assembly
+    baseline, flying = prepare("baseline").assemble(), prepare("free-flying").assemble()
     return [*_bodies(baseline), *_start(baseline), *_control(baseline), *_free_flying(flying)]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.assembly.run import prepare, run
+from ffsm_mj.assembly.prepare import prepare, run
 from ffsm_mj.impact import Contact, Impact, resolve
 from ffsm_mj.model.system import System
 from ffsm_mj.reproduction.measure import Measures, impact_values, state_at, tip_state
@@ -46,22 +46,21 @@ def run_with_threshold(scenario: str) -> Measures:
 def _at_tick(scenario: str, ticks: int) -> tuple[System, Any]:
     """The state that the approach reaches at a tick when nothing is hit."""
     untouched = ["impact_pairs=[]", "phases.0.until=end", f"duration_s={ticks * _PERIOD_S:.9g}"]
-    assembly = prepare(scenario).assembly
-    phase = assembly.scenario.phases[0].model_dump(mode="json", exclude_none=True)
+    phase = prepare(scenario).scenario.phases[0].model_dump(mode="json", exclude_none=True)
     approach = prepare(scenario, [f"phases={[phase]}", *untouched])
     row = approach.run().log.rows[-1]
-    system = approach.assembly.system
+    system = approach.system
     nq, nv = system.mj.nq, system.mj.nv
     return system, state_at(system, row[1 : 1 + nq], row[1 + nq : 1 + nq + nv])
 
 
 def _rest(scenario: str, ticks: int, system: System, qpos: Any, qvel: Any) -> Run:
     """The phases after the impact, from a state on; the gripper, which already overlaps the face, hits nothing any more."""
-    assembly = prepare(scenario).assembly
-    phases = [phase.model_dump(mode="json", exclude_none=True) for phase in assembly.scenario.phases[1:]]
+    whole = prepare(scenario).scenario
+    phases = [phase.model_dump(mode="json", exclude_none=True) for phase in whole.phases[1:]]
     joints = {name: float(qpos[joint.qpos][0]) for name, joint in system.joints.items()}
     rates = {name: float(qvel[joint.dofs][0]) for name, joint in system.joints.items()}
-    duration = assembly.scenario.duration_s - ticks * _PERIOD_S
+    duration = whole.duration_s - ticks * _PERIOD_S
     return run(
         scenario,
         {

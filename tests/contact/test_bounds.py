@@ -12,7 +12,7 @@ import ffsm_mj
 from ffsm_mj.analysis.digest import Digest
 from ffsm_mj.analysis.residuals import STRETCH_STEPS
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout, Signal
 from tests.scenes import ball, scene, two_balls
@@ -95,7 +95,7 @@ def test_the_same_verdict_however_the_rows_are_cut(baseline):
 def test_a_first_order_integrator_is_found_out_in_a_long_run():
     """Euler loses 1e-3 of the momentum in 30 s at 1 ms; the run is cut into stretches of 1 s, as if it were far longer."""
     prepared = prepare("baseline", ["duration_s=6.0"])
-    prepared.assembly.system.mj.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    prepared.system.mj.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     log = prepared.run().log
     facts = {**log.header.facts, "time_step_s": "1e-5"}
     run = Run(replace(log, header=replace(log.header, facts=facts)))

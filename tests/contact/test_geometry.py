@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.manifold import touching_set
 from ffsm_mj.contact.shape import PARALLEL, Shape
 from ffsm_mj.errors import InputError
@@ -84,7 +84,7 @@ def collision(folder, a, b, rng, *, tumbling=True):
     )
     prepared = prepare(path)
     run = prepared.run()
-    model = prepared.assembly.system.mj
+    model = prepared.system.mj
     data = mujoco.MjData(model)
     data.qpos[:] = run.impacts[0].qpos
     mujoco.mj_forward(model, data)
@@ -186,7 +186,7 @@ def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, ra
             impact_pairs=[{"robot_geom": "ball", "object_geom": "block/block"}],
         )
     )
-    (pair,), model = prepared.assembly.pairs, prepared.assembly.system.mj
+    (pair,), model = prepared.assemble().pairs, prepared.system.mj
     data = mujoco.MjData(model)
     for _ in range(300):
         across = rng.permutation(3)[: rng.integers(1, 4)]

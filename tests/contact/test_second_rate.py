@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.impact.resolution import Contact, resolve
 from ffsm_mj.impact.resting import RestRule, lasting_contact
 from tests.contact.test_geometry import PAIRS, shape
@@ -35,7 +35,7 @@ def close_pair(folder, a, b, rng):
         },
         impact_pairs=[{"robot_geom": "robot/g", "object_geom": "other/g"}],
     )
-    assembly = prepare(path).assembly
+    assembly = prepare(path).assemble()
     (pair,), model, data = assembly.pairs, assembly.system.mj, assembly.data
     approach = np.array([-1.0, 0.0, 0.0])  # always along one line, so that corners meet faces and edges, not corners
     for _ in range(60):

@@ -12,7 +12,8 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 import ffsm_mj
-import ffsm_mj.assembly.run
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.assembly.run import simulate
 from ffsm_mj.cli.main import main
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.motion.step_path import StepPath
@@ -308,15 +309,15 @@ def _never_stalls(folder, drawn):
         moves[drawn_time()] = moves.get(drawn_time(), 0) + 1
         move_to(self, time_s)
 
-    prepared = ffsm_mj.assembly.run.prepare(_pushed(folder, drawn))
-    data = prepared.assembly.data
+    parts = prepare(_pushed(folder, drawn)).assemble()
+    data = parts.data
 
     def drawn_time():
         return round(float(data.time) / drawn["step"] - 0.5)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(StepPath, "move_to", counted)
-        run = prepared.run()
+        run = simulate(parts)
     assert run.outcome in ("completed", "lasting_contact", "event_limit"), run.message
     if run.outcome == "completed":
         assert run.time[-1] == pytest.approx(0.02)

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from tests.scenes import ball, scene
 

@@ -11,7 +11,7 @@ import pytest
 from ruamel.yaml import YAML
 
 import ffsm_mj
-from ffsm_mj.assembly.assemble import assemble
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.scenario.inheritance import MAX_DEPTH
 from ffsm_mj.scenario.scenario import load_scenario
@@ -63,7 +63,7 @@ def child(folder, text, extends="parent/parent.yaml"):
 
 def faults(path, *overrides):
     with pytest.raises(InputError) as caught:
-        assemble(*load_scenario(path, overrides))
+        prepare(path, overrides)
     return caught.value.lines
 
 
@@ -122,9 +122,8 @@ def test_a_phase_that_the_parent_does_not_have_must_be_whole(folder):
 
 def test_models_lie_beside_the_file_that_states_them(folder):
     (folder / "target.xml").write_text((folder / "parent" / "target.xml").read_text())
-    scenario, source = load_scenario(child(folder, OFF + "objects: {target: {mjcf: target.xml}}\n"))
-    assembly = assemble(scenario, source)
-    assert [files.place for files in assembly.system.files.values()] == [
+    prepared = prepare(child(folder, OFF + "objects: {target: {mjcf: target.xml}}\n"))
+    assert [files.place for files in prepared.system.files.values()] == [
         f"{folder}/parent/robot.xml",
         f"{folder}/target.xml",
     ]
@@ -205,8 +204,7 @@ def test_the_example_of_the_user_guide(tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "user-guide.md").read_text()
     path = tmp_path / "heavier-hit.yaml"
     path.write_text(re.search(r"```yaml\n(extends.*?)```", page, flags=re.DOTALL).group(1))
-    scenario, source = load_scenario(path)
-    assemble(scenario, source)
+    scenario = prepare(path).scenario
     assert [phase.name for phase in scenario.phases] == ["approach", "safety_pause", "regulate"]
     assert scenario.phases[1].for_s == 4.0
     assert "thruster_x" not in scenario.actuators

@@ -10,8 +10,7 @@ import jsonschema
 import pytest
 from pydantic import ValidationError
 
-from ffsm_mj.assembly.assemble import assemble
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import Fault, InputError
 from ffsm_mj.scenario.scenario import Scenario, load_scenario
 from ffsm_mj.scenario.schema import scenario_schema
@@ -27,7 +26,7 @@ BASELINE = scenario_path("baseline")
 def faults(*overrides, path=BASELINE):
     """Lines of the error that a scenario with these overrides makes."""
     with pytest.raises(InputError) as caught:
-        assemble(*load_scenario(path, overrides))
+        prepare(path, overrides)
     return caught.value.lines
 
 
@@ -269,8 +268,7 @@ def test_dissipation_is_allowed_only_by_name(tmp_path):
     text = (MJCF / "box_1m.xml").read_text().replace('axis="1 0 0"', 'axis="1 0 0" damping="0.5"')
     (tmp_path / "box.xml").write_text(text)
     path = [f"objects.object.mjcf={tmp_path / 'box.xml'}", "conservative=false"]
-    assembly = assemble(*load_scenario(BASELINE, path))
-    assert len(assembly.system.faults) == 1
+    assert len(prepare(BASELINE, path).system.faults) == 1
 
 
 def test_a_robot_without_motors_names_the_cure(tmp_path):
@@ -287,7 +285,7 @@ def test_shipped_scenarios_are_valid_and_point_to_the_schema(name):
     assert scenario.name == name
     assert scenario.description
     jsonschema.validate(source.data, scenario_schema())
-    assemble(scenario, source)
+    prepare(path)
 
 
 def test_committed_schema_is_current():

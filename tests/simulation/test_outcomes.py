@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.assembly.run import simulate
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError
 from ffsm_mj.impact.time_of_impact import Detector
@@ -144,7 +145,7 @@ class Unprintable(Exception):
 )
 def test_controller_failed(tmp_path, fault, words):
     """Whatever a control law raises: the outcome, one line that says whose fault it was, and a closed log."""
-    prepared = prepare(two_balls(tmp_path, gap=5.0))
+    parts = prepare(two_balls(tmp_path, gap=5.0)).assemble()
 
     def fail(observation, command: Command):
         if observation.time_s >= 0.2 - 1e-9:
@@ -152,8 +153,8 @@ def test_controller_failed(tmp_path, fault, words):
                 raise fault
             command.drive(np.array([0]), np.array([np.nan]))
 
-    prepared.assembly.controller._phases[0].controller.control = fail
-    run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
+    parts.controller._phases[0].controller.control = fail
+    run = simulate(parts, RunFolder(tmp_path / "out"))
     assert run.outcome == "controller_failed"
     said, _, place = run.message.partition(" (test_outcomes.py:")
     assert said == f"phase 'coast' (off) at t = 0.2 s: {words}"
@@ -172,15 +173,15 @@ def test_controller_failed_at_an_impact(tmp_path, method):
         {"name": "approach", "until": "impact", "controller": {"kind": "off"}},
         {"name": "after", "until": "end", "controller": {"kind": "off"}},
     ]
-    prepared = prepare(two_balls(tmp_path, phases=phases))
-    controller = prepared.assembly.controller._phases[1].controller
+    parts = prepare(two_balls(tmp_path, phases=phases)).assemble()
+    controller = parts.controller._phases[1].controller
     controller.telemetry_signals = (object(),)  # so that it is asked for a report
 
     def fail(*_):
         raise RuntimeError("not now")
 
     setattr(controller, method, fail)
-    run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
+    run = simulate(parts, RunFolder(tmp_path / "out"))
     assert run.outcome == "controller_failed"
     assert run.message.startswith("phase 'after' (off) at t = 0.3 s: RuntimeError: not now (test_outcomes.py:")
     assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
@@ -188,14 +189,14 @@ def test_controller_failed_at_an_impact(tmp_path, method):
 
 def test_a_command_that_is_not_finite_at_an_impact(tmp_path):
     """The record of the impact carries the efforts that act after it: none do."""
-    prepared = prepare(two_balls(tmp_path))
+    parts = prepare(two_balls(tmp_path)).assemble()
 
     def fail(observation, command: Command):
         if observation.impacts:
             command.drive(np.array([0]), np.array([np.nan]))
 
-    prepared.assembly.controller._phases[0].controller.control = fail
-    run = prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
+    parts.controller._phases[0].controller.control = fail
+    run = simulate(parts, RunFolder(tmp_path / "out"))
     assert run.outcome == "controller_failed"
     assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["outcome"] == "controller_failed"
@@ -203,15 +204,15 @@ def test_a_command_that_is_not_finite_at_an_impact(tmp_path):
 
 def test_leaving_the_program_is_no_fault_of_a_controller(tmp_path):
     """``sys.exit`` in a control law leaves, with everything so far in the log."""
-    prepared = prepare(two_balls(tmp_path, gap=5.0))
+    parts = prepare(two_balls(tmp_path, gap=5.0)).assemble()
 
     def leave(observation, _):
         if observation.time_s >= 0.2 - 1e-9:
             raise SystemExit(7)
 
-    prepared.assembly.controller._phases[0].controller.control = leave
+    parts.controller._phases[0].controller.control = leave
     with pytest.raises(SystemExit):
-        prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
+        simulate(parts, RunFolder(tmp_path / "out"))
     read = ffsm_mj.load_run(tmp_path / "out")
     assert read.time[-1] == pytest.approx(0.199)
     assert not read.complete
@@ -219,14 +220,14 @@ def test_leaving_the_program_is_no_fault_of_a_controller(tmp_path):
 
 def test_a_fault_of_our_own_is_not_hidden_and_costs_no_data(tmp_path, monkeypatch):
     """No outcome pretends that a defect is a result: it propagates, and the log up to it is readable."""
-    prepared = prepare(two_balls(tmp_path))
+    parts = prepare(two_balls(tmp_path)).assemble()
 
     def defect(*_):
         raise RuntimeError("a defect")
 
     monkeypatch.setattr("ffsm_mj.simulation.loop.party_energies", defect)
     with pytest.raises(RuntimeError, match="a defect"):
-        prepared.run(folder=RunFolder(tmp_path / "out"), rerun=False)
+        simulate(parts, RunFolder(tmp_path / "out"))
     assert ffsm_mj.load_run(tmp_path / "out").time[-1] == pytest.approx(0.3, abs=2e-3)
 
 

@@ -1,0 +1,130 @@
+"""A scenario made ready: a recipe that runs as often as one likes, each time from the start."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.assembly.assemble import Assembly, assemble, compile_scenario, unwatched_overlaps
+from ffsm_mj.assembly.run import simulate
+from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.model.system import System
+from ffsm_mj.scenario.scenario import Scenario, load_scenario
+from ffsm_mj.scenario.shipped import scenario_path
+from ffsm_mj.scenario.source import YamlSource
+
+
+def run(
+    scenario: str | Path,
+    overrides: Sequence[str] | Mapping[str, Any] = (),
+    *,
+    out: str | Path | None = None,
+    force: bool = False,
+    rerun: bool | None = None,
+    live: str | None = None,
+    report: Callable[[float, float], None] | None = None,
+) -> Run:
+    """Simulate a scenario.
+
+    Args:
+        scenario: A path, or the name of a shipped scenario.
+        overrides: ``key=value`` strings as on the command line, or a mapping of dotted keys to values.
+        out: Run folder to write; None keeps the run in memory only.
+        force: Replace a run that ``out`` already holds.
+        rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
+        live: ``host:port`` of a Rerun viewer to stream to; one that is missing or goes away never ends the run.
+        report: Told (simulation time, duration) in s as the run goes.
+
+    Returns:
+        The run, the same object that :func:`ffsm_mj.load_run` reads from the log.
+
+    Raises:
+        InputError: The scenario or a model is wrong, or the folder holds a run.
+    """
+    recipe = _recipe(scenario, overrides)  # whose parts are made once, by the run: they tell their faults there
+    folder = RunFolder(Path(out), force=force) if out is not None else None
+    return recipe.run(folder=folder, rerun=rerun, live=live, report=report)
+
+
+def prepare(scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Prepared:
+    """Read, validate and compile a scenario; nothing is written and nothing moves.
+
+    Args:
+        scenario: A path, or the name of a shipped scenario.
+        overrides: See :func:`run`.
+
+    Raises:
+        InputError: The scenario or a model is wrong.
+    """
+    recipe = _recipe(scenario, overrides)
+    recipe.assemble()  # for what is wrong with its parts
+    return recipe
+
+
+def _recipe(scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any]) -> Prepared:
+    if isinstance(overrides, Mapping):
+        overrides = [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
+    config, source = load_scenario(scenario_path(scenario), overrides)
+    return Prepared(config, source, compile_scenario(config, source))
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A recipe of runs: nothing in it is written after :func:`prepare`, and it can be pickled.
+
+    Every run works on its own copy of the model and on parts of its own, so runs of one recipe are the same bit by bit,
+    one after the other or in several threads at once.
+
+    Attributes:
+        scenario: The validated scenario.
+        source: Where each of its keys stands.
+        system: Robot and objects; its model is copied, never run.
+    """
+
+    scenario: Scenario
+    source: YamlSource
+    system: System
+
+    def assemble(self) -> Assembly:
+        """Parts of one run at t = 0, made anew.
+
+        Raises:
+            InputError: One line per fault, with the place in the scenario or the model.
+        """
+        return assemble(self.scenario, self.source, self.system.copy())
+
+    def run(
+        self,
+        *,
+        folder: RunFolder | None = None,
+        rerun: bool | None = None,
+        live: str | None = None,
+        report: Callable[[float, float], None] | None = None,
+    ) -> Run:
+        """Simulate from the start; see :func:`run`."""
+        with_rerun = self.scenario.log.rerun if rerun is None else rerun
+        return simulate(self.assemble(), folder, with_rerun=with_rerun, live=live, report=report)
+
+    def describe(self) -> list[str]:
+        """Lines that tell a person what would run, and what to know of it."""
+        assembly, system = self.assemble(), self.system
+        pairs = ", ".join(f"{p} (e = {p.restitution:g})" for p in assembly.pairs) or "none"
+        phases = ", ".join(f"{p.name} ({p.controller.kind})" for p in self.scenario.phases)
+        lines = [
+            f"{self.scenario.name}: valid",
+            *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
+            f"  impact pairs: {pairs}",
+            f"  phases: {phases}",
+            f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
+            f" steps of {self.scenario.time_step_s:g} s",
+        ]
+        lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
+            "conservative: nothing in the models breaks it"
+        ]
+        lines += [f"note: {note}" for note in system.notes]
+        lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
+        return lines
