@@ -9,8 +9,10 @@ from typing import get_args, get_origin, get_type_hints
 
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.log.foxglove import topics as viewer
+from ffsm_mj.log.instants import SHOWN_S, marks_topic
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.records.events import ImpactRecord, OutcomeRecord, PhaseRecord, Report, UnhandledContactRecord
+from ffsm_mj.records.events import Report
+from ffsm_mj.records.kinds import kinds
 from ffsm_mj.records.signals import GROUPS, build_layout, unit_of
 
 HEAD = """# Log reference
@@ -22,36 +24,34 @@ ns. Vectors are in world axes, angular momentum is about the world origin, quate
 those of `foxglove.*` xyzw. Names end in their unit.
 """
 
-WHEN = {
-    ImpactRecord: "one per contact of every impact, at its instant",
-    PhaseRecord: "when a phase begins",
-    UnhandledContactRecord: "when an overlap that nobody resolves is over",
-    OutcomeRecord: "once, at the end; a log without it is incomplete",
-}
 
-VIEWER = {
-    viewer.TRANSFORMS_TOPIC: (
-        "`log.view_rate_hz`, 50 Hz unless the scenario says otherwise",
-        "pose of every moving body in the frame `world`; frames are named as the bodies, `robot/base`",
-    ),
-    viewer.SCENE_TOPIC: (
-        "once, with the first frame",
-        "the visible geoms of each body as primitives or triangles, fixed in the body's frame; a cross at the task's target",
-    ),
-    viewer.IMPACTS_TOPIC: (
-        "at every impact",
-        "the impulse on the object as an arrow at the contact point, for 2 s; 1 m is 1 N s between 0.3 and 1.5 m",
-    ),
-    viewer.PLUMES_TOPIC: (
-        "when the set of firing thrusters changes, looked at once per frame",
-        "a cone at every site thruster that fires; each message replaces all earlier ones",
-    ),
-    viewer.LOG_TOPIC: ("at every event", "phases, impacts, unhandled contacts and the outcome in words; `name` is `ffsm`"),
-    f"{viewer.OUTLINE_TOPIC}/<body>": (
+def viewer_topics() -> dict[str, tuple[str, str]]:
+    """When there is a message on a topic for viewers, and what it holds, in the order of the file."""
+    about = {
+        viewer.TRANSFORMS_TOPIC: (
+            "`log.view_rate_hz`, 50 Hz unless the scenario says otherwise",
+            "pose of every moving body in the frame `world`; frames are named as the bodies, `robot/base`",
+        ),
+        viewer.SCENE_TOPIC: (
+            "once, with the first frame",
+            "the visible geoms of each body as primitives or triangles, fixed in the body's frame; "
+            "a cross at the task's target",
+        ),
+        viewer.PLUMES_TOPIC: (
+            "when the set of firing thrusters changes, looked at once per frame",
+            "a cone at every site thruster that fires; each message replaces all earlier ones",
+        ),
+        viewer.LOG_TOPIC: ("at every event", "every record, and the outcome, in words; `name` is `ffsm`"),
+    }
+    for kind in kinds():
+        drawn = f"what `{kind.topic}` tells, as arrows with a text for {SHOWN_S:g} s; 1 m is 1 unit between 0.3 and 1.5 m"
+        about[marks_topic(kind)] = (f"with `{kind.topic}`", drawn)
+    about[f"{viewer.OUTLINE_TOPIC}/<body>"] = (
         "once, with the first frame",
         "the edges of the body's geoms as coloured points in its frame, for Rerun, which draws no scene updates",
-    ),
-}
+    )
+    return {topic: about[topic] for topic in (*viewer.viewer_topics(kinds()), f"{viewer.OUTLINE_TOPIC}/<body>")}
+
 
 CONTENT = f"""## Beside the messages
 
@@ -78,23 +78,23 @@ def reference() -> Iterator[str]:
     for group, fields_of_group in samples().items():
         yield f"### {group}: {GROUPS[group]}\n"
         yield table(("field", "unit", "meaning"), fields_of_group)
-    for record_type, topic in form.RECORD_TOPICS.items():
-        yield f"## {topic}\n"
-        yield f"`{form.schema_name(record_type)}`, {WHEN[record_type]}.\n"
-        yield table(("field", "type", "unit", "meaning"), record(record_type))
+    for kind in kinds():
+        yield f"## {kind.topic}\n"
+        yield f"`{kind.schema}`, {kind.when}.\n"
+        yield table(("field", "type", "unit", "meaning"), record(kind.record))
     yield "## Viewer topics\n"
     yield "[Foxglove's schemas](https://docs.foxglove.dev/docs/sdk/schemas), for Foxglove, Lichtblick and, in part, Rerun.\n"
-    yield table(("topic", "content"), [(f"`{topic}`", text) for topic, (_, text) in VIEWER.items()])
+    yield table(("topic", "content"), [(f"`{topic}`", text) for topic, (_, text) in viewer_topics().items()])
 
 
 def topics() -> Iterator[tuple[str, str, str]]:
     """Every topic in the order of the file."""
     yield f"`{form.SAMPLE_TOPIC}`", f"`{form.SAMPLE_SCHEMA}`", "every control tick (`control_period_s`)"
-    for record_type, topic in form.RECORD_TOPICS.items():
-        yield f"`{topic}`", f"`{form.schema_name(record_type)}`", WHEN[record_type]
-    for topic, (when, _) in VIEWER.items():
-        message = viewer.VIEWER_TOPICS.get(topic, viewer.PointCloud)
-        yield f"`{topic}`", f"`{message.DESCRIPTOR.full_name}`", when
+    for kind in kinds():
+        yield f"`{kind.topic}`", f"`{kind.schema}`", kind.when
+    messages = viewer.viewer_topics(kinds())
+    for topic, (when, _) in viewer_topics().items():
+        yield f"`{topic}`", f"`{messages.get(topic, viewer.PointCloud).DESCRIPTOR.full_name}`", when
 
 
 def samples() -> dict[str, list[tuple[str, str, str]]]:

@@ -1,4 +1,4 @@
-"""Two runs held against each other: what differs first in the scenario, in the impacts, and along the way."""
+"""Two runs held against each other: what differs first in the scenario, in the records of each kind, and along the way."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.kinds import RecordKind, kinds_of
 from ffsm_mj.records.run_log import RunLog
 
 _TOGETHER = 8
@@ -48,6 +49,25 @@ class ImpactDifference:
 
 
 @dataclass(frozen=True)
+class RecordsDifference:
+    """The records of one kind, side by side.
+
+    Attributes:
+        kind: Which.
+        a: How many the first run has.
+        b: How many the second has.
+        first: Position from 0 of the first that differ; None where all are the same.
+        sentences: What the two at that position say; empty for one that is not there.
+    """
+
+    kind: RecordKind
+    a: int
+    b: int
+    first: int | None
+    sentences: tuple[str, str]
+
+
+@dataclass(frozen=True)
 class Comparison:
     """What differs between run a and run b.
 
@@ -55,6 +75,7 @@ class Comparison:
         scenario: Keys of the resolved scenarios whose values differ, in order: (key, value in a, in b); None: no such key.
         models: Model files that differ, or that one run has and the other not.
         impacts: Contacts in order, side by side.
+        records: Every kind of record that either run may have.
         signals: Signals of both runs that differ at some common time, in the order of the log.
         only_a: Signals that only a has.
         only_b: Signals that only b has.
@@ -65,6 +86,7 @@ class Comparison:
     scenario: tuple[tuple[str, Any, Any], ...]
     models: tuple[str, ...]
     impacts: tuple[ImpactDifference, ...]
+    records: tuple[RecordsDifference, ...]
     signals: tuple[SignalDifference, ...]
     only_a: tuple[str, ...]
     only_b: tuple[str, ...]
@@ -73,9 +95,9 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Same scenario, models, impacts and numbers, bit by bit."""
-        impacts = all(pair.a == pair.b for pair in self.impacts)
-        return impacts and not (self.scenario or self.models or self.signals or self.only_a or self.only_b)
+        """Same scenario, models, records and numbers, bit by bit."""
+        records = all(kind.first is None for kind in self.records)
+        return records and not (self.scenario or self.models or self.signals or self.only_a or self.only_b)
 
     @property
     def first_s(self) -> float | None:
@@ -93,12 +115,24 @@ def compare_logs(a: RunLog, b: RunLog) -> Comparison:
         scenario=tuple(_differences(_scenario(a), _scenario(b))),
         models=tuple(sorted(_different_files(a, b))),
         impacts=tuple(ImpactDifference(x, y) for x, y in zip_longest(a.impacts, b.impacts)),
+        records=tuple(_records(a, b)),
         signals=tuple(_signals(a, b, both, (of_a, of_b))),
         only_a=tuple(key for key in layouts[0].keys if key not in layouts[1].index),
         only_b=tuple(key for key in layouts[1].keys if key not in layouts[0].index),
         samples=len(of_a),
         end_s=float(a.rows[of_a[-1], 0]) if len(of_a) else 0.0,
     )
+
+
+def _records(a: RunLog, b: RunLog) -> Iterator[RecordsDifference]:
+    for kind in kinds_of((*a.header.kinds, *b.header.kinds)):
+        if kind.plural:
+            of_a, of_b = (log.records.get(kind.plural, ()) for log in (a, b))
+            pairs = list(zip_longest(of_a, of_b))
+            first = next((i for i, (x, y) in enumerate(pairs) if x != y), None)
+            differ = pairs[first] if first is not None else (None, None)
+            x, y = (kind.sentence(record) if record is not None else "" for record in differ)
+            yield RecordsDifference(kind, len(of_a), len(of_b), first, (x, y))
 
 
 def _signals(a: RunLog, b: RunLog, keys: list[str], chosen: tuple[Any, Any]) -> Iterator[SignalDifference]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import deepcopy
 from functools import cached_property
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+import ffsm_mj.analysis.kinds  # noqa: F401 (registers the kinds of records of every run)
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.digest import Digest, digest
 from ffsm_mj.analysis.summary import summarise, tip_error
@@ -120,6 +122,11 @@ class Run:
         return np.asarray(self.log.rows[:, [i for i, key in enumerate(self.keys) if key.startswith(prefixes)]])
 
     @property
+    def records(self) -> Mapping[str, tuple[Any, ...]]:
+        """What happened once, in order: ``impacts``, ``phases``, ``unhandled_contacts`` and what regimes of contact left."""
+        return self.log.records
+
+    @property
     def impacts(self) -> tuple[ImpactRecord, ...]:
         """Contacts of all impacts."""
         return self.log.impacts
@@ -143,6 +150,11 @@ class Run:
     def damage(self) -> str:
         """What of the log could not be read, in a sentence; empty where it is whole up to its end."""
         return self.log.damage
+
+    @property
+    def note(self) -> str:
+        """What of the log was left out because nobody here knows what it is, in a sentence; empty where nothing was."""
+        return self.log.note
 
     @property
     def outcome(self) -> str:
@@ -174,7 +186,7 @@ class Run:
         return self._given or digest(self.log)
 
     def table(self, name: str = "samples") -> Table:
-        """A table of named columns with units: ``samples``, ``impacts`` (one row per contact), ``phases`` or ``laws``.
+        """A table of named columns with units: ``samples``, ``laws``, or the records of a kind, as ``impacts``.
 
         Raises:
             KeyError: No such table.

@@ -10,7 +10,6 @@ import numpy as np
 from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.analysis.verdicts import Audit
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.facts import is_conservative, logged_task
 from ffsm_mj.records.run_log import RunLog
 
@@ -46,12 +45,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
         "wall_s": wall,
         "real_time_factor": end / wall if wall else 0.0,
         "conservative": is_conservative(log.header.facts),
-        "impacts": [_impact(record) for record in log.impacts],
-        "unhandled_contacts": [
-            {"geoms": list(c.geoms), "start_s": c.start_s, "end_s": c.end_s, "max_depth_m": c.max_depth_m}
-            for c in log.unhandled
-        ],
-        "phases": _phases(log, end),
+        **_records(log, end),
         "tip": _tip(digest.tip),
         "controller": {
             "ticks": outcome.controller_ticks if outcome else 0,
@@ -65,38 +59,13 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
     }
 
 
-def _impact(record: ImpactRecord) -> dict[str, Any]:
-    def values(qvel: Any) -> dict[str, float | list[float]]:
-        return {joint: v[0] if len(v) == 1 else list(v) for joint, v in qvel.items()}
-
-    return {
-        "event": record.event,
-        "time_s": record.time_s,
-        "pair": record.pair,
-        "geoms": list(record.geoms),
-        **({"robot_geom": record.robot_geom, "object_geom": record.object_geom} if record.robot_geom else {}),
-        "point_m": list(record.point_m),
-        "normal": list(record.normal),
-        "manifold": record.manifold,
-        "restitution": record.restitution,
-        "approach_speed_m_s": record.approach_speed_m_s,
-        "separation_speed_m_s": record.separation_speed_m_s,
-        "impulse_N_s": record.impulse_N_s,
-        "angular_impulse_N_m_s": list(record.angular_impulse_N_m_s),
-        "qvel_before": values(record.qvel_before),
-        "qvel_after": values(record.qvel_after),
-        "energy_change_J": record.energy_change_J,
-        "linear_momentum_change_N_s": record.linear_momentum_change_N_s,
-        "angular_momentum_change_N_m_s": record.angular_momentum_change_N_m_s,
-    }
-
-
-def _phases(log: RunLog, end_s: float) -> list[dict[str, Any]]:
+def _records(log: RunLog, end_s: float) -> dict[str, list[dict[str, Any]]]:
+    """A list for each kind of record; a phase lasts until the next one begins, which its own record cannot tell."""
+    lists = {kind.plural: [kind.summary(record) for record in log.records.get(kind.plural, ())] for kind in log.kinds}
     ends = [phase.start_s for phase in log.phases[1:]] + [end_s] * bool(log.phases)
-    return [
-        {"name": phase.name, "start_s": phase.start_s, "end_s": end, "controller": phase.controller}
-        for phase, end in zip(log.phases, ends, strict=True)
-    ]
+    for phase, end in zip(lists.get("phases", ()), ends, strict=True):
+        phase["end_s"] = end
+    return lists
 
 
 def _tip(tip: TipDigest | None) -> dict[str, Any] | None:

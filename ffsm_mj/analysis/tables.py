@@ -1,4 +1,4 @@
-"""What a log holds as plain tables of named columns: samples, impacts, phases and laws, each with units."""
+"""What a log holds as plain tables of named columns: samples, records of every kind and laws, each with units."""
 
 from __future__ import annotations
 
@@ -17,29 +17,16 @@ from ffsm_mj.records.kinds import field_of
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
 
-TABLES = ("samples", "impacts", "phases", "laws")
-"""Names of the tables of every run."""
-
-_IMPACT_COLUMNS = {
-    "time_s": ("s", "simulation time"),
-    "event": ("", "number of the impact, from 0; contacts at one instant share it"),
-    "pair": ("", "name of the pair of geoms that touch"),
-    "geoms_{ab}": ("", "geom of the pair"),
-    "robot_geom": ("", "geom a where the robot touches an object, else empty"),
-    "object_geom": ("", "geom b where the robot touches an object, else empty"),
-    "manifold": ("", "point, edge or face"),
-    "law": ("", "contact law that made the result"),
-    "restitution": ("", "coefficient of restitution"),
-    "point_{xyz}_m": ("m", "contact point, world frame"),
-    "normal_{xyz}": ("", "normal from a to b, world frame"),
-    "approach_speed_m_s": ("m/s", "normal speed of approach before"),
-    "separation_speed_m_s": ("m/s", "normal speed of separation after"),
-    "impulse_N_s": ("N s", "impulse on b along the normal"),
-    "angular_impulse_{xyz}_N_m_s": ("N m s", "angular impulse on b about the centre of mass of its robot or object"),
-    "gap_m": ("m", "signed distance at the event"),
-    "energy_change_J": ("J", "kinetic energy gained by the whole system"),
-    "linear_momentum_change_N_s": ("N s", "norm of the change of the whole system's linear momentum"),
-    "angular_momentum_change_N_m_s": ("N m s", "norm of the change of the whole system's angular momentum about the origin"),
+_LAW_COLUMNS = {
+    "name": ("", "what is conserved"),
+    "party": ("", "of whom"),
+    "component": ("", "where the residual is worst"),
+    "residual": ("", "worst magnitude in a stretch of 100 000 steps, in the unit of its row"),
+    "time_s": ("s", "when that is"),
+    "tolerance": ("", "what is allowed, in the unit of its row"),
+    "unit": ("", "unit of residual and tolerance"),
+    "holds": ("", "whether the residual is within the tolerance"),
+    "drift": ("", "worst magnitude since the first sample, in the unit of its row"),
 }
 
 
@@ -48,7 +35,7 @@ class Table:
     """Columns of equal length, in order, with unit and description of each.
 
     Attributes:
-        name: One of ``TABLES``.
+        name: One of :func:`table_names`.
         columns: Values by column name; the name ends in the unit.
         units: Unit of each column, empty where it has none.
         descriptions: What each column means.
@@ -85,6 +72,11 @@ def _package(name: str, purpose: str) -> Any:
         raise MissingPackageError(purpose, name, "tables") from error
 
 
+def table_names(log: RunLog) -> tuple[str, ...]:
+    """Names of the tables of a run: its samples, one table for each kind of record that it may have, and the laws."""
+    return "samples", *(kind.plural for kind in log.kinds), "laws"
+
+
 def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> Table:
     """One table of a run by name.
 
@@ -93,33 +85,12 @@ def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> T
     """
     if name == "samples":
         return samples(log.header.layout, np.asarray(log.rows[:]))
-    if name == "impacts":
-        return _impacts(log)
-    if name == "phases":
-        return _records(name, _PHASE_COLUMNS, log.phases)
     if name == "laws":
-        return _records(name, _LAW_COLUMNS, check_laws(log, tolerance))
-    raise KeyError(unknown_name("table", name, TABLES))
-
-
-_PHASE_COLUMNS = {
-    "index": ("", "position in the scenario, from 0"),
-    "name": ("", "name of the phase"),
-    "controller": ("", "kind of its controller"),
-    "start_s": ("s", "when it begins"),
-    "reason": ("", "why it begins"),
-}
-_LAW_COLUMNS = {
-    "name": ("", "what is conserved"),
-    "party": ("", "of whom"),
-    "component": ("", "where the residual is worst"),
-    "residual": ("", "worst magnitude in a stretch of 100 000 steps, in the unit of its row"),
-    "time_s": ("s", "when that is"),
-    "tolerance": ("", "what is allowed, in the unit of its row"),
-    "unit": ("", "unit of residual and tolerance"),
-    "holds": ("", "whether the residual is within the tolerance"),
-    "drift": ("", "worst magnitude since the first sample, in the unit of its row"),
-}
+        return _of_columns(name, _LAW_COLUMNS, check_laws(log, tolerance))
+    for kind in log.kinds:
+        if kind.plural == name:
+            return _of_columns(name, kind.columns, log.records.get(name, ()))
+    raise KeyError(unknown_name("table", name, table_names(log)))
 
 
 def samples(layout: Layout, rows: FloatArray) -> Table:
@@ -132,30 +103,22 @@ def samples(layout: Layout, rows: FloatArray) -> Table:
     )
 
 
-def _records(name: str, meaning: Mapping[str, tuple[str, str]], records: Sequence[Any]) -> Table:
+def _of_columns(name: str, meaning: Mapping[str, tuple[str, str]], records: Sequence[Any]) -> Table:
+    """One row per record; a field of several values as one column for each."""
+    columns: dict[str, npt.NDArray[Any]] = {}
+    about: dict[str, tuple[str, str]] = {}
+    for column, words in meaning.items():
+        field, letters = field_of(column)
+        values = [getattr(record, field) for record in records]
+        if not letters:
+            columns[column], about[column] = np.array(values), words
+            continue
+        for i, letter in enumerate(letters):
+            each = column.replace(f"{{{letters}}}", letter)
+            columns[each], about[each] = np.array([value[i] for value in values]), words
     return Table(
         name,
-        {column: np.array([getattr(record, column) for record in records]) for column in meaning},
-        {column: unit for column, (unit, _) in meaning.items()},
-        {column: text for column, (_, text) in meaning.items()},
-    )
-
-
-def _impacts(log: RunLog) -> Table:
-    """One row per contact; vectors as one column per axis."""
-    columns: dict[str, npt.NDArray[Any]] = {}
-    meaning: dict[str, tuple[str, str]] = {}
-    for pattern, about in _IMPACT_COLUMNS.items():
-        name, letters = field_of(pattern)
-        values = [getattr(record, name) for record in log.impacts]
-        if not letters:
-            columns[pattern], meaning[pattern] = np.array(values), about
-        for i, letter in enumerate(letters):
-            column = pattern.replace(f"{{{letters}}}", letter)
-            columns[column], meaning[column] = np.array([value[i] for value in values]), about
-    return Table(
-        "impacts",
         columns,
-        {name: unit for name, (unit, _) in meaning.items()},
-        {name: text for name, (_, text) in meaning.items()},
+        {column: unit for column, (unit, _) in about.items()},
+        {column: text for column, (_, text) in about.items()},
     )

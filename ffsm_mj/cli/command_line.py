@@ -126,7 +126,9 @@ def _describe_export(export: argparse.ArgumentParser) -> None:
     for form, text in _EXPORTS.items():
         forms.add_argument(f"--{form}", dest="form", action="store_const", const=form, help=text)
     export.add_argument(
-        "--table", metavar="TABLE", help="samples (default), impacts, phases or laws, for --csv and --parquet"
+        "--table",
+        metavar="TABLE",
+        help="samples (default), laws, or a kind of record (impacts, phases, ...), for --csv and --parquet",
     )
     export.add_argument("--fps", type=_frame_rate, help="frames per second, up to 50 (default: 20)")
     export.add_argument(

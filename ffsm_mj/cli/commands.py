@@ -186,4 +186,6 @@ def export(options: argparse.Namespace, say: Say, stage: Stage) -> str:
 
         stage(out.name, "")
         say(f"{out}: {write_table(run, table, out, options.form)}")
+    if run.note:
+        say(f"note: {run.note}")
     return f"{log}: {what_is_missing(run)}" if what_is_missing(run) else ""

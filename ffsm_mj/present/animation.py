@@ -97,6 +97,7 @@ def _pictures(subject: Subject, times: Any, speed: float) -> Iterator[Any]:
     trails = {name: axes.plot([], [], color=c, linewidth=1.2, zorder=20)[0] for name, c in tree_colours(subject).items()}
     trails["tip"] = axes.plot([], [], color=BLACK, linewidth=1.4, zorder=22)[0]
     star = axes.plot([], [], "*", markersize=16, markerfacecolor=YELLOW, markeredgecolor=BLACK, zorder=31)[0]
+    marks = run.log.marks()
     paths = subject.roots | ({"tip": subject.tip} if subject.tip is not None else {})
     for row in rows:
         time = float(run.time[row])
@@ -106,7 +107,7 @@ def _pictures(subject: Subject, times: Any, speed: float) -> Iterator[Any]:
         past = subject.chosen <= row
         for name, path in paths.items():
             trails[name].set_data(*path[past][:, plane.axes].T)
-        hits = [np.array(r.point_m)[plane.axes] for r in run.impacts if 0.0 <= time - r.time_s <= _FLASH_S * speed]
+        hits = [np.array(mark.point_m)[plane.axes] for _, at, mark in marks if 0.0 <= time - at <= _FLASH_S * speed]
         star.set_data(*np.array(hits).reshape(-1, 2).T)
         axes.set_title(f"{_caption(run, time)}   ({speed:g}x)", loc="left")
         canvas.draw()

@@ -13,7 +13,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.analysis.tables import TABLES, Table, samples
+from ffsm_mj.analysis.tables import Table, samples, table_names
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.present.output_place import usable_file, writing
@@ -44,8 +44,8 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
         InputError: No such table, or the file cannot be written to.
         OutputLostError: It could not be written to its end.
     """
-    if name not in TABLES:
-        raise InputError(f"--table: {unknown_name('table', name, TABLES)}")
+    if name not in table_names(run.log):
+        raise InputError(f"--table: {unknown_name('table', name, table_names(run.log))}")
     usable_file(path)
     write = _write_parquet if form == "parquet" else _write_csv
     with writing(path), path.open("wb") as stream:  # a path would be removed by pyarrow where writing fails, be it a device

@@ -13,6 +13,7 @@ from ffsm_mj.analysis.recounted import Recount
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.verdicts import Law, Tolerance
 from ffsm_mj.present.json_text import json_text
+from ffsm_mj.present.record_lines import record_comparison, record_lines
 from ffsm_mj.records.events import ImpactRecord
 
 _STEP_HINT = (
@@ -35,7 +36,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def run_report(run: Run) -> str:
     """Outcome, impacts, tip and conservation of a finished run."""
-    parts = [headline(run), impact_table(run.impacts), *_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
+    parts = [headline(run), impact_table(run.impacts), *record_lines(run)]
+    parts += [*_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
     laws = run.laws()
     if run.conservative or laws:
         parts.append(conservation_table(laws) + ("" if all(law.holds for law in laws) else _STEP_HINT))
@@ -157,7 +159,7 @@ def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
     """What ``ffsm analyze`` prints: everything recomputed from the states in the log."""
     damage = damage_of(run, again)
     impacts = impact_table(run.impacts, whole=run.complete and not damage)
-    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts]
+    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts, *record_lines(run)]
     parts += [*_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
     laws = again.laws(tolerance)
     if run.conservative or laws:
@@ -171,6 +173,8 @@ def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
     parts.append(agreement(again))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
+    if run.note:
+        parts.append(f"note: {run.note}")
     if damage:
         parts.append(f"damaged: {damage}")
     return "\n\n".join(part for part in parts if part)
@@ -243,7 +247,8 @@ def verification_data(run: Run, again: Recount, tolerance: Tolerance) -> dict[st
         },
     }
     damage = damage_of(run, again)
-    return {"summary": run.summary(), "laws": laws, "states": states, "complete": run.complete, "damage": damage}
+    told = {"complete": run.complete, "note": run.note, "damage": damage}
+    return {"summary": run.summary(), "laws": laws, "states": states} | told
 
 
 def _finite(value: float) -> float | None:
@@ -261,6 +266,7 @@ def comparison_report(labels: tuple[str, str], found: Comparison) -> str:
     if found.same:
         return f"{head}: the same, number by number, at all {found.samples} common times"
     parts = [f"{head}: {found.samples} common times up to {found.end_s:g} s", _scenario_lines(found)]
+    parts.append(record_comparison(found))
     if any(pair.a != pair.b for pair in found.impacts):
         names = ("contact", "pair", "time s", "", "change s", "impulse N s", "", "change N s")
         parts.append(table(names, (_impact_row(i, pair) for i, pair in enumerate(found.impacts))))

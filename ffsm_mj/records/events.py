@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any, ClassVar, Protocol
 
 Report = Mapping[str, float | int | str]
 """What a control law says of its work in a phase: finite numbers and texts by name."""
@@ -168,4 +169,7 @@ class OutcomeRecord:
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
-Event = ImpactRecord | PhaseRecord | UnhandledContactRecord
+class Event(Protocol):
+    """A record of a registered kind, the outcome aside: a frozen dataclass; see :mod:`.kinds`."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]

@@ -18,6 +18,7 @@ class RunHeader:
         layout: The columns of a row.
         files: Content of every model file by its path relative to the scenario.
         facts: Versions, start time, task target, whether the system is conservative; text, for people and ``analysis``.
+        kinds: Names of the kinds of records that it may leave beyond those of every run: what its regimes of contact leave.
     """
 
     scenario_name: str
@@ -25,3 +26,4 @@ class RunHeader:
     layout: Layout
     files: Mapping[str, bytes]
     facts: Mapping[str, str]
+    kinds: tuple[str, ...] = ()

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
 from ffsm_mj.errors import unknown_name
+from ffsm_mj.records.events import Report
 
 _TAKEN = frozenset(
     (
@@ -34,12 +35,14 @@ class Mark:
         direction: Unit vector of the arrow; zero for none.
         magnitude: What the arrow stands for, in the unit of its text: 1 m for each within the limits of a viewer.
         text: What stands beside it.
+        name: Of what touches there, where viewers list what they draw.
     """
 
     point_m: tuple[float, ...]
     direction: tuple[float, ...] = (0.0, 0.0, 0.0)
     magnitude: float = 0.0
     text: str = ""
+    name: str = "contact"
 
 
 def _never(_: Any) -> bool:
@@ -187,4 +190,4 @@ def _storable(hint: Any) -> bool:
     parts = get_args(hint)
     if get_origin(hint) is tuple:
         return len(parts) == 2 and parts[0] in _ONE and parts[1] is ...
-    return hint in _ONE or (get_origin(hint) is Mapping and parts[0] is str and parts[1] in (str, tuple[float, ...]))
+    return hint in _ONE or (get_origin(hint) is Mapping and parts[0] is str and parts[1] in (str, Report, tuple[float, ...]))

@@ -77,7 +77,7 @@ def test_impact_laws_catch_a_wrong_impact(tmp_path, restitution):
         ({"energy_change_J": record.energy_change_J + 1e-6}, "impact energy"),
         ({"separation_speed_m_s": record.separation_speed_m_s + 1e-6}, "impact restitution"),
     ):
-        wrong = Run(replace(run.log, impacts=(replace(record, **change),)))
+        wrong = Run(replace(run.log, records=run.log.records | {"impacts": (replace(record, **change),)}))
         assert not law(wrong, broken).holds
         assert law(wrong, broken).residual == pytest.approx(1e-6, rel=1e-6)
         assert law(wrong, broken).component == "impact 1"

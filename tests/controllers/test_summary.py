@@ -15,7 +15,8 @@ import ffsm_mj
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.errors import ControllerError
-from ffsm_mj.log.mcap.format import decode_record, encode_record
+from ffsm_mj.log.mcap.record_format import decode_record, encode_record
+from ffsm_mj.records.course import OUTCOME
 from ffsm_mj.records.events import OutcomeRecord
 from tests.scenes import two_balls
 
@@ -102,6 +103,6 @@ def test_a_law_that_cannot_say_it_has_failed_and_the_log_is_kept(telling, tmp_pa
 @pytest.mark.parametrize("report", ["", "1", "[1]", '{"a": [1]}', '{"a": NaN}', '{"a": null}', "[" * 100_000])
 def test_a_report_of_somebody_else_is_checked_where_it_is_read(report):
     outcome = OutcomeRecord("completed", "", 1.0, 1, 0.0, 1, {"phase": {"count": 12345}})
-    assert decode_record(OutcomeRecord, encode_record(outcome)) == outcome
+    assert decode_record(OUTCOME, encode_record(outcome)) == outcome
     with pytest.raises(ValueError, match=r"report|Expecting"):
-        decode_record(OutcomeRecord, encode_record(replace(outcome, reports={"phase": report})))
+        decode_record(OUTCOME, encode_record(replace(outcome, reports={"phase": report})))

@@ -11,8 +11,8 @@ from mcap.records import Attachment, Channel, Message
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
-from ffsm_mj.log.mcap import format as mcap_format
-from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.impact.kind import IMPACT
+from ffsm_mj.log.mcap.record_format import decode_record, encode_record
 from tests.hostile.log_mutations import log, records
 from tests.scenes import two_balls
 
@@ -33,29 +33,29 @@ def changed(hit, path, change):
 
 def test_an_impact_whose_normal_is_no_vector(hit, tmp_path, capsys):
     (impact,) = hit.impacts
-    whole, short = (mcap_format.encode_record(replace(impact, normal=normal)) for normal in (impact.normal, (1.0,)))
+    whole, short = (encode_record(replace(impact, normal=normal)) for normal in (impact.normal, (1.0,)))
 
     def change(record):
         yield replace(record, data=short) if isinstance(record, Message) and record.data == whole else record
 
     path = changed(hit, tmp_path / "x.mcap", change)
     assert main(["analyze", path]) == 2
-    expected = f"{path}: not of this version's format (normal of an event has 1 values, not 3)\n"
+    expected = f"{path}: not of this version's format (normal of impact has 1 values, not 3)\n"
     assert capsys.readouterr().err == expected
-    assert mcap_format.decode_record(ImpactRecord, whole) == impact
+    assert decode_record(IMPACT, whole) == impact
 
 
 @pytest.mark.parametrize("field", ["momentum_before", "energy_after_J"])
 def test_an_impact_without_its_totals(hit, tmp_path, capsys, field):
     (impact,) = hit.impacts
-    whole, short = (mcap_format.encode_record(record) for record in (impact, replace(impact, **{field: {}})))
+    whole, short = (encode_record(record) for record in (impact, replace(impact, **{field: {}})))
     path = changed(
         hit,
         tmp_path / "x.mcap",
         lambda record: [replace(record, data=short) if getattr(record, "data", b"") == whole else record],
     )
     assert main(["analyze", path]) == 2
-    assert f"{field} of an event lacks its" in capsys.readouterr().err
+    assert f"{field}.total of impact has 0 values" in capsys.readouterr().err
 
 
 def test_a_scenario_that_is_no_text(hit, tmp_path, capsys):

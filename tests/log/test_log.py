@@ -17,8 +17,11 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
 from ffsm_mj.errors import InputError, LogError
+from ffsm_mj.impact.kind import IMPACT
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.records.events import ImpactRecord, OutcomeRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.log.mcap.record_format import decode_record, encode_record
+from ffsm_mj.records.events import OutcomeRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.signals import Layout, Signal
 from tests.scenes import two_balls
 
@@ -80,12 +83,12 @@ def test_some_columns_are_those_of_all(rng):
     ],
 )
 def test_events_survive_the_round_trip(record):
-    assert form.decode_record(type(record), form.encode_record(record)) == record
+    assert decode_record(kind_of(record), encode_record(record)) == record
 
 
 def test_impact_survives_the_round_trip(tmp_path):
     (impact,) = ffsm_mj.run(two_balls(tmp_path)).impacts
-    assert form.decode_record(ImpactRecord, form.encode_record(impact)) == impact
+    assert decode_record(IMPACT, encode_record(impact)) == impact
 
 
 @pytest.fixture(scope="module")

@@ -21,9 +21,10 @@ from ffsm_mj.log.foxglove.messages import TransformsCodec
 from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.foxglove.topics import ViewerTopics
 from ffsm_mj.log.mcap.block_writer import BlockWriter
-from ffsm_mj.log.narration import event_time, is_warning, sentence
+from ffsm_mj.records.course import OUTCOME
 from ffsm_mj.records.events import OutcomeRecord, UnhandledContactRecord
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.signals import Layout, Signal
 from tests.scenes import HEAD, ball, box, compile_paths, scene
 
@@ -114,12 +115,13 @@ def test_an_impact_is_an_arrow_along_the_normal(tumbling):
 def test_what_happens_is_told_in_words(tumbling):
     _, topics, _ = tumbling
     texts = [message.message for _, message in topics["/log"]]
-    assert [text.split()[0] for text in texts] == ["phase", "impact:", "completed"]
+    assert [text.split()[0] for text in texts] == ["phase", "impact", "completed"]
     overlap = UnhandledContactRecord(("a", "b"), 0.5, 1.25, 1e-3)
-    assert sentence(overlap) == "unhandled contact: a and b overlapped from 0.500 to 1.250 s, up to 0.001 m deep"
-    assert (event_time(overlap), is_warning(overlap)) == (1.25, True)
+    kind = kind_of(overlap)
+    assert kind.sentence(overlap) == "unhandled contact: a and b overlapped from 0.500 to 1.250 s, up to 0.001 m deep"
+    assert (kind.time(overlap), kind.warning(overlap)) == (1.25, True)
     failed = OutcomeRecord("diverged", "qpos is not finite", 2.0, 2000, 1.0, 2000, 0, 0.0)
-    assert (sentence(failed), is_warning(failed)) == ("diverged: qpos is not finite", True)
+    assert (OUTCOME.sentence(failed), OUTCOME.warning(failed)) == ("diverged: qpos is not finite", True)
 
 
 def test_rerun_reads_poses_outlines_and_text(tumbling, tmp_path):

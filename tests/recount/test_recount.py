@@ -123,15 +123,15 @@ def test_every_field_of_an_impact_shows_a_change(hit, field):
 
     given = getattr(record, field)
     wrong = {name: other(value) for name, value in given.items()} if isinstance(given, dict) else other(given)
-    again = recount(replace(hit.log, impacts=(replace(record, **{field: wrong}),)))
+    again = recount(replace(hit.log, records=hit.log.records | {"impacts": (replace(record, **{field: wrong}),)}))
     assert not again.agrees
 
 
 def test_an_impact_that_is_missing_or_made_up_shows(hit):
     (record,) = hit.impacts
-    assert not recount(replace(hit.log, impacts=())).agrees
+    assert not recount(replace(hit.log, records={})).agrees
     twice = (record, replace(record, event=1, time_s=0.05, step=50))
-    assert not recount(replace(hit.log, impacts=twice)).agrees
+    assert not recount(replace(hit.log, records={"impacts": twice})).agrees
 
 
 def test_a_mass_that_was_not_the_runs_shows(hit):

@@ -1,4 +1,4 @@
-"""What Foxglove and Lichtblick draw, as ``foxglove.SceneUpdate``: bodies, the target, impacts and plumes.
+"""What Foxglove and Lichtblick draw, as ``foxglove.SceneUpdate``: bodies, the target, marks of records and plumes.
 
 Bodies are sent once, fixed to frames that ``foxglove.FrameTransforms`` moves. A viewer that jumps in time asks for the last
 message of a topic, so each message states all that its topic shows from then on.
@@ -22,10 +22,10 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.drawing import Shape
 from ffsm_mj.log.foxglove.messages import ROOT_FRAME, duration, timestamp
+from ffsm_mj.log.instants import SHOWN_S
 from ffsm_mj.model.system import System
-from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.kinds import Mark
 
-_ARROW_SHOWN_S = 2.0
 _ARROW_LENGTH_M = (0.3, 1.5)
 _YELLOW, _FLAME = (0.94, 0.89, 0.26, 1.0), (0.9, 0.62, 0.1, 0.7)
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
@@ -55,36 +55,46 @@ def bodies_update(
     return update
 
 
-def impacts_update(impacts: Sequence[tuple[str, ImpactRecord]], time_ns: int) -> SceneUpdate:
-    """The impulses on objects at one instant as arrows at the contact points, for two seconds; 1 m is 1 N s within limits.
+def marks_update(marks: Sequence[tuple[str, Mark]], time_ns: int) -> SceneUpdate:
+    """What records of one instant draw, for two seconds: an arrow or a dot, and a text; 1 m for a unit within limits.
 
     Args:
-        impacts: A unique name for each contact, and the contact.
-        time_ns: When they happened.
+        marks: A unique name for each mark, and the mark.
+        time_ns: When they are made.
     """
     update = SceneUpdate()
-    for name, impact in impacts:
+    for name, mark in marks:
         entity = _entity(update, name, ROOT_FRAME, time_ns)
-        entity.lifetime.CopyFrom(duration(_ARROW_SHOWN_S))
-        point, normal = np.array(impact.point_m), np.array(impact.normal)
-        length = float(np.clip(impact.impulse_N_s, *_ARROW_LENGTH_M))
-        head = min(0.12, 0.4 * length)
-        entity.arrows.add(
-            pose=_pose(point, _turn(np.array([1.0, 0.0, 0.0]), normal)),
-            shaft_length=length - head,
-            shaft_diameter=0.05,
-            head_length=head,
-            head_diameter=0.1,
-            color=_colour(_YELLOW),
-        )
+        entity.lifetime.CopyFrom(duration(SHOWN_S))
+        point, along = np.array(mark.point_m), np.array(mark.direction)
+        if along.any():
+            length = _add_arrow(entity, point, along, mark.magnitude)
+        else:
+            length, along = 0.0, np.array([0.0, 0.0, 1.0])
+            entity.spheres.add(pose=_pose(point, _NO_TURN), size=_vector(np.full(3, 0.1)), color=_colour(_YELLOW))
         entity.texts.add(
-            pose=_pose(point + (length + 0.15) * normal, _NO_TURN),
+            pose=_pose(point + (length + 0.15) * along, _NO_TURN),
             billboard=True,
             font_size=0.15,
             color=_colour(_YELLOW),
-            text=f"{impact.impulse_N_s:.4g} N s",
+            text=mark.text,
         )
     return update
+
+
+def _add_arrow(entity: Any, point: FloatArray, along: FloatArray, magnitude: float) -> float:
+    """An arrow that begins at a point; returns its length, m."""
+    length = float(np.clip(magnitude, *_ARROW_LENGTH_M))
+    head = min(0.12, 0.4 * length)
+    entity.arrows.add(
+        pose=_pose(point, _turn(np.array([1.0, 0.0, 0.0]), along)),
+        shaft_length=length - head,
+        shaft_diameter=0.05,
+        head_length=head,
+        head_diameter=0.1,
+        color=_colour(_YELLOW),
+    )
+    return length
 
 
 def plumes_update(system: System, firing: list[tuple[int, int]], time_ns: int) -> SceneUpdate:

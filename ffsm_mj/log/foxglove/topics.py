@@ -1,8 +1,8 @@
-"""The topics of ``run.mcap`` that viewers draw without set-up: frames, scene, impacts, plumes and text."""
+"""The topics of ``run.mcap`` that viewers draw without set-up: frames, scene, marks of records, plumes and text."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import mujoco
@@ -17,28 +17,32 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies, shapes_by_body
 from ffsm_mj.log.foxglove.messages import TransformsCodec, timestamp
 from ffsm_mj.log.foxglove.outline import outline_cloud
-from ffsm_mj.log.foxglove.scene import bodies_update, frame_id, impacts_update, plumes_update
-from ffsm_mj.log.narration import event_time, is_warning, sentence
+from ffsm_mj.log.foxglove.scene import bodies_update, frame_id, marks_update, plumes_update
+from ffsm_mj.log.instants import Instants, marks_topic
 from ffsm_mj.log.wire import nanoseconds
 from ffsm_mj.model.system import System
-from ffsm_mj.records.events import Event, ImpactRecord, OutcomeRecord
+from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.kinds import RecordKind, kind_of, kinds_of
 from ffsm_mj.records.signals import identifier
 
 TRANSFORMS_TOPIC = "/tf"
 SCENE_TOPIC = "/scene"
-IMPACTS_TOPIC = "/scene/impacts"
 PLUMES_TOPIC = "/scene/plumes"
 OUTLINE_TOPIC = "/outline"
 LOG_TOPIC = "/log"
-VIEWER_TOPICS: dict[str, Any] = {
-    TRANSFORMS_TOPIC: FrameTransforms,
-    SCENE_TOPIC: SceneUpdate,
-    IMPACTS_TOPIC: SceneUpdate,
-    PLUMES_TOPIC: SceneUpdate,
-    LOG_TOPIC: Log,
-}
+
+
+def viewer_topics(kinds: Sequence[RecordKind]) -> dict[str, Any]:
+    """Message class of every topic but the outlines, in the order of the file, where a run has records of some kinds."""
+    return {
+        TRANSFORMS_TOPIC: FrameTransforms,
+        SCENE_TOPIC: SceneUpdate,
+        **{marks_topic(kind): SceneUpdate for kind in kinds if kind.marks is not None},
+        PLUMES_TOPIC: SceneUpdate,
+        LOG_TOPIC: Log,
+    }
 
 
 def outline_topic(system: System, body: int) -> str:
@@ -62,17 +66,18 @@ class ViewerTopics:
         self._thrusters = _thrusters(system)
         self._drawn = shapes_by_body(system)
         self._firing: list[tuple[int, int]] = []
-        self._touching: list[tuple[str, ImpactRecord]] = []
+        self._instants = Instants()
         self._begun = False
 
     @property
     def topics(self) -> dict[str, Any]:
-        """Message class of every topic."""
-        return VIEWER_TOPICS | {outline_topic(self._system, body): PointCloud for body in self._drawn}
+        """Message class of every topic, once the run is open."""
+        return viewer_topics(self._kinds) | {outline_topic(self._system, body): PointCloud for body in self._drawn}
 
     def open(self, header: RunHeader) -> None:
-        """Learn the columns of the rows and the task."""
+        """Learn the columns of the rows, the kinds of records and the task."""
         task = logged_task(header.facts)
+        self._kinds = kinds_of(header.kinds)
         self._target = task.point_m if task is not None else None
         names = [identifier(self._system.mj.actuator(i).name) for i in self._thrusters]
         self._efforts = [header.layout.index[f"actuators.{name}_applied_N"] for name in names]
@@ -106,14 +111,17 @@ class ViewerTopics:
                 yield _packet(PLUMES_TOPIC, time, plumes_update(self._system, firing, time))
 
     def event(self, event: Event | OutcomeRecord) -> Iterator[Packet]:
-        """An event in words, an impact also as an arrow."""
-        time = nanoseconds(event_time(event))
-        level = Log.WARNING if is_warning(event) else Log.INFO
-        yield _packet(LOG_TOPIC, time, Log(timestamp=timestamp(time), level=level, message=sentence(event), name="ffsm"))
-        if isinstance(event, ImpactRecord):
-            same = [pair for pair in self._touching if pair[1].event == event.event]
-            self._touching = [*same, (f"impact {event.event + 1}, contact {len(same) + 1}", event)]
-            yield _packet(IMPACTS_TOPIC, time, impacts_update(self._touching, time))
+        """An event in words, and its marks beside all others of that instant."""
+        kind = kind_of(event)
+        time = nanoseconds(kind.time(event))
+        level, text = Log.WARNING if kind.warning(event) else Log.INFO, kind.sentence(event)
+        yield _packet(LOG_TOPIC, time, Log(timestamp=timestamp(time), level=level, message=text, name="ffsm"))
+        drawn = self._instants.add(event)
+        if drawn is not None:
+            instant, _ = drawn
+            name = f"{kind.name.replace('_', ' ')} {instant.number + 1}, contact"
+            marks = [(f"{name} {i}", mark) for i, mark in enumerate(instant.marks, 1)]
+            yield _packet(marks_topic(kind), time, marks_update(marks, time))
 
 
 def _thrusters(system: System) -> list[int]:

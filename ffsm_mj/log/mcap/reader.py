@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import groupby
@@ -13,24 +13,26 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.records import Attachment, Channel, Metadata, Schema
 
-from ffsm_mj.errors import LogError
+from ffsm_mj.errors import LogError, one_line
 from ffsm_mj.log.attachments import fault_of_names
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.chunks import MESSAGE_HEAD, Batch, content_of
 from ffsm_mj.log.mcap.file_bytes import FileBytes
+from ffsm_mj.log.mcap.record_format import decode_record
 from ffsm_mj.log.mcap.salvage import MAGIC, Salvage
 from ffsm_mj.log.mcap.stored_rows import StoredRows
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import fault_of_facts
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.kinds import kinds
 from ffsm_mj.records.run_log import RunLog, run_log
 from ffsm_mj.records.signals import Layout
 
 _MOST_PARTS = 1_000_000
 _MOST_EVENTS = 200_000
 _MOST_ATTACHED_BYTES = 1 << 30
-_RECORD_TYPES = {topic: record_type for record_type, topic in form.RECORD_TOPICS.items()}
+_MOST_TOLD, _LONGEST_TOLD = 3, 60
 
 
 def read_log(path: Path) -> RunLog:
@@ -149,11 +151,9 @@ class _Contents:
                 raise ValueError("a sample has not the size that its schema implies")
             stored = StoredRows(path, layout, self.samples)
             rows = stored.copy() if stored.small else stored
+            known = [kind for kind in kinds() if kind.topic in channels]
             records = [
-                form.decode_record(_RECORD_TYPES[topic], message)
-                for topic, event_channel in channels.items()
-                if topic in _RECORD_TYPES
-                for message in self.messages(event_channel, data)
+                decode_record(kind, message) for kind in known for message in self.messages(channels[kind.topic], data)
             ]
         except (ValueError, LookupError, TypeError, DecodeError) as error:
             raise LogError(path, f"not of this version's format ({error})") from error
@@ -163,9 +163,21 @@ class _Contents:
             raise LogError(path, fault)
         files = dict(self.attachments)
         scenario = _text(path, form.SCENARIO_ATTACHMENT, files.pop(form.SCENARIO_ATTACHMENT, b""))
-        header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata)
+        declared = tuple(kind.name for kind in known if not kind.in_every_run)
+        header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata, declared)
         log = run_log(header, rows, events, outcome)
-        return replace(log, damage=_damage(salvage, len(data), _gaps(log), ended=outcome is not None))
+        damage = _damage(salvage, len(data), _gaps(log), ended=outcome is not None)
+        return replace(log, damage=damage, note=_unknown(channels))
+
+
+def _unknown(topics: Iterable[str]) -> str:
+    """Which topics of ours are not read; empty where all are."""
+    ours = {form.SAMPLE_TOPIC, *(kind.topic for kind in kinds())}
+    unknown = [one_line(topic[:_LONGEST_TOLD]) for topic in topics if topic.startswith("/ffsm/") and topic not in ours]
+    if not unknown:
+        return ""
+    more = f" and {len(unknown) - _MOST_TOLD} more" if len(unknown) > _MOST_TOLD else ""
+    return f"{', '.join(unknown[:_MOST_TOLD])}{more}: not read, no such kind of record is known here"
 
 
 def _text(path: Path, name: str, content: bytes) -> str:

@@ -16,12 +16,13 @@ from ffsm_mj.log.foxglove.messages import descriptor_set
 from ffsm_mj.log.foxglove.topics import Packet, ViewerTopics
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.block_writer import BlockWriter
-from ffsm_mj.log.narration import event_time
+from ffsm_mj.log.mcap.record_format import encode_record, record_schema
 from ffsm_mj.log.partial_file import PartialFile
 from ffsm_mj.log.wire import nanoseconds
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.kinds import kind_of, kinds_of
 
 _MEDIA_TYPES = {".yaml": "application/yaml", ".xml": "application/xml", ".urdf": "application/xml"}
 
@@ -74,9 +75,8 @@ class McapSink:
                 form.SAMPLE_TOPIC, form.SAMPLE_SCHEMA, form.sample_schema(header.layout), dict(header.facts)
             )
         }
-        for record_type, topic in form.RECORD_TOPICS.items():
-            name, schema = form.schema_name(record_type), form.record_schema(record_type)
-            self._channels[topic] = self._channel(topic, name, schema, {})
+        for kind in kinds_of(header.kinds):
+            self._channels[kind.topic] = self._channel(kind.topic, kind.schema, record_schema(kind), {})
         schemas: dict[str, int] = {}
         for topic, message in self._viewer.topics.items():
             name = message.DESCRIPTOR.full_name
@@ -102,9 +102,9 @@ class McapSink:
                 self._record(event)
 
     def _record(self, event: Event | OutcomeRecord) -> None:
-        time, data = nanoseconds(event_time(event)), form.encode_record(event)
-        channel = self._channels[form.RECORD_TOPICS[type(event)]]
-        self._writer.add_message(channel, log_time=time, data=data, publish_time=time)
+        kind = kind_of(event)
+        time, data = nanoseconds(kind.time(event)), encode_record(event)
+        self._writer.add_message(self._channels[kind.topic], log_time=time, data=data, publish_time=time)
         self._put(*self._viewer.event(event))
 
     def _put(self, *packets: Packet) -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ffsm_mj.log.model import compile_log
-from ffsm_mj.log.narration import event_time
 from ffsm_mj.log.rerun.sink import RerunSink
 from ffsm_mj.log.scenario import logged_scenario
-from ffsm_mj.records.events import Event
 from ffsm_mj.records.run_log import RunLog
 
 _BLOCKS_AT_ONCE = 25
@@ -22,8 +20,7 @@ def write_recording(log: RunLog, path: Path) -> None:
     """
     sink = RerunSink(lambda: path, compile_log(log), logged_scenario(log).view_rate_hz)
     sink.open(log.header)
-    events: list[Event] = [*log.phases, *log.impacts, *log.unhandled]
-    for event in sorted(events, key=event_time):
+    for event in log.events():
         sink.event(event)
     for number, block in enumerate(log.blocks(), 1):
         sink.rows(block)

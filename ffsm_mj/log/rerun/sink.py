@@ -16,19 +16,19 @@ import rerun as rr
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies
-from ffsm_mj.log.narration import event_time, is_warning, sentence
+from ffsm_mj.log.instants import SHOWN_S, Instants
 from ffsm_mj.log.rerun.blueprint import TIMELINE, blueprint
 from ffsm_mj.log.rerun.plots import ORANGE, SKY, VERMILION, YELLOW, plots, thrusters
 from ffsm_mj.log.rerun.plumes import Switching, plume_vectors
 from ffsm_mj.log.rerun.scene import body_path, log_shapes
 from ffsm_mj.model.system import System
-from ffsm_mj.records.events import Event, ImpactRecord, OutcomeRecord, PhaseRecord
+from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.kinds import Mark, kind_of
 from ffsm_mj.records.signals import identifier
 
-_ARROW_SHOWN_S = 2.0
-# Drawn lengths of an impulse arrow, m.
+# Drawn lengths of the arrow of a mark, m.
 _SHORTEST_M, _LONGEST_M = 0.4, 1.5
 _FLAME = (255, 170, 60, 200)
 
@@ -69,7 +69,7 @@ class RerunSink:
         self._switching = Switching({name: column for name, (column, _) in self._thrusters.items()})
         self._fired: set[str] = set()
         self._trail_colours()
-        self._framed, self._arrows = False, list[tuple[float, str]]()
+        self._framed, self._instants, self._marked = False, Instants(), list[tuple[float, str]]()
 
     def _connect(self) -> None:
         if isinstance(self._output, str):
@@ -138,7 +138,7 @@ class RerunSink:
         self._trails(frames, index)
         self._plumes(frames, index)
         self._lines(frames, index)
-        self._clear_arrows(float(frames.times[-1]))
+        self._clear_marks(float(frames.times[-1]))
 
     def _write(self) -> None:
         """Write the file, at once: the pieces of a recording do not add up to one that every reader takes."""
@@ -150,10 +150,10 @@ class RerunSink:
         except OSError as error:
             raise LogWriteError(self._path, error) from error
 
-    def _clear_arrows(self, now_s: float) -> None:
-        """Take arrows away that have been shown long enough; never ahead of the motion, or a viewer would jump there."""
-        for end_s, entity in [arrow for arrow in self._arrows if arrow[0] <= now_s]:
-            self._arrows.remove((end_s, entity))
+    def _clear_marks(self, now_s: float) -> None:
+        """Take marks away that have been shown long enough; never ahead of the motion, or a viewer would jump there."""
+        for end_s, entity in [mark for mark in self._marked if mark[0] <= now_s]:
+            self._marked.remove((end_s, entity))
             self._at(end_s, entity, rr.Clear.columns(is_recursive=[False]))
 
     def _frame_scene(self, positions: FloatArray) -> None:
@@ -198,30 +198,24 @@ class RerunSink:
         rr.send_columns(path, indexes=index, columns=columns, recording=self._recording)
 
     def event(self, event: Event) -> None:
-        """Log an event as text, a phase also as a state, an impact also as an arrow."""
+        """Log an event as text, with the state that begins with it and its marks."""
         self._text(event)
-        if isinstance(event, PhaseRecord):
-            self._at(event.start_s, "states/phase", rr.StateChange.columns(state=[event.name]))
-        elif isinstance(event, ImpactRecord):
-            self._impact(event)
-
-    def _impact(self, event: ImpactRecord) -> None:
-        """An arrow along the impulse on the object; it ends at the contact, where nothing hides it."""
-        push = np.array(event.normal) * float(np.clip(event.impulse_N_s, _SHORTEST_M, _LONGEST_M))
-        arrow = rr.Arrows3D.columns(
-            origins=[np.array(event.point_m) - push],
-            vectors=[push],
-            colors=[YELLOW],
-            radii=[0.04],
-            labels=[f"{event.impulse_N_s:.4g} N s"],
-        )
-        entity = f"world/impacts/{event.event}/{identifier(event.pair)}"
-        self._at(event.time_s, entity, arrow)
-        self._arrows.append((event.time_s + _ARROW_SHOWN_S, entity))
+        kind = kind_of(event)
+        time = kind.time(event)
+        if kind.state is not None:
+            self._at(time, f"states/{kind.name}", rr.StateChange.columns(state=[kind.state(event)]))
+        drawn = self._instants.add(event)
+        if drawn is not None:
+            instant, before = drawn
+            for i, mark in enumerate(instant.marks[before:], before):
+                entity = f"world/{kind.plural}/{instant.number}/{identifier(mark.name)}_{i + 1}"
+                self._at(time, entity, _shape(mark))
+                self._marked.append((time + SHOWN_S, entity))
 
     def _text(self, event: Event | OutcomeRecord) -> None:
-        text = rr.TextLog.columns(text=[sentence(event)], level=["WARN" if is_warning(event) else "INFO"])
-        self._at(event_time(event), "events", text)
+        kind = kind_of(event)
+        text = rr.TextLog.columns(text=[kind.sentence(event)], level=["WARN" if kind.warning(event) else "INFO"])
+        self._at(kind.time(event), "events", text)
 
     def _at(self, time_s: float, path: str, columns: Any) -> None:
         """One value at one time; as columns, because ``log`` adds the wall clock as another timeline."""
@@ -257,3 +251,13 @@ class RerunSink:
         if not isinstance(self._output, str):
             with suppress(OSError):  # said already, when it was written
                 self._file.close()
+
+
+def _shape(mark: Mark) -> Any:
+    """An arrow that ends at its point, where nothing hides it, or a dot; the text beside it."""
+    along = np.array(mark.direction)
+    if not along.any():
+        return rr.Points3D.columns(positions=[mark.point_m], colors=[YELLOW], radii=[0.06], labels=[mark.text])
+    push = along * float(np.clip(mark.magnitude, _SHORTEST_M, _LONGEST_M))
+    origins = [np.array(mark.point_m) - push]
+    return rr.Arrows3D.columns(origins=origins, vectors=[push], colors=[YELLOW], radii=[0.04], labels=[mark.text])

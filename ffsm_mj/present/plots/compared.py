@@ -24,6 +24,7 @@ def comparison(runs: Sequence[tuple[str, Run]]) -> Figure:
     labels = (["tip error, m"] if tipped else []) + panels
     figure = Figure(figsize=(WIDTH_IN, 0.8 + 1.5 * len(labels)), layout="constrained")
     grid = figure.subplots(len(labels), 1, sharex=True, squeeze=False)[:, 0]
+    drawn: dict[str, None] = {}
     for i, (label, run) in enumerate(shown):
         curves = [run["energy.total_J"], *(np.linalg.norm(run.momentum(p)[:, :3], axis=1) for p in ("robot", "objects"))]
         if tipped:
@@ -32,13 +33,15 @@ def comparison(runs: Sequence[tuple[str, Run]]) -> Figure:
         for axes, curve in zip(grid, curves, strict=True):
             x, y = envelope(run.time, curve)
             axes.plot(x, y, color=COLOURS[i], linestyle=LINE_STYLES[i], label=label, zorder=3 + len(shown) - i)
-        for time in sorted({record.time_s for record in run.impacts}):
+        marks = run.log.marks()
+        drawn |= dict.fromkeys(kind.plural.replace("_", " ") for kind, *_ in marks)
+        for time in sorted({time for _, time, _ in marks}):
             for axes in grid:
                 axes.axvline(time, color=COLOURS[i], linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=1)
     for axes, text in zip(grid, labels, strict=True):
         axes.set_ylabel(text)
         axes.margins(x=0.0)
-    grid[-1].set_xlabel("time, s (dotted: impacts)")
+    grid[-1].set_xlabel(f"time, s (dotted: {', '.join(drawn)})" if drawn else "time, s")
     figure.align_ylabels()
     handles, names = grid[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper center", ncols=min(4, len(names)))

@@ -1,4 +1,4 @@
-"""The motion as a picture: robot and objects at several times, paths, impacts (paper, Figs 4, 11, 13 and 18)."""
+"""The motion as a picture: robot and objects at several times, paths, marks of records (paper, Figs 4, 11, 13 and 18)."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ def motion(subject: Subject) -> Figure:
         draw_plane(axes, subject, plane, box)
         _strobe(axes, subject, plane, frames)
         draw_paths(axes, subject, plane)
-        _draw_impacts(axes, subject, plane)
+        _draw_marks(axes, subject, plane)
         _draw_times(axes, subject, plane, frames, box)
     figure.legend(handles=_legend(subject), loc="outside upper center", ncols=6, columnspacing=1.2)
     return figure
 
 
 def strobe_rows(subject: Subject) -> list[int]:
-    """Rows to draw: start, first impact, end, and others where the tip (or the base) has moved on the farthest."""
+    """Rows to draw: start, first mark of a record, end, and others where the tip (or the base) has moved on the farthest."""
     run = subject.run
     path = run.tip if subject.tip is not None else run.qpos[:, : min(3, run.qpos.shape[1])]
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     rows = {0, len(run.time) - 1}
-    if run.impacts:
-        rows.add(int(np.searchsorted(run.time, run.impacts[0].time_s)))
+    if subject.marks:
+        rows.add(min(int(np.searchsorted(run.time, subject.first_mark_s)), len(run.time) - 1))
     while len(rows) < min(_POSES, len(run.time)):
         ordered = sorted(rows)
         gap, left = max((along[b] - along[a], a) for a, b in pairwise(ordered))
@@ -142,9 +142,10 @@ def draw_paths(axes: Axes, subject: Subject, plane: Plane) -> None:
         axes.plot(*subject.tip[:, plane.axes].T, color=BLACK, linestyle=_TIP_STYLE, linewidth=1.3, zorder=22)
 
 
-def _draw_impacts(axes: Axes, subject: Subject, plane: Plane) -> None:
-    shown = {record.event: record for record in subject.run.impacts}
-    points: FloatArray = np.array([np.array(record.point_m)[plane.axes] for record in shown.values()]).reshape(-1, 2)
+def _draw_marks(axes: Axes, subject: Subject, plane: Plane) -> None:
+    """A star for the records of a kind at one instant, where the last of them is."""
+    shown = {(kind.name, time): mark for kind, time, mark in subject.marks}
+    points: FloatArray = np.array([np.array(mark.point_m)[plane.axes] for mark in shown.values()]).reshape(-1, 2)
     axes.plot(
         *points.T, marker="*", markersize=9, markerfacecolor=YELLOW, markeredgecolor=BLACK, linestyle="none", zorder=31
     )
@@ -153,9 +154,9 @@ def _draw_impacts(axes: Axes, subject: Subject, plane: Plane) -> None:
 def _draw_times(
     axes: Axes, subject: Subject, plane: Plane, rows: Sequence[int], box: tuple[float, float, float, float]
 ) -> None:
-    """When each pose is, at its base and objects: start, end and impact first, others where there is room."""
+    """When each pose is, at its base and objects: start, end and first mark first, others where there is room."""
     run, placed = subject.run, list[FloatArray]()
-    first_hit = run.impacts[0].time_s if run.impacts else run.time[0]
+    first_hit = subject.first_mark_s if subject.marks else run.time[0]
     ranked = sorted(rows, key=lambda row: (row not in (rows[0], rows[-1]), abs(run.time[row] - first_hit)))
     room = 0.07 * (box[1] - box[0])
     for row in ranked:
@@ -182,8 +183,9 @@ def _legend(subject: Subject) -> list[Line2D]:
     handles.append(Line2D([], [], color=colours[robot], linestyle=_BASE_STYLE, label="base"))
     for name in list(colours)[1:]:
         handles.append(Line2D([], [], color=colours[name], linestyle=_OBJECT_STYLE, label=name.replace("_", " ")))
-    if subject.run.impacts:
-        star = Line2D([], [], linestyle="none", marker="*", markersize=10, markeredgecolor=BLACK, label="impact")
+    if subject.marks:
+        label = ", ".join(dict.fromkeys(kind.name.replace("_", " ") for kind, *_ in subject.marks))
+        star = Line2D([], [], linestyle="none", marker="*", markersize=10, markeredgecolor=BLACK, label=label)
         star.set_markerfacecolor(YELLOW)
         handles.append(star)
     if logged_task(subject.run.log.header.facts) is not None:

@@ -1,4 +1,4 @@
-"""Stacked time plots: lines over phases that are shaded and named, impacts marked."""
+"""Stacked time plots: lines over phases that are shaded and named, marks of records."""
 
 from __future__ import annotations
 
@@ -123,22 +123,21 @@ def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None:
-    """Shade the phases, name them above the axes where wanted, and mark the impacts."""
+    """Shade the phases, name them above the axes where wanted, and mark when records are drawn."""
     phases = run.summary()["phases"]
     for i, phase in enumerate(phases):
         axes.axvspan(phase["start_s"], phase["end_s"], color=_SHADES[i % 2], zorder=-2, linewidth=0)
     across = blended_transform_factory(axes.transData, axes.transAxes)
-    times = sorted({record.time_s for record in run.impacts})
+    marks = run.log.marks()
+    times = sorted({time for _, time, _ in marks})
     for time in times:
         axes.axvline(time, color=BLACK, linewidth=0.7, linestyle=(0, (1, 1.5)), zorder=1)
     if names and len(phases) > 1:
         _name_phases(axes, phases, float(run.time[-1]) * (0.0125 if wide else 0.026))
     if names and times:
         axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
-        hits, paper = (
-            "impact" if len(times) == 1 else "impacts",
-            {"facecolor": "white", "alpha": 0.85, "pad": 0.8, "linewidth": 0},
-        )
+        words = dict.fromkeys(kind.name if len(times) == 1 else kind.plural for kind, *_ in marks)
+        hits, paper = ", ".join(words).replace("_", " "), {"facecolor": "white", "alpha": 0.85, "pad": 0.8, "linewidth": 0}
         start = (times[0] if len(times) < 4 else times[-1], 0.96)
         axes.annotate(hits, start, (4, 0), xycoords=across, textcoords="offset points", va="top", fontsize=7.5, bbox=paper)
 

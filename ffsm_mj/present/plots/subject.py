@@ -17,6 +17,7 @@ from ffsm_mj.log.scenario import logged_scenario
 from ffsm_mj.model.system import Joint
 from ffsm_mj.present.plots.silhouette import Plane, Silhouette
 from ffsm_mj.present.plots.thinning import thinned
+from ffsm_mj.records.kinds import Mark, RecordKind
 from ffsm_mj.records.signals import identifier
 
 _POSES = 1500
@@ -41,6 +42,16 @@ class Subject:
         self._place = f"log {run.path}" if run.path else "the log"
         self.run, self.system = thinned(run, times), compile_log(run.log, self._place)
         self.silhouette = Silhouette(self.system)
+
+    @cached_property
+    def marks(self) -> list[tuple[RecordKind, float, Mark]]:
+        """What the records of the run draw: whose, when in s, and what."""
+        return self.run.log.marks()
+
+    @property
+    def first_mark_s(self) -> float:
+        """When the first of them is, where there is one, s."""
+        return min(time for _, time, _ in self.marks)
 
     @cached_property
     def chosen(self) -> Any:

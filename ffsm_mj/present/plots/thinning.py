@@ -16,9 +16,8 @@ from ffsm_mj.analysis.residuals import Accounts, norms
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
-from ffsm_mj.log.narration import event_time
-from ffsm_mj.records.events import Event
 from ffsm_mj.records.facts import logged_task
+from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import PARTIES
 
@@ -36,8 +35,7 @@ def thinned(run: Run, times: Iterable[float] = ()) -> Run:
     count, width = len(log.rows), len(log.header.layout.signals)
     if 8 * count * width <= KEPT_BYTES:
         return run
-    events: list[Event] = [*log.impacts, *log.phases, *log.unhandled]
-    marks = np.array(sorted({*(event_time(event) for event in events), *times}))
+    marks = np.array(sorted({*(kind_of(event).time(event) for event in log.events()), *times}))
     beside = _Beside(log)
     kept = [part[_outstanding(part, beside.of(part), marks)] for part in _slices(log.blocks(), -(-count // _SLICES))]
     return Run(replace(log, rows=np.concatenate(kept)), run.path, run.digest)

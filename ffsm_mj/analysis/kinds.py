@@ -1,0 +1,16 @@
+"""The kinds of records of every run, registered in the order of a log's topics; importing this is enough.
+
+Every run and every log that is read passes through :mod:`.run`, which does: here alone floors above and below the log meet.
+"""
+
+from __future__ import annotations
+
+from ffsm_mj.contact.unhandled import UNHANDLED_CONTACT
+from ffsm_mj.impact.kind import IMPACT
+from ffsm_mj.records.course import OUTCOME, PHASE
+from ffsm_mj.records.kinds import register
+
+IN_EVERY_RUN = (IMPACT, PHASE, UNHANDLED_CONTACT, OUTCOME)
+
+for kind in IN_EVERY_RUN:
+    register(kind)

@@ -1,0 +1,30 @@
+"""The overlap that nobody resolves as a kind of record; :mod:`.watch` finds them."""
+
+from __future__ import annotations
+
+from ffsm_mj.records.events import UnhandledContactRecord
+from ffsm_mj.records.kinds import RecordKind
+
+
+def _sentence(record: UnhandledContactRecord) -> str:
+    geoms, lasted = " and ".join(record.geoms), f"from {record.start_s:.3f} to {record.end_s:.3f} s"
+    return f"unhandled contact: {geoms} overlapped {lasted}, up to {record.max_depth_m:.3g} m deep"
+
+
+UNHANDLED_CONTACT = RecordKind(
+    record=UnhandledContactRecord,
+    name="unhandled_contact",
+    plural="unhandled_contacts",
+    when="when an overlap that nobody resolves is over",
+    time=lambda record: record.end_s,  # when its depth is known
+    sentence=_sentence,
+    columns={
+        "geoms_{ab}": ("", "the two geoms"),
+        "start_s": ("s", "first step at which they overlapped"),
+        "end_s": ("s", "last step at which they overlapped"),
+        "max_depth_m": ("m", "greatest depth of the overlap"),
+    },
+    lengths={"geoms": 2},
+    warning=lambda _: True,
+    in_every_run=True,
+)

@@ -1,0 +1,92 @@
+"""The impact as a kind of record: what logs, tables, reports and viewers show of each of its contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.kinds import Mark, RecordKind
+
+
+def _sentence(record: ImpactRecord) -> str:
+    pair = f"{' on '.join(record.geoms)}, e = {record.restitution:g}"
+    speeds = f"approach {record.approach_speed_m_s:.4g} m/s, separation {record.separation_speed_m_s:.4g} m/s"
+    return f"impact of {record.pair}: {record.impulse_N_s:.5g} N s, {pair}, {speeds}"
+
+
+def _marks(record: ImpactRecord) -> list[Mark]:
+    return [Mark(record.point_m, record.normal, record.impulse_N_s, f"{record.impulse_N_s:.4g} N s", record.pair)]
+
+
+def _summary(record: ImpactRecord) -> dict[str, Any]:
+    return {
+        "event": record.event,
+        "time_s": record.time_s,
+        "pair": record.pair,
+        "geoms": list(record.geoms),
+        **({"robot_geom": record.robot_geom, "object_geom": record.object_geom} if record.robot_geom else {}),
+        "point_m": list(record.point_m),
+        "normal": list(record.normal),
+        "manifold": record.manifold,
+        "restitution": record.restitution,
+        "approach_speed_m_s": record.approach_speed_m_s,
+        "separation_speed_m_s": record.separation_speed_m_s,
+        "impulse_N_s": record.impulse_N_s,
+        "angular_impulse_N_m_s": list(record.angular_impulse_N_m_s),
+        "qvel_before": _by_joint(record.qvel_before),
+        "qvel_after": _by_joint(record.qvel_after),
+        "energy_change_J": record.energy_change_J,
+        "linear_momentum_change_N_s": record.linear_momentum_change_N_s,
+        "angular_momentum_change_N_m_s": record.angular_momentum_change_N_m_s,
+    }
+
+
+def _by_joint(qvel: Mapping[str, tuple[float, ...]]) -> dict[str, float | list[float]]:
+    return {joint: v[0] if len(v) == 1 else list(v) for joint, v in qvel.items()}
+
+
+_COLUMNS = {
+    "time_s": ("s", "simulation time"),
+    "event": ("", "number of the impact, from 0; contacts at one instant share it"),
+    "pair": ("", "name of the pair of geoms that touch"),
+    "geoms_{ab}": ("", "geom of the pair"),
+    "robot_geom": ("", "geom a where the robot touches an object, else empty"),
+    "object_geom": ("", "geom b where the robot touches an object, else empty"),
+    "manifold": ("", "point, edge or face"),
+    "law": ("", "contact law that made the result"),
+    "restitution": ("", "coefficient of restitution"),
+    "point_{xyz}_m": ("m", "contact point, world frame"),
+    "normal_{xyz}": ("", "normal from a to b, world frame"),
+    "approach_speed_m_s": ("m/s", "normal speed of approach before"),
+    "separation_speed_m_s": ("m/s", "normal speed of separation after"),
+    "impulse_N_s": ("N s", "impulse on b along the normal"),
+    "angular_impulse_{xyz}_N_m_s": ("N m s", "angular impulse on b about the centre of mass of its robot or object"),
+    "gap_m": ("m", "signed distance at the event"),
+    "energy_change_J": ("J", "kinetic energy gained by the whole system"),
+    "linear_momentum_change_N_s": ("N s", "norm of the change of the whole system's linear momentum"),
+    "angular_momentum_change_N_m_s": ("N m s", "norm of the change of the whole system's angular momentum about the origin"),
+}
+
+IMPACT = RecordKind(
+    record=ImpactRecord,
+    name="impact",
+    plural="impacts",
+    when="one per contact of every impact, at its instant",
+    time=lambda record: record.time_s,
+    sentence=_sentence,
+    summary=_summary,
+    columns=_COLUMNS,
+    lengths={
+        "geoms": 2,
+        "point_m": 3,
+        "normal": 3,
+        "angular_impulse_N_m_s": 3,
+        "energy_before_J.total": 1,
+        "energy_after_J.total": 1,
+        "momentum_before.total": 6,
+        "momentum_after.total": 6,
+    },
+    marks=_marks,
+    in_every_run=True,
+)
