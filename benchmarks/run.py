@@ -34,12 +34,15 @@ from ffsm_controllers.osdre.riccati_planar import principal_axes, turned
 
 from ffsm_mj.assembly.prepare import Prepared, prepare
 from ffsm_mj.compiled import is_compiled
+from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.partial_file import PartialFile
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.recount import recount
 
@@ -73,11 +76,11 @@ def forwarded(*, pairs: tuple[str, ...]) -> float:
     data.qpos[6] = -6.0  # out of reach: nothing is resolved here, so nothing may touch
     mujoco.mj_forward(model, data)
     watched = [ContactPair(assembly.system, name, name, "object/box", 1.0) for name in pairs]
-    detector = Detector(model, data, watched)
+    course = Course(Motion(model, data), [Detector(Scene(assembly.system, data), watched)])
     start = time.perf_counter()
     if watched:
         for _ in range(STEPS):
-            detector.advance(0.001)
+            course.advance(0.001)
     else:
         for _ in range(STEPS):
             mujoco.mj_step(model, data)
@@ -94,10 +97,11 @@ def closed() -> float:
     mujoco.mj_forward(model, data)
     data.qpos[6] += pair.proximity(model, data).gap
     mujoco.mj_forward(model, data)
-    detector = Detector(model, data, [pair])
+    detector = Detector(Scene(assembly.system, data), [pair])
+    course = Course(Motion(model, data), [detector])
     start = time.perf_counter()
     for _ in range(STEPS // 30):
-        detector.advance(0.001)
+        course.advance(0.001)
     assert detector.overlap[0] < 1e-12
     return 30.0 * (time.perf_counter() - start)
 

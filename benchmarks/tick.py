@@ -21,15 +21,15 @@ from ffsm_controllers.osdre.riccati_planar import PlanarRiccati
 
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.compiled import is_compiled
+from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.watch import ContactWatch
-from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.simulation.rows import RowWriter
 
 PARTS = {
-    "step, forward and detection": (Detector, "advance"),
+    "step, forward and detection": (Course, "advance"),
     "OSDRE": (Osdre, "control"),
     "actuators' limits": (Actuation, "apply"),
     "ledgers, start of a step": (Ledger, "open"),

@@ -7,7 +7,7 @@ writes efforts for the actuators it drives; all others stay off. Limits are the 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -100,12 +100,12 @@ class Observation(NamedTuple):
     Attributes:
         time_s: Simulation time in s.
         data: MuJoCo data with all derived quantities current; read only.
-        impacts: The impacts that have just happened, empty at a regular tick.
+        events: Records of what has just happened at contacts (impacts and others), empty at a regular tick.
     """
 
     time_s: float
     data: Any
-    impacts: tuple[ImpactRecord, ...] = ()
+    events: tuple[Any, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -115,10 +115,12 @@ class Command:
     Attributes:
         effort: Force in N or torque in N m at the joint or site that the actuator drives, (nu,).
         powered: False where the actuator is off: exactly zero effort, whatever its limits, (nu,).
+        requests: Names of what contact regimes are asked to do now; each says which it hears.
     """
 
     effort: FloatArray
     powered: npt.NDArray[np.bool_]
+    requests: set[str] = field(default_factory=set)
 
     @classmethod
     def off(cls, count: int) -> Command:
@@ -129,6 +131,7 @@ class Command:
         """Switch everything off."""
         self.effort.fill(0.0)
         self.powered.fill(False)
+        self.requests.clear()
 
     def drive(self, actuators: npt.NDArray[np.intp] | slice, effort: FloatArray) -> None:
         """Power some actuators, by their ids or a slice of them, with the given efforts."""

@@ -15,6 +15,7 @@ from ffsm_mj.controller_protocol import (
     Command,
     Controller,
     ControllerError,
+    ImpactRecord,
     Observation,
     PhaseRecord,
     Report,
@@ -86,8 +87,9 @@ class PhaseMachine:
     def _ended(self, observation: Observation) -> str:
         """Why the current phase is over, or nothing."""
         phase = self._phases[self.phase_index]
-        if observation.impacts:
-            return "impact" if phase.until_impact else ""
+        if observation.events:
+            impact = any(isinstance(event, ImpactRecord) for event in observation.events)
+            return "impact" if phase.until_impact and impact else ""
         elapsed = observation.time_s - self._start_s
         if phase.duration_s is not None and elapsed >= phase.duration_s - _TIME_TOLERANCE_S:
             return "time"

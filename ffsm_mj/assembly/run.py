@@ -17,16 +17,19 @@ from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.run_size import refuse_without_room
 from ffsm_mj.assembly.source_date import source_date
+from ffsm_mj.contact.course import Course
+from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.errors import LogWriteError
+from ffsm_mj.impact.regime import ImpactRules, Impacts
 from ffsm_mj.impact.resting import RestRule
-from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.log.mcap.reader import stored_rows
 from ffsm_mj.log.memory_sink import MemorySink
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.sink import Sink
 from ffsm_mj.model.files import logged_name
+from ffsm_mj.motion.motion import Motion
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.facts import conservative_facts, free_facts, task_facts
@@ -65,8 +68,9 @@ def simulate(
     clock = source_date()  # one that is malformed is refused before there is a folder
     refuse_without_room(config.ticks, len(layout.signals), folder.path if folder is not None else None)
     files = {logged_name(model, n): data for model, each in system.files.items() for n, data in each.files.items()}
-    detector = Detector(system.mj, assembly.data, assembly.pairs)
-    ledger = Ledger(system, assembly.data, detector.momentum, notes=BLOCK_ROWS)
+    impacts = Impacts(Scene(system, assembly.data), assembly.pairs, _impact_rules(config))
+    course = Course(Motion(system.mj, assembly.data), [impacts])
+    ledger = Ledger(system, assembly.data, course.motion.momentum, notes=BLOCK_ROWS)
     header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly, ledger))
     memory, digested = MemorySink(keep_rows=folder is None), DigestSink()
     sinks: list[Sink] = [memory, digested]
@@ -80,14 +84,14 @@ def simulate(
         system,
         assembly.data,
         assembly.actuation,
-        detector,
+        course,
         ContactWatch(system.mj, assembly.data, assembly.known_pairs),
         ledger,
     )
     tip = assembly.task.tip_site if assembly.task else None
     block = np.zeros((BLOCK_ROWS, len(layout.signals)))
     rows = RowWriter(
-        layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, detector.overlap, tip, block
+        layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, impacts.overlap, tip, block
     )
     recorder = Recorder(block, sinks, rows.complete, by_clock=clock is None)
     simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
@@ -109,15 +113,16 @@ def simulate(
 
 
 def _settings(config: Scenario) -> Settings:
+    return Settings(time_step_s=config.time_step_s, steps_per_tick=config.steps_per_tick, ticks=config.ticks)
+
+
+def _impact_rules(config: Scenario) -> ImpactRules:
     interval = config.impact.rest_interval_s
-    return Settings(
-        time_step_s=config.time_step_s,
-        steps_per_tick=config.steps_per_tick,
-        ticks=config.ticks,
-        stop_on_impact=config.stop_on_impact,
+    return ImpactRules(
+        law=config.impact.law,
         rest=RestRule(config.time_step_s if interval is None else interval, config.impact.rest_speed_m_s),
         max_impacts=config.impact.max_impacts,
-        law=config.impact.law,
+        stop_on_impact=config.stop_on_impact,
     )
 
 

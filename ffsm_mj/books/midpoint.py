@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.dynamics import rotation_dofs
 
 
 def hermite_midpoint(
@@ -18,7 +19,7 @@ def hermite_midpoint(
     Returns:
         (qpos, qvel) at the middle; the configuration is fourth-order accurate in the duration, the velocity third.
     """
-    rotations = _rotations(model)
+    rotations = rotation_dofs(model)
     chord = np.empty(model.nv)
     mujoco.mj_differentiatePos(model, chord, duration_s, qpos_0, qpos_1)
     end = qvel_1.copy()
@@ -36,13 +37,3 @@ def hermite_midpoint(
         turn = np.cross(theta, rate)
         qvel[part] = rate - 0.5 * turn + np.cross(theta, turn) / 6.0
     return qpos, qvel
-
-
-def _rotations(model: Any) -> list[slice]:
-    """The angular part of every free and ball joint in ``qvel``."""
-    parts = []
-    offsets = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
-    for kind, first in zip(model.jnt_type.tolist(), model.jnt_dofadr.tolist(), strict=True):
-        if kind in offsets:
-            parts.append(slice(first + offsets[kind], first + offsets[kind] + 3))
-    return parts

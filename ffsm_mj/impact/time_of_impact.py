@@ -8,18 +8,15 @@ root is bracketed and found. So a thin plate is never jumped over, and a graze i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from ffsm_mj.compiled import fastest
 from ffsm_mj.contact.pairs import FAR, ContactPair, Proximity
+from ffsm_mj.contact.regimes import Regime, Scene
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact.first_touch import first_touch
-from ffsm_mj.motion.flight import Flight
-from ffsm_mj.motion.step_path import StepPath, time_step
 
 GAP_TOLERANCE = 1e-9
 """Pairs at most this far apart in m are in contact."""
@@ -43,84 +40,46 @@ class _Edge:
     bounds: tuple[float, ...]
 
 
-class Detector:
-    """Watches impact pairs along the motion. ``advance`` moves to the end of a step or to the first touch before it.
+class Detector(Regime):
+    """Watches impact pairs along the motion, and finds the first touch within a step.
 
     Most steps ask for no distance at all: the kinetic energy bounds how fast any gap can close, so a pair that was far
     apart is looked at again only when it could have come near.
 
     Attributes:
-        momentum: Generalised momentum M qdot at the state in ``data``, (nv,).
         overlap: Deepest overlap of any pair at the ends of (sub-)steps since it was last set to zero, m, (1,).
     """
 
-    def __init__(self, model: Any, data: Any, pairs: Sequence[ContactPair]) -> None:
-        """Start watching at the state in ``data`` (all derived quantities current)."""
-        self._model, self._data, self._pairs = model, data, tuple(pairs)
-        self._path, self._usual = StepPath(model, data), model.opt.timestep
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
+        """Watch pairs by the state of a scene."""
+        super().__init__(scene)
+        model, data = self._model, self._data = scene.system.mj, scene.data
+        self._pairs = tuple(pairs)
         self._reach = [pair.reach_per_root_energy(model, data) for pair in self._pairs]
-        self.momentum, self.overlap = np.empty(model.nv), np.zeros(1)
-        self._flight = fastest(Flight)(model, data, self._path.start, self.momentum)
-        self.restart()
-
-    def interrupt_by(self, poll: Callable[[], None]) -> None:
-        """Have something called before every evaluation of the path; what it raises ends :meth:`advance`."""
-        self._path.poll = poll
-
-    @property
-    def kinetic_energy_J(self) -> float:
-        """Of everything, at the state in ``data``."""
-        return self._flight.energy
+        self.watched = frozenset(pair.geoms for pair in self._pairs)
+        self.overlap = np.zeros(1)
+        # What was seen in this step, by pair and time; at the start of the next one what was seen at the end of it.
+        self._seen: dict[tuple[int, float], Proximity] = {}
 
     def restart(self) -> None:
-        """Look again after velocities were changed at one instant."""
+        """Look again after something changed at one instant."""
+        self._seen = {}
+        self._look_ahead()
+
+    def _look_ahead(self) -> None:
         # How far the flight must go before each pair can have touched.
-        self._seen: dict[tuple[int, float], Proximity] = {}
         self._safe = [
             (pair.gap(self._model, self._data, FAR) - _NEAR) / reach
             for pair, reach in zip(self._pairs, self._reach, strict=True)
         ]
-        self._flight.clear(min(self._safe, default=math.inf))
+        self.horizon = min(self._safe, default=math.inf)
 
-    def advance(self, duration_s: float) -> float | None:
-        """Integrate for a time, or until a pair touches: it approaches, or is closed and pressed together.
-
-        Returns:
-            Time of the touch since the start in s, with ``data`` there; None when the whole time has passed.
-
-        Raises:
-            UnsupportedContactError: Bodies close in too fast, or spin too fast, to follow.
-        """
-        flight, path = self._flight, self._path
-        if flight.horizon <= flight.way and self._touching_now():
-            return 0.0
-        if duration_s == self._usual:
-            clear = flight.step(duration_s)
-        else:
-            with time_step(self._model, duration_s):
-                clear = flight.step(duration_s)
-        # What is not finite is for the caller to notice.
-        if clear or not math.isfinite(flight.energy) or self._surely_clear():
-            self._seen.clear()
-            return None
-        path.at_s = duration_s
-        end = self._edge(duration_s)
-        path.move_to(0.0)
-        start = self._edge(0.0)
-        self._halvings = 0
-        touch = self._first_touch(start, end, 0)
-        at_s = duration_s if touch is None else touch
-        path.move_to(at_s)
-        self.note_overlap(at_s)
-        here = {(i, 0.0): near for (i, time), near in self._seen.items() if time == at_s}
-        self.restart()
-        self._seen = here  # the next step starts where this one ends
-        return touch
-
-    def _surely_clear(self) -> bool:
+    def is_clear(self) -> bool:
         """Whether no pair can have touched in the last step, given how far it went; distances are asked as needed."""
-        flight = self._flight
+        flight = self.motion.flight
         before = flight.way - flight.last
+        if before > 0.0:
+            self._seen.clear()  # it tells of an earlier step
         for i, (pair, reach) in enumerate(zip(self._pairs, self._reach, strict=True)):
             if flight.way < self._safe[i]:
                 continue
@@ -128,8 +87,28 @@ class Detector:
             if apart <= 0.0 or reach * (self._safe[i] - before) + apart <= reach * flight.last:
                 return False
             self._safe[i] = flight.way + apart / reach
-        flight.horizon = min(self._safe)
+        self.horizon = min(self._safe, default=math.inf)
         return True
+
+    def first_event(self, duration_s: float) -> float | None:
+        """When a pair touches within so much of the last step: it approaches, or is closed and pressed together.
+
+        Raises:
+            UnsupportedContactError: Bodies close in too fast, or spin too fast, to follow.
+        """
+        path = self.motion.path
+        path.move_to(duration_s)
+        end = self._edge(duration_s)
+        path.move_to(0.0)
+        start = self._edge(0.0)
+        self._halvings = 0
+        return self._first_touch(start, end, 0)
+
+    def arrived(self, time_s: float) -> None:
+        """Keep account of overlaps, and look ahead from here."""
+        self.note_overlap(time_s)
+        self._seen = {(i, 0.0): near for (i, time), near in self._seen.items() if time == time_s}
+        self._look_ahead()
 
     def contacts(self) -> list[tuple[ContactPair, Proximity]]:
         """All pairs in contact at the state in ``data``."""
@@ -166,10 +145,13 @@ class Detector:
         gaps = tuple(pair.gap(model, data, FAR) for pair in self._pairs)
         return _Edge(time, gaps, bounds)
 
-    def _touching_now(self) -> bool:
+    def due(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
+        flight = self.motion.flight
+        if flight.way > 0.0:
+            self._seen.clear()  # it tells of an earlier step
         for i, safe in enumerate(self._safe):
-            if safe <= self._flight.way:
+            if safe <= flight.way:
                 near = self._look(i, 0.0)
                 if near.gap <= 0.0 and near.approaches:
                     return True
@@ -180,7 +162,7 @@ class Detector:
         pair, model, data = self._pairs[i], self._model, self._data
 
         def at(time: float) -> Proximity:
-            self._path.move_to(time)
+            self.motion.path.move_to(time)
             return self._look(i, time)
 
         return first_touch(at, start, end, lambda near: pair.pressed(model, data, near))
@@ -202,7 +184,7 @@ class Detector:
             raise UnsupportedContactError(
                 f"bodies close in at up to {max(*a.bounds, *b.bounds):.3g} m/s, too fast to follow"
             )
-        self._path.move_to(a.time + 0.5 * span)
+        self.motion.path.move_to(a.time + 0.5 * span)
         middle = self._edge(a.time + 0.5 * span)
         first = self._first_touch(a, middle, depth + 1)
         return first if first is not None else self._first_touch(middle, b, depth + 1)

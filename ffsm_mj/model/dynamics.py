@@ -196,3 +196,13 @@ def reduced_model(
 def skew(v: FloatArray) -> FloatArray:
     """Matrix of the cross product: ``skew(v) @ w == cross(v, w)``."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def rotation_dofs(model: Any) -> list[slice]:
+    """The angular part of every free and ball joint in ``qvel``."""
+    parts = []
+    offsets = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
+    for kind, first in zip(model.jnt_type.tolist(), model.jnt_dofadr.tolist(), strict=True):
+        if kind in offsets:
+            parts.append(slice(first + offsets[kind], first + offsets[kind] + 3))
+    return parts

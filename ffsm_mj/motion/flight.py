@@ -48,6 +48,10 @@ class Flight:
         mujoco.mj_getState(self._model, self._data, self._state, WHOLE_STATE)
         mujoco.mj_step(self._model, self._data)
         mujoco.mj_forward(self._model, self._data)
+        return self.account(duration_s)
+
+    def account(self, duration_s: float) -> bool:
+        """Take a step that was made into account; derived quantities are current."""
         before, self.energy = self.energy, self._energy()
         # Not max(), which would hide a NaN; abs(), since the rounding of a body at rest may be negative.
         self.last = BOUND_MARGIN * duration_s * math.sqrt(2.0 * abs(before if before > self.energy else self.energy))

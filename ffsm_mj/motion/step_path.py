@@ -20,12 +20,16 @@ class StepPath:
         start: The state that the path starts from.
         at_s: Time at which ``data`` is, where that is known: who moves it by other means says so here.
         poll: Called before every move; what it raises ends the search.
+        integrate: Moves ``data`` on by a time in s; derived quantities need not follow.
+        arrived: Called after every move, with derived quantities current.
     """
 
     def __init__(self, model: Any, data: Any) -> None:
         """Wrap model and data; the model's own time step is restored after every move."""
         self._model, self._data = model, data
         self.poll: Callable[[], None] = _nothing
+        self.integrate: Callable[[float], None] = self._free_step
+        self.arrived: Callable[[], None] = _nothing
         self.at_s = math.nan
         self.start = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
 
@@ -37,14 +41,18 @@ class StepPath:
         self.at_s = math.nan
         mujoco.mj_setState(self._model, self._data, self.start, WHOLE_STATE)
         if time_s > 0.0:
-            with time_step(self._model, time_s):
-                mujoco.mj_step(self._model, self._data)
+            self.integrate(time_s)
         mujoco.mj_forward(self._model, self._data)
+        self.arrived()
         self.at_s = time_s
+
+    def _free_step(self, duration_s: float) -> None:
+        with time_step(self._model, duration_s):
+            mujoco.mj_step(self._model, self._data)
 
 
 def _nothing() -> None:
-    """Nobody wants to interrupt."""
+    """Nobody wants to know."""
 
 
 @contextmanager

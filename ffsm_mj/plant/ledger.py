@@ -33,7 +33,7 @@ COLUMNS = 64
 
 
 class Ledger:
-    """Books of one run. ``open`` before each (sub-)step, ``close`` after it, ``impact`` at each impact, ``note`` at a tick.
+    """Books of one run. ``open`` before each (sub-)step, ``close`` after it, ``book`` at each event, ``note`` at a tick.
 
     A note copies what MuJoCo knows of the state; energies, momenta and residuals of many notes are worked out at once.
 
@@ -145,12 +145,12 @@ class Ledger:
             rates.append(np.append(wrench, power))
         return rates[0], rates[1], rates[2]
 
-    def impact(self, energy_change: FloatArray, contact_impulse: FloatArray) -> None:
-        """Book an impact.
+    def book(self, energy_change: FloatArray, contact_impulse: FloatArray) -> None:
+        """Book what contacts did, at an event or over a (sub-)step.
 
         Args:
-            energy_change: Kinetic energy gained by (total, robot, objects), J.
-            contact_impulse: Impulse on the objects (force part, moment about the origin), (6,).
+            energy_change: Kinetic energy that they gave to (total, robot, objects), J.
+            contact_impulse: Their impulse on the objects (force part, moment about the origin), (6,).
         """
         self._accounts[1:4] += energy_change
         self._accounts[10:16] += contact_impulse

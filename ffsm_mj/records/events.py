@@ -41,6 +41,14 @@ _SENTENCES = {
 }
 
 
+class RunEnded(Exception):
+    """The run is over before its time; carries how."""
+
+    def __init__(self, outcome: Outcome, message: str = "") -> None:
+        self.outcome, self.message = outcome, message or outcome.sentence
+        super().__init__(self.message)
+
+
 @dataclass(frozen=True)
 class ImpactRecord:
     """One contact of an impact; contacts at one instant share ``event`` and the states before and after.

@@ -12,6 +12,7 @@ import numpy as np
 
 from ffsm_mj.analysis.agreement import AGREES, Agreement, Difference
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
 from ffsm_mj.impact.resolution import Contact, Impact, ImpactState, resolve
@@ -60,7 +61,7 @@ class ImpactCheck:
     def __init__(self, scene: LogScene, data: Any, records: Sequence[ImpactRecord], found: Agreement) -> None:
         """Bind to the state that flies; differences go to ``found``."""
         self._scene, self._data, self._found = scene, data, found
-        self.detector = Detector(scene.system.mj, data, scene.pairs)
+        self.detector = Detector(Scene(scene.system, data), scene.pairs)
         self._step_s = scene.scenario.time_step_s
         self._bodies = {pair.name: (pair.body_a, pair.body_b) for pair in scene.pairs}
         groups = [tuple(group) for _, group in groupby(records, key=lambda record: record.event)]
@@ -125,7 +126,7 @@ class ImpactCheck:
             self._found.vector(f"{event.name} {what}", logged[part], flown[part], flown[part], "", event.time_s)
         impact = self._logged(event)
         energies = party_energies(self._scene.system, self._data, impact)
-        ledger.impact(energies[1] - energies[0], contact_wrench(self._scene.system, impact))
+        ledger.book(energies[1] - energies[0], contact_wrench(self._scene.system, impact))
         again = self._resolved(event)
         if len(again) != len(event.contacts):
             self._refuse(f"{event.name} contacts", event.time_s)

@@ -15,22 +15,20 @@ from typing import Any
 
 import mujoco
 
+from ffsm_mj.contact.course import Course
+from ffsm_mj.contact.regimes import Instant, Regime
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.controller_protocol import Command, Observation, TaskController
-from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at
-from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
-from ffsm_mj.impact.resolution import Contact, Impact, resolve
-from ffsm_mj.impact.resting import RestRule, Touching, lasting_contact
-from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at, unknown_name
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.system import System
 from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.plant.ledger import Ledger
-from ffsm_mj.records.events import Outcome, OutcomeRecord, Report
+from ffsm_mj.records.events import Outcome, OutcomeRecord, Report, RunEnded
 from ffsm_mj.simulation.rows import RowWriter
 
-MOST_TOUCHES_PER_STEP = 1000
+MOST_EVENTS_PER_STEP = 1000
 
 
 @dataclass(frozen=True)
@@ -40,10 +38,6 @@ class Settings:
     time_step_s: float
     steps_per_tick: int
     ticks: int
-    stop_on_impact: bool
-    rest: RestRule
-    max_impacts: int
-    law: str
 
 
 @dataclass
@@ -53,17 +47,9 @@ class Plant:
     system: System
     data: Any
     actuation: Actuation
-    detector: Detector
+    course: Course
     watch: ContactWatch
     ledger: Ledger
-
-
-class RunEnded(Exception):
-    """The run is over before its time; carries how."""
-
-    def __init__(self, outcome: Outcome, message: str = "") -> None:
-        self.outcome, self.message = outcome, message or outcome.sentence
-        super().__init__(self.message)
 
 
 @dataclass
@@ -139,7 +125,7 @@ class Simulation:
             if interrupted():
                 raise RunEnded(Outcome.INTERRUPTED)
 
-        self._plant.detector.interrupt_by(poll)
+        self._plant.course.interrupt_by(poll)
         try:
             for tick in range(settings.ticks):
                 now = tick * period
@@ -165,11 +151,22 @@ class Simulation:
         try:
             self._controller.control(observation, self._command)
             self._plant.actuation.apply(self._command, observation.data, observation.time_s)
+            if self._command.requests:
+                self._pass_requests_on()
         except Exception as error:
             reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
             message = f"{self._controller.in_charge} at t = {observation.time_s:.6g} s: {reason}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
         self._done.ticks += 1
+
+    def _pass_requests_on(self) -> None:
+        """Let the regimes hear what the controller asks of them."""
+        heard = {request: regime for regime in self._plant.course.regimes for request in regime.requests}
+        for request in sorted(self._command.requests):
+            if request not in heard:
+                raise ControllerError(unknown_name("request", request, heard))
+            heard[request].hear(request)
+        self._plant.course.reconsider()
 
     def _report_phases(self) -> None:
         for phase in self._controller.drain_phases():
@@ -182,23 +179,26 @@ class Simulation:
             self._recorder.event(record)
 
     def _step(self) -> None:
-        """One integration step, with as many impacts as happen in it."""
+        """One integration step, with as many events as happen in it."""
         plant, step_s = self._plant, self._settings.time_step_s
         end_s, left = (self._done.steps + 1) * step_s, step_s
-        for touches in count(1):
+        for events in count(1):
             plant.ledger.open()
             try:
-                touch = plant.detector.advance(left)
+                event = plant.course.advance(left)
             except UnsupportedContactError as error:
                 raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
-            plant.ledger.close(left if touch is None else touch)
-            plant.actuation.elapse(left if touch is None else touch)
+            elapsed = left if event is None else event[0]
+            plant.ledger.close(elapsed)
+            for booking in plant.course.bookings(elapsed):
+                plant.ledger.book(*booking)
+            plant.actuation.elapse(elapsed)
             self._check_finite()
-            if touch is None:
+            if event is None:
                 break
-            left -= touch
+            left -= elapsed
             plant.data.time = self._done.time_s = end_s - left
-            self._impact(end_s - left, touches)
+            self._act(event[1], end_s - left, events)
             if left <= 0.0:
                 break
         self._done.steps += 1
@@ -206,65 +206,39 @@ class Simulation:
         plant.data.time = self._done.time_s = end_s
 
     def _check_finite(self) -> None:
-        if self._warnings or not math.isfinite(self._plant.detector.kinetic_energy_J):
+        if self._warnings or not math.isfinite(self._plant.course.kinetic_energy_J):
             message = self._warnings[-1] if self._warnings else "the state is not finite"
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
 
-    def _impact(self, time_s: float, touches: int) -> None:
-        """Resolve the contacts at this instant, book and record them, and ask the controller at once."""
-        plant, data, model = self._plant, self._plant.data, self._plant.system.mj
-        touching = plant.detector.contacts()
-        names = "; ".join(str(pair) for pair, _ in touching)
-        if touches > MOST_TOUCHES_PER_STEP:
-            message = f"{names} touched {touches - 1} times within the step before t = {time_s:.6g} s"
+    def _act(self, regime: Regime, time_s: float, events: int) -> None:
+        """Let a regime act, book and record what it did, and ask the controller at once."""
+        plant, done = self._plant, self._done
+        if events > MOST_EVENTS_PER_STEP:
+            message = f"{regime.names()} touched {events - 1} times within the step before t = {time_s:.6g} s"
             raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; a shorter time_step_s follows it further")
-        contacts = [
-            Contact(pair.body_a, pair.body_b, point, near.normal, pair.restitution)
-            for pair, near in touching
-            for point in near.points
-        ]
-        try:
-            impact = resolve(model, data, contacts, self._settings.law)
-        except (UnsupportedContactError, ValueError) as error:
-            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"at t = {time_s:.6g} s: {error} ({names})") from error
-        self._refuse_lasting(touching, impact, time_s)
-        if not any(near.approaches for _, near in touching):
-            plant.detector.restart()  # a root at rounding level: what comes next decides
+        effect = regime.act(Instant(time_s, done.steps))
+        if effect is None:
+            plant.course.restart()
             return
-        energies = party_energies(plant.system, data, impact)
-        data.qvel[:] = impact.after.qvel
-        mujoco.mj_forward(model, data)
-        plant.detector.restart()
-        plant.ledger.impact(energies[1] - energies[0], contact_wrench(plant.system, impact))
-        done = self._done
-        records = impact_records(plant.system, data, touching, impact, energies, done.events, done.steps, time_s)
-        done.events += 1
-        self._after_impact(Observation(time_s, data, records))
+        if effect.motion is None:
+            plant.course.restart()
+        else:
+            plant.course.bind(effect.motion)
+        if effect.booking is not None:
+            plant.ledger.book(*effect.booking)
+        self._after_event(Observation(time_s, plant.data, effect.records), effect.end)
 
-    def _after_impact(self, observation: Observation) -> None:
-        """Ask the controller at once, and record the impact with the efforts that act from there on."""
-        stop, limit = self._settings.stop_on_impact, self._done.events >= self._settings.max_impacts
+    def _after_event(self, observation: Observation, end: RunEnded | None) -> None:
+        """Ask the controller at once, and record the event with the efforts that act from there on."""
         try:
-            if stop or not limit:
+            if end is None or end.outcome == Outcome.COMPLETED:
                 self._ask(observation)
         finally:
             efforts = self._plant.actuation.by_name()
-            for record in observation.impacts:
+            for record in observation.events:
                 self._recorder.event(replace(record, efforts_after=efforts))
         self._report_phases()
-        if stop:
-            self._record(observation.time_s)
-            raise RunEnded(Outcome.COMPLETED)
-        if limit:
-            raise RunEnded(Outcome.EVENT_LIMIT, f"{self._done.events} impacts; raise impact.max_impacts to go on")
-
-    def _refuse_lasting(self, touching: Touching, impact: Impact, time_s: float) -> None:
-        """End the run where a contact lasts: it would not fly, or for less than the scenario's rest interval."""
-        rule = self._settings.rest
-        lasting = lasting_contact(self._plant.system.mj, self._plant.data, touching, impact, rule)
-        if lasting is None:
-            return
-        flight = f"its next flight would last {2.0 * lasting.speed / lasting.pressing:.3g} s"
-        why = f"pressed at {lasting.pressing:.3g} m/s^2, {flight} (impact.rest_interval_s: {rule.interval_s:g} s)"
-        message = f"{lasting.pair} stays in contact from t = {time_s:.6g} s: {why}; contact that lasts is not modelled"
-        raise RunEnded(Outcome.LASTING_CONTACT, message)
+        if end is not None:
+            if end.outcome == Outcome.COMPLETED:
+                self._record(observation.time_s)
+            raise end

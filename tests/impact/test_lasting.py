@@ -192,8 +192,8 @@ def chattering(folder):
 
 def test_a_thousand_touches_in_a_step_end_the_run_with_the_pair_named(tmp_path, monkeypatch):
     """The limit is lowered here, for a thousand take seconds; the 10 ms step would hold eleven thousand."""
-    assert simulation.MOST_TOUCHES_PER_STEP == 1000
-    monkeypatch.setattr(simulation, "MOST_TOUCHES_PER_STEP", 50)
+    assert simulation.MOST_EVENTS_PER_STEP == 1000
+    monkeypatch.setattr(simulation, "MOST_EVENTS_PER_STEP", 50)
     run = ffsm_mj.run(chattering(tmp_path))
     assert run.outcome == "event_limit"
     assert "robot/ball - target/target touched 50 times within the step before t = " in run.message
@@ -330,7 +330,7 @@ def _never_stalls(folder, drawn):
 def test_an_overlap_is_never_reported_as_good(tmp_path, monkeypatch, capsys):
     """Were every touch missed, the log would say how deep, and the run, its summary and `analyze` would not hold."""
     monkeypatch.setattr(Detector, "_first_touch", lambda *_: None)
-    monkeypatch.setattr(Detector, "_touching_now", lambda _: False)
+    monkeypatch.setattr(Detector, "due", lambda _: False)
     path = two_balls(tmp_path, speed=1.0, gap=0.01, duration_s=0.05, conservative=False)
     assert main(["run", str(path), "--no-rerun", "--out", str(tmp_path / "through")]) == 1
     assert "VIOLATED" in capsys.readouterr().out

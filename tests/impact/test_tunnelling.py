@@ -10,8 +10,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.motion.motion import Motion
 from tests.scenes import HEAD, box, compile_paths
 
 SPIN = 50.0
@@ -40,12 +43,12 @@ def first_touch(system, data, speed, step, offset, *, start=0.0):
     data.qpos[3:7] = (np.cos(turn / 2), 0, 0.6 * np.sin(turn / 2), 0.8 * np.sin(turn / 2))
     data.qvel[:6] = (speed, 0, 0, 0, 0.6 * SPIN, 0.8 * SPIN)
     mujoco.mj_forward(system.mj, data)
-    detector = Detector(system.mj, data, [pair])
+    course = Course(Motion(system.mj, data), [Detector(Scene(system, data), [pair])])
     time = start
     while time < start + 0.3:
-        touch = detector.advance(step)
+        touch = course.advance(step)
         if touch is not None:
-            return time + touch
+            return time + touch[0]
         time += step
     return None
 

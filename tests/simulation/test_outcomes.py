@@ -12,9 +12,9 @@ import pytest
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
+from ffsm_mj.contact.course import Course
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError
-from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.run_folder import RunFolder
 from tests.scenes import ball, box, scene, two_balls
@@ -225,7 +225,7 @@ def test_a_fault_of_our_own_is_not_hidden_and_costs_no_data(tmp_path, monkeypatc
     def defect(*_):
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr("ffsm_mj.simulation.loop.party_energies", defect)
+    monkeypatch.setattr("ffsm_mj.impact.regime.party_energies", defect)
     with pytest.raises(RuntimeError, match="a defect"):
         simulate(parts, RunFolder(tmp_path / "out"))
     assert ffsm_mj.load_run(tmp_path / "out").time[-1] == pytest.approx(0.3, abs=2e-3)
@@ -235,7 +235,7 @@ def test_mujocos_own_errors_end_the_run(tmp_path, monkeypatch):
     def fatal(*_):
         raise mujoco.FatalError("mj_stackAlloc: insufficient memory")
 
-    monkeypatch.setattr(Detector, "advance", fatal)
+    monkeypatch.setattr(Course, "advance", fatal)
     run = run_and_read(two_balls(tmp_path), tmp_path)
     assert run.outcome == "diverged"
     assert "MuJoCo gave up (FatalError: mj_stackAlloc: insufficient memory)" in run.message

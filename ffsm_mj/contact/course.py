@@ -1,0 +1,104 @@
+"""The course of a motion: it moves on until a regime acts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from ffsm_mj.contact.exchange import Booking
+from ffsm_mj.contact.regimes import Regime
+from ffsm_mj.motion.motion import Motion
+
+
+class Course:
+    """Moves a motion on, watched by regimes.
+
+    Most steps ask none of them: the kinetic energy bounds how far anything can have moved, so a regime whose horizon is
+    further away need not look.
+
+    Attributes:
+        motion: What moves.
+        regimes: Who watches; where two act at one instant, the first goes first.
+    """
+
+    def __init__(self, motion: Motion, regimes: Sequence[Regime]) -> None:
+        """Begin at the state of the motion."""
+        self.regimes = tuple(regimes)
+        self._active: list[Regime] = []
+        self._poll: Callable[[], None] | None = None
+        self.bind(motion)
+
+    def bind(self, motion: Motion) -> None:
+        """Move this from here on."""
+        self.motion = motion
+        if self._poll is not None:
+            motion.path.poll = self._poll
+        for regime in self.regimes:
+            regime.motion = motion
+        self.restart()
+
+    def interrupt_by(self, poll: Callable[[], None]) -> None:
+        """Have something called before every move along a path; what it raises ends :meth:`advance`."""
+        self._poll = self.motion.path.poll = poll
+
+    def restart(self) -> None:
+        """Look again after something changed at one instant: velocities, who is active, what moves."""
+        self._active = [regime for regime in self.regimes if regime.active]
+        self.motion.push_with([regime.push for regime in self._active])
+        for regime in self.regimes:
+            regime.restart()
+        self.motion.flight.clear(self._horizon())
+
+    def reconsider(self) -> None:
+        """Ask the regimes again how far they can see: one of them heard something."""
+        self.motion.flight.horizon = self._horizon()
+
+    def _horizon(self) -> float:
+        return min((regime.horizon for regime in self.regimes), default=math.inf)
+
+    @property
+    def kinetic_energy_J(self) -> float:
+        """Of everything, at the state in ``data``."""
+        return self.motion.flight.energy
+
+    def advance(self, duration_s: float) -> tuple[float, Regime] | None:
+        """Integrate for a time, or until a regime acts.
+
+        Returns:
+            Time since the start in s, the state being there, and who acts; None when the whole time has passed.
+
+        Raises:
+            UnsupportedContactError: A motion is too fast to follow.
+        """
+        motion, flight = self.motion, self.motion.flight
+        if flight.horizon <= flight.way:
+            for regime in self.regimes:
+                if regime.due():
+                    return 0.0, regime
+        for regime in self._active:
+            regime.begin_step()
+        clear = motion.step(duration_s)
+        # What is not finite is for the caller to notice.
+        if clear or not math.isfinite(flight.energy):
+            return None
+        watching = [regime for regime in self.regimes if not regime.is_clear()]
+        if not watching:
+            flight.horizon = self._horizon()
+            return None
+        motion.path.at_s = duration_s
+        first: tuple[float, Regime] | None = None
+        for regime in watching:
+            time_s = regime.first_event(duration_s if first is None else first[0])
+            if time_s is not None and (first is None or time_s < first[0]):
+                first = time_s, regime
+        at_s = duration_s if first is None else first[0]
+        motion.path.move_to(at_s)
+        for regime in self.regimes:
+            regime.arrived(at_s)
+        motion.flight.clear(self._horizon())
+        return first
+
+    def bookings(self, duration_s: float) -> list[Booking]:
+        """What the wrenches of the active regimes did in the (sub-)step that has ended."""
+        done = (regime.end_step(duration_s) for regime in self._active)
+        return [booking for booking in done if booking is not None]

@@ -1,0 +1,69 @@
+"""What wrenches between bodies exchange over a (sub-)step: energy and impulse, by party.
+
+By Simpson's rule with a cubic Hermite midpoint, as external forces in the ledger: what follows the bodies' motion is then
+known to the order of the integrator. A pair of equal and opposite wrenches exchanges nothing within one party.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.books.midpoint import hermite_midpoint
+from ffsm_mj.model.system import System
+from ffsm_mj.records.wrench import Wrench
+
+
+class Booking(NamedTuple):
+    """What contacts did at an event or over a (sub-)step, by party.
+
+    Attributes:
+        energy_J: Energy that they gave to (total, robot, objects), (3,).
+        impulse: Their impulse on the objects: force part in N s and moment about the world origin in N m s, (6,).
+    """
+
+    energy_J: FloatArray
+    impulse: FloatArray
+
+
+class Exchange:
+    """Books the wrenches of one regime over steps."""
+
+    def __init__(self, system: System, data: Any, wrenches: Callable[[Any], Sequence[Wrench]]) -> None:
+        """Bind to the system's data, and to what gives the wrenches at a state of it."""
+        self._system, self._data, self._wrenches = system, data, wrenches
+        self._scratch = mujoco.MjData(system.mj)
+
+    def begin(self) -> None:
+        """A (sub-)step begins at the state in ``data``."""
+        self._qpos, self._qvel = self._data.qpos.copy(), self._data.qvel.copy()
+        self._first = self._rates(self._data)
+
+    def end(self, duration_s: float) -> Booking:
+        """It ends at the state in ``data``."""
+        model, data, scratch = self._system.mj, self._data, self._scratch
+        middle = hermite_midpoint(model, self._qpos, self._qvel, data.qpos, data.qvel, duration_s)
+        scratch.qpos[:], scratch.qvel[:] = middle
+        mujoco.mj_fwdPosition(model, scratch)
+        mujoco.mj_fwdVelocity(model, scratch)
+        rates = self._first + 4.0 * self._rates(scratch) + self._rates(data)
+        done = duration_s / 6.0 * rates
+        return Booking(done[:3], done[3:])
+
+    def _rates(self, data: Any) -> FloatArray:
+        """Power to (total, robot, objects), and the wrench on the objects about the origin, (9,)."""
+        rates, twist, robot = np.zeros(9), np.empty(6), self._system.robot.bodies
+        for body, point, force, torque in self._wrenches(data):
+            mujoco.mj_objectVelocity(self._system.mj, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
+            speed = twist[3:] + np.cross(twist[:3], point - data.xpos[body])
+            power = force @ speed + torque @ twist[:3]
+            rates[0] += power
+            rates[1 if body in robot else 2] += power
+            if body not in robot:
+                rates[3:6] += force
+                rates[6:9] += np.cross(point, force) + torque
+        return rates

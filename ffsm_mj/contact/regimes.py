@@ -1,0 +1,190 @@
+"""What can happen at a contact: regimes, behind one interface; see ``docs/contact-regimes.md``.
+
+A regime watches steps and says when it acts, takes part in the smooth motion while it is active, changes the state at its
+events, and says what that did: records, and wrenches for the ledgers. The impact is one; others are registered by their
+kind, or by the entry-point group ``ffsm_mj.contact_regimes``, and declared in a scenario's ``regimes``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import entry_points
+from typing import Any, ClassVar, NamedTuple, final
+
+import mujoco
+
+from ffsm_mj.config import StrictModel
+from ffsm_mj.contact.exchange import Booking, Exchange
+from ffsm_mj.errors import unknown_name
+from ffsm_mj.model.system import System
+from ffsm_mj.motion.motion import Motion
+from ffsm_mj.records import kinds
+from ffsm_mj.records.events import RunEnded
+from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.wrench import Wrench
+
+GROUP = "ffsm_mj.contact_regimes"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a regime is built for: the system that is logged, and its data, which every motion keeps current."""
+
+    system: System
+    data: Any
+
+
+class Instant(NamedTuple):
+    """When a regime acts: simulation time in s, and the integration step that it falls in, from 0."""
+
+    time_s: float
+    step: int
+
+
+class Effect(NamedTuple):
+    """What an event did.
+
+    Attributes:
+        records: For the log, the controller and the phases.
+        booking: For the ledger; None where nothing was exchanged.
+        motion: What moves from here on; None: as before.
+        end: The run ends here, and how; the controller is asked once more only where it is completed.
+    """
+
+    records: tuple[Any, ...]
+    booking: Booking | None = None
+    motion: Motion | None = None
+    end: RunEnded | None = None
+
+
+class Regime:
+    """Base of all regimes: watches nothing, does nothing. An instance serves one run.
+
+    Times in a step count from its start. ``scene.data`` is always at the state that is asked about: at the stages of a step,
+    and while a search moves along the path.
+
+    Attributes:
+        kind: Name by which a scenario declares it.
+        Config: What a scenario may say of it; has a field ``kind``. The regime is made as ``cls(config, scene)``.
+        records: Kinds of record that it leaves. Each has the fields ``step``, ``time_s``, ``qpos``, ``qvel_before``,
+            ``qvel_after`` and ``efforts_after``, as :class:`~ffsm_mj.records.events.ImpactRecord` has.
+        requests: Names in a command that it hears.
+        columns: Columns of the log that it owns.
+        watched: Pairs of geom ids that it takes care of; others are reported when they overlap.
+        active: Its wrenches take part in the smooth motion.
+        horizon: Way (:class:`~ffsm_mj.motion.flight.Flight`) since the last restart before which nothing can happen.
+        scene: What it was built for.
+        motion: What moves now.
+    """
+
+    kind: ClassVar[str]
+    Config: ClassVar[type[StrictModel]]
+    records: ClassVar[tuple[RecordKind, ...]] = ()
+    requests: ClassVar[tuple[str, ...]] = ()
+    columns: Sequence[Any] = ()
+    watched: frozenset[frozenset[int]] = frozenset()
+    active = False
+    horizon = math.inf
+    motion: Motion
+
+    def __init__(self, scene: Scene) -> None:
+        """Watch a scene from its state on."""
+        self.scene = scene
+
+    def restart(self) -> None:
+        """Something changed at one instant: look anew from the state in ``data``."""
+
+    def due(self) -> bool:
+        """Whether it acts right now, before the next step."""
+        return False
+
+    def is_clear(self) -> bool:
+        """Whether nothing can have happened in the last step; asked once the way is beyond the horizon."""
+        return True
+
+    def first_event(self, duration_s: float) -> float | None:
+        """When it first acts within so much of the last step, found along ``motion.path``; None where it does not."""
+        return None
+
+    def arrived(self, time_s: float) -> None:
+        """The search is over, and the state is that of this time in the step."""
+
+    def act(self, instant: Instant) -> Effect | None:
+        """Change the state at an event, derived quantities current after; None where nothing happened after all.
+
+        Raises:
+            RunEnded: What comes now is not modelled.
+        """
+        return None
+
+    def wrenches(self, data: Any) -> Sequence[Wrench]:
+        """What it puts on which bodies while it is active; positions and velocities in ``data`` are current."""
+        return ()
+
+    def begin_step(self) -> None:
+        """A (sub-)step begins, while it is active."""
+        self._exchange.begin()
+
+    def end_step(self, duration_s: float) -> Booking | None:
+        """It has ended: what its wrenches did."""
+        return self._exchange.end(duration_s)
+
+    @cached_property
+    def _exchange(self) -> Exchange:
+        return Exchange(self.scene.system, self.scene.data, self.wrenches)
+
+    def hear(self, request: str) -> None:
+        """A controller asked for something that it knows of; it may be due at once."""
+
+    def take_up(self) -> None:
+        """Be as its columns say, at the state in ``data``: ``analyze`` begins here, and flies on."""
+
+    def names(self) -> str:
+        """The contacts that it acts on now, for a person."""
+        return self.kind
+
+    @final
+    def push(self, data: Any) -> None:
+        """Add its wrenches to ``data.qfrc_applied``, ``data`` being that of what moves."""
+        motion = self.motion
+        for body, point, force, torque in self.wrenches(self.scene.data):
+            mujoco.mj_applyFT(motion.model, data, force, torque, point, motion.bodies[body], data.qfrc_applied)
+
+
+_REGISTERED: dict[str, type[Regime]] = {}
+
+
+def register(regime: type[Regime]) -> type[Regime]:
+    """Make a regime known by its kind.
+
+    Raises:
+        ValueError: Another one has that kind.
+    """
+    if _REGISTERED.setdefault(regime.kind, regime) is not regime:
+        raise ValueError(f"another contact regime has the kind {regime.kind!r}")
+    for kind in regime.records:
+        kinds.register(kind)
+    return regime
+
+
+def regimes() -> dict[str, type[Regime]]:
+    """Regimes that a scenario may declare, by kind: those registered, and those of installed packages."""
+    for entry_point in entry_points(group=GROUP):
+        if entry_point.name not in _REGISTERED:
+            register(entry_point.load())
+    return dict(_REGISTERED)
+
+
+def regime_of(kind: str) -> type[Regime]:
+    """Regime of a kind.
+
+    Raises:
+        LookupError: There is none; the message lists those that are known.
+    """
+    known = regimes()
+    if kind not in known:
+        raise LookupError(unknown_name("contact regime", kind, known))
+    return known[kind]

@@ -1,0 +1,114 @@
+"""The impact as a regime: touch, resolve at once, fly on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.contact.exchange import Booking
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.regimes import Effect, Instant, Scene
+from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
+from ffsm_mj.impact.resolution import Contact, Impact, resolve
+from ffsm_mj.impact.resting import RestRule, Touching, lasting_contact
+from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.records.events import Outcome, RunEnded
+
+
+@dataclass(frozen=True)
+class ImpactRules:
+    """What a scenario says of its impacts; see its keys of the same names."""
+
+    law: str
+    rest: RestRule
+    max_impacts: int
+    stop_on_impact: bool
+
+
+class Impacts(Detector):
+    """Resolves what its pairs run into; see :class:`~ffsm_mj.contact.regimes.Regime`."""
+
+    kind = "impact"
+
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], rules: ImpactRules) -> None:
+        """Watch pairs from the state in ``scene.data`` on."""
+        super().__init__(scene, pairs)
+        self._rules = rules
+        self._impacts = 0
+
+    def names(self) -> str:
+        """The pairs in contact."""
+        return "; ".join(str(pair) for pair, _ in self.contacts())
+
+    def act(self, instant: Instant) -> Effect | None:
+        """Resolve all contacts at this instant at once.
+
+        Raises:
+            RunEnded: A contact is not supported, or would last.
+        """
+        system, data, time_s = self.scene.system, self.scene.data, instant.time_s
+        touching = self.contacts()
+        try:
+            impact = self._resolve(touching)
+        except (UnsupportedContactError, ValueError) as error:
+            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"at t = {time_s:.6g} s: {error} ({self.names()})") from error
+        self._refuse_lasting(touching, impact, time_s)
+        if not any(near.approaches for _, near in touching):
+            return None  # a root at rounding level: what comes next decides
+        impact = self._apply(touching, impact)
+        energies = party_energies(system, data, impact)
+        records = impact_records(system, data, touching, impact, energies, self._impacts, instant.step, time_s)
+        self._impacts += 1
+        return Effect(records, Booking(energies[1] - energies[0], contact_wrench(system, impact)), end=self._end())
+
+    def _resolve(self, touching: Touching) -> Impact:
+        """The impact in the coordinates of what moves."""
+        bodies = self.motion.bodies
+        contacts = [
+            Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal, pair.restitution)
+            for pair, near in touching
+            for point in near.points
+        ]
+        return resolve(self.motion.model, self.motion.data, contacts, self._rules.law)
+
+    def _apply(self, touching: Touching, impact: Impact) -> Impact:
+        """Give what moves its velocities after; returns the impact in the coordinates of the system."""
+        motion, data = self.motion, self.scene.data
+        before = np.array(data.qvel)
+        motion.data.qvel[:] = impact.after.qvel
+        mujoco.mj_forward(motion.model, motion.data)
+        motion.path.arrived()
+        if motion.data is data:
+            return impact
+        pairs = [pair for pair, near in touching for _ in near.points]
+        return replace(
+            impact,
+            contacts=tuple(
+                replace(contact, body_a=pair.body_a, body_b=pair.body_b)
+                for contact, pair in zip(impact.contacts, pairs, strict=True)
+            ),
+            before=replace(impact.before, qvel=before),
+            after=replace(impact.after, qvel=np.array(data.qvel)),
+        )
+
+    def _end(self) -> RunEnded | None:
+        if self._rules.stop_on_impact:
+            return RunEnded(Outcome.COMPLETED)
+        if self._impacts >= self._rules.max_impacts:
+            return RunEnded(Outcome.EVENT_LIMIT, f"{self._impacts} impacts; raise impact.max_impacts to go on")
+        return None
+
+    def _refuse_lasting(self, touching: Touching, impact: Impact, time_s: float) -> None:
+        """End the run where a contact lasts: it would not fly, or for less than the scenario's rest interval."""
+        rule = self._rules.rest
+        lasting = lasting_contact(self.scene.system.mj, self.scene.data, touching, impact, rule)
+        if lasting is None:
+            return
+        flight = f"its next flight would last {2.0 * lasting.speed / lasting.pressing:.3g} s"
+        why = f"pressed at {lasting.pressing:.3g} m/s^2, {flight} (impact.rest_interval_s: {rule.interval_s:g} s)"
+        message = f"{lasting.pair} stays in contact from t = {time_s:.6g} s: {why}; contact that lasts is not modelled"
+        raise RunEnded(Outcome.LASTING_CONTACT, message)

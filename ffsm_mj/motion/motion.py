@@ -1,0 +1,58 @@
+"""What moves: a model and its data, step by step, or along the path of the last step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.compiled import fastest
+from ffsm_mj.motion.flight import Flight
+from ffsm_mj.motion.pushed_flight import Push, PushedFlight, release
+from ffsm_mj.motion.step_path import StepPath, time_step
+
+
+class Motion:
+    """Steps of a model, free or pushed by forces that depend on its state.
+
+    Attributes:
+        model: MuJoCo model, with RK4.
+        data: Its data.
+        momentum: Generalised momentum M qdot at the state in ``data``, (nv,).
+        path: The last step.
+        flight: Makes the steps and keeps account of their length.
+        bodies: Id in this model of each body of the system that it stands for.
+    """
+
+    def __init__(self, model: Any, data: Any) -> None:
+        """Begin at the state in ``data`` (all derived quantities current)."""
+        self.model, self.data = model, data
+        self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
+        self.bodies: Sequence[int] = range(model.nbody)
+        self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
+        self._free = self.flight = fastest(Flight)(model, data, self.path.start, self.momentum)
+        self._pushes: list[Push] = []
+
+    def push_with(self, pushes: Sequence[Push]) -> None:
+        """Let forces act in every stage of the coming steps, and no others; derived quantities follow."""
+        if list(pushes) == self._pushes:
+            return
+        self._pushes = list(pushes)
+        if pushes:
+            pushed = PushedFlight(self.model, self.data, self.path.start, self.momentum, pushes, self.follow)
+            self.flight, self.path.integrate = pushed, pushed.integrate
+            pushed.refresh()
+        else:
+            self.flight, self.path.integrate = self._free, self._free_integrate
+            release(self.model, self.data)
+
+    def follow(self) -> None:
+        """Bring what this stands for to the state in ``data``, positions and velocities: nothing where it is that itself."""
+
+    def step(self, duration_s: float) -> bool:
+        """Integrate for a time, refresh derived quantities; says whether nothing that is watched can have happened."""
+        if duration_s == self._usual_s:
+            return self.flight.step(duration_s)
+        with time_step(self.model, duration_s):
+            return self.flight.step(duration_s)

@@ -1,0 +1,104 @@
+"""Steps under forces that depend on the state: they are asked for in each stage of a Runge-Kutta step of order four.
+
+MuJoCo would call back in each stage too, but for the whole process; here nothing outside the run knows of it. Rotations are
+integrated in the chart of their rotation vector since the start of the step (Munthe-Kaas), which keeps the order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.dynamics import rotation_dofs
+from ffsm_mj.motion.flight import WHOLE_STATE, Flight
+
+Push = Callable[[Any], None]
+"""Adds generalised forces to ``data.qfrc_applied``; positions and velocities in ``data`` are current."""
+
+_AFTER_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
+
+
+class PushedFlight(Flight):
+    """Flight under pushes."""
+
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        state: FloatArray,
+        momentum: FloatArray,
+        pushes: Sequence[Push],
+        follow: Callable[[], None],
+    ) -> None:
+        """See :class:`~ffsm_mj.motion.flight.Flight`.
+
+        Args:
+            model: MuJoCo model.
+            data: Its data.
+            state: Where the state at the start of each step is kept.
+            momentum: Where M qdot is kept, (nv,).
+            pushes: Asked in every stage, in this order.
+            follow: Called before them: lets others follow the state of the stage.
+        """
+        super().__init__(model, data, state, momentum)
+        self._pushes, self._follow, self._rotations = tuple(pushes), follow, rotation_dofs(model)
+
+    def refresh(self) -> None:
+        """Bring forces and all derived quantities up to the state in ``data``."""
+        mujoco.mj_fwdPosition(self._model, self._data)
+        mujoco.mj_fwdVelocity(self._model, self._data)
+        self._follow()
+        self._data.qfrc_applied.fill(0.0)
+        for push in self._pushes:
+            push(self._data)
+        mujoco.mj_forwardSkip(self._model, self._data, _AFTER_VELOCITIES, 1)
+
+    def integrate(self, duration_s: float) -> None:
+        """Move on by a time, forces and derived quantities current at its end."""
+        data, h = self._data, duration_s
+        start_s, qpos, qvel = data.time, data.qpos.copy(), data.qvel.copy()
+        self.refresh()
+        first = data.qvel.copy(), data.qacc.copy()
+        second = self._stage(qpos, qvel, 0.5 * h, *first)
+        third = self._stage(qpos, qvel, 0.5 * h, *second)
+        last = self._stage(qpos, qvel, h, *third)
+        rates, accelerations = (
+            (a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in zip(first, second, third, last, strict=True)
+        )
+        self._put(qpos, qvel, h, rates, accelerations)
+        data.time = start_s + h
+        self.refresh()
+
+    def step(self, duration_s: float) -> bool:
+        """Integrate for a time; says whether nothing that is watched can have happened."""
+        mujoco.mj_getState(self._model, self._data, self._state, WHOLE_STATE)
+        self.integrate(duration_s)
+        return self.account(duration_s)
+
+    def _stage(
+        self, qpos: FloatArray, qvel: FloatArray, after_s: float, rates: FloatArray, accelerations: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Rates of the chart and accelerations where given ones lead in a time."""
+        self._put(qpos, qvel, after_s, rates, accelerations)
+        self.refresh()
+        chart = self._data.qvel.copy()
+        for part in self._rotations:
+            turned, spin = after_s * rates[part], chart[part]
+            turn = np.cross(turned, spin)
+            chart[part] = spin + 0.5 * turn + np.cross(turned, turn) / 12.0
+        return chart, self._data.qacc.copy()
+
+    def _put(self, qpos: FloatArray, qvel: FloatArray, after_s: float, rates: FloatArray, accelerations: FloatArray) -> None:
+        self._data.qpos[:] = qpos
+        mujoco.mj_integratePos(self._model, self._data.qpos, rates, after_s)
+        self._data.qvel[:] = qvel + after_s * accelerations
+
+
+def release(model: Any, data: Any) -> None:
+    """Take all pushes away; derived quantities follow."""
+    data.qfrc_applied.fill(0.0)
+    mujoco.mj_forward(model, data)
