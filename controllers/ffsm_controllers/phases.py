@@ -15,7 +15,6 @@ from ffsm_mj.controller_protocol import (
     Command,
     Controller,
     ControllerError,
-    ImpactRecord,
     Observation,
     PhaseRecord,
     Report,
@@ -35,14 +34,16 @@ class Phase:
         name: Name in the scenario.
         kind: Kind of its controller.
         controller: What drives the robot in it.
-        until_impact: It ends at the first impact after its start.
+        until: What ends it after its start, for people: ``impact``, or a record of another contact regime; empty: nothing.
+        ending: Class of the records that do.
         duration_s: It ends at the first control tick at or after this time since its start; None: no such end.
     """
 
     name: str
     kind: str
     controller: Controller
-    until_impact: bool = False
+    until: str = ""
+    ending: type | None = None
     duration_s: float | None = None
 
 
@@ -88,8 +89,8 @@ class PhaseMachine:
         """Why the current phase is over, or nothing."""
         phase = self._phases[self.phase_index]
         if observation.events:
-            impact = any(isinstance(event, ImpactRecord) for event in observation.events)
-            return "impact" if phase.until_impact and impact else ""
+            ends = phase.ending is not None and any(isinstance(event, phase.ending) for event in observation.events)
+            return phase.until if ends else ""
         elapsed = observation.time_s - self._start_s
         if phase.duration_s is not None and elapsed >= phase.duration_s - _TIME_TOLERANCE_S:
             return "time"

@@ -56,7 +56,7 @@ class Detector(Regime):
         model, data = self._model, self._data = scene.system.mj, scene.data
         self._pairs = tuple(pairs)
         self._reach = [pair.reach_per_root_energy(model, data) for pair in self._pairs]
-        self.watched = frozenset(pair.geoms for pair in self._pairs)
+        self.watched = frozenset(pair.geom_ids for pair in self._pairs)
         self.overlap = np.zeros(1)
         # What was seen in this step, by pair and time; at the start of the next one what was seen at the end of it.
         self._seen: dict[tuple[int, float], Proximity] = {}

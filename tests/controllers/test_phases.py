@@ -40,12 +40,16 @@ class Silent(Recorder):
         return ()
 
 
+class Hit:
+    pass
+
+
 def test_a_timed_phase_ends_at_the_first_tick_at_or_after_its_time():
     first, second, third = Recorder(), Silent(), Recorder()
     machine = PhaseMachine(
-        [Phase("a", "x", first, until_impact=True), Phase("b", "y", second, duration_s=0.25), Phase("c", "z", third)]
+        [Phase("a", "x", first, "impact", Hit), Phase("b", "y", second, duration_s=0.25), Phase("c", "z", third)]
     )
-    hit = object()
+    hit = Hit()
     calls = [(0.0, ()), (0.1, ()), (0.137, (hit,)), (0.2, ()), (0.3, ()), (0.35, (hit,)), (0.4, ()), (0.5, ())]
     for time, impacts in calls:
         machine.control(Observation(time, None, impacts), Command.off(0))

@@ -192,7 +192,7 @@ def test_a_command_that_is_not_finite_at_an_impact(tmp_path):
     parts = prepare(two_balls(tmp_path)).assemble()
 
     def fail(observation, command: Command):
-        if observation.impacts:
+        if observation.events:
             command.drive(np.array([0]), np.array([np.nan]))
 
     parts.controller._phases[0].controller.control = fail
