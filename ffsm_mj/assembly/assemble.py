@@ -22,6 +22,8 @@ from ffsm_mj.errors import Fault, ScenarioFaults, described
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.plant.actuation import Actuation
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.kinds import kind_named
 from ffsm_mj.records.signals import Layout, build_layout
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
@@ -143,7 +145,9 @@ def _controller(scenario: Scenario, context: ControllerContext) -> PhaseMachine:
         except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is a fault of this phase)
             faults.append(Fault(f"the controller cannot be made ({described(error)})", ("phases", i, "controller", "kind")))
             continue
-        phases.append(Phase(config.name, kind, controller, config.until == "impact", config.for_s))
+        until = config.until if config.until not in (None, "end") else ""
+        ending = ImpactRecord if until == "impact" else kind_named(until).record if until else None
+        phases.append(Phase(config.name, kind, controller, until, ending, config.for_s))
     if faults:
         raise ScenarioFaults(faults)
     return PhaseMachine(phases)

@@ -140,9 +140,19 @@ def kinds_of(names: Sequence[str]) -> tuple[RecordKind, ...]:
         KeyError: No such kind.
     """
     for name in names:
-        if name not in _KINDS:
-            raise KeyError(unknown_name("kind of record", name, _KINDS))
+        kind_named(name)
     return tuple(kind for kind in _KINDS.values() if kind.in_every_run or kind.name in names)
+
+
+def kind_named(name: str) -> RecordKind:
+    """The kind of a name.
+
+    Raises:
+        KeyError: There is none.
+    """
+    if name not in _KINDS:
+        raise KeyError(unknown_name("kind of record", name, _KINDS))
+    return _KINDS[name]
 
 
 def kind_of(record: Any) -> RecordKind:

@@ -15,6 +15,7 @@ from ffsm_mj.impact.laws import LAWS
 from ffsm_mj.plant.actuation import ACTUATOR_KINDS, ActuatorConfig
 from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.faults import KindNames, plain_faults
+from ffsm_mj.scenario.regimes import REGIME_SCHEMA, checked_regimes, fault_of_ending
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 
 _KINDS = kinds()
@@ -137,8 +138,8 @@ class PhaseConfig(StrictModel):
     """A phase of the task: it ends at the first impact, after a time, at the earlier of the two, or with the run."""
 
     name: Name
-    until: Literal["impact", "end"] | None = None
-    """``impact``: the first impact after its start; ``end``: the end of the run."""
+    until: Name | None = None
+    """``impact``: the first impact after its start, or a record of a declared regime by its name; ``end``: of the run."""
     for_s: PositiveFloat | None = None
     """Duration in s; it ends at the first control tick at or after that, with ``until: impact`` at an impact before it."""
     controller: ControllerConfig
@@ -214,6 +215,8 @@ class Scenario(StrictModel):
     ignored_pairs: tuple[IgnoredPairConfig, ...] = ()
     phases: Annotated[tuple[PhaseConfig, ...], Field(min_length=1)]
     impact: ImpactConfig = ImpactConfig()
+    regimes: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()
+    """What can happen at contacts beside the impact, each by its ``kind``; see docs/contact-regimes.md."""
     log: LogConfig = LogConfig()
 
     @property
@@ -256,6 +259,8 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
     for i, phase in enumerate(scenario.phases):
         if phase.name in names[:i]:
             faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
+        if fault := fault_of_ending(phase.until, scenario.regimes):
+            faults.append(Fault(fault, ("phases", i, "until")))
         if phase.until == "impact" and not scenario.impact_pairs:
             faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
     for i, phase in enumerate(scenario.phases[:-1]):
@@ -279,10 +284,23 @@ def load_scenario(path: Path, overrides: Sequence[str] = ()) -> tuple[Scenario, 
     except ValidationError as error:
         kinds_known = KindNames(Scenario, _KINDS.classes, ACTUATOR_KINDS, _KINDS.broken)
         raise InputError(source.lines(plain_faults(error, kinds_known))) from error
+    try:
+        scenario = with_regimes(scenario)
+    except ScenarioFaults as faulty:
+        raise located(faulty, source) from faulty
     faults = _other_faults(scenario)
     if faults:
         raise located(ScenarioFaults(faults), source)
     return scenario, source
+
+
+def with_regimes(scenario: Scenario) -> Scenario:
+    """The scenario with its regimes checked.
+
+    Raises:
+        ScenarioFaults: One of them is none.
+    """
+    return scenario.model_copy(update={"regimes": checked_regimes(scenario.regimes)}) if scenario.regimes else scenario
 
 
 def located(error: ScenarioFaults, source: YamlSource) -> InputError:

@@ -1,0 +1,59 @@
+"""Contact regimes that a scenario declares, beside the impact: each is checked by its own configuration model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from pydantic import ValidationError, WithJsonSchema
+
+from ffsm_mj.config import StrictModel
+from ffsm_mj.contact.regimes import regime_of, regimes
+from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.scenario.faults import KindNames, plain_faults
+
+REGIME_SCHEMA = WithJsonSchema({"type": "object", "required": ["kind"], "properties": {"kind": {"type": "string"}}})
+
+
+def checked_regimes(declared: tuple[Any, ...]) -> tuple[StrictModel, ...]:
+    """Configurations of declared regimes.
+
+    Raises:
+        ScenarioFaults: An unknown kind, or what its configuration does not allow.
+    """
+    configs: list[StrictModel] = []
+    faults: list[Fault] = []
+    for i, given in enumerate(declared):
+        try:
+            configs.append(given if isinstance(given, StrictModel) else _checked(given))
+        except ScenarioFaults as error:
+            faults += [replace(fault, path=("regimes", i, *fault.path)) for fault in error.faults]
+    if faults:
+        raise ScenarioFaults(faults)
+    return tuple(configs)
+
+
+def _checked(given: Any) -> StrictModel:
+    if not isinstance(given, Mapping) or not isinstance(given.get("kind"), str):
+        raise ScenarioFaults([Fault(f"needs a 'kind'; allowed: {', '.join(sorted(regimes())) or 'none is installed'}", ())])
+    try:
+        config = regime_of(given["kind"]).Config
+    except LookupError as error:
+        raise ScenarioFaults([Fault(str(error.args[0]), ("kind",))]) from error
+    try:
+        return config.model_validate(given)
+    except ValidationError as error:
+        raise ScenarioFaults(plain_faults(error, KindNames(config, (), (), {}))) from error
+
+
+def endings(configs: tuple[Any, ...]) -> tuple[str, ...]:
+    """What may end a phase: impacts, and the records of declared regimes."""
+    named = (kind.name for config in configs for kind in regime_of(config.kind).records)
+    return ("impact", *named)
+
+
+def fault_of_ending(until: str | None, configs: tuple[Any, ...]) -> str:
+    """What is wrong with a phase's ``until``, or nothing."""
+    allowed = (*endings(configs), "end")
+    return "" if until is None or until in allowed else unknown_name("end of a phase", until, allowed)
