@@ -14,6 +14,8 @@ from importlib.util import find_spec
 from types import ModuleType
 from typing import TypeVar
 
+from ffsm_mj.errors import TwinsError, described
+
 Class = TypeVar("Class", bound=type)
 
 
@@ -26,7 +28,7 @@ def fastest(plain: Class) -> Class:
     """The compiled twin of a class, or the class itself where twins are not used.
 
     Raises:
-        ImportError: The twins that are installed belong to another version.
+        TwinsError: The twins that are installed belong to another version of ffsm-mj or MuJoCo.
     """
     twins = _twins() if is_compiled() else None
     twin: Class = plain if twins is None else getattr(twins, plain.__name__)
@@ -39,8 +41,8 @@ def _twins() -> ModuleType | None:
         return None
     ours, theirs = version("ffsm-mj"), version("ffsm-mj-fast")
     if ours != theirs:
-        raise ImportError(
-            f"ffsm-mj-fast {theirs} does not fit ffsm-mj {ours}: "
-            "uv sync --extra fast --reinstall-package ffsm-mj-fast, or set FFSM_COMPILED=0"
-        )
-    return importlib.import_module("ffsm_mj_fast")
+        raise TwinsError(f"ffsm-mj-fast {theirs} does not fit ffsm-mj {ours}")
+    try:
+        return importlib.import_module("ffsm_mj_fast")
+    except ImportError as error:
+        raise TwinsError(f"ffsm-mj-fast {theirs} cannot be used ({described(error)})") from error

@@ -80,6 +80,13 @@ class MissingPackageError(FfsmError):
         super().__init__(f"{purpose} needs the package {package}: uv sync --extra {extra} (or pip install {package})")
 
 
+class TwinsError(FfsmError):
+    """The compiled twins that are installed cannot be used; the message says how to go on."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"{reason}: uv sync --extra fast --reinstall-package ffsm-mj-fast, or set FFSM_COMPILED=0")
+
+
 class UnsupportedContactError(FfsmError):
     """A contact that the impact laws cannot resolve exactly; the run ends rather than guess."""
 

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+
 import mujoco
 import numpy as np
 import pytest
@@ -15,6 +20,7 @@ import ffsm_mj
 from ffsm_mj import compiled
 from ffsm_mj.books.joint_work import JointWork
 from ffsm_mj.compiled import fastest, is_compiled
+from ffsm_mj.errors import TwinsError
 from ffsm_mj.motion.flight import WHOLE_STATE, Flight
 from ffsm_mj.plant.limits import Bounds, Limits
 from ffsm_mj.plant.sampler import Sampler
@@ -287,10 +293,36 @@ def test_twins_of_another_version_are_refused(monkeypatch):
     compiled._twins.cache_clear()
     monkeypatch.setattr(compiled, "version", {"ffsm-mj": "2.0", "ffsm-mj-fast": "1.0"}.__getitem__)
     with pytest.raises(
-        ImportError, match=r"ffsm-mj-fast 1.0 does not fit ffsm-mj 2.0: uv sync --extra fast .* or set FFSM_COMPILED=0"
+        TwinsError, match=r"ffsm-mj-fast 1.0 does not fit ffsm-mj 2.0: uv sync --extra fast .* or set FFSM_COMPILED=0"
     ):
         fastest(Flight)
     compiled._twins.cache_clear()
+
+
+def test_another_minor_version_of_mujoco_is_refused(tmp_path):
+    """In one line, before a call by address; plain Python goes on."""
+    program = (
+        "import sys, mujoco; mujoco.mj_version, mujoco.__version__ = lambda: 4001002, '4.1.2'; "
+        "from ffsm_mj.cli.main import main; sys.exit(main(['run', 'coasting', '-s', 'duration_s=0.01', '--no-rerun']))"
+    )
+    results = [
+        subprocess.run(
+            [sys.executable, "-c", program],
+            cwd=tmp_path,
+            env=os.environ | {"FFSM_COMPILED": switch},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        for switch in "10"
+    ]
+    refused, gone_on = results
+    assert refused.returncode == 2
+    assert refused.stderr == (
+        f"ffsm-mj-fast {version('ffsm-mj-fast')} cannot be used (ImportError: built for MuJoCo 4.0, not 4.1.2): "
+        "uv sync --extra fast --reinstall-package ffsm-mj-fast, or set FFSM_COMPILED=0\n"
+    )
+    assert gone_on.returncode == 0
 
 
 @pytest.mark.slow

@@ -15,9 +15,8 @@ from ffsm_mj.motion import flight as plain
 
 from libc.math cimport INFINITY, fabs, sqrt
 
-from ffsm_mj_fast.functions cimport address, mj
+from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel, mjSTAGE_VEL
 
-cdef int STAGE_VEL = 2  # mjSTAGE_VEL: positions and velocities are current, forces are not
 cdef double BOUND_MARGIN = plain.BOUND_MARGIN
 cdef int WHOLE_STATE = plain.WHOLE_STATE
 
@@ -27,8 +26,8 @@ cdef class Flight:
 
     cdef readonly double energy, way, last
     cdef public double horizon
-    cdef const void* m
-    cdef void* d
+    cdef const mjModel* m
+    cdef mjData* d
     cdef double[::1] state, momentum, rates
     cdef bint runge_kutta, unconstrained
     cdef object model, data
@@ -36,7 +35,7 @@ cdef class Flight:
     def __init__(self, model, data, double[::1] state not None, double[::1] momentum not None):
         if len(state) != mujoco.mj_stateSize(model, WHOLE_STATE) or len(momentum) != model.nv:
             raise ValueError(f"a state of {len(state)} and a momentum of {len(momentum)} numbers do not fit the model")
-        self.m, self.d, self.model, self.data = address(model), address(data), model, data
+        self.m, self.d, self.model, self.data = <const mjModel*>address(model), <mjData*>address(data), model, data
         self.state, self.momentum, self.rates = state, momentum, data.qvel
         self.runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self.clear(INFINITY)
@@ -50,13 +49,13 @@ cdef class Flight:
     def step(self, double duration_s):
         """Integrate for the model's time step; says whether no pair can have touched."""
         cdef double before = self.energy
-        mj.get_state(self.m, self.d, &self.state[0], WHOLE_STATE)
+        mj.getState(self.m, self.d, &self.state[0], WHOLE_STATE)
         if self.runge_kutta and self.unconstrained:
-            mj.check_pos(self.m, self.d)
-            mj.check_vel(self.m, self.d)
-            mj.forward_skip(self.m, self.d, STAGE_VEL, 1)
-            mj.check_acc(self.m, self.d)
-            mj.runge_kutta(self.m, self.d, 4)
+            mj.checkPos(self.m, self.d)
+            mj.checkVel(self.m, self.d)
+            mj.forwardSkip(self.m, self.d, mjSTAGE_VEL, 1)
+            mj.checkAcc(self.m, self.d)
+            mj.RungeKutta(self.m, self.d, 4)
         else:
             mj.step(self.m, self.d)
         mj.forward(self.m, self.d)
@@ -70,7 +69,7 @@ cdef class Flight:
     cdef double kinetic(self) noexcept:
         cdef double twice = 0.0
         cdef Py_ssize_t i
-        mj.mul_m(self.m, self.d, &self.momentum[0], &self.rates[0])
+        mj.mulM(self.m, self.d, &self.momentum[0], &self.rates[0])
         for i in range(self.rates.shape[0]):
             twice += self.momentum[i] * self.rates[i]
         return 0.5 * twice

@@ -1,21 +1,30 @@
-# MuJoCo's C functions, by address: model and data are opaque, so no header and no version of MuJoCo is built in.
+# MuJoCo's C functions, by address: mj.step is mj_step. Model and data are opaque: no layout of a struct is built in.
+# Every prototype is held against mujoco.h when the package is compiled (functions.h, which has the names too).
+
+cdef extern from "mujoco/mujoco.h":
+    ctypedef struct mjModel:
+        pass
+    ctypedef struct mjData:
+        pass
+    const int mjOBJ_SITE
+    const int mjSTAGE_VEL  # positions and velocities are current, forces are not
 
 cdef struct Functions:
-    void (*step)(const void* m, void* d) noexcept nogil
-    void (*forward)(const void* m, void* d) noexcept nogil
-    void (*forward_skip)(const void* m, void* d, int stage, int skip_sensors) noexcept nogil
-    void (*runge_kutta)(const void* m, void* d, int order) noexcept nogil
-    void (*check_pos)(const void* m, void* d) noexcept nogil
-    void (*check_vel)(const void* m, void* d) noexcept nogil
-    void (*check_acc)(const void* m, void* d) noexcept nogil
-    void (*get_state)(const void* m, const void* d, double* state, int what) noexcept nogil
-    void (*mul_m)(const void* m, const void* d, double* result, const double* vector) noexcept nogil
-    void (*solve_m)(const void* m, void* d, double* x, const double* y, int n) noexcept nogil
-    void (*jac_site)(const void* m, const void* d, double* jacp, double* jacr, int site) noexcept nogil
-    void (*jac_body)(const void* m, const void* d, double* jacp, double* jacr, int body) noexcept nogil
-    void (*jac_dot)(const void* m, void* d, double* jacp, double* jacr, const double* point, int body) noexcept nogil
-    void (*subtree_vel)(const void* m, void* d) noexcept nogil
-    void (*object_velocity)(const void* m, const void* d, int kind, int id, double* twist, int local) noexcept nogil
+    void (*step)(const mjModel* m, mjData* d) noexcept nogil
+    void (*forward)(const mjModel* m, mjData* d) noexcept nogil
+    void (*forwardSkip)(const mjModel* m, mjData* d, int skipstage, int skipsensor) noexcept nogil
+    void (*RungeKutta)(const mjModel* m, mjData* d, int N) noexcept nogil
+    void (*checkPos)(const mjModel* m, mjData* d) noexcept nogil
+    void (*checkVel)(const mjModel* m, mjData* d) noexcept nogil
+    void (*checkAcc)(const mjModel* m, mjData* d) noexcept nogil
+    void (*getState)(const mjModel* m, const mjData* d, double* state, int sig) noexcept nogil
+    void (*mulM)(const mjModel* m, const mjData* d, double* res, const double* vec) noexcept nogil
+    void (*solveM)(const mjModel* m, mjData* d, double* x, const double* y, int n) noexcept nogil
+    void (*jacSite)(const mjModel* m, const mjData* d, double* jacp, double* jacr, int site) noexcept nogil
+    void (*jacBody)(const mjModel* m, const mjData* d, double* jacp, double* jacr, int body) noexcept nogil
+    void (*jacDot)(const mjModel* m, const mjData* d, double* jacp, double* jacr, const double* point, int body) noexcept nogil
+    void (*subtreeVel)(const mjModel* m, mjData* d) noexcept nogil
+    void (*objectVelocity)(const mjModel* m, const mjData* d, int objtype, int objid, double* res, int flg_local) noexcept nogil
 
 cdef Functions mj
 

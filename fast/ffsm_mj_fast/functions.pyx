@@ -7,18 +7,32 @@ from pathlib import Path
 import mujoco
 
 
+cdef extern from "functions.h":
+    const int mjVERSION_HEADER, COUNT
+    const char* const* NAMES
+    size_t* ADDRESSES
+    void TAKE_ALL(Functions functions) noexcept  # a macro
+
+
+def _minor(int version):
+    """4000001 is MuJoCo 4.0.1."""
+    return f"{version // 1_000_000}.{version // 1_000 % 1_000}"
+
+
 def _library():
+    """The library that is loaded.
+
+    Raises:
+        ImportError: It is of another minor version than its header was when this was compiled, or not where it should be.
+    """
     version = mujoco.__version__
+    if _minor(mujoco.mj_version()) != _minor(mjVERSION_HEADER):
+        raise ImportError(f"built for MuJoCo {_minor(mjVERSION_HEADER)}, not {version}")
     names = {"win32": "mujoco.dll", "darwin": f"libmujoco.{version}.dylib"}
     path = Path(mujoco.__file__).parent / names.get(sys.platform, f"libmujoco.so.{version}")
     if not path.is_file():
-        raise ImportError(f"ffsm-mj-fast needs {path}; set FFSM_COMPILED=0 to run without it")
+        raise ImportError(f"there is no {path}")
     return ctypes.CDLL(str(path))
-
-
-cdef void* _function(library, str name) except NULL:
-    cdef size_t place = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
-    return <void*>place
 
 
 cdef void* address(struct) except NULL:
@@ -28,22 +42,11 @@ cdef void* address(struct) except NULL:
 
 
 cdef int _load() except -1:
+    cdef int i
     library = _library()
-    mj.step = <void (*)(const void*, void*) noexcept nogil>_function(library, "mj_step")
-    mj.forward = <void (*)(const void*, void*) noexcept nogil>_function(library, "mj_forward")
-    mj.forward_skip = <void (*)(const void*, void*, int, int) noexcept nogil>_function(library, "mj_forwardSkip")
-    mj.runge_kutta = <void (*)(const void*, void*, int) noexcept nogil>_function(library, "mj_RungeKutta")
-    mj.check_pos = <void (*)(const void*, void*) noexcept nogil>_function(library, "mj_checkPos")
-    mj.check_vel = <void (*)(const void*, void*) noexcept nogil>_function(library, "mj_checkVel")
-    mj.check_acc = <void (*)(const void*, void*) noexcept nogil>_function(library, "mj_checkAcc")
-    mj.get_state = <void (*)(const void*, const void*, double*, int) noexcept nogil>_function(library, "mj_getState")
-    mj.mul_m = <void (*)(const void*, const void*, double*, const double*) noexcept nogil>_function(library, "mj_mulM")
-    mj.solve_m = <void (*)(const void*, void*, double*, const double*, int) noexcept nogil>_function(library, "mj_solveM")
-    mj.jac_site = <void (*)(const void*, const void*, double*, double*, int) noexcept nogil>_function(library, "mj_jacSite")
-    mj.jac_body = <void (*)(const void*, const void*, double*, double*, int) noexcept nogil>_function(library, "mj_jacBody")
-    mj.jac_dot = <void (*)(const void*, void*, double*, double*, const double*, int) noexcept nogil>_function(library, "mj_jacDot")
-    mj.subtree_vel = <void (*)(const void*, void*) noexcept nogil>_function(library, "mj_subtreeVel")
-    mj.object_velocity = <void (*)(const void*, const void*, int, int, double*, int) noexcept nogil>_function(library, "mj_objectVelocity")
+    for i in range(COUNT):
+        ADDRESSES[i] = ctypes.cast(getattr(library, NAMES[i].decode()), ctypes.c_void_p).value
+    TAKE_ALL(mj)
     return 0
 
 

@@ -5,8 +5,8 @@ import numpy as np
 
 from libc.math cimport hypot, sqrt
 
-from ffsm_mj_fast.osdre_planar cimport feedback, lower_block, turned_pair
-from ffsm_mj_fast.riccati_planar cimport PlanarRiccati, blocks_t, matrix_t, pair_t, principal_axes
+from ffsm_mj_fast.osdre_planar cimport answer
+from ffsm_mj_fast.riccati_planar cimport PlanarRiccati, pair_t, principal_axes
 from ffsm_mj_fast.tip_kinematics cimport TipKinematics
 
 
@@ -53,9 +53,7 @@ cdef class PlanarLaw:
         cdef double s0 = 0.0, s1 = 0.0, s3 = 0.0, b0 = 0.0, b1 = 0.0, b3 = 0.0
         cdef double v0 = 0.0, v1 = 0.0, d0 = 0.0, d1 = 0.0, y0, y1, force, smallest
         cdef Py_ssize_t i, j, n = self.u.shape[0]
-        cdef pair_t values, axes, error, y_dot, w
-        cdef matrix_t A21, A22
-        cdef blocks_t blocks
+        cdef pair_t values, axes, error, w
         cdef double residual
         cdef bint fallback
         tip.update()
@@ -80,11 +78,10 @@ cdef class PlanarLaw:
         values, axes = principal_axes(s0, s1, s3)
         smallest = principal_axes(b0, b1, b3)[0][1]
         y0, y1 = tip.place[self.first], tip.place[self.second]
-        error = turned_pair((y0 - self.target[0], y1 - self.target[1]), axes)
-        y_dot = turned_pair((v0, v1), axes)
-        A21, A22 = lower_block(turned_pair((d0, d1), axes), turned_pair((y0, y1), axes), y_dot, self.whole_stack)
-        blocks, residual, fallback = self.riccati.solve(A21, A22, values, axes)
-        w = turned_pair(feedback(blocks, error, y_dot), (axes[0], -axes[1]))
+        error = (y0 - self.target[0], y1 - self.target[1])
+        w, error, residual, fallback = answer(
+            self.riccati, values, axes, (d0, d1), (y0, y1), error, (v0, v1), self.whole_stack
+        )
         for i in range(n):
             self.u[i] = self.gains[n + i, 0] * w[0] + self.gains[n + i, 1] * w[1]
         self.told[0], self.told[1] = hypot(error[0], error[1]), residual

@@ -6,9 +6,7 @@ import numpy as np
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
-from ffsm_mj_fast.functions cimport address, mj
-
-cdef int SITE = 6  # mjOBJ_SITE
+from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel, mjOBJ_SITE
 
 
 cdef struct Copy:
@@ -21,8 +19,8 @@ cdef class Sampler:
     """Takes samples of arrays that change, after it has asked MuJoCo for what it does not keep current."""
 
     cdef readonly object jacp, jacr, twist
-    cdef const void* m
-    cdef void* d
+    cdef const mjModel* m
+    cdef mjData* d
     cdef int base, tip
     cdef double[:, ::1] p, r
     cdef double[::1] v
@@ -31,7 +29,7 @@ cdef class Sampler:
     cdef object keep
 
     def __init__(self, model, data, *, int base=-1, int tip=-1):
-        self.m, self.d, self.base, self.tip = address(model), address(data), base, tip
+        self.m, self.d, self.base, self.tip = <const mjModel*>address(model), <mjData*>address(data), base, tip
         self.jacp, self.jacr, self.twist = np.zeros((3, model.nv)), np.zeros((3, model.nv)), np.zeros(6)
         self.p, self.r, self.v = self.jacp, self.jacr, self.twist
         self.keep = model, data
@@ -74,10 +72,10 @@ cdef class Sampler:
         cdef int i
         cdef Copy* one
         if self.base >= 0:
-            mj.subtree_vel(self.m, self.d)
-            mj.jac_body(self.m, self.d, &self.p[0, 0], &self.r[0, 0], self.base)
+            mj.subtreeVel(self.m, self.d)
+            mj.jacBody(self.m, self.d, &self.p[0, 0], &self.r[0, 0], self.base)
         if self.tip >= 0:
-            mj.object_velocity(self.m, self.d, SITE, self.tip, &self.v[0], 0)
+            mj.objectVelocity(self.m, self.d, mjOBJ_SITE, self.tip, &self.v[0], 0)
         for i in range(self.count):
             one = &self.copies[i]
             if line >= one.lines:

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from ffsm_mj_fast.functions cimport address, mj
+from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel
 
 
 cdef class TipKinematics:
@@ -12,7 +12,7 @@ cdef class TipKinematics:
     def __init__(self, model, data, int site, axes):
         if not 0 <= site < model.nsite or not set(axes) <= {0, 1, 2}:
             raise ValueError(f"no site {site}, or axes {axes} that are none of 0, 1, 2")
-        self.m, self.d, self.keep = address(model), address(data), (model, data)
+        self.m, self.d, self.keep = <const mjModel*>address(model), <mjData*>address(data), (model, data)
         self.site, self.body, self.axes = site, model.site_bodyid[site], np.array(axes, dtype=np.intc)
         count, nv = len(axes), model.nv
         self.J, self.jac_dot, self.W = np.zeros((count, nv)), np.zeros((3, nv)), np.zeros((count, nv))
@@ -22,9 +22,9 @@ cdef class TipKinematics:
     cpdef void update(self) noexcept:
         """Work everything out at the current state; derived quantities must be current."""
         cdef Py_ssize_t k, j
-        mj.jac_site(self.m, self.d, &self.jacp[0, 0], NULL, self.site)
-        mj.jac_dot(self.m, self.d, &self.dot[0, 0], NULL, &self.place[0], self.body)
+        mj.jacSite(self.m, self.d, &self.jacp[0, 0], NULL, self.site)
+        mj.jacDot(self.m, self.d, &self.dot[0, 0], NULL, &self.place[0], self.body)
         for k in range(self.rows.shape[0]):
             for j in range(self.rows.shape[1]):
                 self.rows[k, j] = self.jacp[self.axes[k], j]
-        mj.solve_m(self.m, self.d, &self.w[0, 0], &self.rows[0, 0], <int>self.rows.shape[0])
+        mj.solveM(self.m, self.d, &self.w[0, 0], &self.rows[0, 0], <int>self.rows.shape[0])

@@ -5,7 +5,7 @@ The package ``ffsm-mj-fast`` compiles this very file; ``fast/ffsm_mj_fast/osdre_
 
 from __future__ import annotations
 
-from ffsm_controllers.osdre.riccati_planar import Blocks, Pair
+from ffsm_controllers.osdre.riccati_planar import Blocks, Pair, PlanarRiccati
 
 
 def turned_pair(x: Pair, axes: Pair) -> Pair:
@@ -41,3 +41,31 @@ def feedback(blocks: Blocks, error: Pair, y_dot: Pair) -> Pair:
         -(P2[0] * e0 + P2[2] * e1 + P3[0] * v0 + P3[1] * v1),
         -(P2[1] * e0 + P2[3] * e1 + P3[2] * v0 + P3[3] * v1),
     )
+
+
+def answer(
+    riccati: PlanarRiccati, S: Pair, axes: Pair, drift: Pair, y: Pair, error: Pair, y_dot: Pair, whole_stack: bool
+) -> tuple[Pair, Pair, float, bool]:
+    """The law (32) without the gains R^-1 B^T of the torques.
+
+    Args:
+        riccati: Solver of the equation.
+        S: Its eigenvalues.
+        axes: Principal axes of S, as (cosine, sine) in those of the outputs.
+        drift: Acceleration of the output without torques.
+        y: Output.
+        error: Its distance from the target.
+        y_dot: Its rate.
+        whole_stack: Which of the two parameterizations.
+
+    Returns:
+        What the gains take, in the axes of the outputs; the error along the principal axes; residual of the equation, and
+        whether the robust method was needed.
+
+    Raises:
+        RiccatiError: The equation has no stabilising solution here.
+    """
+    error, y_dot = turned_pair(error, axes), turned_pair(y_dot, axes)
+    A21, A22 = lower_block(turned_pair(drift, axes), turned_pair(y, axes), y_dot, whole_stack)
+    blocks, residual, fallback = riccati.solve(A21, A22, S, axes)
+    return turned_pair(feedback(blocks, error, y_dot), (axes[0], -axes[1])), error, residual, fallback

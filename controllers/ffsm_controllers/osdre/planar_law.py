@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_controllers.osdre.osdre_planar import feedback, lower_block, turned_pair
+from ffsm_controllers.osdre.osdre_planar import answer
 from ffsm_controllers.osdre.riccati_planar import PlanarRiccati, principal_axes
 from ffsm_controllers.osdre.tip_kinematics import TipKinematics
 from ffsm_mj.arrays import FloatArray
@@ -71,12 +71,10 @@ class PlanarLaw:
         rates, drift = kinematics.J.dot(qvel).tolist(), kinematics.jac_dot.dot(qvel).tolist()
         pushed, point = W.dot(self._bias - self._passive).tolist(), self._point.tolist()
         y = point[i], point[j]
-        error = turned_pair((y[0] - self._target[0], y[1] - self._target[1]), axes)
-        y_dot = turned_pair((rates[0], rates[1]), axes)
-        d = turned_pair((drift[i] - pushed[0], drift[j] - pushed[1]), axes)
-        A21, A22 = lower_block(d, turned_pair(y, axes), y_dot, self._whole_stack)
-        blocks, residual, fallback = self._riccati.solve(A21, A22, values, axes)
-        self._w[0], self._w[1] = turned_pair(feedback(blocks, error, y_dot), (axes[0], -axes[1]))
+        error = y[0] - self._target[0], y[1] - self._target[1]
+        d, y_dot = (drift[i] - pushed[0], drift[j] - pushed[1]), (rates[0], rates[1])
+        w, error, residual, fallback = answer(self._riccati, values, axes, d, y, error, y_dot, self._whole_stack)
+        self._w[0], self._w[1] = w
         gain.dot(self._w, out=self.effort)
         report = self.report
         report[0], report[1] = math.hypot(*error), residual

@@ -1,1 +1,0 @@
-../../controllers/ffsm_controllers/osdre/osdre_planar.py

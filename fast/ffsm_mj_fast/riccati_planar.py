@@ -1,1 +1,0 @@
-../../controllers/ffsm_controllers/osdre/riccati_planar.py
