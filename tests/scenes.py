@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -89,3 +90,59 @@ def two_balls(folder: Path, *, speed: float = 1.0, gap: float = 0.3, restitution
             **scenario,
         },
     )
+
+
+ARM = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
+  <inertial pos="0 0 0" mass="5" diaginertia="0.3 0.3 0.3"/>
+  <geom name="hull" type="box" size="0.2 0.2 0.2" mass="0"/>
+  <body name="upper" pos="0.25 0 0"><joint name="shoulder" axis="0 0 1"/>
+    <inertial pos="0.25 0 0" mass="1" diaginertia="0.01 0.02 0.02"/>
+    <geom name="upper" type="capsule" fromto="0.03 0 0 0.47 0 0" size="0.02" mass="0"/>
+    <geom name="round" size="0.04" mass="0"/>
+    <body name="lower" pos="0.5 0 0"><joint name="elbow" axis="0 0 1"/>
+      <inertial pos="0.25 0 0" mass="0.8" diaginertia="0.01 0.02 0.02"/>
+      <geom name="tip" size="0.05" pos="0.5 0 0" mass="0"/>
+      <body name="finger" pos="0.5 0 0"><inertial pos="0 0 0" mass="0.1" diaginertia="0.001 0.001 0.001"/>
+        <geom name="finger" size="0.01" mass="0"/></body>
+    </body></body></body></worldbody>
+  <actuator><motor name="shoulder" joint="shoulder"/><motor name="elbow" joint="elbow"/></actuator></mujoco>"""
+"""A base with an arm of two links; folded by 200 degrees or so, the tip meets the hull."""
+
+
+def self_hit(folder, *, pair=("hull", "tip"), restitution=0.6, **scenario):
+    """The arm folds at 1 rad/s in free flight, turning and tumbling, and its tip hits its own base."""
+    return scene(
+        folder,
+        ARM,
+        {"rock": ball("rock")},
+        **{
+            "duration_s": 0.7,
+            "initial": {
+                "joints": {"shoulder": math.pi / 3, "elbow": 2 * math.pi / 3, "rock/free": [9, 9, 9, 1, 0, 0, 0]},
+                "rates": {"elbow": 1.0, "robot/free": [0.1, -0.2, 0.3, 0.05, 0.02, -0.1], "rock/free": [0.1, 0, 0, 0, 0, 0]},
+            },
+            "impact_pairs": [{"geoms": list(pair), "restitution": restitution}],
+            **scenario,
+        },
+    )
+
+
+def three_balls(folder, pairs, **scenario):
+    """The robot, 2 kg at 1 m/s, reaches the left ball, 3 kg at rest, after 0.1 s; the right one, 1 kg, lies 0.2 m behind."""
+    return scene(
+        folder,
+        ball("ball", mass=2.0, joints="x"),
+        {"left": ball("left", mass=3.0, joints="x"), "right": ball("right", mass=1.0, joints="x")},
+        **{
+            "duration_s": 0.6,
+            "initial": {"joints": {"left/x": 0.3, "right/x": 0.7}, "rates": {"robot/x": 1.0}},
+            "impact_pairs": pairs,
+            **scenario,
+        },
+    )
+
+
+CHAIN = [
+    {"robot_geom": "ball", "object_geom": "left/left", "restitution": 0.8},
+    {"geoms": ["left/left", "right/right"], "restitution": 0.5, "name": "behind"},
+]

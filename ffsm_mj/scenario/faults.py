@@ -38,8 +38,10 @@ def plain_faults(error: ValidationError, names: KindNames) -> list[Fault]:
 
 
 def _follows(item: Any, items: list[Any]) -> bool:
-    """Whether a list is only called too short because its items were found faulty."""
+    """Whether a list is called too short, or a default not to be made, only because of another fault."""
     place = item["loc"]
+    if item["type"] == "default_factory_not_called":
+        return True
     return item["type"] == "too_short" and any(len(o["loc"]) > len(place) and o["loc"][: len(place)] == place for o in items)
 
 

@@ -154,6 +154,57 @@ def test_pinocchio_agrees(system, rng):
         assert impact.impulses[0] == pytest.approx(float(other.impulse_c[0]), rel=1e-11)
 
 
+@pytest.mark.parametrize(
+    ("robot", "target"),
+    [("ffsm_3dof", "box_1m"), ("spacecraft_7dof", "satellite_defunct")],
+)
+def test_pinocchio_agrees_on_any_two_bodies(robot, target, rng):
+    """Object on object, the robot on itself and on an object, an object on the robot; elastic and not."""
+    system = compile_paths(MJCF / f"{robot}.xml", dict.fromkeys(("object", "other"), MJCF / f"{target}.xml"))
+    model = system.mj
+    reference, of_body = oracle(model)
+    other, data = reference.createData(), mujoco.MjData(model)
+    tip = int(model.site_bodyid[system.index("site", "tip")])
+    one, two = (tree.root for tree in system.objects)
+    planar = not free_components(system, system.robot).all()
+    for a, b in ((one, two), (system.robot.root, tip), (tip, system.robot.root), (tip, one), (two, tip)) * 20:
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_integratePos(model, data.qpos, rng.uniform(-2, 2, model.nv), 1.0)
+        data.qvel[:] = rng.uniform(-1, 1, model.nv)
+        mujoco.mj_forward(model, data)
+        q, v, X = to_pinocchio(model, data.qpos, data.qvel)
+        point, normal, e = rng.uniform(-1, 1, 3), rng.normal(size=3), rng.uniform()
+        if planar:
+            point[2] = normal[2] = 0.0
+        normal /= np.linalg.norm(normal)
+        pin.computeJointJacobians(reference, other, q)
+        row = normal @ (
+            point_jacobian(reference, other, of_body[b], point) - point_jacobian(reference, other, of_body[a], point)
+        )
+        if row @ v > 0.0:
+            row, normal = -row, -normal
+        after = pin.impulseDynamics(reference, other, q, v, row[None], e)
+        impact = resolve(model, data, [Contact(a, b, point, normal, e)])
+        close(X @ impact.after.qvel, after)
+        assert impact.impulses[0] == pytest.approx(float(other.impulse_c[0]), rel=1e-11)
+        # Within one party the impulses cancel, on whom they act is in its joints alone.
+        moved = [of_subtree_change(model, data, impact, tree.root) for tree in system.trees]
+        scale = np.abs(impact.before.momentum).max()
+        np.testing.assert_allclose(sum(moved), 0.0, atol=1e-13 * (1.0 + scale))
+        if a in system.robot.bodies and b in system.robot.bodies:
+            np.testing.assert_allclose(moved, 0.0, atol=1e-13 * (1.0 + scale))
+
+
+def of_subtree_change(model, data, impact, root):
+    """What an impact changes of the momentum of the subtree of a body."""
+    found = []
+    for state in (impact.before, impact.after):
+        data.qvel[:] = state.qvel
+        mujoco.mj_fwdVelocity(model, data)
+        found.append(of_subtree(model, data, root))
+    return found[1] - found[0]
+
+
 def point_jacobian(reference, other, joint, point):
     """Velocity of a body-fixed point in world axes per joint velocity, (3, nv)."""
     J = pin.getJointJacobian(reference, other, joint, pin.ReferenceFrame.WORLD)
