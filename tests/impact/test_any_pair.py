@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.impact import Contact, contact_jacobian, reflect, resolve
 from ffsm_mj.impact.laws import LAWS
 from ffsm_mj.recount import recount
@@ -130,7 +130,7 @@ def test_the_robot_hits_itself(tmp_path, pair, restitution):
 def test_at_the_hit_the_arm_touches_its_base(tmp_path):
     """The instant from the kinematics alone: the ball at the tip is 0.05 m above the hull's face of 0.2 m."""
     run = ffsm_mj.run(self_hit(tmp_path))
-    system, hit = prepare(tmp_path / "scene.yaml").assembly.system, run.impacts[0]
+    system, hit = prepare(tmp_path / "scene.yaml").system, run.impacts[0]
     data = mujoco.MjData(system.mj)
     data.qpos[:] = hit.qpos
     mujoco.mj_kinematics(system.mj, data)
@@ -158,7 +158,7 @@ def test_one_contact_is_written_once(rng):
 
 def test_a_normal_through_the_hinge_is_the_clear_error(tmp_path, rng):
     """What cannot approach has a row of zeros, not one of rounding that would make an impulse of 1e16 N s."""
-    system = prepare(self_hit(tmp_path)).assembly.system
+    system = prepare(self_hit(tmp_path)).system
     model, data = system.mj, mujoco.MjData(system.mj)
     upper, lower = system.index("body", "upper"), system.index("body", "lower")
     for _ in range(50):
@@ -179,7 +179,7 @@ def test_a_normal_through_the_hinge_is_the_clear_error(tmp_path, rng):
 
 def test_energy_bounds_how_fast_a_robot_closes_on_itself(tmp_path, rng):
     """The fastest approach for an energy, sqrt(2 T J M^-1 J^T), is within the bound, which is 2.5 times too much at most."""
-    assembly = prepare(self_hit(tmp_path)).assembly
+    assembly = prepare(self_hit(tmp_path)).assemble()
     model, data, (pair,) = assembly.system.mj, mujoco.MjData(assembly.system.mj), assembly.pairs
     shares = []
     for _ in range(300):

@@ -7,7 +7,7 @@ import json
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly.run import prepare
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from tests.scenes import ARM, CHAIN, self_hit, three_balls
