@@ -18,14 +18,14 @@ from ffsm_mj.log.attachments import fault_of_names
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.chunks import MESSAGE_HEAD, Batch, content_of
 from ffsm_mj.log.mcap.file_bytes import FileBytes
-from ffsm_mj.log.mcap.record_format import decode_record
+from ffsm_mj.log.mcap.record_format import decode_record, is_schema_of
 from ffsm_mj.log.mcap.salvage import MAGIC, Salvage
 from ffsm_mj.log.mcap.stored_rows import StoredRows
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import fault_of_facts
 from ffsm_mj.records.header import RunHeader
-from ffsm_mj.records.kinds import kinds
+from ffsm_mj.records.kinds import RecordKind, kinds
 from ffsm_mj.records.run_log import RunLog, run_log
 from ffsm_mj.records.signals import Layout
 
@@ -132,6 +132,18 @@ class _Contents:
                 for message in batch.messages(content):
                     yield message.tobytes()
 
+    def _holds(self, kind: RecordKind, channel: Channel) -> bool:
+        """Whether a channel has records of a kind as it is known here.
+
+        Raises:
+            ValueError: It has not, and every run has them.
+        """
+        schema = self.schemas.get(channel.schema_id)
+        same = schema is None or is_schema_of(kind, schema)
+        if kind.in_every_run and not same:
+            raise ValueError(f"the schema of {kind.topic} is another")
+        return same
+
     def run_log(self, path: Path, salvage: Salvage, data: FileBytes) -> RunLog:
         """Everything together.
 
@@ -151,7 +163,7 @@ class _Contents:
                 raise ValueError("a sample has not the size that its schema implies")
             stored = StoredRows(path, layout, self.samples)
             rows = stored.copy() if stored.small else stored
-            known = [kind for kind in kinds() if kind.topic in channels]
+            known = [kind for kind in kinds() if kind.topic in channels and self._holds(kind, channels[kind.topic])]
             records = [
                 decode_record(kind, message) for kind in known for message in self.messages(channels[kind.topic], data)
             ]
@@ -167,17 +179,17 @@ class _Contents:
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata, declared)
         log = run_log(header, rows, events, outcome)
         damage = _damage(salvage, len(data), _gaps(log), ended=outcome is not None)
-        return replace(log, damage=damage, note=_unknown(channels))
+        return replace(log, damage=damage, note=_note(channels, known))
 
 
-def _unknown(topics: Iterable[str]) -> str:
+def _note(topics: Iterable[str], known: Sequence[RecordKind]) -> str:
     """Which topics of ours are not read; empty where all are."""
-    ours = {form.SAMPLE_TOPIC, *(kind.topic for kind in kinds())}
-    unknown = [one_line(topic[:_LONGEST_TOLD]) for topic in topics if topic.startswith("/ffsm/") and topic not in ours]
-    if not unknown:
+    read = {form.SAMPLE_TOPIC, *(kind.topic for kind in known)}
+    left = [one_line(topic[:_LONGEST_TOLD]) for topic in topics if topic.startswith("/ffsm/") and topic not in read]
+    if not left:
         return ""
-    more = f" and {len(unknown) - _MOST_TOLD} more" if len(unknown) > _MOST_TOLD else ""
-    return f"{', '.join(unknown[:_MOST_TOLD])}{more}: not read, no such kind of record is known here"
+    more = f" and {len(left) - _MOST_TOLD} more" if len(left) > _MOST_TOLD else ""
+    return f"{', '.join(left[:_MOST_TOLD])}{more}: not read, no such kind of record is known here"
 
 
 def _text(path: Path, name: str, content: bytes) -> str:

@@ -28,6 +28,17 @@ def record_schema(kind: RecordKind) -> bytes:
     return bytes(descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString())
 
 
+def is_schema_of(kind: RecordKind, schema: bytes) -> bool:
+    """Whether a schema in a file is that of a kind as it is known here, whoever put it into bytes.
+
+    Raises:
+        DecodeError: It is no schema.
+    """
+    ours = record_schema(kind)
+    parse = descriptor_pb2.FileDescriptorSet.FromString
+    return schema == ours or (len(schema) <= 2 * len(ours) and parse(schema) == parse(ours))
+
+
 def _add_field(message: Any, name: str, number: int, hint: Any) -> None:
     """Add a field: scalar, sequence of scalars, or map from names to text, to lists of doubles or to reports."""
     scalar = _SCALARS.get(hint)

@@ -1,0 +1,337 @@
+"""A kind of record that exists in tests only: registered, and nothing else, it comes out wherever an impact does."""
+
+from __future__ import annotations
+
+import csv
+import json
+import runpy
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from mcap.reader import make_reader
+from mcap.records import Message, Schema
+from mcap_protobuf.decoder import DecoderFactory
+
+import ffsm_mj
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.cli.main import main
+from ffsm_mj.errors import LogError
+from ffsm_mj.log.mcap.record_format import decode_record, encode_record
+from ffsm_mj.log.memory_sink import MemorySink
+from ffsm_mj.log.model import compile_log
+from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.present.animation import _pictures
+from ffsm_mj.present.plots import comparison, figures
+from ffsm_mj.present.plots.subject import Subject
+from ffsm_mj.records import kinds as register_of_kinds
+from ffsm_mj.records.kinds import Mark, RecordKind, kinds, register
+from tests.hostile.log_mutations import log, records
+from tests.log.test_recording import read as read_recording
+from tests.scenes import two_balls
+
+ROOT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Grip:
+    """Two geoms hold each other.
+
+    Attributes:
+        time_s: When they begin to.
+        geoms: The two.
+        point_m: Where, in world axes.
+        holds: 1 from there on, 0 for a release.
+        wrench_N: Force and moment by body.
+        words: What was said.
+    """
+
+    time_s: float
+    geoms: tuple[str, ...]
+    point_m: tuple[float, ...]
+    holds: int
+    wrench_N: Mapping[str, tuple[float, ...]]
+    words: Mapping[str, str]
+
+
+def marks(grip):
+    yield Mark(grip.point_m, (0.0, 1.0, 0.0), 0.7, f"{grip.wrench_N['ball'][0]:g} N", "jaw")
+    yield Mark(grip.point_m, text="held" if grip.holds else "released")
+
+
+GRIP = RecordKind(
+    record=Grip,
+    name="grip",
+    plural="grips",
+    when="when something is gripped or released",
+    time=lambda grip: grip.time_s,
+    sentence=lambda grip: f"grip of {' and '.join(grip.geoms)}, holds {grip.holds}",
+    summary=lambda grip: {"time_s": grip.time_s, "geoms": list(grip.geoms), "holds": grip.holds},
+    columns={
+        "time_s": ("s", "when"),
+        "geoms_{ab}": ("", "a geom"),
+        "point_{xyz}_m": ("m", "where"),
+        "holds": ("", "whether"),
+    },
+    lengths={"geoms": 2, "point_m": 3, "wrench_N.ball": 2},
+    marks=lambda grip: list(marks(grip)),
+    state=lambda grip: "held" if grip.holds else "free",
+    warning=lambda grip: not grip.holds,
+)
+FIRST = Grip(0.1, ("ball", "target"), (0.2, 0.05, 0.0), 1, {"ball": (1.5, -2.0)}, {"why": "armed"})
+LAST = replace(FIRST, time_s=0.45, holds=0, words={})
+
+
+@pytest.fixture
+def grips(monkeypatch):
+    """Registered for one test."""
+    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(register_of_kinds._KINDS))
+    register(GRIP)
+
+
+@pytest.fixture(scope="module")
+def plain_run(tmp_path_factory):
+    """A run with one impact, at 0.3 s, that knows no grips."""
+    return ffsm_mj.run(two_balls(tmp_path_factory.mktemp("plain"), duration_s=0.5))
+
+
+def recorded(run, folder, *happened, kinds=("grip",)):
+    """The same run with other records, passed to the sinks of a run folder as the loop does; from memory and from disk."""
+    header, rows, time = replace(run.log.header, kinds=kinds), run.log.rows, run.time
+    place, memory = RunFolder(folder), MemorySink()
+    sinks = [memory, *place.sinks(header, compile_log(run.log), with_rerun=True, view_rate_hz=50.0)]
+    for sink in sinks:
+        sink.open(header)
+    begun = 0
+    for event in sorted((*run.log.events(), *happened), key=lambda event: register_of_kinds.kind_of(event).time(event)):
+        end = int(np.searchsorted(time, register_of_kinds.kind_of(event).time(event), side="right"))
+        for sink in sinks:
+            if end > begun:
+                sink.rows(rows[begun:end])
+            sink.event(event)
+            sink.flush()
+        begun = max(begun, end)
+    for sink in sinks:
+        sink.rows(rows[begun:])
+        sink.close(run.log.outcome)
+    found = Run(memory.log())
+    place.write_summary(found.summary())
+    return found, ffsm_mj.load_run(folder)
+
+
+def messages(path):
+    """Every message of a log by topic, read without code of ours."""
+    found = defaultdict(list)
+    with path.open("rb") as stream:
+        decoders = [DecoderFactory()]
+        for _, channel, message, content in make_reader(stream, decoder_factories=decoders).iter_decoded_messages():
+            found[channel.topic].append((message.log_time, content))
+    return found
+
+
+@pytest.mark.usefixtures("grips")
+def test_a_record_is_read_back_and_stands_in_every_list(plain_run, tmp_path):
+    kept, read = recorded(plain_run, tmp_path / "out", FIRST, LAST)
+    for run in (kept, read):
+        assert run.records["grips"] == (FIRST, LAST)
+        assert (run.impacts, run.phases) == (plain_run.impacts, plain_run.phases)
+        assert [type(event).__name__ for event in run.log.events()] == ["PhaseRecord", "Grip", "ImpactRecord", "Grip"]
+        assert run.summary()["grips"] == [GRIP.summary(FIRST), GRIP.summary(LAST)]
+        assert run.table("grips").columns["point_y_m"].tolist() == [0.05, 0.05]
+        assert run.table("grips").columns["geoms_b"].tolist() == ["target", "target"]
+        assert run.table("grips").units["point_x_m"] == "m"
+    assert (read.log.header.kinds, read.note, read.damage) == (("grip",), "", "")
+    written = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert written == read.summary() == kept.summary()
+    assert "grips" not in plain_run.summary()
+
+
+@pytest.mark.usefixtures("grips")
+def test_a_record_has_its_topic_its_words_and_its_marks_in_the_log(plain_run, tmp_path):
+    _, read = recorded(plain_run, tmp_path / "out", FIRST, LAST)
+    topics = messages(read.path)
+    (time, grip), _ = topics["/ffsm/grip"]
+    assert (time, list(grip.geoms), list(grip.wrench_N["ball"].values)) == (100_000_000, ["ball", "target"], [1.5, -2.0])
+    said = {time: (message.message, message.level) for time, message in topics["/log"]}
+    assert said[100_000_000] == ("grip of ball and target, holds 1", 2)  # foxglove.Log: INFO is 2, WARNING 3
+    assert said[450_000_000] == ("grip of ball and target, holds 0", 3)
+    (time, update), (later, other) = topics["/scene/grips"]
+    assert (time, later) == (100_000_000, 450_000_000)
+    arrow, dot = update.entities
+    assert arrow.arrows[0].shaft_length + arrow.arrows[0].head_length == pytest.approx(0.7)
+    assert (arrow.texts[0].text, dot.texts[0].text) == ("1.5 N", "held")
+    assert (dot.spheres[0].pose.position.x, dot.spheres[0].pose.position.y) == (0.2, 0.05)
+    assert not {entity.id for entity in update.entities} & {entity.id for entity in other.entities}
+
+
+@pytest.mark.usefixtures("grips")
+@pytest.mark.parametrize("source", ["run", "log"])
+def test_a_record_is_in_the_recording(plain_run, tmp_path, source):
+    _, read = recorded(plain_run, tmp_path / "out", FIRST, LAST)
+    recording = tmp_path / "out" / "run.rrd"
+    if source == "log":
+        recording.unlink()
+        write_recording(read.log, recording)
+    data = read_recording(recording)
+    texts = [
+        text for (entity, name), rows in data.items() if entity == "/events" and name.endswith("text") for _, text in rows
+    ]
+    assert ["grip of ball and target, holds 1"] in texts
+    states = [row for (entity, _), rows in data.items() if entity == "/states/grip" for row in rows]
+    assert [(round(time, 9), *state) for time, state in states] == [(0.1, "held"), (0.45, "free")]
+    drawn = {entity for entity, _ in data if entity.startswith("/world/grips/")}
+    assert drawn == {f"/world/grips/{i}/{name}" for i in (0, 1) for name in ("jaw_1", "contact_2")}
+
+
+@pytest.mark.usefixtures("grips")
+def test_a_record_is_a_table_for_other_tools(plain_run, tmp_path, capsys):
+    out = tmp_path / "out"
+    recorded(plain_run, out, FIRST, LAST)
+    assert main(["export", str(out), "--csv", "--table", "grips"]) == 0
+    with (out / "grips.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["time_s"], row["geoms_a"], row["point_x_m"], row["holds"]) for row in rows] == [
+        ("0.1", "ball", "0.2", "1"),
+        ("0.45", "ball", "0.2", "0"),
+    ]
+    assert main(["export", str(out), "--parquet", "--table", "grips"]) == 0
+    field = pyarrow.parquet.read_table(out / "grips.parquet").schema.field("point_z_m")
+    assert field.metadata == {b"unit": b"m", b"description": b"where"}
+    recorded(plain_run, tmp_path / "none", kinds=())
+    assert main(["export", str(tmp_path / "none"), "--csv", "--table", "grips"]) == 2
+    assert "unknown table 'grips'; allowed: impacts, laws, phases, samples, unhandled_contacts" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("grips")
+def test_what_may_happen_and_does_not_is_an_empty_list(plain_run, tmp_path):
+    kept, read = recorded(plain_run, tmp_path / "out")
+    for run in (kept, read):
+        assert run.summary()["grips"] == []
+        assert len(run.table("grips").columns["point_x_m"]) == 0
+    assert main(["export", str(tmp_path / "out"), "--parquet", "--table", "grips"]) == 0
+
+
+@pytest.mark.usefixtures("grips")
+def test_reports_tell_records_and_comparisons_their_first_difference(plain_run, tmp_path, capsys):
+    first, _ = recorded(plain_run, tmp_path / "a", FIRST, LAST)
+    second, _ = recorded(plain_run, tmp_path / "b", FIRST)
+    assert main(["analyze", str(tmp_path / "a"), str(tmp_path / "b"), "--compare"]) == 0
+    out = capsys.readouterr().out
+    assert "grips: 2\n  0.100000 s  grip of ball and target, holds 1\n" in out
+    assert "  impacts: 1, the same in both\n" in out
+    assert "  grips: 2 -> 1, number 2 differs: grip of ball and target, holds 0 -> none\n" in out
+    assert not ffsm_mj.compare(first, second).same
+    assert not ffsm_mj.compare(first, plain_run).same
+    assert ffsm_mj.compare(first, first).same
+
+
+@pytest.mark.usefixtures("grips")
+def test_film_and_figures_draw_the_marks(plain_run, tmp_path):
+    with_grips, _ = recorded(plain_run, tmp_path / "out", FIRST, LAST)
+    times = np.array([0.0, 0.2])
+    films = [list(_pictures(Subject(run), times, 1.0)) for run in (plain_run, with_grips)]
+    differs = [bool(np.any(a != b)) for a, b in zip(*films, strict=True)]
+    assert differs == [False, True]  # before the grip at 0.1 s, and while it is shown
+    labels = [text.get_text() for text in figures(with_grips, ["motion"])["motion"].legends[0].get_texts()]
+    assert "grip, impact" in labels or "impact, grip" in labels
+    axes = comparison([("a", with_grips)]).axes[-1]
+    assert axes.get_xlabel() == "time, s (dotted: impacts, grips)"
+    assert sorted(line.get_xdata()[0] for line in axes.lines[1:]) == pytest.approx([0.1, 0.3, 0.45])
+
+
+@pytest.mark.usefixtures("grips")
+def test_the_log_reference_explains_it():
+    page = "\n".join(runpy.run_path(str(ROOT / "docs" / "log_reference.py"))["reference"]())
+    assert "| `/ffsm/grip` | `ffsm.Grip` | when something is gripped or released |" in page
+    assert "| `/scene/grips` | `foxglove.SceneUpdate` | with `/ffsm/grip` |" in page
+    assert "## /ffsm/grip\n" in page
+    assert "| `point_m` | double[] | m | Where, in world axes. |" in page
+
+
+def test_a_log_with_a_kind_that_is_not_known_here_is_read_with_a_note(plain_run, tmp_path, capsys, monkeypatch):
+    known = dict(register_of_kinds._KINDS)
+    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    register(GRIP)
+    recorded(plain_run, tmp_path / "out", FIRST, LAST)
+    monkeypatch.setattr(register_of_kinds, "_KINDS", known)
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert read.note == "/ffsm/grip: not read, no such kind of record is known here"
+    assert (read.impacts, read.damage, "grips" in read.records) == (plain_run.impacts, "", False)
+    np.testing.assert_array_equal(read.log.rows, plain_run.log.rows)
+    assert main(["analyze", str(tmp_path / "out")]) == 0
+    assert f"\nnote: {read.note}\n" in capsys.readouterr().out
+    assert main(["analyze", str(tmp_path / "out"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["note"] == read.note
+    assert main(["export", str(tmp_path / "out"), "--csv", "--table", "phases"]) == 0
+    assert f"note: {read.note}" in capsys.readouterr().out
+
+
+def test_a_kind_of_the_same_name_with_other_fields_is_not_known(plain_run, tmp_path, monkeypatch):
+    """The next version of somebody's regime, or another one's: its numbers would be read as something else."""
+    known = dict(register_of_kinds._KINDS)
+    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    register(GRIP)
+    recorded(plain_run, tmp_path / "out", FIRST, LAST)
+
+    @dataclass(frozen=True)
+    class Grip:
+        time_s: float
+        force_N: float
+
+    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    register(replace(GRIP, record=Grip, columns={"force_N": ("N", "force")}, lengths={}))
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert read.note == "/ffsm/grip: not read, no such kind of record is known here"
+    assert "grips" not in read.summary()
+
+
+def test_impacts_of_another_version_are_refused(plain_run, tmp_path):
+    """A note would leave the impacts unverified."""
+    recorded(plain_run, tmp_path / "out", kinds=())
+    found = [
+        replace(record, data=record.data.replace(b"restitution", b"restitutiom")) if isinstance(record, Schema) else record
+        for record in records((tmp_path / "out" / "run.mcap").read_bytes())
+    ]
+    (tmp_path / "x.mcap").write_bytes(log(found))
+    with pytest.raises(LogError, match=r"not of this version's format .the schema of /ffsm/impact is another"):
+        ffsm_mj.load_run(tmp_path / "x.mcap")
+
+
+@pytest.mark.usefixtures("grips")
+def test_a_record_that_was_tampered_with_is_refused(plain_run, tmp_path):
+    """Vectors that are none, text for a table's second geom that is not there, an entry that marks need."""
+    _, read = recorded(plain_run, tmp_path / "out", FIRST)
+    whole = encode_record(FIRST)
+    for change in ({"point_m": (1.0,)}, {"geoms": ("ball",)}, {"wrench_N": {}}):
+        short = encode_record(replace(FIRST, **change))
+        found = [
+            replace(record, data=short) if isinstance(record, Message) and record.data == whole else record
+            for record in records(read.path.read_bytes())
+        ]
+        (tmp_path / "x.mcap").write_bytes(log(found))
+        with pytest.raises(LogError, match=rf"{next(iter(change))}.* of grip has . values, not"):
+            ffsm_mj.load_run(tmp_path / "x.mcap")
+    assert decode_record(GRIP, whole) == FIRST
+
+
+@pytest.mark.usefixtures("grips")
+def test_a_record_that_the_header_does_not_name_is_refused(plain_run):
+    sink = MemorySink()
+    sink.open(plain_run.log.header)
+    sink.event(FIRST)
+    with pytest.raises(KeyError, match="grips"):
+        sink.log()
+
+
+@pytest.mark.usefixtures("grips")
+def test_the_words_of_every_summary_and_table_are_no_plural(plain_run):
+    """Or a kind could take the place of what every run tells."""
+    words = {*plain_run.summary(), "samples", "laws"} - {kind.plural for kind in kinds()}
+    for word in words:
+        with pytest.raises(ValueError, match="every log has something else"):
+            register(replace(GRIP, name=f"{word}_of_mine", plural=word, record=Mark))
