@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import runpy
+import sys
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from mcap_protobuf.decoder import DecoderFactory
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.cli.main import main
+from ffsm_mj.contact import regimes
 from ffsm_mj.errors import LogError
 from ffsm_mj.log.mcap.record_format import decode_record, encode_record
 from ffsm_mj.log.memory_sink import MemorySink
@@ -269,6 +271,32 @@ def test_a_log_with_a_kind_that_is_not_known_here_is_read_with_a_note(plain_run,
     assert json.loads(capsys.readouterr().out)["note"] == read.note
     assert main(["export", str(tmp_path / "out"), "--csv", "--table", "phases"]) == 0
     assert f"note: {read.note}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_a_package_that_is_installed_is_asked(plain_run, tmp_path, monkeypatch, broken):
+    """``ffsm analyze`` of a log in a process that ran nothing; a package that cannot be imported harms nobody."""
+    known = dict(register_of_kinds._KINDS)
+    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    register(GRIP)
+    recorded(plain_run, tmp_path / "out", FIRST, LAST)
+    monkeypatch.setattr(register_of_kinds, "_KINDS", known)
+    monkeypatch.setattr(regimes, "_REGISTERED", {})
+    package = tmp_path / "package"
+    (package / "grips-1.0.dist-info").mkdir(parents=True)
+    (package / "grips-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: grips\nVersion: 1.0\n")
+    (package / "grips-1.0.dist-info" / "entry_points.txt").write_text(f"[{regimes.GROUP}]\ngripper = grips:Gripper\n")
+    (package / "grips.py").write_text(
+        "import nothing_of_that_name"
+        if broken
+        else "from ffsm_mj.contact.regimes import Regime\nfrom tests.log.test_record_kinds import GRIP\n"
+        "class Gripper(Regime):\n    kind = 'gripper'\n    records = (GRIP,)\n"
+    )
+    monkeypatch.syspath_prepend(package)
+    monkeypatch.delitem(sys.modules, "grips", raising=False)
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert read.records.get("grips", ()) == (() if broken else (FIRST, LAST))
+    assert bool(read.note) == broken
 
 
 def test_a_kind_of_the_same_name_with_other_fields_is_not_known(plain_run, tmp_path, monkeypatch):

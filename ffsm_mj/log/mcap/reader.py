@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.records import Attachment, Channel, Metadata, Schema
 
+from ffsm_mj.contact.regimes import regimes
 from ffsm_mj.errors import LogError, one_line
 from ffsm_mj.log.attachments import fault_of_names
 from ffsm_mj.log.mcap import format as form
@@ -163,6 +164,7 @@ class _Contents:
                 raise ValueError("a sample has not the size that its schema implies")
             stored = StoredRows(path, layout, self.samples)
             rows = stored.copy() if stored.small else stored
+            _look_for_kinds(channels)
             known = [kind for kind in kinds() if kind.topic in channels and self._holds(kind, channels[kind.topic])]
             records = [
                 decode_record(kind, message) for kind in known for message in self.messages(channels[kind.topic], data)
@@ -180,6 +182,13 @@ class _Contents:
         log = run_log(header, rows, events, outcome)
         damage = _damage(salvage, len(data), _gaps(log), ended=outcome is not None)
         return replace(log, damage=damage, note=_note(channels, known))
+
+
+def _look_for_kinds(topics: Iterable[str]) -> None:
+    """Make the kinds of installed packages known, where a log has topics of ours that nobody here knows yet."""
+    if any(topic.startswith("/ffsm/") for topic in set(topics) - {form.SAMPLE_TOPIC, *(kind.topic for kind in kinds())}):
+        with suppress(Exception):  # a package that is broken is none; what it would read is noted
+            regimes()
 
 
 def _note(topics: Iterable[str], known: Sequence[RecordKind]) -> str:
