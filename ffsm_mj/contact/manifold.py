@@ -6,13 +6,14 @@ the geoms' own features: everything of a geom that is extreme along the contact 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.shape import PARALLEL
+from ffsm_mj.hull import hull, turn
 
+_SAME_M, _STRAIGHT = 1e-12, 1e-9
+"""Corners of one feature no farther apart than the first are one, m; one that hardly turns is none."""
 _KINDS = {1: "point", 2: "edge"}
 
 
@@ -38,39 +39,14 @@ def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray) -> F
     u = np.cross(normal, axis)
     u /= np.linalg.norm(u)
     plane = np.stack((u, np.cross(normal, u)))
-    a, b = _hull(first @ plane.T), _hull(second @ plane.T)
+    a, b = (hull(points @ plane.T, merge=_SAME_M, straight=_STRAIGHT) for points in (first, second))
     reach = 1e-9 + 1e-7 * max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
     candidates = [p for p in a if _inside(p, b, reach)] + [p for p in b if _inside(p, a, reach)] + _crossings(a, b)
     if not candidates:
         return np.empty((0, 3))
-    hull = _hull(np.array(candidates), reach)
+    corners = hull(np.array(candidates), merge=reach, straight=_STRAIGHT)
     height = 0.5 * (float(np.mean(first @ normal)) + float(np.mean(second @ normal)))
-    return np.asarray(hull @ plane + height * normal)
-
-
-def _hull(points: FloatArray, merge: float = 1e-12) -> FloatArray:
-    """Corners of the convex hull of planar points, counter-clockwise; one or two where they are a point or a segment."""
-    order = sorted(map(tuple, points))
-    distinct = [order[0]]
-    for p in order[1:]:
-        if all(abs(p[0] - q[0]) + abs(p[1] - q[1]) > merge for q in distinct):
-            distinct.append(p)
-    if len(distinct) < 3:
-        return np.array(distinct)
-    span = max(np.ptp([p[0] for p in distinct]), np.ptp([p[1] for p in distinct]))
-    chain: list[tuple[float, ...]] = []
-    for half in (distinct, distinct[::-1]):
-        start = len(chain)
-        for p in half:
-            while len(chain) - start >= 2 and _turn(chain[-2], chain[-1], p) <= 1e-9 * span * span:
-                chain.pop()
-            chain.append(p)
-        chain.pop()
-    return np.array(chain)
-
-
-def _turn(o: Any, a: Any, b: Any) -> float:
-    return float((a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]))
+    return np.asarray(corners @ plane + height * normal)
 
 
 def _inside(p: FloatArray, polygon: FloatArray, reach: float) -> bool:
@@ -82,7 +58,7 @@ def _inside(p: FloatArray, polygon: FloatArray, reach: float) -> bool:
         t = float(np.clip((p - polygon[0]) @ along / (along @ along), 0.0, 1.0))
         return bool(np.linalg.norm(p - polygon[0] - t * along) <= reach)
     edges = zip(polygon, np.roll(polygon, -1, axis=0), strict=True)
-    return all(_turn(a, b, p) >= -reach * float(np.linalg.norm(b - a)) for a, b in edges)
+    return all(turn(a, b, p) >= -reach * float(np.linalg.norm(b - a)) for a, b in edges)
 
 
 def _crossings(a: FloatArray, b: FloatArray) -> list[FloatArray]:

@@ -9,8 +9,8 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.manifold import manifold_name
-from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.impact.resolution import Impact
+from ffsm_mj.impact.touching import Touching, touching_points
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
 
@@ -42,7 +42,7 @@ def contact_wrench(system: System, impact: Impact) -> FloatArray:
 def impact_records(
     system: System,
     data: Any,
-    touching: list[tuple[ContactPair, Proximity]],
+    touching: Touching,
     impact: Impact,
     energies: FloatArray,
     event: int,
@@ -59,8 +59,7 @@ def impact_records(
 
     change = impact.momentum_change
     records = []
-    flat = [(pair, near, point) for pair, near in touching for point in near.points]
-    for i, (pair, near, point) in enumerate(flat):
+    for i, (pair, near, point) in enumerate(touching_points(touching)):
         vector = impact.impulses[i] * near.normal
         tree = system.tree_of_body(pair.body_b)
         arm = point - data.subtree_com[tree.root if tree else 0]

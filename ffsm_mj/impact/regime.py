@@ -14,8 +14,9 @@ from ffsm_mj.contact.regimes import Effect, Instant, Scene
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
 from ffsm_mj.impact.resolution import Contact, Impact, resolve
-from ffsm_mj.impact.resting import RestRule, Touching, lasting_contact
+from ffsm_mj.impact.resting import RestRule, lasting_contact
 from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.impact.touching import Touching, touching_points
 from ffsm_mj.records.events import Outcome, RunEnded
 
 
@@ -70,8 +71,7 @@ class Impacts(Detector):
         bodies = self.motion.bodies
         contacts = [
             Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal, pair.restitution)
-            for pair, near in touching
-            for point in near.points
+            for pair, near, point in touching_points(touching)
         ]
         return resolve(self.motion.model, self.motion.data, contacts, self._rules.law)
 
@@ -84,7 +84,7 @@ class Impacts(Detector):
         motion.path.arrived()
         if motion.data is data:
             return impact
-        pairs = [pair for pair, near in touching for _ in near.points]
+        pairs = [pair for pair, _, _ in touching_points(touching)]
         return replace(
             impact,
             contacts=tuple(

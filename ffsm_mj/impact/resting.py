@@ -19,10 +19,9 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.impact.laws import least_norm, project
 from ffsm_mj.impact.resolution import Impact, contact_jacobian, resolve
+from ffsm_mj.impact.touching import Touching, touching_points
 from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.motion.flight import WHOLE_STATE
-
-Touching = Sequence[tuple[ContactPair, Proximity]]
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def lasting_contact(model: Any, data: Any, touching: Touching, impact: Impact, r
         impact: The impact of all their points, resolved.
         rule: What counts as lasting.
     """
-    points = [(pair, near, point) for pair, near in touching for point in near.points]
+    points = touching_points(touching)
     speeds = impact.separation_speeds.tolist()
     if not any(pair.restitution < 1.0 or speed <= near.still for (pair, near, _), speed in zip(points, speeds, strict=True)):
         return None

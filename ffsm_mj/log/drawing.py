@@ -82,14 +82,25 @@ def moving_bodies(system: System) -> list[int]:
     return [body for tree in system.trees for body in tree.bodies]
 
 
+def geoms_to_draw(model: Any) -> list[int]:
+    """Geoms of the groups that are drawn."""
+    return [geom for geom in range(model.ngeom) if model.geom_group[geom] < _DRAWN_GROUPS]
+
+
+def colour_of(model: Any, geom: int) -> tuple[float, ...]:
+    """Colour of a geom or of its material: red, green, blue and opacity, each from 0 to 1."""
+    material = int(model.geom_matid[geom])
+    return tuple(map(float, model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]))
+
+
 def shapes(system: System) -> Iterator[Shape]:
     """Every geom that is drawn; planes and height fields are not."""
     model, corners = system.mj, 0
-    for geom in range(model.ngeom):
+    for geom in geoms_to_draw(model):
         kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[geom]))
-        if kind is None or model.geom_group[geom] >= _DRAWN_GROUPS:
+        if kind is None:
             continue
-        size, material = model.geom_size[geom].copy(), int(model.geom_matid[geom])
+        size = model.geom_size[geom].copy()
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE:
             size[:] = size[0]
         mesh = int(model.geom_dataid[geom]) if kind == "mesh" else -1
@@ -104,7 +115,7 @@ def shapes(system: System) -> Iterator[Shape]:
             size=size,
             position=model.geom_pos[geom].copy(),
             quaternion=model.geom_quat[geom].copy(),
-            rgba=tuple(map(float, model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom])),
+            rgba=colour_of(model, geom),
             vertices=vertices,
             triangles=triangles,
         )

@@ -17,6 +17,7 @@ from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
 from ffsm_mj.impact.resolution import Contact, Impact, ImpactState, resolve
 from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.impact.touching import touching_points
 from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix
 from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.plant.ledger import Ledger
@@ -148,8 +149,7 @@ class ImpactCheck:
             touching = self.detector.contacts()
             contacts = [
                 Contact(pair.body_a, pair.body_b, point, near.normal, pair.restitution)
-                for pair, near in touching
-                for point in near.points
+                for pair, near, point in touching_points(touching)
             ]
             impact = resolve(system.mj, self._data, contacts, self._scene.scenario.impact.law)
             energies = party_energies(system, self._data, impact)

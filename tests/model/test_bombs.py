@@ -19,13 +19,14 @@ import ffsm_mj
 from ffsm_mj.assembly import run_size
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError, LogError
+from ffsm_mj.hull import hull
 from ffsm_mj.log.drawing import shapes
 from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.foxglove.topics import ViewerTopics
 from ffsm_mj.log.mcap import reader as mcap_reader
 from ffsm_mj.log.mcap import salvage
 from ffsm_mj.log.mcap.format import layout_of_schema
-from ffsm_mj.present.plots.silhouette import Plane, Silhouette, hull
+from ffsm_mj.present.plots.silhouette import Plane, Silhouette
 from tests.model.test_stranger import forged
 from tests.scenes import HEAD, compile_paths, two_balls
 

@@ -6,9 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from ffsm_mj.hull import hull
 from ffsm_mj.present import plots
 from ffsm_mj.present.plots.panels import envelope, running_maximum
-from ffsm_mj.present.plots.silhouette import Plane, Silhouette, hull
+from ffsm_mj.present.plots.silhouette import Plane, Silhouette
 from ffsm_mj.present.plots.subject import Subject
 from tests.scenes import HEAD, scene, two_balls
 

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.hull import hull
+from ffsm_mj.log.drawing import colour_of, geoms_to_draw
 from ffsm_mj.model.system import System
 
-# MuJoCo's own viewer draws groups 0 to 2; contact-only geoms live in higher ones.
-_DRAWN_GROUPS = 3
 _TURN = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 _CIRCLE = np.stack((np.cos(_TURN), np.sin(_TURN)))
 _MOST_VERTICES = 2000
@@ -59,8 +59,7 @@ class Silhouette:
         """Find what is drawn; nothing moves."""
         model = system.mj
         self._system, self._data = system, mujoco.MjData(model)
-        drawn = [g for g in range(model.ngeom) if model.geom_group[g] < _DRAWN_GROUPS]
-        shown = drawn or list(range(model.ngeom))  # a bare model may have contact geoms only
+        shown = geoms_to_draw(model) or list(range(model.ngeom))  # a bare model may have contact geoms only
         self._geoms = [(g, system.tree_of_body(int(model.geom_bodyid[g]))) for g in shown]
         meshes = {int(model.geom_dataid[g]) for g in shown if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH}
         self._corners = {mesh: _corners(model, mesh) for mesh in meshes}
@@ -80,7 +79,8 @@ class Silhouette:
             flat = self._outline(geom, rotation[plane.axes])
             if flat is not None:
                 depth = float(centre @ plane.towards)
-                shape = Outline(flat + centre[plane.axes], tree.name if tree else "world", _lightness(self._system.mj, geom))
+                lightness = _lightness(colour_of(self._system.mj, geom))
+                shape = Outline(flat + centre[plane.axes], tree.name if tree else "world", lightness)
                 found.append((depth, shape))
         return [shape for _, shape in sorted(found, key=lambda pair: pair[0])]
 
@@ -124,28 +124,5 @@ def _outline(size: FloatArray, kind: Any, view: FloatArray) -> FloatArray | None
     return hull(np.vstack((disc + end, disc - end)))
 
 
-def hull(points: FloatArray) -> FloatArray:
-    """Convex hull of points in the plane, (n, 2), counter-clockwise (Andrew's monotone chain)."""
-    ordered = sorted(set(map(tuple, points.tolist())))
-    if len(ordered) < 3:
-        return np.array(ordered)
-
-    def chain(sequence: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
-        kept: list[tuple[float, ...]] = []
-        for p in sequence:
-            while len(kept) > 1 and _turn(kept[-2], kept[-1], p) <= 0.0:
-                kept.pop()
-            kept.append(p)
-        return kept[:-1]
-
-    return np.array(chain(ordered) + chain(ordered[::-1]))
-
-
-def _turn(a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...]) -> float:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-def _lightness(model: Any, geom: int) -> float:
-    material = int(model.geom_matid[geom])
-    rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-    return float(rgba[:3] @ (0.2126, 0.7152, 0.0722))
+def _lightness(rgba: tuple[float, ...]) -> float:
+    return float(np.array(rgba[:3]) @ (0.2126, 0.7152, 0.0722))
