@@ -9,9 +9,9 @@ is the Python loop of ``mj_step`` on the baseline's model (RK4, 1 ms, contacts o
 
 from __future__ import annotations
 
-import ffsm_mj
+from ffsm_mj.cli.main import one_blas_thread
 
-ffsm_mj.one_blas_thread()  # before numpy is imported: a second thread only spins on matrices this small
+one_blas_thread()  # before numpy is imported: a second thread only spins on matrices this small
 
 import argparse
 import os
@@ -32,6 +32,7 @@ import peers
 from ffsm_controllers.osdre.riccati import BlockRiccati, planar_riccati, solve_care
 from ffsm_controllers.osdre.riccati_planar import principal_axes, turned
 
+import ffsm_mj
 from ffsm_mj.assembly.prepare import Prepared, prepare
 from ffsm_mj.compiled import is_compiled
 from ffsm_mj.contact.course import Course

@@ -8,9 +8,9 @@ extra: in plain Python only). What the clock itself costs is measured and taken 
 
 from __future__ import annotations
 
-import ffsm_mj
+from ffsm_mj.cli.main import one_blas_thread
 
-ffsm_mj.one_blas_thread()
+one_blas_thread()
 
 import os
 import time

@@ -9,7 +9,6 @@ and ``ffsm --help`` cost nothing.
 from __future__ import annotations
 
 import importlib
-import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -32,20 +31,10 @@ _LAZY = {
 __all__ = ["Run", "compare", "impact", "load_run", "prepare", "run"]
 
 
-def one_blas_thread() -> None:
-    """Keep BLAS to one thread: the matrices here are tiny, a second one only spins. Call it before numpy is imported.
-
-    Not done by the import of the package, because pytest imports that for its plugin in everybody's test runs.
-    """
-    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")
-
-
 def __getattr__(name: str) -> Any:
     """Import a public name on first use (PEP 562)."""
     if name not in _LAZY:
         raise AttributeError(f"module 'ffsm_mj' has no attribute {name!r}; it has {', '.join(__all__)}")
-    one_blas_thread()
     module_name, attribute = _LAZY[name]
     module = importlib.import_module(module_name)
     value = module if attribute is None else getattr(module, attribute)

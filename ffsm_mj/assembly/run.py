@@ -14,6 +14,7 @@ import numpy as np
 from ffsm_mj.analysis.digest import DigestSink
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly
+from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.run_size import refuse_without_room
 from ffsm_mj.assembly.source_date import source_date
@@ -44,6 +45,7 @@ _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydant
 
 # A run checks that its state is finite and ends where it is not; numpy would say so again, and to nobody in particular.
 @np.errstate(all="ignore")
+@one_blas_thread()
 def simulate(
     assembly: Assembly,
     folder: RunFolder | None = None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -28,9 +29,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+def one_blas_thread() -> None:
+    """Start no second thread for BLAS in this process and its children; to be called before numpy is imported.
+
+    What a run in somebody else's process does instead: :mod:`ffsm_mj.assembly.blas_threads`.
+    """
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+
+
 def _perform(arguments: Sequence[str], output: Output) -> int:
     """Do what is asked; whatever is wrong is told in one line per fault."""
-    from ffsm_mj import one_blas_thread
     from ffsm_mj.errors import FfsmError, InputError, LogWriteError, OutputLostError
 
     one_blas_thread()

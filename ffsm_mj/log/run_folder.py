@@ -15,6 +15,7 @@ from ffsm_mj.errors import InputError, LogWriteError
 from ffsm_mj.log.earlier_run import in_the_way, remove, replaceable
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.partial_file import PartialFile, nameless
+from ffsm_mj.log.rerun.rust_log import rust_log
 from ffsm_mj.log.sink import Sink
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
@@ -65,8 +66,8 @@ class RunFolder:
         ]
         if with_rerun:
             # Rerun reports an error at the end of its file (full disk) on stderr and nowhere else.
-            os.environ.setdefault("RUST_LOG", "error")
-            from ffsm_mj.log.rerun.sink import RerunSink  # a second to import, for those who want a recording
+            with rust_log("error"):
+                from ffsm_mj.log.rerun.sink import RerunSink  # a second to import, for those who want a recording
 
             sinks.append(RerunSink(lambda: self.path / RECORDING, system, view_rate_hz))
         return sinks

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from threading import Lock
 from typing import Any, Literal
 from warnings import catch_warnings
 
@@ -31,6 +32,9 @@ _DOF_SIZE = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
 # At MuJoCo's default of 1e-6 cylinders and ellipsoids miss their distance by 7e-7 m and flip normals near touch.
 _CCD_TOLERANCE = 1e-12
 _CCD_ITERATIONS = 200
+
+# Two threads that set Python's filters of warnings aside at once would put them back in the wrong order.
+_COMPILING = Lock()
 
 _SHARED_OPTIONS = (
     *("gravity", "wind", "density", "viscosity", "integrator", "timestep"),
@@ -162,8 +166,8 @@ def compile_system(
     scene = _empty_scene(time_step_s)
     faults: list[str] = []
     warned: list[str] = []
-    # The compiler tells Python of its warnings too.
-    with mujoco.MjVfs() as vfs, collected_warnings(warned), catch_warnings(action="ignore"):
+    # The compiler tells Python of its warnings too, whose filters are the whole process's.
+    with mujoco.MjVfs() as vfs, collected_warnings(warned), _COMPILING, catch_warnings(action="ignore"):
         for name, model_files in files.items():
             spec = load_spec(model_files, vfs)
             _refuse_dangling(model_files, vfs)

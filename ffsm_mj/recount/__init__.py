@@ -12,6 +12,7 @@ from collections.abc import Callable
 from ffsm_mj.analysis.recounted import Recount
 from ffsm_mj.analysis.verdicts import Audit, audit
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
@@ -22,6 +23,7 @@ from ffsm_mj.recount.retrace import Retrace
 from ffsm_mj.recount.scene import LogScene, log_scene
 
 
+@one_blas_thread()
 def recount(
     log: RunLog,
     report: Callable[[float, float], None] | None = None,

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import logging
-import os
 import socket
 import subprocess
 import time
 from collections.abc import Callable
 
-# One clear line is ours to say; the SDK's own errors on a lost connection would be several. Read when it is imported.
-os.environ.setdefault("RUST_LOG", "warn,re_grpc_client=off,re_sdk=off,re_quota_channel=off")
-
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.rerun.relay import Relay
-from ffsm_mj.log.rerun.sink import RerunSink
+from ffsm_mj.log.rerun.rust_log import rust_log
 from ffsm_mj.log.rerun.viewer import has_display, viewer_command
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
+
+# One clear line is ours to say; the SDK's own errors on a lost connection would be several.
+with rust_log("warn,re_grpc_client=off,re_sdk=off,re_quota_channel=off"):
+    from ffsm_mj.log.rerun.sink import RerunSink
 
 _LOG = logging.getLogger("ffsm_mj")
 _CONNECT_S = 0.5
