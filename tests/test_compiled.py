@@ -22,7 +22,7 @@ from ffsm_mj.books.joint_work import JointWork
 from ffsm_mj.compiled import fastest, is_compiled
 from ffsm_mj.errors import TwinsError
 from ffsm_mj.motion.flight import WHOLE_STATE, Flight
-from ffsm_mj.plant.limits import Bounds, Limits
+from ffsm_mj.plant.limits import Envelope, Limits
 from ffsm_mj.plant.sampler import Sampler
 from tests.scenes import compile_paths, scene
 
@@ -162,7 +162,7 @@ def test_limits(rng):
     """Ranges, torque-speed lines, saturated wheels of either sign of gear, unpowered and not finite efforts."""
     count = 6
     for _ in range(300):
-        bounds = Bounds(
+        envelope = Envelope(
             low=np.where(rng.random(count) < 0.5, -np.inf, -rng.random(count)),
             high=np.where(rng.random(count) < 0.5, np.inf, rng.random(count)),
             stall=np.where(rng.random(count) < 0.3, np.inf, rng.random(count)),
@@ -176,7 +176,7 @@ def test_limits(rng):
         results = []
         for kind in (Limits, twins.Limits):
             table, ctrl = np.zeros((count, 4)), np.zeros(count)
-            limits = kind(bounds, effort, powered, velocity, table, ctrl)
+            limits = kind(envelope, effort, powered, velocity, table, ctrl)
             with np.errstate(invalid="ignore"):
                 done = limits.apply()
             results.append((done, table if done else table[:, 0], ctrl))

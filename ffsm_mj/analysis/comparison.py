@@ -112,7 +112,7 @@ def compare_logs(a: RunLog, b: RunLog) -> Comparison:
     _, of_a, of_b = np.intersect1d(times_a, times_b, assume_unique=True, return_indices=True)
     both = [key for key in layouts[0].keys if key in layouts[1].index and key != "state.time_s"]
     return Comparison(
-        scenario=tuple(_differences(_scenario(a), _scenario(b))),
+        scenario=tuple(_differences(scenario_data(a), scenario_data(b))),
         models=tuple(sorted(_different_files(a, b))),
         impacts=tuple(ImpactDifference(x, y) for x, y in zip_longest(a.impacts, b.impacts)),
         records=tuple(_records(a, b)),
@@ -159,10 +159,6 @@ def _columns(log: RunLog, keys: list[str], rows: Any) -> FloatArray:
 def _different_files(a: RunLog, b: RunLog) -> set[str]:
     files = a.header.files, b.header.files
     return {name for name in {*files[0], *files[1]} if files[0].get(name) != files[1].get(name)}
-
-
-def _scenario(log: RunLog) -> Any:
-    return scenario_data(log)
 
 
 def _differences(a: Any, b: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -22,7 +22,7 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
 from ffsm_mj.model.system import System
-from ffsm_mj.plant.limits import Bounds, Limits
+from ffsm_mj.plant.limits import Envelope, Limits
 from ffsm_mj.records.signals import Signal, identifier
 
 
@@ -81,7 +81,7 @@ ActuatorConfig = Annotated[AnyActuator, Field(discriminator="kind")]
 
 
 @dataclass
-class _Limits:
+class _Actuator:
     """What one actuator can do."""
 
     low: float
@@ -157,24 +157,24 @@ class Actuation:
         """
         self.names = system.names("actuator")
         self.gear = _effort_per_ctrl(system)
-        limits = [_Limits(*ends) for ends in zip(*_mjcf_range(system.mj, self.gear).tolist(), strict=True)]
+        actuators = [_Actuator(*ends) for ends in zip(*_mjcf_range(system.mj, self.gear).tolist(), strict=True)]
         faults = []
         for name, config in configs.items():
             try:
-                limits[system.index("actuator", name)].configure(config)
+                actuators[system.index("actuator", name)].configure(config)
             except LookupError as error:
                 faults.append(Fault(str(error.args[0]), ("actuators", name)))
         if faults:
             raise ScenarioFaults(faults)
-        self._bounds = Bounds(
-            low=np.array([one.low for one in limits]),
-            high=np.array([one.high for one in limits]),
-            stall=np.array([one.stall for one in limits]),
-            slope=np.array([one.slope for one in limits]) / self.gear,
-            saturation=np.array([one.saturation for one in limits]),
+        self._envelope = Envelope(
+            low=np.array([one.low for one in actuators]),
+            high=np.array([one.high for one in actuators]),
+            stall=np.array([one.stall for one in actuators]),
+            slope=np.array([one.slope for one in actuators]) / self.gear,
+            saturation=np.array([one.saturation for one in actuators]),
             gear=self.gear,
         )
-        self._valves = [(i, one.valve) for i, one in enumerate(limits) if one.valve is not None]
+        self._valves = [(i, one.valve) for i, one in enumerate(actuators) if one.valve is not None]
         self.table = np.zeros((len(self.names), 4))
         self._wanted, self.applied, self._lower, self._upper = self.table.T
         self._counted = np.array([i for i, _ in self._valves], dtype=np.intp)
@@ -193,7 +193,7 @@ class Actuation:
         if data is not self._data or command is not self._command:
             self._data, self._command, self._ctrl = data, command, data.ctrl
             held = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
-            self._limits = fastest(Limits)(self._bounds, *held)
+            self._limits = fastest(Limits)(self._envelope, *held)
         if not self._limits.apply():
             names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
             raise ControllerError(f"the controller commands an effort that is not finite for {names}")

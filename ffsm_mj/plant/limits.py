@@ -1,4 +1,4 @@
-"""What actuators deliver of what they are asked for: bounds, torque-speed lines, saturated wheels."""
+"""What actuators deliver of what they are asked for: ranges, torque-speed lines, saturated wheels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ffsm_mj.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class Bounds:
+class Envelope:
     """What each actuator can do, (nu,) each: low <= effort <= high, |effort + slope * velocity| <= stall.
 
     Attributes:
@@ -33,11 +33,11 @@ class Bounds:
 
 
 class Limits:
-    """Turns a command into efforts within bounds, and into ``ctrl``."""
+    """Turns a command into efforts within their envelope, and into ``ctrl``."""
 
     def __init__(
         self,
-        bounds: Bounds,
+        envelope: Envelope,
         effort: FloatArray,
         powered: npt.NDArray[np.bool_],
         velocity: FloatArray,
@@ -47,7 +47,7 @@ class Limits:
         """Bind to a command and to the plant.
 
         Args:
-            bounds: Of the actuators.
+            envelope: Of the actuators.
             effort: What is asked for, (nu,).
             powered: Which actuators have power, (nu,).
             velocity: Actuator velocities, (nu,).
@@ -56,9 +56,9 @@ class Limits:
         """
         self._effort, self._powered, self._velocity, self._ctrl = effort, powered, velocity, ctrl
         self._wanted, self._applied, self._lower, self._upper = table.T
-        self._low, self._high, self._slope, self._gear = bounds.low, bounds.high, bounds.slope, bounds.gear
-        self._stall, self._reverse_stall = bounds.stall, -bounds.stall
-        self._wheels = [(i, x) for i, x in enumerate(bounds.saturation.tolist()) if x < math.inf]
+        self._low, self._high, self._slope, self._gear = envelope.low, envelope.high, envelope.slope, envelope.gear
+        self._stall, self._reverse_stall = envelope.stall, -envelope.stall
+        self._wheels = [(i, x) for i, x in enumerate(envelope.saturation.tolist()) if x < math.inf]
         self._drag, self._ones = np.empty(len(ctrl)), np.ones(len(ctrl))
 
     def apply(self) -> bool:

@@ -21,10 +21,10 @@ from ffsm_mj.reproduction.cases import (
     paper_case,
     run_cases,
 )
-from ffsm_mj.reproduction.comparison import Verdict, compare
 from ffsm_mj.reproduction.current import stale_lines
 from ffsm_mj.reproduction.drift import drift
 from ffsm_mj.reproduction.inputs import stated_inputs
+from ffsm_mj.reproduction.judged import Verdict, judge
 from ffsm_mj.reproduction.once import measured_once, refreshed
 from ffsm_mj.reproduction.page import PAGE, Report, reproduction_page
 from ffsm_mj.reproduction.printed import PAPER_FIGURES
@@ -57,7 +57,7 @@ class Reproduction:
     def text(self) -> str:
         """How many printed numbers of each section have which verdict, for a terminal."""
         counts: dict[str, Counter[Verdict]] = {}
-        for c in self.report.comparisons:
+        for c in self.report.judged:
             for section in (c.printed.section, "all"):
                 counts.setdefault(section, Counter())[c.verdict] += 1
         counts["all"] = counts.pop("all")  # last
@@ -80,7 +80,7 @@ class Reproduction:
         with writing(folder):
             for name, text in self.pages.items():
                 (folder / name).write_text(text, encoding="utf-8")
-            save_study(self.report.comparisons, self.report.results, study)
+            save_study(self.report.judged, self.report.results, study)
             save_drift(self.report.drifts, long)
         for scenario, names in _figure_names().items():
             run = self.report.results[paper_case(scenario)].run
@@ -150,6 +150,6 @@ def reproduce(report: Callable[[int, int], None] | None = None) -> Reproduction:
     figures = {
         scenario: {name: f"{FIGURES}/{scenario}/{name}.svg" for name in names} for scenario, names in _figure_names().items()
     }
-    content = Report(compare(results), results, drifts, stated_inputs(), figures)
+    content = Report(judge(results), results, drifts, stated_inputs(), figures)
     pages = {PAGE: reproduction_page(content), APPENDIX_PAGE: appendix_page()}
     return Reproduction(content, pages, len(results), time.perf_counter() - started)

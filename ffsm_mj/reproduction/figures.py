@@ -10,8 +10,8 @@ import numpy as np
 
 from ffsm_mj.present.plots.style import BLUE, GREEN, VERMILLION, WIDTH_IN, publication, write
 from ffsm_mj.reproduction.cases import Case, Result
-from ffsm_mj.reproduction.comparison import Comparison, decided_cases
 from ffsm_mj.reproduction.drift import Drift
+from ffsm_mj.reproduction.judged import Judged, decided_cases
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 _GREY = "#666666"
 
 
-def save_study(comparisons: Sequence[Comparison], results: Mapping[Case, Result], path: Path) -> None:
+def save_study(judged: Sequence[Judged], results: Mapping[Case, Result], path: Path) -> None:
     """Deviation of every run of the study from every printed number, in units of what the print leaves open."""
     with publication():
-        shown = [c for c in comparisons if not c.printed.kind and "misprint" not in c.printed.why]
+        shown = [c for c in judged if not c.printed.kind and "misprint" not in c.printed.why]
         figure, axes = _figure(0.155 * len(shown) + 1.2)
         axes.axvspan(-1.0, 1.0, color="#E8E8E8", zorder=0, label="what the print leaves open")
         labels = ("1 ms", "0.5 ms", "0.25 ms")
@@ -61,7 +61,7 @@ def save_drift(drifts: Mapping[str, Drift], path: Path) -> None:
         write(figure, path.parent, path.stem, (path.suffix[1:],))
 
 
-def _dots(axes: Any, shown: Sequence[Comparison], values: Sequence[float], marker: str, colour: str, label: str) -> None:
+def _dots(axes: Any, shown: Sequence[Judged], values: Sequence[float], marker: str, colour: str, label: str) -> None:
     away = [(value - c.printed.value) / c.printed.open for value, c in zip(values, shown, strict=True)]
     axes.plot(away, range(len(shown)), marker, color=colour, markersize=3.6, markerfacecolor="none", label=label)
 

@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping
 from string import Template
 
 from ffsm_mj.reproduction.cases import SCENARIOS, paper_case, run_cases
-from ffsm_mj.reproduction.comparison import Comparison
 from ffsm_mj.reproduction.inputs import stated_inputs
+from ffsm_mj.reproduction.judged import Judged
 from ffsm_mj.reproduction.markdown import table, template
 from ffsm_mj.reproduction.measure import Measures
-from ffsm_mj.reproduction.page import INPUTS_HEAD, PAGE, comparison_cells
+from ffsm_mj.reproduction.page import INPUTS_HEAD, PAGE, judged_cells
 from ffsm_mj.reproduction.printed import PRINTED, Printed
 
 
@@ -33,8 +33,8 @@ def refreshed(committed: str, values: Mapping[str, Measures]) -> str:
             lines.append(f"no row for {printed.quantity}, {printed.unit} of section {printed.section}")
             continue
         cells = lines[row].strip("| ").split(" | ")
-        comparison = Comparison(printed, values[printed.scenario][printed.key], None, _spread(cells[-2]))
-        fresh = comparison_cells(comparison, declared=False)
+        judged = Judged(printed, values[printed.scenario][printed.key], None, _spread(cells[-2]))
+        fresh = judged_cells(judged, declared=False)
         lines[row] = "| " + " | ".join([*fresh[:3], *cells[3:-3], fresh[-3], cells[-2], fresh[-1]]) + " |"
     lines += [f"not in the page: {line}" for line in _inputs() if line not in lines]
     return "\n".join([*lines, *(f"not in the page: {text!r}" for text in _missing_texts(committed))])

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.reproduction.cases import STEPS_S, VELOCITY, Case, Result, paper_case
-from ffsm_mj.reproduction.comparison import Comparison, Verdict, decided_cases
 from ffsm_mj.reproduction.drift import Drift
+from ffsm_mj.reproduction.judged import Judged, Verdict, decided_cases
 from ffsm_mj.reproduction.markdown import filled, fixed, small, table
 from ffsm_mj.reproduction.printed import PAPER_FIGURES
 
@@ -33,14 +33,14 @@ class Report:
     """Everything that the page tells.
 
     Attributes:
-        comparisons: Printed numbers beside ours.
+        judged: Printed numbers beside ours.
         results: The runs.
         drifts: The long runs by what they are.
         inputs: Name, printed text and our value of what the paper states of its case study.
         figures: Paths, relative to the page, of the figures of each scenario by name.
     """
 
-    comparisons: tuple[Comparison, ...]
+    judged: tuple[Judged, ...]
     results: Mapping[Case, Result]
     drifts: Mapping[str, Drift]
     inputs: Sequence[tuple[str, str, str]]
@@ -49,13 +49,13 @@ class Report:
 
 def reproduction_page(report: Report) -> str:
     """The page."""
-    verdicts = Counter(c.verdict for c in report.comparisons)
+    verdicts = Counter(c.verdict for c in report.judged)
     counts = [verdicts[verdict] for verdict in Verdict]
-    sections = dict.fromkeys(c.printed.section for c in report.comparisons)
+    sections = dict.fromkeys(c.printed.section for c in report.judged)
     return filled(
         PAGE,
         {
-            "total": "{} printed results: {} agree, {} are consistent, {} differ".format(len(report.comparisons), *counts),
+            "total": "{} printed results: {} agree, {} are consistent, {} differ".format(len(report.judged), *counts),
             "inputs": table(INPUTS_HEAD, report.inputs),
             **{f"section_{_key(section)}": _section(report, section) for section in sections},
             "study": _study(report.results),
@@ -73,22 +73,22 @@ def _key(section: str) -> str:
 
 def _section(report: Report, section: str) -> str:
     """One of the paper's sections: its table, what explains it, its figures."""
-    rows = [c for c in report.comparisons if c.printed.section == section]
+    rows = [c for c in report.judged if c.printed.section == section]
     figures = [
         f"Paper, {f.number}: {f.what}.\n\n![{f.what}]({report.figures[f.scenario][f.name]})"
         for f in PAPER_FIGURES
         if f.section == section and f.name in report.figures.get(f.scenario, {})
     ]
-    return "\n\n".join([_comparison_table(rows), *_notes(rows), *figures])
+    return "\n\n".join([_judged_table(rows), *_notes(rows), *figures])
 
 
-def _comparison_table(rows: Sequence[Comparison]) -> str:
+def _judged_table(rows: Sequence[Judged]) -> str:
     declared = any(c.threshold is not None for c in rows)
     head = ["quantity", "paper", "ours", *(["at the 1 mm step"] if declared else []), "difference", "tolerance", "verdict"]
-    return table(head, (comparison_cells(c, declared=declared) for c in rows))
+    return table(head, (judged_cells(c, declared=declared) for c in rows))
 
 
-def comparison_cells(c: Comparison, *, declared: bool) -> list[str]:
+def judged_cells(c: Judged, *, declared: bool) -> list[str]:
     """Cells of a printed number's row; ``declared``: the table has a column for the impact as the paper declares it."""
     decimals = c.printed.decimals + (2 if c.printed.kind else 1)
     sign = {"approximate": "about ", "below": "below ", "": ""}[c.printed.kind]
@@ -104,7 +104,7 @@ def comparison_cells(c: Comparison, *, declared: bool) -> list[str]:
     ]
 
 
-def _notes(rows: Sequence[Comparison]) -> list[str]:
+def _notes(rows: Sequence[Judged]) -> list[str]:
     """What explains a difference, once for all the numbers that it explains."""
     explained: dict[str, list[str]] = {}
     for c in rows:

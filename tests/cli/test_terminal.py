@@ -106,7 +106,7 @@ def test_what_is_printed_goes_to_stdout_not_to_the_terminal_of_the_line(runs, tm
 
 REPRODUCE = """
 import sys, time
-from ffsm_mj.reproduction import Reproduction, cases, page, comparison, printed
+from ffsm_mj.reproduction import Reproduction, cases, judged, page, printed
 import ffsm_mj.reproduction as reproduction
 
 def run_case(case):
@@ -114,7 +114,7 @@ def run_case(case):
 
 cases.run_case = run_case
 printed_number = printed.Printed("4.2", "baseline", "x", "m", "1.23", "x", "")
-content = page.Report((comparison.Comparison(printed_number, 1.23, None, 0.0),), {}, {}, (), {})
+content = page.Report((judged.Judged(printed_number, 1.23, None, 0.0),), {}, {}, (), {})
 
 def reproduce(report):
     cases.run_cases([cases.Case(wait) for wait in ("2.0", "0.8", "1.4")], report)

@@ -18,10 +18,10 @@ from ffsm_mj.reproduction import Reproduction
 from ffsm_mj.reproduction.appendix import PRINTED_TERMS, energy_terms, momentum_row, solve_printed
 from ffsm_mj.reproduction.appendix_page import appendix_page
 from ffsm_mj.reproduction.cases import SCENARIOS, Case, Result, run_cases
-from ffsm_mj.reproduction.comparison import Comparison, Verdict
 from ffsm_mj.reproduction.current import stale_lines
 from ffsm_mj.reproduction.drift import drift
 from ffsm_mj.reproduction.inputs import stated_inputs
+from ffsm_mj.reproduction.judged import Judged, Verdict
 from ffsm_mj.reproduction.markdown import fixed, small
 from ffsm_mj.reproduction.measure import measure, slope
 from ffsm_mj.reproduction.once import refreshed
@@ -58,7 +58,7 @@ def number(text, kind="", leeway=0.0):
     ],
 )
 def test_verdicts(text, kind, ours, spread, verdict):
-    assert Comparison(number(text, kind), ours, None, spread).verdict == verdict
+    assert Judged(number(text, kind), ours, None, spread).verdict == verdict
 
 
 def test_printed_numbers_are_of_shipped_scenarios():
@@ -167,7 +167,7 @@ def _no_run(case):
 def test_pages_are_written_and_checked(tmp_path, capsys, monkeypatch):
     """The command around the runs; what is written is current, what is changed is named, what is missing is said."""
     pages = {"reproduction.md": "impulse 1.2224\n", "appendix-a.md": "A\n"}
-    report = Report((Comparison(number("1.23"), 1.23, None, 0.0),), {}, {}, (), {})
+    report = Report((Judged(number("1.23"), 1.23, None, 0.0),), {}, {}, (), {})
     monkeypatch.setattr("ffsm_mj.reproduction.reproduce", lambda _: Reproduction(report, pages, 1, 0.1))
     arguments = ["reproduce", "--check", "--long", "--out", str(tmp_path)]
     for name, text in pages.items():

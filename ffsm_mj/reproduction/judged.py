@@ -23,7 +23,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Judged:
     """One printed number beside ours.
 
     Attributes:
@@ -57,11 +57,11 @@ class Comparison:
         return Verdict.CONSISTENT if self.printed.kind else Verdict.AGREES
 
 
-def compare(results: Mapping[Case, Result]) -> tuple[Comparison, ...]:
+def judge(results: Mapping[Case, Result]) -> tuple[Judged, ...]:
     """Every printed number beside ours, in the paper's order."""
     study = {name: [results[case].values for case in decided_cases(name)] for name in SCENARIOS}
     declared = results[THRESHOLD].values
-    return tuple(_compare(printed, study[printed.scenario], declared) for printed in PRINTED)
+    return tuple(_judge(printed, study[printed.scenario], declared) for printed in PRINTED)
 
 
 def decided_cases(scenario: str) -> tuple[Case, ...]:
@@ -69,8 +69,8 @@ def decided_cases(scenario: str) -> tuple[Case, ...]:
     return tuple(paper_case(scenario, step, step) for step in STEPS_S)
 
 
-def _compare(printed: Printed, study: Sequence[Measures], declared: Measures) -> Comparison:
+def _judge(printed: Printed, study: Sequence[Measures], declared: Measures) -> Judged:
     values = [values[printed.key] for values in study]
     threshold = declared.get(printed.key) if printed.scenario == THRESHOLD.scenario else None
     every = values if threshold is None else [*values, threshold]
-    return Comparison(printed, values[0], threshold, max(every) - min(every))
+    return Judged(printed, values[0], threshold, max(every) - min(every))
