@@ -86,6 +86,24 @@ def test_figures_of_a_planar_hit_without_a_task(hit):
     assert list(figures) == ["motion", "base", "torques", "momenta", "energies", "conservation"]
 
 
+def test_no_curve_crosses_the_word_impact(hit):
+    """Momenta jump to their greatest value there."""
+    for name, figure in plots.figures(hit, ["base", "momenta", "energies", "conservation"]).items():
+        figure.canvas.draw()
+        axes = figure.axes[0]
+        (word,) = (text.get_window_extent() for text in axes.texts if text.get_text() == "impact")
+        for line in axes.get_lines():
+            if line.get_label()[0] != "_":  # a curve, not the mark of the impact
+                x, y = line.get_transform().transform(line.get_xydata()).T
+                assert y[(x > word.x0) & (x < word.x1)].max(initial=0.0) < word.y0, (name, line.get_label())
+
+
+def test_the_pose_of_the_impact_is_told_rather_than_one_next_to_it(tmp_path, ffsm_run):
+    """The end, 20 mm on, has no room beside it."""
+    motion = plots.figures(ffsm_run(two_balls(tmp_path, duration_s=0.32)), ["motion"])["motion"]
+    assert "0.3 s" in [text.get_text() for text in motion.axes[0].texts]
+
+
 def test_figures_in_space(spatial):
     """Two projections of the motion; every axis says what it shows, and the bottom ones the time."""
     figures = plots.figures(spatial)

@@ -154,16 +154,17 @@ def _draw_marks(axes: Axes, subject: Subject, plane: Plane) -> None:
 def _draw_times(
     axes: Axes, subject: Subject, plane: Plane, rows: Sequence[int], box: tuple[float, float, float, float]
 ) -> None:
-    """When each pose is, at its base and objects: start, end and first mark first, others where there is room."""
+    """When each pose is, at its base and objects: first mark, start and end first, others where there is room."""
     run, placed = subject.run, list[FloatArray]()
     first_hit = subject.first_mark_s if subject.marks else run.time[0]
-    ranked = sorted(rows, key=lambda row: (row not in (rows[0], rows[-1]), abs(run.time[row] - first_hit)))
-    room = 0.07 * (box[1] - box[0])
+    hit = int(np.searchsorted(run.time, first_hit))
+    ranked = sorted(rows, key=lambda row: (row not in (hit, rows[0], rows[-1]), abs(run.time[row] - first_hit)))
+    room = np.array((0.07, 0.04)) * (box[1] - box[0])  # a label is wider than high
     for row in ranked:
         nearest = int(np.argmin(np.abs(subject.chosen - row)))
         for path in subject.roots.values():
             at = path[nearest, plane.axes]
-            if all(np.abs(at - other).max() > room for other in placed):
+            if all((np.abs(at - other) > room).any() for other in placed):
                 placed.append(at)
                 _time_label(axes, (float(at[0]), float(at[1])), float(run.time[row]))
 

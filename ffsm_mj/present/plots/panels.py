@@ -135,11 +135,18 @@ def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None
     if names and len(phases) > 1:
         _name_phases(axes, phases, float(run.time[-1]) * (0.0125 if wide else 0.026))
     if names and times:
+        _make_room_at_the_top(axes)
         axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
         words = dict.fromkeys(kind.name if len(times) == 1 else kind.plural for kind, *_ in marks)
-        hits, paper = ", ".join(words).replace("_", " "), {"facecolor": "white", "alpha": 0.85, "pad": 0.8, "linewidth": 0}
-        start = (times[0] if len(times) < 4 else times[-1], 0.96)
-        axes.annotate(hits, start, (4, 0), xycoords=across, textcoords="offset points", va="top", fontsize=7.5, bbox=paper)
+        start = (times[0] if len(times) < 4 else times[-1], 0.97)
+        text = ", ".join(words).replace("_", " ")
+        axes.annotate(text, start, (4, 0), xycoords=across, textcoords="offset points", va="top", fontsize=7.5)
+
+
+def _make_room_at_the_top(axes: Axes) -> None:
+    """For words that no curve crosses; in coordinates of the axes, for y may be logarithmic or upside down."""
+    _, top = axes.transData.inverted().transform(axes.transAxes.transform((0.0, 1.1)))
+    axes.set_ylim(top=top)
 
 
 def _name_phases(axes: Axes, phases: Sequence[dict[str, Any]], letter_s: float) -> None:
