@@ -13,7 +13,7 @@ from ffsm_mj.log.instants import SHOWN_S, marks_topic
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.records.events import Report
 from ffsm_mj.records.kinds import kinds
-from ffsm_mj.records.signals import GROUPS, build_layout, unit_of
+from ffsm_mj.records.signals import GROUPS, unit_of
 
 HEAD = """# Log reference
 
@@ -100,11 +100,8 @@ def topics() -> Iterator[tuple[str, str, str]]:
 def samples() -> dict[str, list[tuple[str, str, str]]]:
     """Fields of a sample of the baseline by group."""
     assembly = prepare("baseline").assemble()
-    layout = build_layout(
-        assembly.system, assembly.actuation.signals, assembly.controller.telemetry_signals, tip=assembly.task is not None
-    )
     found: dict[str, list[tuple[str, str, str]]] = {}
-    for signal in layout.signals:
+    for signal in assembly.row.layout.signals:
         found.setdefault(signal.group, []).append((f"`{signal.name}`", signal.unit, signal.description))
     return found
 

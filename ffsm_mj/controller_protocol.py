@@ -30,10 +30,12 @@ from ffsm_mj.model.dynamics import (
     subtree_momenta,
 )
 from ffsm_mj.model.system import Joint, System, Tree
+from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, Report
 from ffsm_mj.records.signals import Signal, identifier
 
 __all__ = [
+    "Columns",
     "Command",
     "Controller",
     "ControllerContext",
@@ -165,10 +167,8 @@ class Summarises(Protocol):
 class TaskController(Protocol):
     """The controller of a whole run: the phase machine."""
 
-    telemetry_signals: tuple[Signal, ...]
-    telemetry: FloatArray
-    """Reports of the phases' controllers after the last call, NaN in the columns of other phases; one live array."""
-    phase_index: int
+    columns: tuple[Columns, ...]
+    """Reports of the phases' controllers after the last call, NaN in the columns of other phases; the phase's position."""
 
     @property
     def in_charge(self) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ffsm_controllers.indices import compact
 from ffsm_mj.controller_protocol import (
+    Columns,
     Command,
     Controller,
     ControllerError,
@@ -56,10 +57,15 @@ class PhaseMachine:
         signals: dict[str, Signal] = {}
         for phase in self._phases:
             signals |= {signal.key: signal for signal in phase.controller.telemetry_signals}
-        self.telemetry_signals = tuple(signals.values())
         column = {key: i for i, key in enumerate(signals)}
         self._columns = [compact([column[s.key] for s in phase.controller.telemetry_signals]) for phase in self._phases]
         self.telemetry = np.full(len(signals), np.nan)
+        self._live_index = np.full(1, -1.0)
+        index = Signal("phase", "index", "", "position of the phase in the scenario, from 0")
+        self.columns: tuple[Columns, ...] = (
+            Columns(tuple(signals.values()), live=self.telemetry),
+            Columns((index,), live=self._live_index),
+        )
         self.phase_index = -1
         self._start_s = 0.0
         self._begun: list[PhaseRecord] = []
@@ -98,7 +104,8 @@ class PhaseMachine:
 
     def _begin(self, index: int, observation: Observation, reason: str) -> None:
         phase = self._phases[index]
-        self.phase_index, self._start_s = index, observation.time_s
+        self.phase_index = index
+        self._live_index[0], self._start_s = index, observation.time_s
         self.telemetry.fill(np.nan)
         self._begun.append(PhaseRecord(index, phase.name, phase.kind, observation.time_s, reason))
         phase.controller.start(observation)

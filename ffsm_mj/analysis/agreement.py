@@ -96,7 +96,7 @@ class Agreement:
             size = np.where(same, 0.0, np.abs(given - again))
             size = np.where(np.isnan(size), np.inf, size)
             row, place = np.unravel_index(int(np.argmax(size / allowed)), size.shape)
-        signal, time = layout.signals[columns[place]], float(logged[row, 0])
+        signal, time = layout.signals[columns[place]], float(logged[row, layout.time])
         self.keep(Difference(signal.key, float(size[row, place]), float(allowed[row, place]), signal.unit, time))
 
     def impact(self, logged: ImpactRecord, again: ImpactRecord) -> None:

@@ -14,6 +14,7 @@ from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import RecordKind, kinds_of
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import TIME
 
 _TOGETHER = 8
 """Signals that are compared in one pass over two logs."""
@@ -108,9 +109,9 @@ class Comparison:
 def compare_logs(a: RunLog, b: RunLog) -> Comparison:
     """Compare two runs at the times that both have."""
     layouts = a.header.layout, b.header.layout
-    times_a, times_b = (np.round(log.rows[:, 0] * 1e9).astype(np.int64) for log in (a, b))
+    times_a, times_b = (np.round(log.column(TIME) * 1e9).astype(np.int64) for log in (a, b))
     _, of_a, of_b = np.intersect1d(times_a, times_b, assume_unique=True, return_indices=True)
-    both = [key for key in layouts[0].keys if key in layouts[1].index and key != "state.time_s"]
+    both = [key for key in layouts[0].keys if key in layouts[1].index and key != TIME]
     return Comparison(
         scenario=tuple(_differences(scenario_data(a), scenario_data(b))),
         models=tuple(sorted(_different_files(a, b))),
@@ -120,7 +121,7 @@ def compare_logs(a: RunLog, b: RunLog) -> Comparison:
         only_a=tuple(key for key in layouts[0].keys if key not in layouts[1].index),
         only_b=tuple(key for key in layouts[1].keys if key not in layouts[0].index),
         samples=len(of_a),
-        end_s=float(a.rows[of_a[-1], 0]) if len(of_a) else 0.0,
+        end_s=float(a.column(TIME)[of_a[-1]]) if len(of_a) else 0.0,
     )
 
 
@@ -137,7 +138,7 @@ def _records(a: RunLog, b: RunLog) -> Iterator[RecordsDifference]:
 
 def _signals(a: RunLog, b: RunLog, keys: list[str], chosen: tuple[Any, Any]) -> Iterator[SignalDifference]:
     units = {signal.key: signal.unit for signal in a.header.layout.signals}
-    times = a.rows[chosen[0], 0]
+    times = a.column(TIME)[chosen[0]]
     for first in range(0, len(keys), _TOGETHER):
         some = keys[first : first + _TOGETHER]
         columns = (_columns(log, some, rows) for log, rows in zip((a, b), chosen, strict=True))

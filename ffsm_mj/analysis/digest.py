@@ -14,7 +14,7 @@ from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import LoggedTask, logged_task
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import Layout
+from ffsm_mj.records.signals import TIP, TIP_RATE, Layout
 
 
 @dataclass
@@ -39,12 +39,12 @@ class TipDigest:
 
     def rows(self, block: FloatArray, layout: Layout) -> None:
         """Take the next rows."""
-        place, rate = (layout.columns(first, 3) for first in ("state.tip_x_m", "state.tip_vx_m_s"))
+        place, rate = layout.places(TIP), layout.places(TIP_RATE)
         error = norms(self.task.errors_m(block[:, place]))
         self.finite &= bool(np.all(np.isfinite(error)))
         best = int(np.argmin(error))
         if error[best] < self.best_m:
-            self.best_m, self.best_s = float(error[best]), float(block[best, 0])
+            self.best_m, self.best_s = float(error[best]), float(block[best, layout.time])
         self.last_m, self.last_m_s = float(error[-1]), math.hypot(*block[-1, rate][self.task.axes])
 
 
@@ -68,7 +68,7 @@ class Digest:
 
     def rows(self, block: FloatArray) -> None:
         """Take the next rows."""
-        self.samples, self.end_s = self.samples + len(block), float(block[-1, 0])
+        self.samples, self.end_s = self.samples + len(block), float(block[-1, self._layout.time])
         self.audit.rows(block)
         if self.tip is not None:
             self.tip.rows(block, self._layout)

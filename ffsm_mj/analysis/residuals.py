@@ -12,8 +12,9 @@ from itertools import pairwise
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.books.parties import unexplained_energy, unexplained_momentum
 from ffsm_mj.records.facts import free_components
-from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout
+from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout, momentum_keys
 
 STRETCH_STEPS = 100_000
 """Steps over which a residual may change by what a law allows; then it is counted anew."""
@@ -30,9 +31,10 @@ class Accounts:
     def __init__(self, layout: Layout, facts: Mapping[str, str], party: str) -> None:
         """Find them."""
         self._party, self._free = party, free_components(facts, party)
-        self._momenta = {p: layout.columns(f"momentum.{p}_{COMPONENTS[0]}", 6) for p in PARTIES}
-        self._external = layout.columns(f"ledger.external_{COMPONENTS[0]}", 6)
-        self._contact = layout.columns(f"ledger.contact_{COMPONENTS[0]}", 6)
+        self._momenta = {p: layout.places(momentum_keys(p)) for p in PARTIES}
+        self._external, self._contact = (
+            layout.places(f"ledger.{account}_{component}" for component in COMPONENTS) for account in ("external", "contact")
+        )
         self._energy, self._work = layout.index[f"energy.{party}_J"], layout.index["ledger.work_J"]
         self._gained = layout.index[f"ledger.{party}_impact_energy_J"]
         own = "state.q_robot_" if party == "robot" else "state.q_"
@@ -40,14 +42,12 @@ class Accounts:
 
     def energy(self, block: FloatArray) -> FloatArray:
         """T less work and energy gained in impacts, J, (n,): constant where all is explained."""
-        work = 0.0 if self._party == "objects" else block[:, self._work]
-        return np.asarray(block[:, self._energy] - work - block[:, self._gained])
+        return unexplained_energy(self._party, *(block[:, i] for i in (self._energy, self._work, self._gained)))
 
     def momentum(self, block: FloatArray) -> FloatArray:
         """(P, L) less impulses on the components that are free, N s and N m s, (n, 6): constant where all is explained."""
-        external, contact = block[:, self._external], block[:, self._contact]
-        booked = {"total": external, "robot": external - contact, "objects": contact}[self._party]
-        return np.asarray((block[:, self._momenta[self._party]] - booked) * self._free)
+        own, external, contact = (block[:, i] for i in (self._momenta[self._party], self._external, self._contact))
+        return unexplained_momentum(self._party, own, external, contact, self._free)
 
     def energy_scale(self, block: FloatArray) -> FloatArray:
         """Kinetic energy, J, (n,)."""

@@ -27,7 +27,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.facts import free_components, is_conservative
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import COMPONENTS, OVERLAP, PARTIES, Layout
+from ffsm_mj.records.signals import OVERLAP, PARTIES, Layout, momentum_keys
 
 DEFAULT_TOLERANCE = 1e-9
 """A law holds when its residual stays below this times (1 + scale), in SI units."""
@@ -98,17 +98,15 @@ class Audit:
         self._conservative = is_conservative(facts)
         self._accounts = {party: Accounts(layout, facts, party) for party in PARTIES}
         self._changes = {(party, name): Change(stretch_s(facts)) for party in PARTIES for name in LAW_NAMES[:3]}
-        self._bodies, self._matrix = (
-            layout.columns(f"momentum.{way}_{COMPONENTS[0]}", 6) for way in ("robot", "robot_by_mass_matrix")
-        )
+        self._bodies, self._matrix = (layout.places(momentum_keys(way)) for way in ("robot", "robot_by_mass_matrix"))
         self._free, self._two_ways = free_components(facts, "robot"), Peak()
         self._overlap, self._deepest = layout.index.get(_OVERLAP), Peak()
-        self.samples = 0
+        self._time, self.samples = layout.time, 0
 
     def rows(self, block: FloatArray) -> None:
         """Take the next rows."""
         self.samples += len(block)
-        times = block[:, 0]
+        times = block[:, self._time]
         for party, accounts in self._accounts.items():
             momentum = accounts.momentum(block)
             linear, angular = accounts.linear_scale(block), accounts.angular_scale(block)

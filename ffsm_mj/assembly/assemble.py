@@ -12,19 +12,27 @@ import numpy as np
 from ffsm_controllers import kinds
 from ffsm_controllers.phases import Phase, PhaseMachine
 
+from ffsm_mj.assembly.column_faults import refuse_same_names, refuse_telemetry
 from ffsm_mj.assembly.impact_pairs import impact_pairs, known_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
+from ffsm_mj.assembly.regimes import impacts_of
 from ffsm_mj.assembly.run_size import too_large
+from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.controller_protocol import ControllerContext, Task
 from ffsm_mj.errors import Fault, ScenarioFaults, described
+from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.system import System, compile_system
+from ffsm_mj.motion.motion import Motion
 from ffsm_mj.plant.actuation import Actuation
+from ffsm_mj.plant.ledger import Ledger
+from ffsm_mj.plant.state import StateReport
+from ffsm_mj.records.columns import Row
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import kind_named
-from ffsm_mj.records.signals import Layout, build_layout
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 
@@ -41,10 +49,13 @@ class Assembly:
         data: Initial state, all derived quantities current.
         pairs: Impact pairs.
         known_pairs: Geom pairs that need no watching: impact pairs and ignored ones.
+        course: What moves, and the contact regimes that watch it.
+        ledger: The books.
         actuation: Plant limits.
         controller: The phase machine.
         task: The tip's task, if any.
-        layout: Columns of the log.
+        state: What rows say of the state.
+        row: What all parts report.
     """
 
     scenario: Scenario
@@ -52,10 +63,13 @@ class Assembly:
     data: Any
     pairs: tuple[ContactPair, ...]
     known_pairs: frozenset[frozenset[int]]
+    course: Course
+    ledger: Ledger
     actuation: Actuation
     controller: PhaseMachine
     task: Task | None
-    layout: Layout
+    state: StateReport
+    row: Row
 
 
 def assemble(scenario: Scenario, source: YamlSource, system: System) -> Assembly:
@@ -74,15 +88,21 @@ def assemble(scenario: Scenario, source: YamlSource, system: System) -> Assembly
         pairs = impact_pairs(scenario, system)
         known = known_pairs(scenario, system, pairs)
         refuse_undetectable(system, data, pairs)
+        regimes = (impacts_of(scenario, Scene(system, data), pairs),)
+        course = Course(Motion(system.mj, data), regimes)
         actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
         controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s))
-        layout = build_layout(system, actuation.signals, controller.telemetry_signals, tip=task is not None)
-        if fault := too_large(scenario.ticks, len(layout.signals), scenario.log.max_size_GB):
+        ledger = Ledger(system, data, course.motion.momentum, notes=BLOCK_ROWS)
+        state = StateReport(system, data, task.tip_site if task is not None else None)
+        columns = [column for part in (state, ledger, *regimes, actuation, controller) for column in part.columns]
+        refuse_same_names(columns, system)
+        row = Row(columns)
+        if fault := too_large(scenario.ticks, len(row.layout.signals), scenario.log.max_size_GB):
             raise ScenarioFaults([Fault(fault, ("duration_s",))])
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
-    return Assembly(scenario, system, data, pairs, known, actuation, controller, task, layout)
+    return Assembly(scenario, system, data, pairs, known, course, ledger, actuation, controller, task, state, row)
 
 
 def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
@@ -150,6 +170,7 @@ def _controller(scenario: Scenario, context: ControllerContext) -> PhaseMachine:
         phases.append(Phase(config.name, kind, controller, until, ending, config.for_s))
     if faults:
         raise ScenarioFaults(faults)
+    refuse_telemetry(phases)
     return PhaseMachine(phases)
 
 

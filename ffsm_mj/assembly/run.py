@@ -18,20 +18,14 @@ from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.run_size import refuse_without_room
 from ffsm_mj.assembly.source_date import source_date
-from ffsm_mj.contact.course import Course
-from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.errors import LogWriteError
-from ffsm_mj.impact.regime import ImpactRules, Impacts
-from ffsm_mj.impact.resting import RestRule
 from ffsm_mj.log.mcap.reader import stored_rows
 from ffsm_mj.log.memory_sink import MemorySink
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.sink import Sink
 from ffsm_mj.model.files import logged_name
-from ffsm_mj.motion.motion import Motion
-from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.facts import conservative_facts, free_facts, task_facts
 from ffsm_mj.records.header import RunHeader
@@ -66,14 +60,11 @@ def simulate(
     Raises:
         InputError: The folder cannot be used, or there is no room for the run.
     """
-    config, system, layout = assembly.scenario, assembly.system, assembly.layout
+    config, system, layout = assembly.scenario, assembly.system, assembly.row.layout
     clock = source_date()  # one that is malformed is refused before there is a folder
     refuse_without_room(config.ticks, len(layout.signals), folder.path if folder is not None else None)
     files = {logged_name(model, n): data for model, each in system.files.items() for n, data in each.files.items()}
-    impacts = Impacts(Scene(system, assembly.data), assembly.pairs, _impact_rules(config))
-    course = Course(Motion(system.mj, assembly.data), [impacts])
-    ledger = Ledger(system, assembly.data, course.motion.momentum, notes=BLOCK_ROWS)
-    header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly, ledger))
+    header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly))
     memory, digested = MemorySink(keep_rows=folder is None), DigestSink()
     sinks: list[Sink] = [memory, digested]
     if folder is not None:
@@ -86,15 +77,12 @@ def simulate(
         system,
         assembly.data,
         assembly.actuation,
-        course,
+        assembly.course,
         ContactWatch(system.mj, assembly.data, assembly.known_pairs),
-        ledger,
+        assembly.ledger,
     )
-    tip = assembly.task.tip_site if assembly.task else None
     block = np.zeros((BLOCK_ROWS, len(layout.signals)))
-    rows = RowWriter(
-        layout, system, assembly.data, assembly.actuation, ledger, assembly.controller, impacts.overlap, tip, block
-    )
+    rows = RowWriter(assembly.row, assembly.state.sampler, block)
     recorder = Recorder(block, sinks, rows.complete, by_clock=clock is None)
     simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
     try:
@@ -116,16 +104,6 @@ def simulate(
 
 def _settings(config: Scenario) -> Settings:
     return Settings(time_step_s=config.time_step_s, steps_per_tick=config.steps_per_tick, ticks=config.ticks)
-
-
-def _impact_rules(config: Scenario) -> ImpactRules:
-    interval = config.impact.rest_interval_s
-    return ImpactRules(
-        law=config.impact.law,
-        rest=RestRule(config.time_step_s if interval is None else interval, config.impact.rest_speed_m_s),
-        max_impacts=config.impact.max_impacts,
-        stop_on_impact=config.stop_on_impact,
-    )
 
 
 def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:
@@ -155,7 +133,7 @@ def _without_none(value: Any) -> Any:
     return value if not isinstance(value, list) else [_without_none(item) for item in value]
 
 
-def _facts(assembly: Assembly, ledger: Ledger) -> dict[str, str]:
+def _facts(assembly: Assembly) -> dict[str, str]:
     config = assembly.scenario
     facts = {
         "format_version": "1",
@@ -166,7 +144,7 @@ def _facts(assembly: Assembly, ledger: Ledger) -> dict[str, str]:
         "control_period_s": repr(config.time_step_s * config.steps_per_tick),
         "phases": "\n".join(phase.name for phase in config.phases),
     }
-    facts |= conservative_facts(assembly.system.faults) | free_facts(ledger.free)
+    facts |= conservative_facts(assembly.system.faults) | free_facts(assembly.ledger.free)
     if config.task is not None:
         facts |= task_facts(config.task.axes, config.task.target_m)
     return facts | {f"version {name}": text for name, text in versions().items()}

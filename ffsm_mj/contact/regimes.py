@@ -22,6 +22,7 @@ from ffsm_mj.errors import unknown_name
 from ffsm_mj.model.system import System
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records import kinds
+from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.wrench import Wrench
@@ -84,7 +85,7 @@ class Regime:
     Config: ClassVar[type[StrictModel]]
     records: ClassVar[tuple[RecordKind, ...]] = ()
     requests: ClassVar[tuple[str, ...]] = ()
-    columns: Sequence[Any] = ()
+    columns: Sequence[Columns] = ()
     watched: frozenset[frozenset[int]] = frozenset()
     active = False
     horizon = math.inf

@@ -17,6 +17,8 @@ from ffsm_mj.contact.pairs import FAR, ContactPair, Proximity
 from ffsm_mj.contact.regimes import Regime, Scene
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact.first_touch import first_touch
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.signals import OVERLAP, Signal
 
 GAP_TOLERANCE = 1e-9
 """Pairs at most this far apart in m are in contact."""
@@ -47,7 +49,7 @@ class Detector(Regime):
     apart is looked at again only when it could have come near.
 
     Attributes:
-        overlap: Deepest overlap of any pair at the ends of (sub-)steps since it was last set to zero, m, (1,).
+        columns: Deepest overlap of any pair at the ends of (sub-)steps since the sample before.
     """
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
@@ -57,9 +59,11 @@ class Detector(Regime):
         self._pairs = tuple(pairs)
         self._reach = [pair.reach_per_root_energy(model, data) for pair in self._pairs]
         self.watched = frozenset(pair.geom_ids for pair in self._pairs)
-        self.overlap = np.zeros(1)
         # What was seen in this step, by pair and time; at the start of the next one what was seen at the end of it.
         self._seen: dict[tuple[int, float], Proximity] = {}
+        self._deepest, self._told = 0.0, np.zeros(1)
+        meaning = "deepest overlap of an impact pair at the ends of the steps and sub-steps since the sample before"
+        self.columns = (Columns((Signal("ledger", OVERLAP, "m", meaning),), live=self._told, note=self._tell),)
 
     def restart(self) -> None:
         """Look again after something changed at one instant."""
@@ -125,7 +129,10 @@ class Detector(Regime):
         """
         for i, pair in enumerate(self._pairs):
             if pair.gap(self._model, self._data, _LOOK) <= _NEAR:
-                self.overlap[0] = max(self.overlap[0], -self._look(i, time).gap)
+                self._deepest = max(self._deepest, -self._look(i, time).gap)
+
+    def _tell(self, _: float) -> None:
+        self._told[0], self._deepest = self._deepest, 0.0
 
     def _look(self, i: int, time: float | None) -> Proximity:
         """A pair at the state in ``data``; looked at once where the time since the start of the step is known."""

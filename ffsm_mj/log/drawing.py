@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import System
+from ffsm_mj.records.signals import Layout, coordinate_keys
 
 _KINDS = {
     mujoco.mjtGeom.mjGEOM_BOX: "box",
@@ -62,19 +63,16 @@ class Frames:
     """Some rows of a log with the poses they mean.
 
     Attributes:
+        times: Time of each frame, (n,), s.
         rows: The chosen rows, (n, number of signals).
         positions: World positions of all bodies, (n, nbody, 3), m.
         quaternions: World orientations of all bodies, (n, nbody, 4).
     """
 
+    times: FloatArray
     rows: FloatArray
     positions: FloatArray
     quaternions: FloatArray
-
-    @property
-    def times(self) -> FloatArray:
-        """Time of each frame, s."""
-        return self.rows[:, 0]
 
 
 def moving_bodies(system: System) -> list[int]:
@@ -140,22 +138,23 @@ def _mesh(model: Any, mesh: int) -> tuple[FloatArray, npt.NDArray[np.int32]]:
 class FramePicker:
     """Takes the frames of a view out of blocks of rows: the first row in each period, with kinematics by MuJoCo."""
 
-    def __init__(self, system: System, view_rate_hz: float) -> None:
-        """Start before the first frame."""
+    def __init__(self, system: System, layout: Layout, view_rate_hz: float) -> None:
+        """Start before the first frame, with the columns of the rows."""
         self._model, self._data = system.mj, mujoco.MjData(system.mj)
+        self._time, self._coordinates = layout.time, layout.places(coordinate_keys(system.joints.values()))
         self._period, self._last = 1.0 / view_rate_hz, -1.0
 
     def pick(self, block: FloatArray) -> Frames | None:
         """Frames of the next block; None where none falls into it."""
-        number = np.floor(block[:, 0] / self._period + 1e-6)
+        number = np.floor(block[:, self._time] / self._period + 1e-6)
         rows = block[np.diff(number, prepend=self._last) > 0.0]
         if not len(rows):
             return None
         self._last = number[-1]
         positions = np.empty((len(rows), self._model.nbody, 3))
         quaternions = np.empty((len(rows), self._model.nbody, 4))
-        for i, qpos in enumerate(rows[:, 1 : 1 + self._model.nq]):
+        for i, qpos in enumerate(rows[:, self._coordinates]):
             self._data.qpos[:] = qpos
             mujoco.mj_kinematics(self._model, self._data)
             positions[i], quaternions[i] = self._data.xpos, self._data.xquat
-        return Frames(rows, positions, quaternions)
+        return Frames(rows[:, self._time], rows, positions, quaternions)

@@ -7,7 +7,7 @@ A command is decided once per control tick and held.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -23,6 +23,7 @@ from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
 from ffsm_mj.model.system import System
 from ffsm_mj.plant.limits import Envelope, Limits
+from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import Signal, identifier
 
 
@@ -76,6 +77,13 @@ class OnOffConfig(StrictModel):
 
 
 AnyActuator = IdealConfig | TorqueSpeedConfig | ReactionWheelConfig | OnOffConfig
+_EFFORTS = {
+    "command": "asked for",
+    "applied": "delivered",
+    "lower": "least possible while powered",
+    "upper": "greatest possible while powered",
+}
+"""What is logged of each actuator, in the order of :attr:`Actuation.table`."""
 ACTUATOR_KINDS = ("ideal", "torque_speed", "reaction_wheel", "on_off")
 ActuatorConfig = Annotated[AnyActuator, Field(discriminator="kind")]
 
@@ -142,11 +150,12 @@ class Actuation:
 
     Attributes:
         names: Full names of the actuators in MuJoCo's order.
-        signals: What is logged of them.
         table: By actuator: command, applied effort, least and greatest possible effort, (nu, 4).
         applied: Efforts that act now, (nu,).
         gear: Effort per ctrl, (nu,).
         counts: Seconds on and unsigned impulse in N s of each on-off actuator, (number of them, 2).
+        columns: The table, and the counts.
+        keys: Columns of ``command``, ``applied``, ``lower`` and ``upper`` by actuator.
     """
 
     def __init__(self, system: System, configs: Mapping[str, AnyActuator]) -> None:
@@ -175,12 +184,19 @@ class Actuation:
             gear=self.gear,
         )
         self._valves = [(i, one.valve) for i, one in enumerate(actuators) if one.valve is not None]
-        self.table = np.zeros((len(self.names), 4))
+        self.table = np.zeros((len(self.names), len(_EFFORTS)))
         self._wanted, self.applied, self._lower, self._upper = self.table.T
         self._counted = np.array([i for i, _ in self._valves], dtype=np.intp)
         self._valves_open = False
         self.counts = np.zeros((len(self._valves), 2))
-        self.signals = _signals(system, self._counted)
+        efforts = _effort_signals(system)
+        self.keys = {what: [signal.key for signal in efforts[i :: len(_EFFORTS)]] for i, what in enumerate(_EFFORTS)}
+        self.columns = (
+            Columns(efforts, live=self.table.reshape(-1)),
+            Columns(
+                _count_signals([self.names[i] for i in self._counted]), live=self.counts.reshape(-1), resume=self._resume
+            ),
+        )
         self._data: Any = None
         self._command: Command | None = None
 
@@ -238,10 +254,8 @@ class Actuation:
         self.counts[:, 0] += duration_s * (applied != 0.0)
         self.counts[:, 1] += duration_s * np.abs(applied)
 
-    def copies(self, columns: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """What to copy into a table of so many actuator columns: efforts, then on-time and impulse of each thruster."""
-        efforts, counts = self.table.reshape(-1), self.counts.reshape(-1)
-        return [(efforts, columns[:, : efforts.size]), (counts, columns[:, efforts.size :])]
+    def _resume(self, counts: FloatArray) -> None:
+        self.counts[:] = counts.reshape(-1, 2)
 
 
 def _effort_per_ctrl(system: System) -> FloatArray:
@@ -284,21 +298,25 @@ def _mjcf_range(model: Any, gear: FloatArray) -> FloatArray:
     return bounds
 
 
-def _signals(system: System, counted: npt.NDArray[np.intp]) -> tuple[Signal, ...]:
+def _effort_signals(system: System) -> tuple[Signal, ...]:
+    """Four of each actuator, in the order of the table."""
     signals = []
     for i, name in enumerate(system.names("actuator")):
         unit, suffix = ("N m", "N_m") if _drives_rotation(system.mj, i) else ("N", "N")
-        for what, meaning in (
-            ("command", "asked for"),
-            ("applied", "delivered"),
-            ("lower", "least possible while powered"),
-            ("upper", "greatest possible while powered"),
-        ):
-            signals.append(Signal("actuators", f"{identifier(name)}_{what}_{suffix}", unit, f"effort of {name}, {meaning}"))
-    for name in (system.names("actuator")[i] for i in counted):
-        field = identifier(name)
-        signals.append(Signal("actuators", f"{field}_on_time_s", "s", f"time that {name} has been on"))
-        signals.append(Signal("actuators", f"{field}_impulse_N_s", "N s", f"impulse that {name} has delivered, unsigned"))
+        for what, meaning in _EFFORTS.items():
+            text = f"effort of {name}, {meaning}"
+            signals.append(Signal("actuators", f"{identifier(name)}_{what}_{suffix}", unit, text, f"actuator {name}"))
+    return tuple(signals)
+
+
+def _count_signals(names: Sequence[str]) -> tuple[Signal, ...]:
+    """Two of each on-off actuator, in the order of the counts."""
+    signals = []
+    for name in names:
+        field, element = identifier(name), f"actuator {name}"
+        time, impulse = f"time that {name} has been on", f"impulse that {name} has delivered, unsigned"
+        signals.append(Signal("actuators", f"{field}_on_time_s", "s", time, element))
+        signals.append(Signal("actuators", f"{field}_impulse_N_s", "N s", impulse, element))
     return tuple(signals)
 
 

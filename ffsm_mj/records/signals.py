@@ -7,11 +7,14 @@ angular momentum is about the world origin, quaternions are wxyz.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from functools import cached_property
 
-from ffsm_mj.model.system import Joint, System
+import numpy as np
+
+from ffsm_mj.arrays import IntArray
+from ffsm_mj.model.system import Joint
 
 # What each group holds, in the order of the row.
 GROUPS = {
@@ -19,6 +22,7 @@ GROUPS = {
     "energy": "kinetic energy",
     "momentum": "linear momentum P and angular momentum L about the world origin",
     "ledger": "accounts of work and impulse since t = 0, and what they leave unexplained",
+    "contact": "what a regime of contact reports of itself",
     "actuators": "commanded and applied efforts, and their bounds",
     "controller": "what the controller reports of itself",
     "phase": "the phase of the task",
@@ -29,6 +33,12 @@ PARTIES = ("total", "robot", "objects")
 # Components of a momentum or wrench about the world origin, with units.
 COMPONENTS = ("P_x_N_s", "P_y_N_s", "P_z_N_s", "L_x_N_m_s", "L_y_N_m_s", "L_z_N_m_s")
 
+TIME = "state.time_s"
+"""Column of the simulation time."""
+TIP = ("state.tip_x_m", "state.tip_y_m", "state.tip_z_m")
+"""Columns of the tip's position, where there is a task."""
+TIP_RATE = ("state.tip_vx_m_s", "state.tip_vy_m_s", "state.tip_vz_m_s")
+"""Columns of its velocity."""
 OVERLAP = "deepest_overlap_m"
 """Signal of the ledger that tells of penetration."""
 
@@ -48,12 +58,21 @@ _RATES = {
 
 @dataclass(frozen=True)
 class Signal:
-    """One logged scalar: the group it belongs to, its name (ends in the unit), its unit and what it means."""
+    """One logged scalar.
+
+    Attributes:
+        group: What it belongs to, a key of ``GROUPS``.
+        name: Its name in the group, a letter followed by letters, digits and underscores; it ends in the unit.
+        unit: Its unit; empty for a plain number.
+        description: What it means.
+        element: Full name of the model's element that its name is made of; empty where there is none.
+    """
 
     group: str
     name: str
     unit: str
     description: str
+    element: str = field(default="", compare=False)
 
     @property
     def key(self) -> str:
@@ -77,10 +96,22 @@ class Layout:
         """All keys in column order."""
         return tuple(signal.key for signal in self.signals)
 
-    def columns(self, first: str, count: int) -> slice:
-        """Slice of ``count`` columns that starts at a key."""
-        start = self.index[first]
-        return slice(start, start + count)
+    @cached_property
+    def time(self) -> int:
+        """Column of the simulation time.
+
+        Raises:
+            KeyError: There is none.
+        """
+        return self.index[TIME]
+
+    def places(self, keys: Iterable[str]) -> IntArray:
+        """Columns of some keys, in their order.
+
+        Raises:
+            KeyError: One of them is not there.
+        """
+        return np.array([self.index[key] for key in keys], dtype=np.intp)
 
 
 def identifier(name: str) -> str:
@@ -98,81 +129,33 @@ def rate_names(joint: Joint) -> tuple[str, ...]:
     return tuple(f"{identifier(joint.name)}_{suffix}" for suffix in _RATES[joint.kind])
 
 
-def build_layout(system: System, actuators: Sequence[Signal], telemetry: Sequence[Signal], *, tip: bool) -> Layout:
-    """Columns of a run.
+def coordinate_keys(joints: Iterable[Joint]) -> tuple[str, ...]:
+    """Columns of ``qpos`` for all joints, in the order of ``qpos``."""
+    ordered = sorted(joints, key=lambda joint: joint.qpos.start)
+    return tuple(f"state.q_{name}" for joint in ordered for name in coordinate_names(joint))
+
+
+def rate_keys(joints: Iterable[Joint]) -> tuple[str, ...]:
+    """Columns of ``qvel`` for all joints, in the order of ``qvel``."""
+    ordered = sorted(joints, key=lambda joint: joint.dofs.start)
+    return tuple(f"state.v_{name}" for joint in ordered for name in rate_names(joint))
+
+
+def momentum_keys(whose: str) -> tuple[str, ...]:
+    """Columns of a momentum (P, L about the world origin): of a party, or ``robot_by_mass_matrix``."""
+    return tuple(f"momentum.{whose}_{component}" for component in COMPONENTS)
+
+
+def effort_key(layout: Layout, actuator: str, what: str) -> str:
+    """Column of an actuator's effort, in N or in N m as it drives.
 
     Args:
-        system: Gives the joints.
-        actuators: Signals of the plant's actuation.
-        telemetry: Signals of the controller.
-        tip: Whether the scenario has a task and so a tip.
+        layout: Columns of a row.
+        actuator: Its full name.
+        what: ``command``, ``applied``, ``lower`` or ``upper``.
     """
-    signals = [
-        *_state_signals(system, tip=tip),
-        *(Signal("energy", f"{party}_J", "J", f"kinetic energy, {party}") for party in PARTIES),
-        *_momentum_signals(),
-        *_ledger_signals(),
-        *actuators,
-        *telemetry,
-        Signal("phase", "index", "", "position of the phase in the scenario, from 0"),
-    ]
-    return Layout(tuple(signals))
-
-
-def _state_signals(system: System, *, tip: bool) -> Iterable[Signal]:
-    joints = sorted(system.joints.values(), key=lambda joint: joint.qpos.start)
-    yield Signal("state", "time_s", "s", "simulation time")
-    for joint in joints:
-        for name in coordinate_names(joint):
-            yield Signal("state", f"q_{name}", unit_of(name), f"coordinate of {joint.kind} joint {joint.name}")
-    for joint in joints:
-        frame = ", linear part in world axes, angular part in body axes" if joint.kind == "free" else ""
-        for name in rate_names(joint):
-            yield Signal("state", f"v_{name}", unit_of(name), f"rate of {joint.kind} joint {joint.name}{frame}")
-    if tip:
-        for axis in "xyz":
-            yield Signal("state", f"tip_{axis}_m", "m", "position of the tip")
-        for axis in "xyz":
-            yield Signal("state", f"tip_v{axis}_m_s", "m/s", "velocity of the tip")
-
-
-def _momentum_signals() -> Iterable[Signal]:
-    for party in PARTIES:
-        for component in COMPONENTS:
-            yield Signal("momentum", f"{party}_{component}", unit_of(component), f"momentum, {party}, summed body by body")
-    for component in COMPONENTS:
-        yield Signal(
-            "momentum",
-            f"robot_by_mass_matrix_{component}",
-            unit_of(component),
-            "momentum of the robot from the base rows of M qdot, paper (8)-(9); zero where the base joints are not free",
-        )
-
-
-def _ledger_signals() -> Iterable[Signal]:
-    yield Signal("ledger", "work_J", "J", "work of the actuators")
-    for party in PARTIES:
-        yield Signal("ledger", f"{party}_impact_energy_J", "J", f"kinetic energy gained in impacts, {party}")
-    for component in COMPONENTS:
-        yield Signal("ledger", f"external_{component}", unit_of(component), "impulse of base actuators on the robot")
-    for component in COMPONENTS:
-        yield Signal("ledger", f"contact_{component}", unit_of(component), "impulse of contacts on the objects")
-    for party in PARTIES:
-        yield Signal("ledger", f"{party}_energy_residual_J", "J", f"T - T(0) - work - impact energy, {party}")
-    for party in PARTIES:
-        for component in COMPONENTS:
-            yield Signal(
-                "ledger",
-                f"{party}_residual_{component}",
-                unit_of(component),
-                f"momentum - momentum(0) - impulses, {party}; zero where the base joints are not free",
-            )
-    yield Signal(
-        "ledger",
-        OVERLAP,
-        "m",
-        "deepest overlap of an impact pair at the ends of the steps and sub-steps since the sample before",
-    )
+    force = f"actuators.{identifier(actuator)}_{what}_N"
+    return force if force in layout.index else f"{force}_m"
 
 
 _UNITS = (("_N_m_s", "N m s"), ("_N_m", "N m"), ("_N_s", "N s"), ("_rad_s", "rad/s"), ("_m_s", "m/s"), ("_rad", "rad"))

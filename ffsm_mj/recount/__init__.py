@@ -18,7 +18,6 @@ from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.facts import conservative_facts, free_facts
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import build_layout
 from ffsm_mj.recount.retrace import Retrace
 from ffsm_mj.recount.scene import LogScene, log_scene
 
@@ -38,15 +37,14 @@ def recount(
     """
     try:
         scene = log_scene(log)
-        _refuse_other_columns(log, scene)
+        retrace = Retrace(scene, log)
     except InputError as error:
         return Recount({}, 0, 0, "", error.lines[0], audit(log), log.impacts)
-    retrace = Retrace(scene, log)
     seen = Audit(log.header.layout, dict(log.header.facts) | _facts(scene, retrace))
     sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, (x.time_s for x in log.impacts))
     with collected_warnings([]):
         for block in log.blocks():
-            again = retrace.take(block, sampling.ticks(block[:, 0]))
+            again = retrace.take(block, sampling.ticks(block[:, log.header.layout.time]))
             seen.rows(again)
             if rows is not None:
                 rows(again)
@@ -64,17 +62,3 @@ def _facts(scene: LogScene, retrace: Retrace) -> dict[str, str]:
     """What the models and the scenario say, whatever the log says of them."""
     facts = free_facts(retrace.free) | conservative_facts(scene.system.faults)
     return facts | {"time_step_s": repr(scene.scenario.time_step_s)}
-
-
-def _refuse_other_columns(log: RunLog, scene: LogScene) -> None:
-    """The columns must be those of these models.
-
-    Raises:
-        InputError: They are not.
-    """
-    layout = log.header.layout
-    told = [signal for signal in layout.signals if signal.group == "controller"]
-    expected = build_layout(scene.system, scene.actuation.signals, told, tip=scene.task is not None)
-    if layout.keys != expected.keys:
-        other = sorted(set(layout.keys) ^ set(expected.keys))
-        raise InputError(f"the columns of the log are not those of its models: {', '.join(other[:3]) or 'another order'}")

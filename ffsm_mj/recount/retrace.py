@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.analysis.agreement import Agreement, scales
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.compiled import fastest
 from ffsm_mj.controller_protocol import Command
+from ffsm_mj.errors import InputError
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.log.sampling import BETWEEN, NOWHERE
 from ffsm_mj.motion.flight import WHOLE_STATE, Flight
-from ffsm_mj.plant.ledger import COLUMNS, Ledger
+from ffsm_mj.plant.actuation import Actuation
+from ffsm_mj.plant.ledger import Ledger
+from ffsm_mj.plant.state import StateReport
+from ffsm_mj.records.columns import Columns, Row, same_names
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import PARTIES
+from ffsm_mj.records.signals import Layout, coordinate_keys, rate_keys
 from ffsm_mj.recount.impact_check import Encounter, ImpactCheck
 from ffsm_mj.recount.scene import LogScene
 from ffsm_mj.simulation.rows import RowWriter
@@ -27,22 +31,14 @@ _HUGE = 1e10
 """MuJoCo takes no larger number for a state."""
 
 
-@dataclass
-class _Report:
-    """What only a controller knows, taken over from the log."""
-
-    telemetry: FloatArray
-    phase_index: int = 0
-
-
 class _Lines:
     """A block of rows, taken apart."""
 
-    def __init__(self, block: FloatArray, state: slice, efforts: slice, gear: FloatArray) -> None:
-        finite = np.nan_to_num(block)
-        self.rows, self.states, self.phases = block, np.ascontiguousarray(block[:, state]), finite[:, -1].astype(np.int64)
-        self.asked, self.applied = (np.ascontiguousarray(finite[:, efforts][:, i::4]) for i in (0, 1))
-        self.ctrl = self.applied / gear
+    def __init__(self, block: FloatArray, layout: Layout, state: IntArray, actuation: Actuation) -> None:
+        self.rows, self.times, self.states = block, block[:, layout.time], np.ascontiguousarray(block[:, state])
+        efforts = (np.nan_to_num(block[:, layout.places(actuation.keys[what])]) for what in ("command", "applied"))
+        self.asked, self.applied = map(np.ascontiguousarray, efforts)
+        self.ctrl = self.applied / actuation.gear
         # One without power is asked for nothing and gives nothing.
         self.powered = (self.asked != 0.0) | (self.applied != 0.0)
 
@@ -59,8 +55,8 @@ class Retrace:
 
     def __init__(self, scene: LogScene, log: RunLog) -> None:
         """Prepare the models of a log; nothing is flown yet."""
-        model, layout, scenario = scene.system.mj, log.header.layout, scene.scenario
-        self._layout, self._model, self._data = layout, model, mujoco.MjData(model)
+        model, scenario = scene.system.mj, scene.scenario
+        self._model, self._data = model, mujoco.MjData(model)
         self._step_s, self._steps, self._last_tick = scenario.time_step_s, scenario.steps_per_tick, scenario.ticks
         self._period_s = self._step_s * self._steps
         mujoco.mj_forward(model, self._data)
@@ -69,29 +65,34 @@ class Retrace:
         self._ledger = Ledger(scene.system, self._data, momentum, notes=BLOCK_ROWS)
         self.free = self._ledger.free
         self._actuation, self._command = scene.actuation, Command.off(int(model.nu))
-        self._find_columns()
-        self._again, self._flown = np.zeros((BLOCK_ROWS, len(layout.keys))), np.zeros((BLOCK_ROWS, model.nq + model.nv))
+        self._again = np.zeros((BLOCK_ROWS, len(log.header.layout.keys)))
+        self._flown = np.zeros((BLOCK_ROWS, model.nq + model.nv))
         self.motion, self.columns, self.impacts = Agreement(), Agreement(), Agreement()
         self._check = ImpactCheck(scene, self._data, log.impacts, self.impacts)
-        parts = scene.system, self._data, self._actuation, self._ledger, self._report, self._check.detector.overlap
-        self._rows = RowWriter(layout, *parts, scene.task.tip_site if scene.task else None, self._again)
+        self._find_columns(scene, log.header.layout)
         self._tick: int | None = None
         self._noted = 0
         self._ending = False
 
-    def _find_columns(self) -> None:
-        """Where the parts of a row are."""
-        groups = np.array([key.split(".")[0] for key in self._layout.keys])
-        self._state = slice(1, 1 + self._model.nq + self._model.nv)
-        self._books = self._layout.columns(f"energy.{PARTIES[0]}_J", COLUMNS)
-        start = self._books.stop + 1  # behind the deepest overlap
-        self._efforts = slice(start, start + self._actuation.table.size)
-        self._counts = slice(self._efforts.stop, self._efforts.stop + self._actuation.counts.size)
-        self._told = np.flatnonzero(groups == "controller")
-        self._report = _Report(np.zeros(len(self._told)))
-        known = ~np.isin(groups, ("controller", "phase"))
-        known[self._state] = False
-        self._known, self._mass = np.flatnonzero(known), float(self._model.body_mass.sum())
+    def _find_columns(self, scene: LogScene, layout: Layout) -> None:
+        """Bind the parts of the run to rows like those of the log.
+
+        Raises:
+            InputError: The columns of the log are not those of its models.
+        """
+        state = StateReport(scene.system, self._data, scene.task.tip_site if scene.task else None)
+        parts = state, self._ledger, self._check.detector, self._actuation
+        known = [columns for part in parts for columns in part.columns]
+        # What only a controller knows is taken over from the log.
+        told = tuple(signal for signal in layout.signals if signal.group in ("controller", "phase"))
+        self._told, self._telling = layout.places(signal.key for signal in told), np.zeros(len(told))
+        row = _row_of_log([*known, Columns(told, live=self._telling)], layout)
+        self._rows = RowWriter(row, state.sampler, self._again)
+        self._resume = [(part.resume, layout.places(s.key for s in part.signals)) for part in known if part.resume]
+        joints, self._layout = scene.system.joints.values(), layout
+        self._state = layout.places((*coordinate_keys(joints), *rate_keys(joints)))
+        self._known = np.setdiff1d(np.arange(len(layout.keys)), np.concatenate((self._told, self._state)))
+        self._energy, self._mass = layout.index["energy.total_J"], float(self._model.body_mass.sum())
 
     def take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         """The next samples recomputed, and compared with the log's on the way.
@@ -119,7 +120,7 @@ class Retrace:
 
     def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         self._noted = 0
-        lines = self._lines = _Lines(block, self._state, self._efforts, self._actuation.gear)
+        lines = self._lines = _Lines(block, self._layout, self._state, self._actuation)
         usable = np.all(np.isfinite(lines.states) & (np.abs(lines.states) < _HUGE), axis=1) & (ticks != NOWHERE)
         for line, (tick, good) in enumerate(zip(ticks.tolist(), usable.tolist(), strict=True)):
             if good:
@@ -142,7 +143,7 @@ class Retrace:
     def _line(self, line: int, tick: int) -> None:
         """Fly to a sample, and write it as the run would have."""
         lines, table = self._lines, self._actuation.table
-        time = float(lines.rows[line, 0]) if tick == BETWEEN else tick * self._period_s
+        time = float(lines.times[line]) if tick == BETWEEN else tick * self._period_s
         if self._tick is not None and tick in (self._tick + 1, BETWEEN):
             self._flown[line] = self._fly_to(lines.states[line], self._tick, time if tick == BETWEEN else math.inf)
             if tick in (self._last_tick, BETWEEN):
@@ -154,7 +155,7 @@ class Retrace:
             self._seat(line, max(tick, 0), time)
             self._flown[line] = lines.states[line]
         self._data.ctrl[:] = lines.ctrl[line]
-        self._report.telemetry[:], self._report.phase_index = lines.rows[line, self._told], lines.phases[line]
+        self._telling[:] = lines.rows[line, self._told]
         self._rows.fill(line, time)
         self._tick = None if tick == BETWEEN else tick
 
@@ -163,13 +164,11 @@ class Retrace:
         lines = self._lines
         self._put(lines.states[line])
         self._check.skip_to(tick * self._steps)
+        for resume, places in self._resume:
+            resume(lines.rows[line, places] if tick else np.zeros(len(places)))
         if not tick:
-            self._ledger.resume(np.zeros(COLUMNS))
-            self._actuation.counts.fill(0.0)
             self._decide(line, time_s)
             return
-        self._ledger.resume(lines.rows[line, self._books])
-        self._actuation.counts[:] = lines.rows[line, self._counts].reshape(-1, 2)
         self._actuation.hold(lines.applied[line], self._data, time_s)
         self._actuation.table[:, 0] = lines.asked[line]
 
@@ -252,8 +251,23 @@ class Retrace:
         size = np.abs(flown)
         lever, speed = size[:, :nq].max(axis=1, keepdims=True), size[:, nq:].max(axis=1, keepdims=True)
         scale = np.concatenate((np.repeat(lever, nq, axis=1), np.repeat(speed, self._model.nv, axis=1)), axis=1)
-        self.motion.rows(self._layout, np.arange(self._state.start, self._state.stop), block, flown, scale)
+        self.motion.rows(self._layout, self._state, block, flown, scale)
         # The sum of all m |v| is at most sqrt(2 M T).
-        momentum = (1.0 + lever[:, 0]) * np.sqrt(2.0 * self._mass * np.abs(again[:, self._books.start]))
+        momentum = (1.0 + lever[:, 0]) * np.sqrt(2.0 * self._mass * np.abs(again[:, self._energy]))
         measured = scales(self._layout, self._known, again, momentum)
         self.columns.rows(self._layout, self._known, block, again[:, self._known], measured)
+
+
+def _row_of_log(columns: Sequence[Columns], layout: Layout) -> Row:
+    """The row of some parts.
+
+    Raises:
+        InputError: It is not that of the log.
+    """
+    for one, other in same_names(columns):
+        raise InputError(f"its models have two columns {one.key}: {one.element} and {other.element}")
+    row = Row(columns)
+    if layout.keys != row.layout.keys:
+        odd = sorted(set(layout.keys) ^ set(row.layout.keys))
+        raise InputError(f"the columns of the log are not those of its models: {', '.join(odd[:3]) or 'another order'}")
+    return row

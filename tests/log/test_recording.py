@@ -75,7 +75,7 @@ def test_arrow_and_plume_data():
     mujoco.mj_forward(model, data)
     actuator = next(i for i in range(model.nu) if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_SITE)
     site = int(model.actuator_trnid[actuator, 0])
-    frames = Frames(np.zeros((1, 1)), data.xpos[None].copy(), data.xquat[None].copy())
+    frames = Frames(np.zeros(1), np.zeros((1, 1)), data.xpos[None].copy(), data.xquat[None].copy())
     origins, vectors = plume_vectors(system, actuator, frames, np.array([2.0]), full=4.0)
     np.testing.assert_allclose(origins[0], data.site_xpos[site], atol=1e-12)
     data.ctrl[actuator] = 1.0
@@ -91,7 +91,7 @@ def test_switching_is_followed_across_blocks():
     rows = np.zeros((40, 2))
     rows[:, 0] = 0.1 * np.arange(40)
     rows[15:25, 1] = -3.0
-    switching = Switching({"jet": 1})
+    switching = Switching(0, {"jet": 1})
     found = [change for k in range(0, 40, 10) for change in switching.changes(rows[k : k + 10])]
     assert [(name, times.tolist(), states) for name, times, states in found] == [
         ("jet", [pytest.approx(1.5)], ["fires -"]),

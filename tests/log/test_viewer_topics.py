@@ -25,7 +25,7 @@ from ffsm_mj.records.course import OUTCOME
 from ffsm_mj.records.events import OutcomeRecord, UnhandledContactRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kind_of
-from ffsm_mj.records.signals import Layout, Signal
+from ffsm_mj.records.signals import Layout, Signal, coordinate_keys
 from tests.scenes import HEAD, ball, box, compile_paths, scene
 
 
@@ -140,7 +140,7 @@ def test_transforms_are_what_protobuf_itself_reads(rng):
     """The template with padded varints against Google's decoder, seconds and nanoseconds at their limits."""
     bodies, names = [3, 1], ["robot/base", "object/with a long name é" * 9]
     times = np.array([0, 1, 999_999_999, 1_000_000_000, 123_456_789_012_345, (2**35 - 1) * 1_000_000_000])
-    frames = Frames(np.zeros((6, 1)), rng.normal(size=(6, 4, 3)), rng.normal(size=(6, 4, 4)))
+    frames = Frames(np.zeros(6), np.zeros((6, 1)), rng.normal(size=(6, 4, 3)), rng.normal(size=(6, 4, 4)))
     frames.positions[0] = 0.0
     for i, data in enumerate(TransformsCodec(bodies, names).encode(frames, times)):
         message = FrameTransforms.FromString(data.tobytes())
@@ -215,8 +215,9 @@ def test_plumes_show_what_fires(tmp_path):
       <motor name="twist" site="left" gear="0 0 0 0 0 1"/></actuator></mujoco>"""
     (tmp_path / "jets.xml").write_text(jets.format(HEAD))
     system = compile_paths(tmp_path / "jets.xml")
-    names = ["time_s", *(f"q{i}" for i in range(7)), "robot_left_applied_N", "robot_right_applied_N"]
-    layout = Layout(tuple(Signal("actuators" if "applied" in name else "state", name, "", "") for name in names))
+    keys = ["state.time_s", *coordinate_keys(system.joints.values())]
+    keys += ["actuators.robot_left_applied_N", "actuators.robot_right_applied_N"]
+    layout = Layout(tuple(Signal(*key.split("."), "", "") for key in keys))
     viewer = ViewerTopics(system, 10.0)
     viewer.open(RunHeader("x", "", layout, {}, {}))
     rows = np.zeros((6, 10))

@@ -8,7 +8,9 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.books.midpoint import hermite_midpoint
-from ffsm_mj.plant.ledger import ENERGY_RESIDUAL, MOMENTUM_RESIDUAL, Ledger
+from ffsm_mj.plant.ledger import Ledger
+from ffsm_mj.records.columns import Row
+from ffsm_mj.records.signals import COMPONENTS, PARTIES
 from tests.scenes import HEAD, ball, compile_paths, scene
 
 TUMBLER = f"""<mujoco>{HEAD}<worldbody><body name="bus">
@@ -39,8 +41,10 @@ def residuals(ledger, system, data):
     """What the books do not explain of energies (3,) and momenta (3, 6) now."""
     mujoco.mj_mulM(system.mj, data, ledger.momentum, data.qvel)
     ledger.note()
-    row = ledger.table()[-1]
-    return row[ENERGY_RESIDUAL], row[MOMENTUM_RESIDUAL].reshape(3, 6)
+    row, layout = ledger.table()[-1], Row(ledger.columns).layout
+    energies = [f"ledger.{party}_energy_residual_J" for party in PARTIES]
+    momenta = [f"ledger.{party}_residual_{component}" for party in PARTIES for component in COMPONENTS]
+    return row[layout.places(energies)], row[layout.places(momenta)].reshape(3, 6)
 
 
 def test_body_fixed_thruster_is_booked_to_fourth_order(tmp_path):

@@ -25,7 +25,7 @@ from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds_of
-from ffsm_mj.records.signals import identifier
+from ffsm_mj.records.signals import effort_key
 
 TRANSFORMS_TOPIC = "/tf"
 SCENE_TOPIC = "/scene"
@@ -59,8 +59,7 @@ class ViewerTopics:
 
     def __init__(self, system: System, view_rate_hz: float) -> None:
         """Prepare for a model and a number of frames per simulated second."""
-        self._system = system
-        self._picker = FramePicker(system, view_rate_hz)
+        self._system, self._view_rate_hz = system, view_rate_hz
         bodies = moving_bodies(system)
         self._codec = TransformsCodec(bodies, [frame_id(system, body) for body in bodies])
         self._thrusters = _thrusters(system)
@@ -79,8 +78,9 @@ class ViewerTopics:
         task = logged_task(header.facts)
         self._kinds = kinds_of(header.kinds)
         self._target = task.point_m if task is not None else None
-        names = [identifier(self._system.mj.actuator(i).name) for i in self._thrusters]
-        self._efforts = [header.layout.index[f"actuators.{name}_applied_N"] for name in names]
+        self._picker = FramePicker(self._system, header.layout, self._view_rate_hz)
+        names = self._system.names("actuator")
+        self._efforts = header.layout.places(effort_key(header.layout, names[i], "applied") for i in self._thrusters)
 
     def rows(self, block: FloatArray) -> Iterator[Packet]:
         """Frames of a block, with the scene after the first of them, and plumes where they change."""

@@ -14,7 +14,7 @@ from google.protobuf import descriptor_pb2
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.wire import varint
-from ffsm_mj.records.signals import GROUPS, Layout, Signal
+from ffsm_mj.records.signals import GROUPS, TIME, Layout, Signal
 
 SAMPLE_TOPIC = "/ffsm/sample"
 SAMPLE_SCHEMA = "ffsm.Sample"
@@ -22,8 +22,8 @@ SIGNALS_METADATA = "ffsm.signals"
 FACTS_METADATA = "ffsm.run"
 SCENARIO_ATTACHMENT = "scenario.yaml"
 
-_MOST_SCHEMA_BYTES = 1 << 21
-"""Of a sample: a column takes some 30 bytes."""
+_MOST_SCHEMA_BYTES = 1 << 22
+"""Of a sample: a column takes some 60 bytes."""
 _Field = descriptor_pb2.FieldDescriptorProto
 
 
@@ -34,7 +34,14 @@ def sample_schema(layout: Layout) -> bytes:
     for number, group in enumerate(_groups(layout), start=1):
         message = file.message_type.add(name=group.capitalize())
         for i, signal in enumerate(_members(layout, group), start=1):
-            message.field.add(name=signal.name, number=i, type=_Field.TYPE_DOUBLE, label=_Field.LABEL_OPTIONAL)
+            # By itself protobuf derives a name that j1 and j_1 share, and its own readers refuse such a schema.
+            message.field.add(
+                name=signal.name,
+                json_name=signal.name,
+                number=i,
+                type=_Field.TYPE_DOUBLE,
+                label=_Field.LABEL_OPTIONAL,
+            )
         sample.field.add(
             name=group,
             number=number,
@@ -59,7 +66,7 @@ def layout_of_schema(schema: bytes, units: Mapping[str, str]) -> Layout:
         units: ``unit | description`` by key, from the file's metadata.
 
     Raises:
-        ValueError: It states more than a run has columns.
+        ValueError: It states more than a run has columns, two of one name, or no time.
     """
     if len(schema) > _MOST_SCHEMA_BYTES:
         raise ValueError(f"a schema of {len(schema)} bytes")
@@ -70,7 +77,10 @@ def layout_of_schema(schema: bytes, units: Mapping[str, str]) -> Layout:
         for field in messages[group.type_name.rsplit(".", 1)[-1]].field:
             unit, _, description = units.get(f"{group.name}.{field.name}", " | ").partition(" | ")
             signals.append(Signal(group.name, field.name, unit, description))
-    return Layout(tuple(signals))
+    layout = Layout(tuple(signals))
+    if TIME not in layout.index or len(layout.index) < len(signals):
+        raise ValueError("its samples have no time, or two fields of one name")
+    return layout
 
 
 class SampleCodec:

@@ -9,7 +9,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.records import Attachment, Channel, Metadata, Schema
 
@@ -28,7 +27,7 @@ from ffsm_mj.records.facts import fault_of_facts
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import RecordKind, kinds
 from ffsm_mj.records.run_log import RunLog, run_log
-from ffsm_mj.records.signals import Layout
+from ffsm_mj.records.signals import TIME, Layout
 
 _MOST_PARTS = 1_000_000
 _MOST_EVENTS = 200_000
@@ -214,7 +213,7 @@ def _gaps(log: RunLog) -> str:
         sampling = Sampling(float(log.header.facts.get("control_period_s", "")), (hit.time_s for hit in log.impacts))
     except ValueError:
         return ""
-    sampling.ticks(np.asarray(log.rows[:, 0]))
+    sampling.ticks(log.column(TIME))
     sampling.end(log.outcome.end_s if log.outcome is not None else None)
     return sampling.sentence()
 

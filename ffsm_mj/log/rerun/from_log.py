@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ffsm_mj.errors import InputError
 from ffsm_mj.log.model import compile_log
 from ffsm_mj.log.rerun.sink import RerunSink
 from ffsm_mj.log.scenario import logged_scenario
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import coordinate_keys
 
 _BLOCKS_AT_ONCE = 25
 
@@ -16,9 +18,12 @@ def write_recording(log: RunLog, path: Path) -> None:
     """Write ``path`` (.rrd) with everything that the log tells.
 
     Raises:
-        InputError: The log's models do not compile any more.
+        InputError: The log's models do not compile any more, or are not those of its columns.
     """
-    sink = RerunSink(lambda: path, compile_log(log), logged_scenario(log).view_rate_hz)
+    system = compile_log(log)
+    if missing := set(coordinate_keys(system.joints.values())) - set(log.header.layout.keys):
+        raise InputError(f"the log has no {min(missing)}, a coordinate of its models")
+    sink = RerunSink(lambda: path, system, logged_scenario(log).view_rate_hz)
     sink.open(log.header)
     for event in log.events():
         sink.event(event)

@@ -10,7 +10,7 @@ import numpy as np
 from ffsm_mj.model.dynamics import external_actuators
 from ffsm_mj.model.system import System
 from ffsm_mj.records.facts import free_components
-from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout, identifier
+from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout, effort_key, identifier
 
 Colour = tuple[int, int, int]
 # Okabe and Ito's colours: told apart by every eye. Orange is the robot, blue are the objects.
@@ -88,23 +88,35 @@ def _ledger(index: Mapping[str, int], facts: Mapping[str, str]) -> Plot:
 def _efforts(layout: Layout, system: System) -> list[Plot]:
     found = []
     external = external_actuators(system)
-    for i, full_name in enumerate(system.names("actuator")):
-        name = identifier(full_name)
-        key = next(key for key in layout.keys if key.startswith(f"actuators.{name}_applied_"))
-        columns = [layout.index[key.replace("_applied_", f"_{which}_")] for which in ("lower", "upper", "applied")]
-        entity = f"{BASE if external[i] else JOINTS}/{name}"
-        short = full_name.rsplit("/", 1)[-1]
-        names, unit = ["lower bound", "upper bound", short], layout.signals[columns[-1]].unit
+    for i, name in enumerate(system.names("actuator")):
+        columns = [layout.index[effort_key(layout, name, what)] for what in ("lower", "upper", "applied")]
+        entity = f"{BASE if external[i] else JOINTS}/{identifier(name)}"
+        names, unit = ["lower bound", "upper bound", name.rsplit("/", 1)[-1]], layout.signals[columns[-1]].unit
         found.append(Plot(entity, columns, names, [GREY, GREY, ORANGE], unit))
     return found
 
 
-def thrusters(layout: Layout, system: System) -> dict[str, tuple[int, int]]:
-    """Column of the applied force, and actuator, of everything that pushes the base; by name."""
-    model, names = system.mj, system.names("actuator")
-    found = {}
+@dataclass(frozen=True)
+class Thruster:
+    """An actuator that pushes the base with a force.
+
+    Attributes:
+        actuator: Its id.
+        applied: Column of the force.
+        bounds: Columns of the least and the greatest force.
+    """
+
+    actuator: int
+    applied: int
+    bounds: tuple[int, int]
+
+
+def thrusters(layout: Layout, system: System) -> dict[str, Thruster]:
+    """All of them, by their names in the robot's model."""
+    names, found = system.names("actuator"), {}
     for i in np.flatnonzero(external_actuators(system)).tolist():
-        key = f"actuators.{identifier(names[i])}_applied_N"
-        if key in layout.index:
-            found[model.actuator(i).name.rsplit("/", 1)[-1]] = (layout.index[key], i)
+        keys = [effort_key(layout, names[i], what) for what in ("applied", "lower", "upper")]
+        applied, lower, upper = (layout.index[key] for key in keys)
+        if layout.signals[applied].unit == "N":
+            found[names[i].rsplit("/", 1)[-1]] = Thruster(i, applied, (lower, upper))
     return found

@@ -53,9 +53,9 @@ def _rotated(quaternions: FloatArray, vector: FloatArray) -> FloatArray:
 class Switching:
     """Follows which way each thruster fires, through all rows."""
 
-    def __init__(self, columns: dict[str, int]) -> None:
-        """Start with everything off; columns of the applied forces by name."""
-        self._columns = columns
+    def __init__(self, time: int, columns: dict[str, int]) -> None:
+        """Start with everything off; column of the time, and those of the applied forces by name."""
+        self._time, self._columns = time, columns
         self._last = dict.fromkeys(columns, 0)
 
     def changes(self, rows: FloatArray) -> list[tuple[str, FloatArray, list[str]]]:
@@ -66,6 +66,6 @@ class Switching:
             switched = np.flatnonzero(np.diff(signs, prepend=self._last[name]))
             if len(switched):
                 states = [{1: "fires +", 0: "off", -1: "fires -"}[int(sign)] for sign in signs[switched]]
-                found.append((name, rows[switched, 0], states))
+                found.append((name, rows[switched, self._time], states))
                 self._last[name] = int(signs[-1])
         return found

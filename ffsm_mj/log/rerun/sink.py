@@ -26,7 +26,7 @@ from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import Mark, kind_of
-from ffsm_mj.records.signals import identifier
+from ffsm_mj.records.signals import TIP, identifier
 
 # Drawn lengths of the arrow of a mark, m.
 _SHORTEST_M, _LONGEST_M = 0.4, 1.5
@@ -48,11 +48,12 @@ class RerunSink:
             following: The viewer opens at the latest time and follows it.
         """
         self._output, self._system, self._following = output, system, following
-        self._picker, self._pending = FramePicker(system, view_rate_hz), list[Frames]()
+        self._view_rate_hz, self._pending = view_rate_hz, list[Frames]()
 
     def open(self, header: RunHeader) -> None:
         """Start the recording with everything that does not change."""
         self._layout = layout = header.layout
+        self._picker = FramePicker(self._system, layout, self._view_rate_hz)
         self._recording = rr.RecordingStream(
             f"ffsm-mj {header.scenario_name}",  # an open viewer keeps one layout per application
             recording_id=f"{header.scenario_name}-{header.facts['created_utc']}",
@@ -66,7 +67,7 @@ class RerunSink:
             lines = rr.SeriesLines(names=plot.names, colors=plot.colours, widths=[1.5] * len(plot.names))
             self._recording.log(plot.entity, lines, static=True)
         self._thrusters = thrusters(layout, self._system)
-        self._switching = Switching({name: column for name, (column, _) in self._thrusters.items()})
+        self._switching = Switching(layout.time, {name: thruster.applied for name, thruster in self._thrusters.items()})
         self._fired: set[str] = set()
         self._trail_colours()
         self._framed, self._instants, self._marked = False, Instants(), list[tuple[float, str]]()
@@ -124,6 +125,7 @@ class RerunSink:
             return
         parts, self._pending = self._pending, []
         frames = Frames(
+            np.concatenate([part.times for part in parts]),
             np.concatenate([part.rows for part in parts]),
             np.concatenate([part.positions for part in parts]),
             np.concatenate([part.quaternions for part in parts]),
@@ -166,27 +168,26 @@ class RerunSink:
 
     def _trails(self, frames: Frames, index: Any) -> None:
         trails = {tree.name: frames.positions[:, tree.root] for tree in self._system.trees}
-        if "state.tip_x_m" in self._layout.index:
-            trails["tip"] = frames.rows[:, self._layout.columns("state.tip_x_m", 3)]
+        if TIP[0] in self._layout.index:
+            trails["tip"] = frames.rows[:, self._layout.places(TIP)]
         for name, points in trails.items():
             count = len(points)
             looks = rr.Points3D.columns(positions=points, colors=[self._colours[name]] * count, radii=[0.015] * count)
             self._send(f"world/trails/{name}", index, looks)
 
     def _plumes(self, frames: Frames, index: Any) -> None:
-        for name, (column, actuator) in self._thrusters.items():
+        for name, thruster in self._thrusters.items():
             if name not in self._fired:
                 continue
-            efforts = frames.rows[:, column]
-            bounds = frames.rows[0, [column + 1, column + 2]]  # lower and upper follow in a row
+            efforts, bounds = frames.rows[:, thruster.applied], frames.rows[0, thruster.bounds]
             full = max(abs(bounds[np.isfinite(bounds)]), default=0.0) or max(np.abs(efforts).max(), 1.0)
-            origins, vectors = plume_vectors(self._system, actuator, frames, efforts, full)
+            origins, vectors = plume_vectors(self._system, thruster.actuator, frames, efforts, full)
             plume = rr.Arrows3D.columns(origins=origins, vectors=vectors)
             self._send(f"world/plumes/{name}", index, plume)
 
     def _lines(self, frames: Frames, index: Any) -> None:
         if self._task is not None:
-            tip = frames.rows[:, self._layout.columns("state.tip_x_m", 3)]
+            tip = frames.rows[:, self._layout.places(TIP)]
             error = np.linalg.norm(self._task.errors_m(tip), axis=1)
             self._send("plots/tip_error", index, rr.Scalars.columns(scalars=error))
         for plot in self._plots:

@@ -19,7 +19,7 @@ from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
 from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import PARTIES
+from ffsm_mj.records.signals import PARTIES, TIP
 
 _SLICES = 600
 
@@ -37,7 +37,10 @@ def thinned(run: Run, times: Iterable[float] = ()) -> Run:
         return run
     marks = np.array(sorted({*(kind_of(event).time(event) for event in log.events()), *times}))
     beside = _Beside(log)
-    kept = [part[_outstanding(part, beside.of(part), marks)] for part in _slices(log.blocks(), -(-count // _SLICES))]
+    kept = [
+        part[_outstanding(part, part[:, log.header.layout.time], beside.of(part), marks)]
+        for part in _slices(log.blocks(), -(-count // _SLICES))
+    ]
     return Run(replace(log, rows=np.concatenate(kept)), run.path, run.digest)
 
 
@@ -49,7 +52,7 @@ class _Beside:
         self._accounts = [Accounts(layout, facts, party) for party in PARTIES]
         self._first: Sequence[FloatArray] | None = None
         self._task = logged_task(facts)
-        self._tip = layout.columns("state.tip_x_m", 3) if self._task is not None else slice(0)
+        self._tip = layout.places(TIP) if self._task is not None else layout.places(())
 
     def of(self, part: FloatArray) -> FloatArray:
         momenta = [accounts.momentum(part) for accounts in self._accounts]
@@ -77,12 +80,11 @@ def _slices(blocks: Iterable[FloatArray], size: int) -> Iterator[FloatArray]:
         yield rest
 
 
-def _outstanding(part: FloatArray, beside: FloatArray, marks: FloatArray) -> FloatArray:
+def _outstanding(part: FloatArray, times: FloatArray, beside: FloatArray, marks: FloatArray) -> FloatArray:
     """Which rows of a slice stay, in order."""
     values = np.column_stack((part, beside))
     known = np.isfinite(values)
     low, high = (np.where(known, values, bound) for bound in (np.inf, -np.inf))
-    times = part[:, 0]
     here = marks[(marks > times[0]) & (marks <= times[-1])]
     after = np.searchsorted(times, here - 1e-9)
     rows = (0, len(part) - 1, *low.argmin(axis=0), *high.argmax(axis=0), *after, *(after - 1))

@@ -1,0 +1,81 @@
+"""Columns that would share a name are refused before a run: one would be written over the other without a word."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+
+from ffsm_controllers.phases import Phase
+
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.system import System
+from ffsm_mj.model.xml import elements
+from ffsm_mj.records.columns import Columns, same_names
+from ffsm_mj.records.signals import Signal
+
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+
+
+def refuse_same_names(columns: Iterable[Columns], system: System) -> None:
+    """Refuse elements of the models whose names are one name in the log, where only letters, digits and _ are kept.
+
+    Raises:
+        InputError: A line for each two, with the file of the second.
+    """
+    lines: dict[tuple[str, str], str] = {}
+    for one, other in same_names(columns):
+        names = f"{one.element or one.description!r} and {other.element or other.description!r}"
+        message = f"{_place(system, other.element)}: {names} are both logged as {other.key}; rename one of them"
+        lines.setdefault((one.element, other.element), message)
+    if lines:
+        raise InputError(list(lines.values()))
+
+
+def _place(system: System, element: str) -> str:
+    """``file`` or ``file:line`` of an element by kind and full name."""
+    kind, _, full = element.partition(" ")
+    model, _, short = full.partition("/")
+    files = system.files.get(model)
+    if files is None:
+        return " and ".join(each.place for each in system.files.values())
+    return next(_lines(files, kind, short), files.place)
+
+
+def _lines(files: ModelFiles, kind: str, name: str) -> Iterator[str]:
+    tags = {"joint": ("joint", "freejoint"), "actuator": ("motor", "general")}
+    for element in elements(files.files[files.main], files.place):
+        if element.tag in tags.get(kind, ()) and element.attributes.get("name") == name:
+            yield element.place
+
+
+def refuse_telemetry(phases: Sequence[Phase]) -> None:
+    """Refuse control laws whose signals cannot be columns, or mean different things by one name.
+
+    Raises:
+        ScenarioFaults: A line for each law.
+    """
+    faults = []
+    known: dict[str, tuple[Signal, str]] = {}
+    for i, phase in enumerate(phases):
+        fault = _signals_fault(phase.controller.telemetry_signals)
+        for signal in () if fault else phase.controller.telemetry_signals:
+            other, where = known.setdefault(signal.key, (signal, phase.name))
+            if other != signal:
+                fault = f"{signal.key} is {signal.description!r} here and {other.description!r} in phase {where!r}"
+        if fault:
+            faults.append(Fault(f"telemetry of kind {phase.kind!r}: {fault}", ("phases", i, "controller", "kind")))
+    if faults:
+        raise ScenarioFaults(faults)
+
+
+def _signals_fault(signals: object) -> str:
+    """What is wrong with the signals of one law, or nothing."""
+    if not isinstance(signals, Sequence) or not all(isinstance(signal, Signal) for signal in signals):
+        return "telemetry_signals is no sequence of Signal"
+    for signal in signals:
+        if signal.group != "controller" or not _NAME.fullmatch(signal.name):
+            return f"{signal.key!r} is no name in the group controller, of letters, digits and _"
+    names = [signal.key for signal in signals]
+    twice = next((name for name in names if names.count(name) > 1), "")
+    return f"{twice} is listed twice" if twice else ""

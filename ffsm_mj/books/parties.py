@@ -1,0 +1,44 @@
+"""Energies, momenta and accounts by party (the whole, the robot, the objects), and what the accounts leave unexplained."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+
+
+def party_energies(powers: FloatArray, robot: slice) -> FloatArray:
+    """Kinetic energies of (total, robot, objects), J, (n, 3).
+
+    Args:
+        powers: Generalised momentum times rate by dof, (n, nv).
+        robot: The dofs of the robot.
+    """
+    total, own = 0.5 * powers.sum(axis=1), 0.5 * powers[:, robot].sum(axis=1)
+    return np.stack((total, own, total - own), axis=1)
+
+
+def party_momenta(robot: FloatArray, objects: FloatArray) -> FloatArray:
+    """Momenta of (total, robot, objects) from those of robot and objects, (n, 6) each; (n, 3, 6)."""
+    return np.stack((robot + objects, robot, objects), axis=1)
+
+
+def unexplained_energy(party: str, energy: FloatArray, work: FloatArray, gained: FloatArray) -> FloatArray:
+    """Energy of a party less work of the actuators, all of which act on the robot, and energy gained in impacts, J, (n,)."""
+    return (energy if party == "objects" else energy - work) - gained
+
+
+def unexplained_momentum(
+    party: str, momentum: FloatArray, external: FloatArray, contact: FloatArray, free: FloatArray
+) -> FloatArray:
+    """Momentum (P, L about the origin) of a party less impulses, N s and N m s, (n, 6); zero where its joints bear it.
+
+    Args:
+        party: ``total``, ``robot`` or ``objects``.
+        momentum: Of the party, (n, 6).
+        external: Impulse from outside, on the robot, (n, 6).
+        contact: Impulse of contacts on the objects, the opposite of that on the robot, (n, 6).
+        free: 1 for each component that the party's base joints leave free, else 0, (6,).
+    """
+    booked = {"total": external, "robot": external - contact, "objects": contact}[party]
+    return np.asarray((momentum - booked) * free)

@@ -1,0 +1,127 @@
+"""What the ledger says of samples: balances, and the signals that they fill."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from itertools import accumulate
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.signals import COMPONENTS, PARTIES, Signal, unit_of
+
+
+@dataclass(frozen=True)
+class Accounts:
+    """What was booked since t = 0, now or at n samples.
+
+    Attributes:
+        work: Of the actuators, J, (..., 1).
+        gained: Kinetic energy gained in impacts by (total, robot, objects), J, (..., 3).
+        external: Impulse (P, L about the origin) from outside on the robot, (..., 6).
+        contact: Impulse of contacts on the objects, (..., 6).
+    """
+
+    work: FloatArray
+    gained: FloatArray
+    external: FloatArray
+    contact: FloatArray
+
+    @classmethod
+    def of(cls, numbers: FloatArray) -> Accounts:
+        """Views of the numbers of all accounts, (..., 16)."""
+        return cls(*np.split(numbers, (1, 4, 10), axis=-1))
+
+    def take(self, other: Accounts) -> None:
+        """Take over the numbers of other accounts."""
+        for account in fields(Accounts):
+            getattr(self, account.name)[:] = getattr(other, account.name)
+
+
+@dataclass(frozen=True)
+class Balance:
+    """What the ledger says of n samples; see the signals below.
+
+    Attributes:
+        energy: By party, (n, 3).
+        momentum: By party, (n, 3, 6).
+        by_mass_matrix: Of the robot, (n, 6).
+        accounts: What was booked.
+        energy_residual: By party, (n, 3).
+        momentum_residual: By party, (n, 3, 6).
+    """
+
+    energy: FloatArray
+    momentum: FloatArray
+    by_mass_matrix: FloatArray
+    accounts: Accounts
+    energy_residual: FloatArray
+    momentum_residual: FloatArray
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """Signals of the ledger, and what of a balance fills them, (n, number of signals) once it is flat."""
+
+    signals: tuple[Signal, ...]
+    of: Callable[[Balance], FloatArray]
+
+
+def _by_party(group: str, name: str, meaning: str) -> tuple[Signal, ...]:
+    return tuple(Signal(group, name.format(party), "J", f"{meaning}, {party}") for party in PARTIES)
+
+
+def _components(group: str, name: str, meaning: str) -> tuple[Signal, ...]:
+    return tuple(Signal(group, f"{name}_{component}", unit_of(component), meaning) for component in COMPONENTS)
+
+
+_BY_MATRIX = "momentum of the robot from the base rows of M qdot, paper (8)-(9); zero where the base joints are not free"
+_LEFT = "momentum - momentum(0) - impulses, {}; zero where the base joints are not free"
+
+_ENTRIES = {
+    "energy": _Entry(_by_party("energy", "{}_J", "kinetic energy"), lambda b: b.energy),
+    "momentum": _Entry(
+        tuple(s for party in PARTIES for s in _components("momentum", party, f"momentum, {party}, summed body by body")),
+        lambda b: b.momentum,
+    ),
+    "by_mass_matrix": _Entry(_components("momentum", "robot_by_mass_matrix", _BY_MATRIX), lambda b: b.by_mass_matrix),
+    "work": _Entry((Signal("ledger", "work_J", "J", "work of the actuators"),), lambda b: b.accounts.work),
+    "gained": _Entry(
+        _by_party("ledger", "{}_impact_energy_J", "kinetic energy gained in impacts"), lambda b: b.accounts.gained
+    ),
+    "external": _Entry(
+        _components("ledger", "external", "impulse of base actuators on the robot"), lambda b: b.accounts.external
+    ),
+    "contact": _Entry(_components("ledger", "contact", "impulse of contacts on the objects"), lambda b: b.accounts.contact),
+    "energy_residual": _Entry(
+        _by_party("ledger", "{}_energy_residual_J", "T - T(0) - work - impact energy"), lambda b: b.energy_residual
+    ),
+    "momentum_residual": _Entry(
+        tuple(s for party in PARTIES for s in _components("ledger", f"{party}_residual", _LEFT.format(party))),
+        lambda b: b.momentum_residual,
+    ),
+}
+SIGNALS = tuple(signal for entry in _ENTRIES.values() for signal in entry.signals)
+_ENDS = tuple(accumulate(len(entry.signals) for entry in _ENTRIES.values()))
+
+
+def values(balance: Balance) -> FloatArray:
+    """Values of all signals, (n, number of signals)."""
+    parts = (entry.of(balance) for entry in _ENTRIES.values())
+    return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+
+
+def balance(told: FloatArray) -> Balance:
+    """The balance of samples whose signals have these values, (n, number of signals)."""
+    parts = dict(zip(_ENTRIES, np.split(told, _ENDS[:-1], axis=1), strict=True))
+    accounts = Accounts(*(parts[account.name] for account in fields(Accounts)))
+    by_party = {name: parts[name].reshape(-1, 3, 6) for name in ("momentum", "momentum_residual")}
+    return Balance(
+        parts["energy"],
+        by_party["momentum"],
+        parts["by_mass_matrix"],
+        accounts,
+        parts["energy_residual"],
+        by_party["momentum_residual"],
+    )

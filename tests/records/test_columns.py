@@ -1,0 +1,209 @@
+"""Columns: a new signal is one place, wherever it is added; two of one name are refused."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+from pathlib import Path
+from unittest.mock import patch
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ffsm_mj
+from ffsm_mj.compiled import fastest
+from ffsm_mj.log.mcap.format import SampleCodec, layout_of_schema, sample_schema
+from ffsm_mj.log.rerun.plots import plots
+from ffsm_mj.plant.sampler import Sampler
+from ffsm_mj.records.columns import Columns, Row
+from ffsm_mj.records.signals import GROUPS, TIME, Layout, Signal
+from ffsm_mj.simulation.rows import RowWriter
+from tests.log.test_recording import read
+from tests.scenes import compile_paths, two_balls
+
+ROBOT = """<mujoco><option gravity="0 0 0"/><worldbody><body name="bus"><freejoint name="free"/><geom size=".1" mass="1"/>
+  <body name="a"><joint name="{}" type="hinge" axis="0 0 1"/><geom size=".1" pos="1 0 0" mass="1"/></body>
+  <body name="b"><joint name="{}" type="hinge" axis="0 0 1"/><geom size=".1" pos="2 0 0" mass="1"/></body>
+  </body></worldbody><actuator><motor name="{}" joint="{}"/><motor name="{}" joint="{}"/></actuator></mujoco>"""
+"""Two hinges with their motors, to be named."""
+
+
+class Extra:
+    """A part that reports what nobody has thought of: at sample n its signal k is 100 number + k + n / 8, exactly.
+
+    Live, it brings its array up to date at each sample; otherwise it keeps what it will be asked for in a table.
+    """
+
+    def __init__(self, number: int, groups: list[str], *, live: bool) -> None:
+        self.signals = tuple(Signal(group, f"extra_{number}_{k}_m", "m", "added") for k, group in enumerate(groups))
+        self._first, self._samples = 100.0 * number + np.arange(len(groups)), itertools.count()
+        self._now, self._kept = np.full(len(groups), np.nan), list[np.ndarray]()
+        filled = {"live": self._now} if live else {"table": self._table}
+        self.columns = Columns(self.signals, note=self._note, **filled)
+
+    def at(self, sample: int) -> np.ndarray:
+        return self._first + sample / 8.0
+
+    def _note(self, _: float) -> None:
+        self._now[:] = self.at(next(self._samples))
+        self._kept.append(self._now.copy())
+
+    def _table(self) -> np.ndarray:
+        kept, self._kept = self._kept, []
+        return np.array(kept)
+
+
+PARTS = st.lists(
+    st.tuples(st.lists(st.sampled_from([*GROUPS]), min_size=1, max_size=4), st.booleans(), st.floats(0.0, 1.0)), max_size=5
+)
+"""Groups of the signals of each part, whether it is live, and where among the others it is added."""
+
+
+def added(columns, parts):
+    """The columns with those of some parts among them, and the parts."""
+    columns, extras = list(columns), []
+    for number, (groups, live, place) in enumerate(parts):
+        extras.append(Extra(number, groups, live=live))
+        columns.insert(round(place * len(columns)), extras[-1].columns)
+    return columns, extras
+
+
+@pytest.fixture(scope="module")
+def point(tmp_path_factory):
+    """Something for the sampler to be bound to, and its data."""
+    (path := tmp_path_factory.mktemp("point") / "robot.xml").write_text(ROBOT.format("j", "k", "j", "j", "k", "k"))
+    model = compile_paths(path).mj
+    return model, mujoco.MjData(model)
+
+
+@pytest.mark.parametrize("compiled", ["0", "1"])
+@given(parts=PARTS)
+@settings(max_examples=150, deadline=None)
+def test_a_row_holds_each_part_under_its_own_names(point, compiled, parts):
+    """In blocks of two rows, as the sampler (or its compiled twin) fills them and as a log keeps them."""
+    columns, extras = added([Extra(9, ["state", "phase"], live=True).columns], parts)
+    row = Row(columns)
+    block = np.zeros((2, len(row.layout.signals)))
+    with patch.dict("os.environ", FFSM_COMPILED=compiled):
+        writer = RowWriter(row, fastest(Sampler)(*point), block)
+    ranks = [list(GROUPS).index(signal.group) for signal in row.layout.signals]
+    assert ranks == sorted(ranks)  # as a log keeps them: a message for each group
+    for first in range(0, 6, 2):
+        for line in range(2):
+            writer.fill(line, 0.1 * (first + line))
+        writer.complete(block)
+        decoded = SampleCodec(row.layout).decode(SampleCodec(row.layout).encode(block))
+        for rows in (block, decoded):
+            for extra in extras:
+                places = row.layout.places(signal.key for signal in extra.signals)
+                np.testing.assert_array_equal(rows[:, places], [extra.at(first), extra.at(first + 1)])
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """A run of 41 samples with an impact after 20 ms, two blocks of rows because of it; its file, and its recording."""
+    folder = tmp_path_factory.mktemp("plain")
+    path = two_balls(folder, gap=0.02, duration_s=0.04)
+    return path, ffsm_mj.run(path, out=folder / "out", rerun=True), read(folder / "out" / "run.rrd")
+
+
+@given(parts=PARTS)
+@settings(max_examples=8, deadline=None)
+def test_signals_added_anywhere_are_read_back_by_name_and_move_no_other(plain, parts):
+    """From memory, from MCAP, and from Rerun what it plots: every column of the run without them is the same bit by bit."""
+    path, usual, drawn = plain
+    extras = []
+
+    def with_parts(columns):
+        found, extras[:] = added(columns, parts)
+        return Row(found)
+
+    with tempfile.TemporaryDirectory() as folder, patch("ffsm_mj.assembly.assemble.Row", with_parts):
+        memory, memory_extras = ffsm_mj.run(path), extras[:]
+        file = ffsm_mj.run(path, out=Path(folder) / "out", rerun=True)
+        log = ffsm_mj.load_run(Path(folder) / "out")
+        recording = read(Path(folder) / "out" / "run.rrd")
+        told = [(memory, memory_extras), (file, extras), (log, extras)]
+        for run, its in told:
+            assert set(run.keys) == {*usual.keys, *(signal.key for extra in its for signal in extra.signals)}
+            for key in usual.keys:
+                np.testing.assert_array_equal(run[key], usual[key], err_msg=key)
+            for extra in its:
+                values = np.column_stack([run[signal.key] for signal in extra.signals])
+                np.testing.assert_array_equal(values, [extra.at(n) for n in range(len(values))])
+        assert [law.holds for law in log.laws()] == [law.holds for law in usual.laws()]
+        plotted = [entity for entity, _ in recording if entity.startswith("/plots/")]
+        assert len(plotted) >= 5
+        for entity, component in recording:
+            if entity.startswith("/plots/"):
+                assert recording[entity, component] == drawn[entity, component]
+
+
+def test_what_rerun_plots_is_what_its_names_say(plain):
+    """Each line of each plot against the column of the log that it is made of, at the times of the frames."""
+    _, run, drawn = plain
+    system = compile_paths(run.path.parent / "mjcf/robot/robot.xml", {"target": run.path.parent / "mjcf/target/target.xml"})
+    layout = run.log.header.layout
+    found = plots(layout, system, run.log.header.facts)
+    assert {plot.entity for plot in found} >= {"plots/energy", "plots/ledger", "plots/linear_momentum/robot"}
+    for plot in found:
+        ((times, values),) = (
+            tuple(zip(*rows, strict=True)) for (entity, _), rows in drawn.items() if entity == f"/{plot.entity}"
+        )
+        lines = np.searchsorted(run.time, np.array(times) - 1e-9)
+        np.testing.assert_array_equal(np.array(values), run.log.rows[:][lines][:, plot.columns])
+    energy = next(plot for plot in found if plot.entity == "plots/energy")
+    assert [layout.keys[i] for i in energy.columns] == ["energy.total_J", "energy.robot_J", "energy.objects_J"]
+
+
+def test_columns_that_cannot_be_filled_are_refused():
+    one = (Signal("state", "a_m", "m", "one"),)
+    with pytest.raises(ValueError, match="from a live array or by a table"):
+        Columns(one)
+    with pytest.raises(ValueError, match=r"shape \(2,\) for 1 signals"):
+        Columns(one, live=np.zeros(2))
+    with pytest.raises(ValueError, match=r"two signals state.a_m: one; one"):
+        Row([Columns(one, live=np.zeros(1)), Columns(one, live=np.zeros(1))])
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (("j-1", "j_1", "m", "j-1", "n", "j_1"), "robot.xml:3: 'joint robot/j-1' and 'joint robot/j_1'"),
+        (("j", "k", "m.1", "j", "m-1", "k"), "robot.xml:4: 'actuator robot/m.1' and 'actuator robot/m-1'"),
+    ],
+)
+def test_elements_of_one_name_in_the_log_are_refused(tmp_path, capsys, names, told):
+    """Both named, one line, exit 2, with the file: before, the second was written over the first without a word."""
+    path = two_balls(tmp_path)
+    (tmp_path / "robot.xml").write_text(ROBOT.format(*names))
+    overrides = ["impact_pairs=[]", "initial={}"]
+    from ffsm_mj.cli.main import main
+
+    assert main(["check", str(path), *itertools.chain(*(("-s", one) for one in overrides))]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith(str(tmp_path / told))
+    assert line.endswith("; rename one of them")
+
+
+def test_names_that_only_protobuf_takes_for_one_are_kept_apart():
+    """j1 and j_1 are both j1 in protobuf's camel case, and its readers refused the whole log for it."""
+    from google.protobuf import descriptor_pb2, descriptor_pool
+
+    signals = (Signal("state", "time_s", "s", ""), *(Signal("state", f"q_{j}_rad", "rad", "") for j in ("j1", "j_1")))
+    schema = sample_schema(Layout(signals))
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(schema).file:
+        pool.Add(file)
+    assert pool.FindMessageTypeByName("ffsm.State").fields_by_name.keys() == ["time_s", "q_j1_rad", "q_j_1_rad"]
+
+
+@pytest.mark.parametrize("names", [("a_m",), ("time_s", "a_m", "a_m")])
+def test_a_log_without_time_or_with_a_name_twice_is_refused(names):
+    schema = sample_schema(Layout(tuple(Signal("state", name, "", "") for name in names)))
+    with pytest.raises(ValueError, match="no time, or two fields of one name"):
+        layout_of_schema(schema, {})
+    assert TIME == "state.time_s"
