@@ -20,7 +20,7 @@ PAGES = [
 SOURCES = [path for folder in (*PACKAGES.values(), ROOT / "tests", ROOT / "benchmarks") for path in folder.rglob("*.py")]
 ROLE = re.compile(r":(?:mod|class|func|meth|attr):`~?([\w.]+)`")
 DOTTED = re.compile(r"\b(?:ffsm_mj|ffsm_controllers)(?:\.\w+)+")
-FILE = re.compile(r"(?<![\w./<>-])((?:[\w.-]+/)+[\w-]+\.(?:py|pyx|pxd|md|xml|yaml))\b")
+FILE = re.compile(r"(?<![\w./<>$-])((?:[\w.-]+/)+[\w-]+\.(?:py|pyx|pxd|md|xml|yaml))\b")
 
 
 EXAMPLES = {"a/b.xml"}
