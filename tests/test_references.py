@@ -35,12 +35,18 @@ def lookup(target: str) -> bool:
         except ImportError:
             continue
         for name in parts[cut:]:
-            fields = {name for cls in getattr(found, "__mro__", ()) for name in getattr(cls, "__annotations__", {})}
             if not hasattr(found, name):
-                return name in fields and name == parts[-1]
+                return name == parts[-1] and name in told_attributes(found)
             found = getattr(found, name)
         return True
     return False
+
+
+def told_attributes(found: object) -> set[str]:
+    """Attributes that only instances have: those that a class annotates or tells in its docstring."""
+    classes = getattr(found, "__mro__", ())
+    annotated = {name for cls in classes for name in getattr(cls, "__annotations__", {})}
+    return annotated | {name for cls in classes for name in re.findall(r"^ +(\w+): ", cls.__doc__ or "", re.MULTILINE)}
 
 
 def places(target: str, module: str, *, package: bool) -> list[str]:
