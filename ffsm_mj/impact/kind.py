@@ -50,7 +50,7 @@ _COLUMNS = {
     "time_s": ("s", "simulation time"),
     "event": ("", "number of the impact, from 0; contacts at one instant share it"),
     "pair": ("", "name of the pair of geoms that touch"),
-    "geoms_{ab}": ("", "geom of the pair"),
+    "geoms_{ab}": ("", "geom of the pair; the normal points from a to b"),
     "robot_geom": ("", "geom a where the robot touches an object, else empty"),
     "object_geom": ("", "geom b where the robot touches an object, else empty"),
     "manifold": ("", "point, edge or face"),

@@ -46,6 +46,12 @@ _WHOLE = (
     *(
         "phases.0.name=!!int ''",
         "impact_pairs.0=~",
+        "impact_pairs.0.geoms=[a]",
+        "impact_pairs.0.geoms=[[], 3]",
+        "impact_pairs.0.name='7'",
+        "impact_pairs..name=x",
+        "impact_pairs.x.y=3",
+        "phases.a.b.c=x",
         "task=1:2:3",
         "task.target_m.1=0x_",
         "initial.joints.base_x=!!float x",

@@ -140,6 +140,18 @@ def test_at_the_hit_the_arm_touches_its_base(tmp_path):
     np.testing.assert_allclose(hit.normal, data.xmat[base].reshape(3, 3)[:, 1], atol=1e-14)
 
 
+def test_an_arm_that_presses_on_its_own_base_ends_the_run(tmp_path):
+    """The elbow's motor holds the tip on the hull: the bounces die out, and the contact that lasts is named."""
+    law = {"kind": "pd", "joints": ["elbow"], "kp": 4.0, "kd": 2.0, "target": [3.0]}
+    phases = [{"name": "press", "until": "end", "controller": law}]
+    run = ffsm_mj.run(self_hit(tmp_path, restitution=0.3, phases=phases, duration_s=2.0))
+    assert run.outcome == "lasting_contact"
+    assert "robot/hull - robot/tip stays in contact" in run.message
+    assert len(run.impacts) > 2
+    assert [law for law in run.laws() if not law.holds] == []
+    assert np.ptp(run["momentum.total_L_z_N_m_s"]) < 1e-11  # a motor at a joint and the contact are both within the robot
+
+
 def test_one_contact_is_written_once(rng):
     """The map of one contact agrees with every law, for any masses, directions and restitutions up to 1."""
     for _ in range(200):

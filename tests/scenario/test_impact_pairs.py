@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from typing import Any
 
 import pytest
+from jsonschema import Draft202012Validator
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
+from ffsm_mj.scenario.schema import scenario_schema
 from tests.scenes import ARM, CHAIN, self_hit, three_balls
 
 
@@ -93,6 +100,44 @@ def test_a_child_changes_a_pair_by_its_name(tmp_path):
     first, second = prepare(child).scenario.impact_pairs
     assert (first.geoms, first.restitution) == (("left/left", "right/right"), 0.1)
     assert (second.robot_geom, second.restitution, second.super_elastic) == ("ball", 0.8, True)
+
+
+@pytest.mark.parametrize(
+    ("pair", "whole", "child"),
+    [
+        ({"geoms": ["a", "b"]}, True, True),
+        ({"robot_geom": "a", "object_geom": "b", "name": "x"}, True, True),
+        ({"name": "x", "restitution": 0.5}, False, True),
+        ({"robot_geom": "a"}, False, False),
+        ({"geoms": ["a"]}, False, False),
+        ({"geoms": ["a", "b"], "robot_geom": "a", "object_geom": "b"}, False, True),  # nothing or null may take it away
+    ],
+)
+def test_editors_know_both_ways_to_write_a_pair(tmp_path, pair, whole, child):
+    schema = Draft202012Validator(scenario_schema())
+    scenario = json.loads(three_balls(tmp_path, [pair]).read_text())
+    assert schema.is_valid(scenario) == whole
+    assert schema.is_valid({"extends": "baseline", "name": "x", "impact_pairs": [pair]}) == child
+
+
+def test_viewers_are_told_the_pair(tmp_path):
+    """In ``run.mcap`` without this package, in its text and its scene, and in the recording for Rerun."""
+    ffsm_mj.run(three_balls(tmp_path, CHAIN), out=tmp_path / "out")
+    told: dict[str, list[Any]] = {}
+    with open(tmp_path / "out" / "run.mcap", "rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, channel, _, message in reader.iter_decoded_messages(topics=["/ffsm/impact", "/log"]):
+            told.setdefault(channel.topic, []).append(message)
+    assert [(hit.pair, *hit.geoms) for hit in told["/ffsm/impact"]] == [
+        ("ball-left/left", "robot/ball", "left/left"),
+        ("behind", "left/left", "right/right"),
+    ]
+    assert [hit.robot_geom for hit in told["/ffsm/impact"]] == ["robot/ball", ""]
+    (line,) = (line.message for line in told["/log"] if "behind" in line.message)
+    assert line.startswith("impact of behind: 0.81 N s, left/left on right/right, e = 0.5, ")
+    command = [sys.executable, "-m", "rerun", "rrd", "print", "-v", str(tmp_path / "out" / "run.rrd")]
+    recorded = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "/world/impacts/1/behind_1" in recorded
 
 
 def test_what_is_said_of_a_pair(tmp_path, capsys):
