@@ -6,8 +6,9 @@ A long job (many seeds, kill series, runs of thousands of seconds) is a parametr
     @pytest.mark.parametrize("seed", range(300))
     def test_random_pushes(seed): ...
 
-A plain run takes a tenth of the cases of each such test, at least one; long tests of a single case form one group, of which
-it takes a tenth as well. The choice is a fixed one, so that every run of the same tests, on every worker, does the same.
+A plain run takes a tenth of the cases of each such test; of fewer than ten it takes the first, so the shortest stands there.
+Long tests of a single case form one group, of which it takes a tenth as well. The choice is a fixed one: every run of
+the same tests, on every worker, does the same.
 """
 
 from __future__ import annotations
@@ -35,11 +36,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if item.get_closest_marker("long"):
             groups[item.nodeid.partition("[")[0] if hasattr(item, "callspec") else ""].append(item)
-    left_out = {item for group in groups.values() for item in sorted(group, key=_rank)[math.ceil(_SHARE * len(group)) :]}
+    left_out = {item for group in groups.values() for item in _left_out(group)}
     items[:] = [item for item in items if item not in left_out]
     config.hook.pytest_deselected(items=list(left_out))
 
 
+def _left_out(group: list[pytest.Item]) -> list[pytest.Item]:
+    few = len(group) * _SHARE < 1
+    return group[1:] if few else sorted(group, key=_rank)[math.ceil(_SHARE * len(group)) :]
+
+
 def _rank(item: pytest.Item) -> int:
     """A number that looks random and is the same everywhere: adding a case changes little of what is taken."""
-    return crc32(f"{_SEED} {item.nodeid}".encode())
+    return crc32(f"{_SEED} {item.name}".encode())
