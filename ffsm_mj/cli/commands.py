@@ -15,10 +15,10 @@ from ffsm_mj.cli.exit_codes import DAMAGED, OK, VIOLATED
 from ffsm_mj.cli.progress import Report
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.log.run_folder import find_log
+from ffsm_mj.present.comparison_report import comparison_report
 from ffsm_mj.present.output_place import usable_file, usable_folder
 from ffsm_mj.present.text_report import (
     as_json,
-    comparison_report,
     damage_of,
     verification,
     verification_data,

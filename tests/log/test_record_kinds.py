@@ -5,125 +5,28 @@ from __future__ import annotations
 import csv
 import json
 import runpy
-import sys
 from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet
 import pytest
 from mcap.reader import make_reader
-from mcap.records import Message, Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
-from ffsm_mj.analysis.run import Run
 from ffsm_mj.cli.main import main
-from ffsm_mj.contact import regimes
-from ffsm_mj.errors import LogError
-from ffsm_mj.log.mcap.record_format import decode_record, encode_record
 from ffsm_mj.log.memory_sink import MemorySink
-from ffsm_mj.log.model import compile_log
 from ffsm_mj.log.rerun.from_log import write_recording
-from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.present.animation import _pictures
 from ffsm_mj.present.plots import comparison, figures
 from ffsm_mj.present.plots.subject import Subject
-from ffsm_mj.records import kinds as register_of_kinds
-from ffsm_mj.records.kinds import Mark, RecordKind, kinds, register
-from tests.hostile.log_mutations import log, records
+from ffsm_mj.records.kinds import Mark, kinds, register
+from tests.log.grips import FIRST, GRIP, LAST, recorded
 from tests.log.test_recording import read as read_recording
-from tests.scenes import two_balls
 
 ROOT = Path(__file__).parents[2]
-
-
-@dataclass(frozen=True)
-class Grip:
-    """Two geoms hold each other.
-
-    Attributes:
-        time_s: When they begin to.
-        geoms: The two.
-        point_m: Where, in world axes.
-        holds: 1 from there on, 0 for a release.
-        wrench_N: Force and moment by body.
-        words: What was said.
-    """
-
-    time_s: float
-    geoms: tuple[str, ...]
-    point_m: tuple[float, ...]
-    holds: int
-    wrench_N: Mapping[str, tuple[float, ...]]
-    words: Mapping[str, str]
-
-
-def marks(grip):
-    yield Mark(grip.point_m, (0.0, 1.0, 0.0), 0.7, f"{grip.wrench_N['ball'][0]:g} N", "jaw")
-    yield Mark(grip.point_m, text="held" if grip.holds else "released")
-
-
-GRIP = RecordKind(
-    record=Grip,
-    name="grip",
-    plural="grips",
-    when="when something is gripped or released",
-    time=lambda grip: grip.time_s,
-    sentence=lambda grip: f"grip of {' and '.join(grip.geoms)}, holds {grip.holds}",
-    summary=lambda grip: {"time_s": grip.time_s, "geoms": list(grip.geoms), "holds": grip.holds},
-    columns={
-        "time_s": ("s", "when"),
-        "geoms_{ab}": ("", "a geom"),
-        "point_{xyz}_m": ("m", "where"),
-        "holds": ("", "whether"),
-    },
-    lengths={"geoms": 2, "point_m": 3, "wrench_N.ball": 2},
-    marks=lambda grip: list(marks(grip)),
-    state=lambda grip: "held" if grip.holds else "free",
-    warning=lambda grip: not grip.holds,
-)
-FIRST = Grip(0.1, ("ball", "target"), (0.2, 0.05, 0.0), 1, {"ball": (1.5, -2.0)}, {"why": "armed"})
-LAST = replace(FIRST, time_s=0.45, holds=0, words={})
-
-
-@pytest.fixture
-def grips(monkeypatch):
-    """Registered for one test."""
-    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(register_of_kinds._KINDS))
-    register(GRIP)
-
-
-@pytest.fixture(scope="module")
-def plain_run(tmp_path_factory):
-    """A run with one impact, at 0.3 s, that knows no grips."""
-    return ffsm_mj.run(two_balls(tmp_path_factory.mktemp("plain"), duration_s=0.5))
-
-
-def recorded(run, folder, *happened, kinds=("grip",)):
-    """The same run with other records, passed to the sinks of a run folder as the loop does; from memory and from disk."""
-    header, rows, time = replace(run.log.header, kinds=kinds), run.log.rows, run.time
-    place, memory = RunFolder(folder), MemorySink()
-    sinks = [memory, *place.sinks(header, compile_log(run.log), with_rerun=True, view_rate_hz=50.0)]
-    for sink in sinks:
-        sink.open(header)
-    begun = 0
-    for event in sorted((*run.log.events(), *happened), key=lambda event: register_of_kinds.kind_of(event).time(event)):
-        end = int(np.searchsorted(time, register_of_kinds.kind_of(event).time(event), side="right"))
-        for sink in sinks:
-            if end > begun:
-                sink.rows(rows[begun:end])
-            sink.event(event)
-            sink.flush()
-        begun = max(begun, end)
-    for sink in sinks:
-        sink.rows(rows[begun:])
-        sink.close(run.log.outcome)
-    found = Run(memory.log())
-    place.write_summary(found.summary())
-    return found, ffsm_mj.load_run(folder)
 
 
 def messages(path):
@@ -253,98 +156,6 @@ def test_the_log_reference_explains_it():
     assert "| `/scene/grips` | `foxglove.SceneUpdate` | with `/ffsm/grip` |" in page
     assert "## /ffsm/grip\n" in page
     assert "| `point_m` | double[] | m | Where, in world axes. |" in page
-
-
-def test_a_log_with_a_kind_that_is_not_known_here_is_read_with_a_note(plain_run, tmp_path, capsys, monkeypatch):
-    known = dict(register_of_kinds._KINDS)
-    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
-    register(GRIP)
-    recorded(plain_run, tmp_path / "out", FIRST, LAST)
-    monkeypatch.setattr(register_of_kinds, "_KINDS", known)
-    read = ffsm_mj.load_run(tmp_path / "out")
-    assert read.note == "/ffsm/grip: not read, no such kind of record is known here"
-    assert (read.impacts, read.damage, "grips" in read.records) == (plain_run.impacts, "", False)
-    np.testing.assert_array_equal(read.log.rows, plain_run.log.rows)
-    assert main(["analyze", str(tmp_path / "out")]) == 0
-    assert f"\nnote: {read.note}\n" in capsys.readouterr().out
-    assert main(["analyze", str(tmp_path / "out"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["note"] == read.note
-    assert main(["export", str(tmp_path / "out"), "--csv", "--table", "phases"]) == 0
-    assert f"note: {read.note}" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("broken", [False, True])
-def test_a_package_that_is_installed_is_asked(plain_run, tmp_path, monkeypatch, broken):
-    """``ffsm analyze`` of a log in a process that ran nothing; a package that cannot be imported harms nobody."""
-    known = dict(register_of_kinds._KINDS)
-    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
-    register(GRIP)
-    recorded(plain_run, tmp_path / "out", FIRST, LAST)
-    monkeypatch.setattr(register_of_kinds, "_KINDS", known)
-    monkeypatch.setattr(regimes, "_REGISTERED", {})
-    package = tmp_path / "package"
-    (package / "grips-1.0.dist-info").mkdir(parents=True)
-    (package / "grips-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: grips\nVersion: 1.0\n")
-    (package / "grips-1.0.dist-info" / "entry_points.txt").write_text(f"[{regimes.GROUP}]\ngripper = grips:Gripper\n")
-    (package / "grips.py").write_text(
-        "import nothing_of_that_name"
-        if broken
-        else "from ffsm_mj.contact.regimes import Regime\nfrom tests.log.test_record_kinds import GRIP\n"
-        "class Gripper(Regime):\n    kind = 'gripper'\n    records = (GRIP,)\n"
-    )
-    monkeypatch.syspath_prepend(package)
-    monkeypatch.delitem(sys.modules, "grips", raising=False)
-    read = ffsm_mj.load_run(tmp_path / "out")
-    assert read.records.get("grips", ()) == (() if broken else (FIRST, LAST))
-    assert bool(read.note) == broken
-
-
-def test_a_kind_of_the_same_name_with_other_fields_is_not_known(plain_run, tmp_path, monkeypatch):
-    """The next version of somebody's regime, or another one's: its numbers would be read as something else."""
-    known = dict(register_of_kinds._KINDS)
-    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
-    register(GRIP)
-    recorded(plain_run, tmp_path / "out", FIRST, LAST)
-
-    @dataclass(frozen=True)
-    class Grip:
-        time_s: float
-        force_N: float
-
-    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
-    register(replace(GRIP, record=Grip, columns={"force_N": ("N", "force")}, lengths={}))
-    read = ffsm_mj.load_run(tmp_path / "out")
-    assert read.note == "/ffsm/grip: not read, no such kind of record is known here"
-    assert "grips" not in read.summary()
-
-
-def test_impacts_of_another_version_are_refused(plain_run, tmp_path):
-    """A note would leave the impacts unverified."""
-    recorded(plain_run, tmp_path / "out", kinds=())
-    found = [
-        replace(record, data=record.data.replace(b"restitution", b"restitutiom")) if isinstance(record, Schema) else record
-        for record in records((tmp_path / "out" / "run.mcap").read_bytes())
-    ]
-    (tmp_path / "x.mcap").write_bytes(log(found))
-    with pytest.raises(LogError, match=r"not of this version's format .the schema of /ffsm/impact is another"):
-        ffsm_mj.load_run(tmp_path / "x.mcap")
-
-
-@pytest.mark.usefixtures("grips")
-def test_a_record_that_was_tampered_with_is_refused(plain_run, tmp_path):
-    """Vectors that are none, text for a table's second geom that is not there, an entry that marks need."""
-    _, read = recorded(plain_run, tmp_path / "out", FIRST)
-    whole = encode_record(FIRST)
-    for change in ({"point_m": (1.0,)}, {"geoms": ("ball",)}, {"wrench_N": {}}):
-        short = encode_record(replace(FIRST, **change))
-        found = [
-            replace(record, data=short) if isinstance(record, Message) and record.data == whole else record
-            for record in records(read.path.read_bytes())
-        ]
-        (tmp_path / "x.mcap").write_bytes(log(found))
-        with pytest.raises(LogError, match=rf"{next(iter(change))}.* of grip has . values, not"):
-            ffsm_mj.load_run(tmp_path / "x.mcap")
-    assert decode_record(GRIP, whole) == FIRST
 
 
 @pytest.mark.usefixtures("grips")

@@ -1,0 +1,89 @@
+"""A kind of record that exists in tests only, and what passes it through all sinks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import ffsm_mj
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.log.memory_sink import MemorySink
+from ffsm_mj.log.model import compile_log
+from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.records import kinds as register_of_kinds
+from ffsm_mj.records.kinds import Mark, RecordKind
+
+
+@dataclass(frozen=True)
+class Grip:
+    """Two geoms hold each other.
+
+    Attributes:
+        time_s: When they begin to.
+        geoms: The two.
+        point_m: Where, in world axes.
+        holds: 1 from there on, 0 for a release.
+        wrench_N: Force and moment by body.
+        words: What was said.
+    """
+
+    time_s: float
+    geoms: tuple[str, ...]
+    point_m: tuple[float, ...]
+    holds: int
+    wrench_N: Mapping[str, tuple[float, ...]]
+    words: Mapping[str, str]
+
+
+def marks(grip):
+    yield Mark(grip.point_m, (0.0, 1.0, 0.0), 0.7, f"{grip.wrench_N['ball'][0]:g} N", "jaw")
+    yield Mark(grip.point_m, text="held" if grip.holds else "released")
+
+
+GRIP = RecordKind(
+    record=Grip,
+    name="grip",
+    plural="grips",
+    when="when something is gripped or released",
+    time=lambda grip: grip.time_s,
+    sentence=lambda grip: f"grip of {' and '.join(grip.geoms)}, holds {grip.holds}",
+    summary=lambda grip: {"time_s": grip.time_s, "geoms": list(grip.geoms), "holds": grip.holds},
+    columns={
+        "time_s": ("s", "when"),
+        "geoms_{ab}": ("", "a geom"),
+        "point_{xyz}_m": ("m", "where"),
+        "holds": ("", "whether"),
+    },
+    lengths={"geoms": 2, "point_m": 3, "wrench_N.ball": 2},
+    marks=lambda grip: list(marks(grip)),
+    state=lambda grip: "held" if grip.holds else "free",
+    warning=lambda grip: not grip.holds,
+)
+FIRST = Grip(0.1, ("ball", "target"), (0.2, 0.05, 0.0), 1, {"ball": (1.5, -2.0)}, {"why": "armed"})
+LAST = replace(FIRST, time_s=0.45, holds=0, words={})
+
+
+def recorded(run, folder, *happened, kinds=("grip",)):
+    """The same run with other records, passed to the sinks of a run folder as the loop does; from memory and from disk."""
+    header, rows, time = replace(run.log.header, kinds=kinds), run.log.rows, run.time
+    place, memory = RunFolder(folder), MemorySink()
+    sinks = [memory, *place.sinks(header, compile_log(run.log), with_rerun=True, view_rate_hz=50.0)]
+    for sink in sinks:
+        sink.open(header)
+    begun = 0
+    for event in sorted((*run.log.events(), *happened), key=lambda event: register_of_kinds.kind_of(event).time(event)):
+        end = int(np.searchsorted(time, register_of_kinds.kind_of(event).time(event), side="right"))
+        for sink in sinks:
+            if end > begun:
+                sink.rows(rows[begun:end])
+            sink.event(event)
+            sink.flush()
+        begun = max(begun, end)
+    for sink in sinks:
+        sink.rows(rows[begun:])
+        sink.close(run.log.outcome)
+    found = Run(memory.log())
+    place.write_summary(found.summary())
+    return found, ffsm_mj.load_run(folder)

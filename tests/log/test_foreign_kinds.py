@@ -1,0 +1,113 @@
+"""Logs with records that are not known here, in another version, or tampered with."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from mcap.records import Message, Schema
+
+import ffsm_mj
+from ffsm_mj.cli.main import main
+from ffsm_mj.contact import regimes
+from ffsm_mj.errors import LogError
+from ffsm_mj.log.mcap.record_format import decode_record, encode_record
+from ffsm_mj.records import kinds as register_of_kinds
+from ffsm_mj.records.kinds import register
+from tests.hostile.log_mutations import log, records
+from tests.log.grips import FIRST, GRIP, LAST, recorded
+
+
+def test_a_log_with_a_kind_that_is_not_known_here_is_read_with_a_note(plain_run, tmp_path, capsys, monkeypatch):
+    known = dict(register_of_kinds._KINDS)
+    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    register(GRIP)
+    recorded(plain_run, tmp_path / "out", FIRST, LAST)
+    monkeypatch.setattr(register_of_kinds, "_KINDS", known)
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert read.note == "/ffsm/grip: not read, no such kind of record is known here"
+    assert (read.impacts, read.damage, "grips" in read.records) == (plain_run.impacts, "", False)
+    np.testing.assert_array_equal(read.log.rows, plain_run.log.rows)
+    assert main(["analyze", str(tmp_path / "out")]) == 0
+    assert f"\nnote: {read.note}\n" in capsys.readouterr().out
+    assert main(["analyze", str(tmp_path / "out"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["note"] == read.note
+    assert main(["export", str(tmp_path / "out"), "--csv", "--table", "phases"]) == 0
+    assert f"note: {read.note}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_a_package_that_is_installed_is_asked(plain_run, tmp_path, monkeypatch, broken):
+    """``ffsm analyze`` of a log in a process that ran nothing; a package that cannot be imported harms nobody."""
+    known = dict(register_of_kinds._KINDS)
+    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    register(GRIP)
+    recorded(plain_run, tmp_path / "out", FIRST, LAST)
+    monkeypatch.setattr(register_of_kinds, "_KINDS", known)
+    monkeypatch.setattr(regimes, "_REGISTERED", {})
+    package = tmp_path / "package"
+    (package / "grips-1.0.dist-info").mkdir(parents=True)
+    (package / "grips-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: grips\nVersion: 1.0\n")
+    (package / "grips-1.0.dist-info" / "entry_points.txt").write_text(f"[{regimes.GROUP}]\ngripper = grips:Gripper\n")
+    (package / "grips.py").write_text(
+        "import nothing_of_that_name"
+        if broken
+        else "from ffsm_mj.contact.regimes import Regime\nfrom tests.log.grips import GRIP\n"
+        "class Gripper(Regime):\n    kind = 'gripper'\n    records = (GRIP,)\n"
+    )
+    monkeypatch.syspath_prepend(package)
+    monkeypatch.delitem(sys.modules, "grips", raising=False)
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert read.records.get("grips", ()) == (() if broken else (FIRST, LAST))
+    assert bool(read.note) == broken
+
+
+def test_a_kind_of_the_same_name_with_other_fields_is_not_known(plain_run, tmp_path, monkeypatch):
+    """The next version of somebody's regime, or another one's: its numbers would be read as something else."""
+    known = dict(register_of_kinds._KINDS)
+    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    register(GRIP)
+    recorded(plain_run, tmp_path / "out", FIRST, LAST)
+
+    @dataclass(frozen=True)
+    class Grip:
+        time_s: float
+        force_N: float
+
+    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    register(replace(GRIP, record=Grip, columns={"force_N": ("N", "force")}, lengths={}))
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert read.note == "/ffsm/grip: not read, no such kind of record is known here"
+    assert "grips" not in read.summary()
+
+
+def test_impacts_of_another_version_are_refused(plain_run, tmp_path):
+    """A note would leave the impacts unverified."""
+    recorded(plain_run, tmp_path / "out", kinds=())
+    found = [
+        replace(record, data=record.data.replace(b"restitution", b"restitutiom")) if isinstance(record, Schema) else record
+        for record in records((tmp_path / "out" / "run.mcap").read_bytes())
+    ]
+    (tmp_path / "x.mcap").write_bytes(log(found))
+    with pytest.raises(LogError, match=r"not of this version's format .the schema of /ffsm/impact is another"):
+        ffsm_mj.load_run(tmp_path / "x.mcap")
+
+
+@pytest.mark.usefixtures("grips")
+def test_a_record_that_was_tampered_with_is_refused(plain_run, tmp_path):
+    """Vectors that are none, text for a table's second geom that is not there, an entry that marks need."""
+    _, read = recorded(plain_run, tmp_path / "out", FIRST)
+    whole = encode_record(FIRST)
+    for change in ({"point_m": (1.0,)}, {"geoms": ("ball",)}, {"wrench_N": {}}):
+        short = encode_record(replace(FIRST, **change))
+        found = [
+            replace(record, data=short) if isinstance(record, Message) and record.data == whole else record
+            for record in records(read.path.read_bytes())
+        ]
+        (tmp_path / "x.mcap").write_bytes(log(found))
+        with pytest.raises(LogError, match=rf"{next(iter(change))}.* of grip has . values, not"):
+            ffsm_mj.load_run(tmp_path / "x.mcap")
+    assert decode_record(GRIP, whole) == FIRST
