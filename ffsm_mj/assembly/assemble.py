@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from ffsm_controllers import kinds
@@ -15,7 +15,7 @@ from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_mj.assembly.column_faults import refuse_same_names, refuse_telemetry
 from ffsm_mj.assembly.impact_pairs import impact_pairs, known_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
-from ffsm_mj.assembly.regimes import impacts_of
+from ffsm_mj.assembly.regimes import declared_regimes, impacts_of
 from ffsm_mj.assembly.run_size import too_large
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair
@@ -30,13 +30,21 @@ from ffsm_mj.motion.motion import Motion
 from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.plant.state import StateReport
-from ffsm_mj.records.columns import Row
+from ffsm_mj.records.columns import Columns, Row
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import kind_named
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 
 _AXES = {"x": 0, "y": 1, "z": 2}
+
+
+class _Reports(Protocol):
+    """A part of a run that rows tell of."""
+
+    @property
+    def columns(self) -> Sequence[Columns]:
+        """What it reports."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +56,7 @@ class Assembly:
         system: Robot and objects.
         data: Initial state, all derived quantities current.
         pairs: Impact pairs.
-        known_pairs: Geom pairs that need no watching: impact pairs and ignored ones.
+        known_pairs: Geom pairs that need no watching: those of the regimes, and ignored ones.
         course: What moves, and the contact regimes that watch it.
         ledger: The books.
         actuation: Plant limits.
@@ -88,20 +96,23 @@ def assemble(scenario: Scenario, source: YamlSource, system: System) -> Assembly
         pairs = impact_pairs(scenario, system)
         known = known_pairs(scenario, system, pairs)
         refuse_undetectable(system, data, pairs)
-        regimes = (impacts_of(scenario, Scene(system, data), pairs),)
+        scene = Scene(system, data)
+        regimes = (impacts_of(scenario, scene, pairs), *declared_regimes(scenario, scene))
         course = Course(Motion(system.mj, data), regimes)
         actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
         controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s))
         ledger = Ledger(system, data, course.motion.momentum, notes=BLOCK_ROWS)
         state = StateReport(system, data, task.tip_site if task is not None else None)
-        columns = [column for part in (state, ledger, *regimes, actuation, controller) for column in part.columns]
+        parts: tuple[_Reports, ...] = (state, ledger, *regimes, actuation, controller)
+        columns = [column for part in parts for column in part.columns]
         refuse_same_names(columns, system)
         row = Row(columns)
         if fault := too_large(scenario.ticks, len(row.layout.signals), scenario.log.max_size_GB):
             raise ScenarioFaults([Fault(fault, ("duration_s",))])
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
+    known = known.union(*(regime.watched for regime in regimes))
     return Assembly(scenario, system, data, pairs, known, course, ledger, actuation, controller, task, state, row)
 
 

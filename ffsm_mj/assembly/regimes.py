@@ -1,9 +1,10 @@
-"""The contact regimes of a run."""
+"""The contact regimes of a run: the impact first, then those that the scenario declares."""
 
 from __future__ import annotations
 
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.regimes import Scene
+from ffsm_mj.contact.regimes import Regime, Scene, regime_of
+from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.impact.regime import ImpactRules, Impacts
 from ffsm_mj.impact.resting import RestRule
 from ffsm_mj.scenario.scenario import Scenario
@@ -19,3 +20,28 @@ def impacts_of(scenario: Scenario, scene: Scene, pairs: tuple[ContactPair, ...])
         stop_on_impact=scenario.stop_on_impact,
     )
     return Impacts(scene, pairs, rules)
+
+
+def declared_regimes(scenario: Scenario, scene: Scene) -> tuple[Regime, ...]:
+    """The regimes that a scenario declares, in its order.
+
+    Raises:
+        ScenarioFaults: One cannot be made of what is declared: a geom that there is not.
+    """
+    made: list[Regime] = []
+    faults: list[Fault] = []
+    for i, config in enumerate(scenario.regimes):
+        try:
+            made.append(regime_of(config.kind)(config, scene))
+        except ScenarioFaults as error:
+            faults += [Fault(fault.message, ("regimes", i, *fault.path)) for fault in error.faults]
+        except LookupError as error:
+            faults.append(Fault(str(error.args[0]), ("regimes", i)))
+    if faults:
+        raise ScenarioFaults(faults)
+    return tuple(made)
+
+
+def record_kinds(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the kinds of record that the declared regimes may leave."""
+    return tuple(dict.fromkeys(kind.name for config in scenario.regimes for kind in regime_of(config.kind).records))

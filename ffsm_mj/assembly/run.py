@@ -16,6 +16,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
+from ffsm_mj.assembly.regimes import record_kinds
 from ffsm_mj.assembly.run_size import refuse_without_room
 from ffsm_mj.assembly.source_date import source_date
 from ffsm_mj.contact.watch import ContactWatch
@@ -64,7 +65,7 @@ def simulate(
     clock = source_date()  # one that is malformed is refused before there is a folder
     refuse_without_room(config.ticks, len(layout.signals), folder.path if folder is not None else None)
     files = {logged_name(model, n): data for model, each in system.files.items() for n, data in each.files.items()}
-    header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly))
+    header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly), record_kinds(config))
     memory, digested = MemorySink(keep_rows=folder is None), DigestSink()
     sinks: list[Sink] = [memory, digested]
     if folder is not None:

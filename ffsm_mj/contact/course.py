@@ -44,7 +44,7 @@ class Course:
     def restart(self) -> None:
         """Look again after something changed at one instant: velocities, who is active, what moves."""
         self._active = [regime for regime in self.regimes if regime.active]
-        self.motion.push_with([regime.push for regime in self._active])
+        self.motion.push_with([regime.push for regime in self._active if regime.pushes])
         for regime in self.regimes:
             regime.restart()
         self.motion.flight.clear(self._horizon())

@@ -75,7 +75,8 @@ class Regime:
         requests: Names in a command that it hears.
         columns: Columns of the log that it owns.
         watched: Pairs of geom ids that it takes care of; others are reported when they overlap.
-        active: Its wrenches take part in the smooth motion.
+        active: It acts on the motion: its steps are booked.
+        pushes: While it is active, its wrenches take part in the stages of each step.
         horizon: Way (:class:`~ffsm_mj.motion.flight.Flight`) since the last restart before which nothing can happen.
         scene: What it was built for.
         motion: What moves now.
@@ -88,11 +89,21 @@ class Regime:
     columns: Sequence[Columns] = ()
     watched: frozenset[frozenset[int]] = frozenset()
     active = False
+    pushes: ClassVar[bool] = True
     horizon = math.inf
     motion: Motion
 
-    def __init__(self, scene: Scene) -> None:
-        """Watch a scene from its state on."""
+    def __init__(self, config: Any, scene: Scene) -> None:
+        """Watch a scene from its state on.
+
+        Args:
+            config: What the scenario says of it.
+            scene: What it is built for.
+
+        Raises:
+            ScenarioFaults: The scene has not what the scenario names; paths are those of ``config``.
+            LookupError: The same, without a path.
+        """
         self.scene = scene
 
     def restart(self) -> None:
@@ -122,7 +133,7 @@ class Regime:
         return None
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:
-        """What it puts on which bodies while it is active; positions and velocities in ``data`` are current."""
+        """What it puts on which bodies of the system while it pushes; positions and velocities in ``data`` are current."""
         return ()
 
     def begin_step(self) -> None:

@@ -51,9 +51,6 @@ def impact_records(
 ) -> tuple[ImpactRecord, ...]:
     """What the log says of an impact: one record per contact."""
 
-    def by_joint(qvel: Any) -> dict[str, tuple[float, ...]]:
-        return {name: tuple(float(x) for x in qvel[joint.dofs]) for name, joint in system.joints.items()}
-
     def by_party(values: Any) -> dict[str, tuple[float, ...]]:
         return {party: (float(value),) for party, value in zip(("total", "robot", "objects"), values, strict=True)}
 
@@ -84,8 +81,8 @@ def impact_records(
                 angular_impulse_N_m_s=tuple(np.cross(arm, vector).tolist()),
                 gap_m=near.gap,
                 qpos=tuple(data.qpos.tolist()),
-                qvel_before=by_joint(impact.before.qvel),
-                qvel_after=by_joint(impact.after.qvel),
+                qvel_before=system.by_joint(impact.before.qvel),
+                qvel_after=system.by_joint(impact.after.qvel),
                 energy_before_J=by_party(energies[0]),
                 energy_after_J=by_party(energies[1]),
                 momentum_before={"total": tuple(impact.before.momentum.tolist())},

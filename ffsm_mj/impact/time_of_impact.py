@@ -54,7 +54,7 @@ class Detector(Regime):
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
         """Watch pairs by the state of a scene."""
-        super().__init__(scene)
+        super().__init__(None, scene)
         model, data = self._model, self._data = scene.system.mj, scene.data
         self._pairs = tuple(pairs)
         self._reach = [pair.reach_per_root_energy(model, data) for pair in self._pairs]

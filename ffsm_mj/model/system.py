@@ -16,6 +16,7 @@ from warnings import catch_warnings
 import mujoco
 import numpy as np
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model.conservative import authored_integrator, element_place, model_faults, spec_faults
 from ffsm_mj.model.files import ModelFiles
@@ -142,6 +143,10 @@ class System:
             LookupError: See :meth:`resolve`.
         """
         return self.joints[self.resolve("joint", name)]
+
+    def by_joint(self, qvel: FloatArray) -> dict[str, tuple[float, ...]]:
+        """Generalised velocities (nv,) by joint."""
+        return {name: tuple(qvel[joint.dofs].tolist()) for name, joint in self.joints.items()}
 
     def tree_of_body(self, body: int) -> Tree | None:
         """Tree that a body belongs to, or None for the world."""

@@ -31,7 +31,7 @@ class Motion:
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
         self.bodies: Sequence[int] = range(model.nbody)
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
-        self._free = self.flight = fastest(Flight)(model, data, self.path.start, self.momentum)
+        self._unpushed = self.flight = fastest(Flight)(model, data, self.path.start, self.momentum)
         self._pushes: list[Push] = []
 
     def push_with(self, pushes: Sequence[Push]) -> None:
@@ -44,7 +44,7 @@ class Motion:
             self.flight, self.path.integrate = pushed, pushed.integrate
             pushed.refresh()
         else:
-            self.flight, self.path.integrate = self._free, self._free_integrate
+            self.flight, self.path.integrate = self._unpushed, self._free_integrate
             release(self.model, self.data)
 
     def follow(self) -> None:

@@ -1,0 +1,1 @@
+"""Contact regimes that exist in tests only."""
