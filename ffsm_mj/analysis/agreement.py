@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.signals import Layout, unit_of
 
 AGREES = 1e-10
@@ -99,11 +98,11 @@ class Agreement:
         signal, time = layout.signals[columns[place]], float(logged[row, layout.time])
         self.keep(Difference(signal.key, float(size[row, place]), float(allowed[row, place]), signal.unit, time))
 
-    def impact(self, logged: ImpactRecord, again: ImpactRecord) -> None:
-        """Compare all fields of a contact."""
-        for each in fields(ImpactRecord):
+    def record(self, event: str, logged: Any, again: Any) -> None:
+        """Compare all fields of a record of an event."""
+        for each in fields(logged):
             given, known = getattr(logged, each.name), getattr(again, each.name)
-            name = f"impact {logged.event + 1} {each.name}"
+            name = f"{event} {each.name}"
             if _is_text(known):
                 self.keep(Difference(name, 0.0 if given == known else math.inf, AGREES, "", logged.time_s))
                 continue

@@ -98,7 +98,15 @@ class Course:
         motion.flight.clear(self._horizon())
         return first
 
+    def fly(self, duration_s: float) -> None:
+        """Integrate for a time, whatever happens on the way."""
+        for regime in self._active:
+            regime.begin_step()
+        self.motion.step(duration_s)
+
     def bookings(self, duration_s: float) -> list[Booking]:
         """What the wrenches of the active regimes did in the (sub-)step that has ended."""
+        if duration_s <= 0.0:
+            return []  # a regime acted before the step began
         done = (regime.end_step(duration_s) for regime in self._active)
         return [booking for booking in done if booking is not None]

@@ -151,8 +151,13 @@ class Regime:
     def hear(self, request: str) -> None:
         """A controller asked for something that it knows of; it may be due at once."""
 
-    def take_up(self) -> None:
-        """Be as its columns say, at the state in ``data``: ``analyze`` begins here, and flies on."""
+    def take_up(self) -> Motion | None:
+        """Be as its columns say, at the state in ``data``: ``analyze`` flies on from here.
+
+        Returns:
+            What moves from here on; None: the system itself.
+        """
+        return None
 
     def names(self) -> str:
         """The contacts that it acts on now, for a person."""

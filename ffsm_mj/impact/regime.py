@@ -54,19 +54,19 @@ class Impacts(Detector):
         system, data, time_s = self.scene.system, self.scene.data, instant.time_s
         touching = self.contacts()
         try:
-            impact = self._resolve(touching)
+            impact = self.resolve(touching)
         except (UnsupportedContactError, ValueError) as error:
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"at t = {time_s:.6g} s: {error} ({self.names()})") from error
         self._refuse_lasting(touching, impact, time_s)
         if not any(near.approaches for _, near in touching):
             return None  # a root at rounding level: what comes next decides
-        impact = self._apply(touching, impact)
+        impact = self.apply(touching, impact)
         energies = party_energies(system, data, impact)
         records = impact_records(system, data, touching, impact, energies, self._impacts, instant.step, time_s)
         self._impacts += 1
         return Effect(records, Booking(energies[1] - energies[0], contact_wrench(system, impact)), end=self._end())
 
-    def _resolve(self, touching: Touching) -> Impact:
+    def resolve(self, touching: Touching) -> Impact:
         """The impact in the coordinates of what moves."""
         bodies = self.motion.bodies
         contacts = [
@@ -75,7 +75,7 @@ class Impacts(Detector):
         ]
         return resolve(self.motion.model, self.motion.data, contacts, self._rules.law)
 
-    def _apply(self, touching: Touching, impact: Impact) -> Impact:
+    def apply(self, touching: Touching, impact: Impact) -> Impact:
         """Give what moves its velocities after; returns the impact in the coordinates of the system."""
         motion, data = self.motion, self.scene.data
         before = np.array(data.qvel)

@@ -11,19 +11,23 @@ import numpy.typing as npt
 
 from ffsm_mj.analysis.agreement import Agreement, scales
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.compiled import fastest
+from ffsm_mj.assembly.regimes import declared_regimes, impacts_of
+from ffsm_mj.contact.course import Course
+from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.log.sampling import BETWEEN, NOWHERE
-from ffsm_mj.motion.flight import WHOLE_STATE, Flight
+from ffsm_mj.motion.motion import Motion
 from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.plant.state import StateReport
 from ffsm_mj.records.columns import Columns, Row, same_names
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout, coordinate_keys, rate_keys
-from ffsm_mj.recount.impact_check import Encounter, ImpactCheck
+from ffsm_mj.recount.encounters import Encounter, Encounters
+from ffsm_mj.recount.impact_check import ImpactCheck
+from ffsm_mj.recount.regime_check import RegimeCheck
 from ffsm_mj.recount.scene import LogScene
 from ffsm_mj.simulation.rows import RowWriter
 
@@ -60,15 +64,18 @@ class Retrace:
         self._step_s, self._steps, self._last_tick = scenario.time_step_s, scenario.steps_per_tick, scenario.ticks
         self._period_s = self._step_s * self._steps
         mujoco.mj_forward(model, self._data)
-        momentum, state = np.empty(model.nv), np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
-        self._flight = fastest(Flight)(model, self._data, state, momentum)
-        self._ledger = Ledger(scene.system, self._data, momentum, notes=BLOCK_ROWS)
+        self._scene, self._free = Scene(scene.system, self._data), Motion(model, self._data)
+        self._impacts = impacts_of(scenario, self._scene, scene.pairs)
+        self._course = Course(self._free, (self._impacts, *declared_regimes(scenario, self._scene)))
+        self._ledger = Ledger(scene.system, self._data, self._free.momentum, notes=BLOCK_ROWS)
         self.free = self._ledger.free
         self._actuation, self._command = scene.actuation, Command.off(int(model.nu))
         self._again = np.zeros((BLOCK_ROWS, len(log.header.layout.keys)))
         self._flown = np.zeros((BLOCK_ROWS, model.nq + model.nv))
         self.motion, self.columns, self.impacts = Agreement(), Agreement(), Agreement()
-        self._check = ImpactCheck(scene, self._data, log.impacts, self.impacts)
+        self._impact_check = ImpactCheck(self._scene, scene.pairs, self._impacts, self.impacts)
+        self._events = Encounters(scene.system, log, self._step_s, self.impacts, self._impact_check.fault_of)
+        self._regime_check = RegimeCheck(self._course, self._events, self.impacts)
         self._find_columns(scene, log.header.layout)
         self._tick: int | None = None
         self._noted = 0
@@ -81,8 +88,8 @@ class Retrace:
             InputError: The columns of the log are not those of its models.
         """
         state = StateReport(scene.system, self._data, scene.task.tip_site if scene.task else None)
-        parts = state, self._ledger, self._check.detector, self._actuation
-        known = [columns for part in parts for columns in part.columns]
+        regimes = [columns for regime in self._course.regimes for columns in regime.columns]
+        known = [*state.columns, *self._ledger.columns, *regimes, *self._actuation.columns]
         # What only a controller knows is taken over from the log.
         told = tuple(signal for signal in layout.signals if signal.group in ("controller", "phase"))
         self._told, self._telling = layout.places(signal.key for signal in told), np.zeros(len(told))
@@ -114,7 +121,7 @@ class Retrace:
             first = self._tick * self._steps
             for step in range(first, first + self._steps):
                 self._through(step)
-                if not self._check.pending:
+                if not self._events.pending:
                     return
                 self._fly(self._left)
 
@@ -163,9 +170,12 @@ class Retrace:
         """Begin at a sample: the first, or the first behind a gap, whose books the log must be believed."""
         lines = self._lines
         self._put(lines.states[line])
-        self._check.skip_to(tick * self._steps)
+        self._events.skip_to(tick * self._steps)
         for resume, places in self._resume:
             resume(lines.rows[line, places] if tick else np.zeros(len(places)))
+        if tick:
+            moving = [motion for regime in self._course.regimes if (motion := regime.take_up()) is not None]
+            self._course.bind(moving[0] if moving else self._free)
         if not tick:
             self._decide(line, time_s)
             return
@@ -191,7 +201,7 @@ class Retrace:
     def _through(self, step: int, until_s: float = math.inf) -> bool:
         """Fly through the impacts in a step, and say whether one at a given time was met; ``_left`` is left of the step."""
         self._left = self._step_s
-        for event in self._check.within(step):
+        for event in self._events.within(step):
             left = (step + 1) * self._step_s - event.time_s
             self._meet(event, self._arrive(self._left - left, event.state))
             self._left = left
@@ -200,24 +210,37 @@ class Retrace:
         return False
 
     def _meet(self, event: Encounter, flown: FloatArray) -> None:
-        self._check.meet(event, flown, self._ledger)
+        self._events.compare_state(event, flown)
+        if event.kind == "impact":
+            self._impact_check.meet(event, self._events, self._ledger)
+        else:
+            self._regime_check.meet(event, self._ledger)
         self._put(event.state_after)
+        self._course.restart()
         # Where the run ended with an impact nobody decided anew, or a control law failed: those efforts never acted.
-        if self._check.pending or not self._ending:
-            self._check.efforts(event, self._actuation)
+        if self._events.pending or not self._ending:
+            self._let_act(event)
+
+    def _let_act(self, event: Encounter) -> None:
+        """Let the efforts act that were decided at an event, and look whether the limits allow them."""
+        actuation = self._actuation
+        actuation.hold(event.efforts, self._data, event.time_s)
+        name = f"{event.name} efforts_after"
+        self.impacts.vector(name, event.efforts, actuation.applied.copy(), actuation.applied, "", event.time_s)
+        self._data.ctrl[:] = event.efforts / actuation.gear
 
     def _fly(self, duration_s: float) -> None:
         """Fly on with the efforts held, and book the flight; nothing is flown where the duration is not positive."""
         if duration_s > 0.0:
             self._ledger.open()
-            self._move(duration_s)
+            self._course.fly(duration_s)
             self._book(duration_s)
 
     def _arrive(self, duration_s: float, state: FloatArray) -> FloatArray:
         """Fly to a logged state, which is what is booked; gives the state at the end of the flight."""
         if duration_s > 0.0:
             self._ledger.open()
-            self._move(duration_s)
+            self._course.fly(duration_s)
         flown = np.concatenate((self._data.qpos, self._data.qvel))
         if flown.tobytes() != state.tobytes():
             self._put(state)
@@ -225,17 +248,11 @@ class Retrace:
             self._book(duration_s)
         return flown
 
-    def _move(self, duration_s: float) -> None:
-        if duration_s == self._step_s:
-            self._flight.step(duration_s)
-            return
-        self._model.opt.timestep = duration_s
-        self._flight.step(duration_s)
-        self._model.opt.timestep = self._step_s
-
     def _book(self, duration_s: float) -> None:
-        self._check.detector.note_overlap()
+        self._impacts.note_overlap()
         self._ledger.close(duration_s)
+        for booking in self._course.bookings(duration_s):
+            self._ledger.book(*booking)
         self._actuation.elapse(duration_s)
 
     def _put(self, state: FloatArray) -> None:
@@ -244,7 +261,7 @@ class Retrace:
         if not np.isfinite(self._data.qacc_warmstart).all():  # a flight with absurd efforts leaves that behind
             self._data.qacc_warmstart.fill(0.0)
         mujoco.mj_forward(self._model, self._data)
-        self._flight.clear(math.inf)
+        self._course.motion.flight.clear(math.inf)
 
     def _compare(self, block: FloatArray, again: FloatArray, flown: FloatArray) -> None:
         nq = self._model.nq

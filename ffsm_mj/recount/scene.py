@@ -16,7 +16,7 @@ from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.model.system import System
 from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.scenario.scenario import Scenario, timing_faults
+from ffsm_mj.scenario.scenario import Scenario, timing_faults, with_regimes
 
 _NO_LAW = [{"name": "any", "until": "end", "controller": {"kind": "off"}}]
 
@@ -59,10 +59,12 @@ def _scenario(log: RunLog) -> Scenario:
         InputError: It is none of this version.
     """
     try:
-        scenario = Scenario.model_validate(scenario_data(log) | {"phases": _NO_LAW})
+        scenario = with_regimes(Scenario.model_validate(scenario_data(log) | {"phases": _NO_LAW}))
     except ValidationError as error:
         keys = ", ".join(sorted({".".join(map(str, fault["loc"])) for fault in error.errors()}))
         raise InputError(f"the scenario in the log is not of this version ({keys})") from error
+    except ScenarioFaults as error:
+        raise InputError([f"the scenario in the log: {fault.message}" for fault in error.faults]) from error
     for fault in timing_faults(scenario):
         raise InputError(f"the scenario in the log: {'.'.join(map(str, fault.path))} {fault.message}")
     return scenario

@@ -76,7 +76,11 @@ class Weld(Regime):
         self.watched = frozenset((self._pair.geom_ids,))
         self._armed, self._release, self._free = config.armed, False, None
         self._held = np.zeros(1)
-        self.columns = (Columns((Signal("contact", "weld_held", "", "1 while the object is held"),), live=self._held),)
+        self.columns = (
+            Columns(
+                (Signal("contact", "weld_held", "", "1 while the object is held"),), live=self._held, resume=self._resume
+            ),
+        )
 
     @property
     def horizon(self):
@@ -147,9 +151,11 @@ class Weld(Regime):
         return np.append(_energies(self.scene.system, data)[2], momentum)
 
     def take_up(self):
-        if bool(self._held[0]) != self.active:
-            self._free = self._free or self.motion
-            self.active = not self.active
+        self._free, self.active = self._free or self.motion, bool(self._held[0])
+        return Held(self._free, self.scene, self._pair) if self.active else None
+
+    def _resume(self, values):
+        self._held[:] = values
 
     def _gap(self):
         return self._pair.gap(self._model, self.scene.data, _FAR)

@@ -1,0 +1,137 @@
+"""The events of a log at which a regime changed the motion, in order, handed out step by step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.analysis.agreement import AGREES, Agreement, Difference
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.system import System
+from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.run_log import RunLog
+
+
+@dataclass(frozen=True)
+class Encounter:
+    """One event of the log.
+
+    Attributes:
+        kind: Name of the kind of its records.
+        name: ``impact 1``, for people.
+        number: Its place among the events of its kind, from 0.
+        records: Its records.
+        state: Coordinates and rates before, (nq + nv,).
+        state_after: The same after.
+        efforts: What acts from there on, (nu,).
+    """
+
+    kind: str
+    name: str
+    number: int
+    records: tuple[Any, ...]
+    state: FloatArray
+    state_after: FloatArray
+    efforts: FloatArray
+
+    @property
+    def time_s(self) -> float:
+        """When it happened."""
+        return float(self.records[0].time_s)
+
+    @property
+    def step(self) -> int:
+        """The integration step in which it happened."""
+        return int(self.records[0].step)
+
+
+def of_events(log: RunLog) -> list[RecordKind]:
+    """The kinds of records that tell of events: they say what moved before and after."""
+    return [kind for kind in log.kinds if "qvel_after" in {each.name for each in fields(kind.record)}]
+
+
+class Encounters:
+    """The events of a log.
+
+    Attributes:
+        pending: Those not met yet, in order.
+    """
+
+    def __init__(
+        self, system: System, log: RunLog, step_s: float, found: Agreement, fault_of: Callable[[Encounter], str]
+    ) -> None:
+        """Read them; one whose state is not of these models, or with a fault of its own, is left out and a difference.
+
+        Args:
+            system: The models of the log.
+            log: What was read.
+            step_s: Integration step.
+            found: Takes differences.
+            fault_of: What else is wrong with an event, in a word; empty where nothing is.
+        """
+        self._system, self._step_s, self._found, self._fault_of = system, step_s, found, fault_of
+        met = [event for kind in of_events(log) for event in self._of_kind(kind, log)]
+        self.pending = sorted(met, key=lambda event: (event.step, event.time_s))
+
+    def _of_kind(self, kind: RecordKind, log: RunLog) -> Iterator[Encounter]:
+        records = log.records.get(kind.plural, ())
+        groups = groupby(enumerate(records), key=lambda pair: getattr(pair[1], "event", pair[0]))
+        for number, (_, group) in enumerate(groups):
+            event = self._encounter(kind, number, tuple(record for _, record in group))
+            fault = self._fault_of(event) if event is not None else "state"
+            if event is None or fault:
+                self.refuse(f"{kind.name} {number + 1} {fault}", float(records[0].time_s))
+            else:
+                yield event
+
+    def _encounter(self, kind: RecordKind, number: int, records: tuple[Any, ...]) -> Encounter | None:
+        """An event of the log; None where its state is not one of these models."""
+        system, first = self._system, records[0]
+        joints = [*system.joints.values()]
+        try:
+            before, after = (
+                np.concatenate([np.asarray(qvel[joint.name], dtype=np.float64) for joint in joints])
+                for qvel in (first.qvel_before, first.qvel_after)
+            )
+            efforts = np.array([first.efforts_after[actuator][0] for actuator in system.names("actuator")])
+        except LookupError:
+            return None
+        qpos = np.asarray(first.qpos, dtype=np.float64)
+        sizes = (qpos.size, before.size, after.size, efforts.size)
+        if sizes != (system.mj.nq, system.mj.nv, system.mj.nv, system.mj.nu):
+            return None
+        state, state_after = np.concatenate((qpos, before)), np.concatenate((qpos, after))
+        if not all(np.isfinite(numbers).all() for numbers in (state, after, efforts)):
+            return None
+        return Encounter(kind.name, f"{kind.name} {number + 1}", number, records, state, state_after, efforts)
+
+    def refuse(self, what: str, time_s: float) -> None:
+        """Note that something of an event is wrong as a whole."""
+        self._found.keep(Difference(what, math.inf, AGREES, "", time_s))
+
+    def skip_to(self, step: int) -> None:
+        """Leave out what happened before a step: there is no sample to fly from."""
+        while self.pending and self.pending[0].step < step:
+            self.pending.pop(0)
+
+    def within(self, step: int) -> Iterator[Encounter]:
+        """The next events, as far as they happened in this step; one that states another time than its step is refused."""
+        start, end, slack = step * self._step_s, (step + 1) * self._step_s, 1e-6 * self._step_s
+        while self.pending and self.pending[0].step <= step:
+            event = self.pending.pop(0)
+            if event.step == step and start - slack <= event.time_s <= end + slack:
+                start = event.time_s
+                yield event
+            else:
+                self.refuse(f"{event.name} time_s", event.time_s)
+
+    def compare_state(self, event: Encounter, flown: FloatArray) -> None:
+        """Compare the state before an event with the end of the flight to it."""
+        nq = self._system.mj.nq
+        for what, part in (("qpos", slice(None, nq)), ("qvel_before", slice(nq, None))):
+            self._found.vector(f"{event.name} {what}", event.state[part], flown[part], flown[part], "", event.time_s)
