@@ -94,3 +94,23 @@ def test_a_plugin_that_fails_when_it_is_made_is_a_fault_of_the_phase(tmp_path, e
     (line,) = done.stderr.strip().splitlines()
     assert line.startswith(f"{tmp_path}/mine.yaml:6:")
     assert line.endswith("phases.0.controller.kind: the controller cannot be made (RuntimeError: no licence)")
+
+
+@pytest.mark.parametrize(
+    ("signal", "fault"),
+    [
+        ('Signal("state", "time_s", "s", "mine")', "'state.time_s' is no name in the group controller"),
+        ('Signal("controller", "my rate", "rad/s", "mine")', "'controller.my rate' is no name in the group controller"),
+        ('Signal("controller", "damp_rate_rad_s", "rad/s", "mine")', "controller.damp_rate_rad_s is listed twice"),
+        ('"damp_rate_rad_s"', "telemetry_signals is no sequence of Signal"),
+    ],
+)
+def test_telemetry_that_cannot_be_columns_is_a_fault_of_the_phase(tmp_path, example, signal, fault):
+    """Before, it was written over another column, or the run ended in a traceback."""
+    code, entry, phases = example
+    code = code.replace('"rate that is damped"),\n', f'"rate that is damped"),\n        {signal},\n')
+    (tmp_path / "mine.yaml").write_text(f"extends: coasting\nname: mine\n{phases}")
+    done = ffsm(install(tmp_path, "my_laws", code, entry), "check", str(tmp_path / "mine.yaml"))
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert f"phases.0.controller.kind: telemetry of kind 'damp': {fault}" in line

@@ -199,8 +199,9 @@ def test_shapes_of_every_kind_are_drawn(all_shapes):
     kinds = [shape.kind for shape in shapes(all_shapes)]
     assert kinds == ["box", "ellipsoid", "ellipsoid", "cylinder", "capsule", "mesh"]
     viewer = ViewerTopics(all_shapes, 50.0)
-    viewer.open(RunHeader("x", "", Layout(()), {}, {}))
-    row = np.concatenate(([0.0], all_shapes.mj.qpos0, np.zeros(6)))[None]
+    keys = ["state.time_s", *coordinate_keys(all_shapes.joints.values())]
+    viewer.open(RunHeader("x", "", Layout(tuple(Signal(*key.split("."), "", "") for key in keys)), {}, {}))
+    row = np.concatenate(([0.0], all_shapes.mj.qpos0))[None]
     update = next(data for topic, _, data in viewer.rows(row) if topic == "/scene")
     (entity,) = viewer.topics["/scene"].FromString(update.tobytes()).entities
     assert (len(entity.cubes), len(entity.spheres), len(entity.cylinders), len(entity.triangles)) == (1, 4, 2, 1)

@@ -5,16 +5,21 @@ from __future__ import annotations
 import itertools
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import mujoco
 import numpy as np
 import pytest
+from ffsm_controllers.phases import Phase
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ffsm_mj
+from ffsm_mj.assembly.column_faults import refuse_telemetry
+from ffsm_mj.cli.main import main
 from ffsm_mj.compiled import fastest
+from ffsm_mj.errors import ScenarioFaults
 from ffsm_mj.log.mcap.format import SampleCodec, layout_of_schema, sample_schema
 from ffsm_mj.log.rerun.plots import plots
 from ffsm_mj.plant.sampler import Sampler
@@ -181,12 +186,19 @@ def test_elements_of_one_name_in_the_log_are_refused(tmp_path, capsys, names, to
     path = two_balls(tmp_path)
     (tmp_path / "robot.xml").write_text(ROBOT.format(*names))
     overrides = ["impact_pairs=[]", "initial={}"]
-    from ffsm_mj.cli.main import main
-
     assert main(["check", str(path), *itertools.chain(*(("-s", one) for one in overrides))]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line.startswith(str(tmp_path / told))
     assert line.endswith("; rename one of them")
+
+
+def test_control_laws_do_not_mean_two_things_by_one_name():
+    """One that several phases share is one column; with another meaning it would be a lie in one of them."""
+    shared, other = (Signal("controller", "rate_rad_s", "rad/s", meaning) for meaning in ("of the arm", "of the base"))
+    laws = [SimpleNamespace(telemetry_signals=(signal,)) for signal in (shared, shared, other)]
+    refuse_telemetry([Phase("go", "mine", laws[0]), Phase("on", "mine", laws[1])])
+    with pytest.raises(ScenarioFaults, match=r"controller\.rate_rad_s is 'of the base' here and 'of the arm' in phase 'go'"):
+        refuse_telemetry([Phase("go", "mine", laws[0]), Phase("hold", "yours", laws[2])])
 
 
 def test_names_that_only_protobuf_takes_for_one_are_kept_apart():
