@@ -13,9 +13,12 @@ from filelock import FileLock
 
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.contact import regimes
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.shipped import scenarios_dir
 from tests.long_share import pytest_addoption, pytest_collection_modifyitems  # noqa: F401 (found by pytest)
+from tests.regimes.spring import Spring
+from tests.regimes.weld import Weld
 from tests.scenes import compile_paths
 
 MJCF = scenarios_dir().parent / "mjcf"
@@ -71,6 +74,14 @@ def baseline_folder(baseline) -> Path:
 def plain(monkeypatch) -> None:
     """No compiled twins: for tests that look inside or replace a part."""
     monkeypatch.setenv("FFSM_COMPILED", "0")
+
+
+@pytest.fixture
+def test_regimes(monkeypatch) -> None:
+    """The contact regimes that exist in tests only are known, registered like any other."""
+    monkeypatch.setattr(regimes, "_REGISTERED", dict(regimes._REGISTERED))
+    for regime in (Spring, Weld):
+        regimes.register(regime)
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import entry_points
@@ -191,7 +192,8 @@ def regimes() -> dict[str, type[Regime]]:
     """Regimes that a scenario may declare, by kind: those registered, and those of installed packages."""
     for entry_point in entry_points(group=GROUP):
         if entry_point.name not in _REGISTERED:
-            register(entry_point.load())
+            with suppress(Exception):  # a package may fail in any way: its regime is not there
+                register(entry_point.load())
     return dict(_REGISTERED)
 
 
@@ -202,6 +204,8 @@ def regime_of(kind: str) -> type[Regime]:
         LookupError: There is none; the message lists those that are known.
     """
     known = regimes()
+    if not known:
+        raise LookupError(f"unknown contact regime {kind!r}: no package is installed that brings one")
     if kind not in known:
         raise LookupError(unknown_name("contact regime", kind, known))
     return known[kind]

@@ -86,13 +86,14 @@ class RunFolder:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with self._writing():
                 ready = nameless(self.path.parent, opening)
-            if self._make():
-                if ready is not None:
+            ours = self._make()
+            if ours and ready is not None:
+                try:
                     file, ready = PartialFile.appearing(self.path / LOG, ready), None
                     return file
-                file = self._log()
-            else:
-                file = self._claim([*_OURS, *models])
+                except FileExistsError:
+                    ours = False  # another run found the new folder empty and took it
+            file = self._log() if ours else self._claim([*_OURS, *models])
         except OSError as error:
             raise InputError(f"{self.path}: cannot be used as a run folder ({error.strerror})") from error
         finally:

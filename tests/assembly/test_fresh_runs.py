@@ -12,13 +12,16 @@ from threading import Barrier
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
+from tests.regimes.scenes import spring
 from tests.scenes import ball, scene, two_balls
+
+pytestmark = pytest.mark.usefixtures("test_regimes")
 
 
 def told(run):
     """Everything that a run tells, bit by bit, but for how long it took."""
     log = run.log
-    return log.rows.tobytes(), repr((log.impacts, log.phases, log.unhandled, replace(log.outcome, wall_s=0.0)))
+    return log.rows.tobytes(), repr((log.records, replace(log.outcome, wall_s=0.0)))
 
 
 def bouncing(folder):
@@ -61,8 +64,13 @@ def shipped(_):
     return "baseline"
 
 
-RECIPES = {"bouncing": (bouncing, {}), "diverging": (diverging, {}), "baseline": (shipped, {"duration_s": 1.0})}
-SEVERAL = ("bouncing", "bouncing", "diverging", "bouncing", "bouncing", "bouncing")
+RECIPES = {
+    "bouncing": (bouncing, {}),
+    "diverging": (diverging, {}),
+    "baseline": (shipped, {"duration_s": 1.0}),
+    "pushed": (spring, {}),
+}
+SEVERAL = ("bouncing", "pushed", "diverging", "bouncing", "bouncing", "bouncing")
 """Runs side by side; those of a name share one recipe."""
 
 

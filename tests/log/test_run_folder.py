@@ -106,6 +106,22 @@ def test_of_runs_into_one_folder_one_has_it(tmp_path):
     assert files(tmp_path / "cwd" / "mine") >= {"run.mcap", "scenario.yaml", "summary.json", "mjcf/robot/robot.xml"}
 
 
+def test_who_makes_the_folder_may_find_it_taken(tmp_path, monkeypatch, capsys):
+    """Another run looks between the making of the folder and the log in it: it has the folder, and the first one is told."""
+    others = []
+
+    def late(_, path, __):
+        others.append(PartialFile(path))
+        others[0].begin(b"theirs")
+        raise FileExistsError
+
+    monkeypatch.setattr(PartialFile, "appearing", classmethod(late))
+    assert run(two_balls(tmp_path, duration_s=0.05), "--out", "mine") == 2
+    assert capsys.readouterr().err.startswith("mine: holds a run already (run.mcap.partial)")
+    assert others[0].partial.read_bytes() == b"theirs"
+    others[0].stream.close()
+
+
 def test_force_takes_nothing_from_a_run_that_goes_on(tmp_path, capsys):
     path = two_balls(tmp_path, duration_s=0.05)
     (tmp_path / "cwd" / "mine").mkdir()

@@ -3,44 +3,20 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from ffsm_controllers.off import Off
 
 import ffsm_mj
-from ffsm_mj.contact import regimes
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.recount import recount
-from tests.regimes.spring import Spring
-from tests.regimes.weld import Weld
-from tests.scenes import ball, scene
+from tests.regimes import scenes
 
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    """Both are known for the time of a test, like any other."""
-    monkeypatch.setattr(regimes, "_REGISTERED", dict(regimes._REGISTERED))
-    regimes.register(Spring)
-    regimes.register(Weld)
-
-
-SPIN = [0.5, 0.0, 0.0, 0.0, 0.0, 3.0]
-
-
-def spring(folder, stiffness, step):
-    """A ball of 2 kg runs onto one of 3 kg, off centre, and is pushed back by a spring."""
-    path = scene(
-        folder,
-        ball("ball", mass=2.0),
-        {"target": ball("target", mass=3.0)},
-        duration_s=0.8,
-        time_step_s=step,
-        control_period_s=4e-3,
-        initial={"joints": {"target/free": [0.3, 0.02, 0.01, 1, 0, 0, 0]}, "rates": {"robot/free": SPIN}},
-        regimes=[{"kind": "spring", "geoms": ["ball", "target/target"], "stiffness_N_m": stiffness}],
-    )
-    return ffsm_mj.run(path, out=folder / f"run-{step}")
+pytestmark = pytest.mark.usefixtures("test_regimes")
 
 
 def test_a_spring_lasts_and_gives_back_what_it_took(tmp_path):
@@ -48,7 +24,7 @@ def test_a_spring_lasts_and_gives_back_what_it_took(tmp_path):
 
     Its force is no force of the ledger's own: all that it does is booked from what it says of its wrenches.
     """
-    seen = spring(tmp_path, 100.0, 1e-3)
+    seen = ffsm_mj.run(scenes.spring(tmp_path))
     assert seen.outcome == "completed", seen.message
     assert all(law.holds for law in seen.laws())
     begins, ceases = seen.records["springs"]
@@ -68,34 +44,13 @@ def test_a_spring_lasts_and_gives_back_what_it_took(tmp_path):
 def test_a_step_with_a_regime_in_its_stages_is_of_order_four(tmp_path):
     """Halving the step leaves a sixteenth of what the books do not explain, down to 1e-9; a stage left out leaves more."""
     left = [
-        max(abs(law.drift) for law in spring(tmp_path, 1e4, step).laws() if law.name == "linear momentum")
+        max(
+            abs(law.drift) for law in ffsm_mj.run(scenes.spring(tmp_path, 1e4, step)).laws() if law.name == "linear momentum"
+        )
         for step in (2e-3, 1e-3, 5e-4)
     ]
     orders = np.log2(np.divide(left[:-1], left[1:]))
     assert np.all(orders > 3.8), (left, orders)
-
-
-ARM = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="free"/>
-  <inertial pos="0 0 0" mass="8" diaginertia="0.5 0.6 0.7"/>
-  <body name="link" pos="0.3 0 0"><joint name="elbow" type="hinge" axis="0 0 1"/>
-  <inertial pos="0.2 0 0" mass="1" diaginertia="0.01 0.02 0.03"/><geom name="hand" type="sphere" pos="0.4 0 0" size="0.05"
-  mass="0"/></body></body></worldbody><actuator><motor name="elbow" joint="elbow"/></actuator></mujoco>"""
-CAPTURE = {
-    "duration_s": 2.0,
-    "initial": {
-        "joints": {"target/free": [1.0, 0.03, 0.02, 1, 0, 0, 0]},
-        "rates": {"robot/free": [0, 0, 0, 0.02, -0.03, 0.05], "target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3]},
-    },
-    "regimes": [{"kind": "weld", "geoms": ["hand", "target/target"], "armed": True}],
-    "phases": [
-        {"name": "wait", "until": "weld", "controller": {"kind": "off"}},
-        {"name": "hold", "until": "end", "controller": {"kind": "off"}},
-    ],
-}
-
-
-def capture(folder, **changes):
-    return ffsm_mj.run(scene(folder, ARM, {"target": ball("target", mass=3.0)}, **CAPTURE | changes), out=folder / "run")
 
 
 def test_a_weld_moves_another_model_from_its_touch_to_its_release(tmp_path, monkeypatch):
@@ -108,7 +63,7 @@ def test_a_weld_moves_another_model_from_its_touch_to_its_release(tmp_path, monk
             command.requests.add("weld.release")
 
     monkeypatch.setattr(Off, "control", swing_and_release)
-    seen = capture(tmp_path)
+    seen = ffsm_mj.run(scenes.capture(tmp_path), out=tmp_path / "run")
     assert seen.outcome == "completed", seen.message
     grip, release = seen.records["welds"]
     assert (grip.held, release.held, release.time_s) == (1, 0, pytest.approx(1.5, abs=1e-12))
@@ -126,7 +81,7 @@ def test_a_weld_moves_another_model_from_its_touch_to_its_release(tmp_path, monk
 
 def test_a_request_that_nobody_hears_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(Off, "control", lambda _, __, command: command.requests.add("weld.relase"))
-    seen = capture(tmp_path)
+    seen = ffsm_mj.run(scenes.capture(tmp_path), out=tmp_path / "run")
     assert seen.outcome == "controller_failed"
     assert "unknown request 'weld.relase'" in seen.message
     assert "weld.release" in seen.message
@@ -144,7 +99,7 @@ def test_a_request_that_nobody_hears_is_told(tmp_path, monkeypatch):
 def test_what_is_wrong_with_a_declared_regime_is_told_with_its_place(tmp_path, regimes, place, what):
     phases = [{"name": "coast", "until": "end", "controller": {"kind": "off"}}]
     with pytest.raises(InputError) as error:
-        capture(tmp_path, regimes=regimes, phases=phases)
+        prepare(scenes.capture(tmp_path, regimes=regimes, phases=phases))
     (line,) = error.value.lines
     assert f": {place}: " in line
     assert what in line
@@ -152,12 +107,22 @@ def test_what_is_wrong_with_a_declared_regime_is_told_with_its_place(tmp_path, r
 
 def test_a_phase_ends_only_with_what_there_is(tmp_path):
     with pytest.raises(InputError) as error:
-        capture(tmp_path, regimes=[])
+        prepare(scenes.capture(tmp_path, regimes=[]))
     assert "phases.0.until: unknown end of a phase 'weld'" in str(error.value)
 
 
-@pytest.mark.parametrize("make", [lambda folder: spring(folder, 100.0, 1e-3), capture])
+@pytest.mark.parametrize("make", [scenes.spring, scenes.capture])
 def test_analyze_recomputes_a_run_with_a_regime(tmp_path, make):
-    again = recount(make(tmp_path).log)
+    again = recount(ffsm_mj.run(make(tmp_path), out=tmp_path / "run").log)
     assert again.agrees, again.worst
     assert all(law.holds for law in again.laws())
+
+
+def test_what_a_regime_imports_is_on_its_page():
+    """``docs/contact-regimes.md`` names every module of the package that the regimes here import."""
+    page = Path("docs/contact-regimes.md")
+    root = Path(__file__).parents[2]
+    named = set(re.findall(r"`(ffsm_mj\.[a-z_.]+)`", (root / page).read_text()))
+    for file in ("spring.py", "weld.py"):
+        used = set(re.findall(r"^from (ffsm_mj[a-z_.]*) import", (Path(__file__).parent / file).read_text(), re.MULTILINE))
+        assert {module for module in used if not any(module == n or module.startswith(f"{n}.") for n in named)} == set()
