@@ -12,7 +12,7 @@ from threading import Barrier
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
-from tests.regimes.scenes import spring
+from tests.regimes.scenes import capture, spring
 from tests.scenes import ball, scene, two_balls
 
 pytestmark = pytest.mark.usefixtures("test_regimes")
@@ -69,8 +69,9 @@ RECIPES = {
     "diverging": (diverging, {}),
     "baseline": (shipped, {"duration_s": 1.0}),
     "pushed": (spring, {}),
+    "gripped": (capture, {"duration_s": 1.5}),
 }
-SEVERAL = ("bouncing", "pushed", "diverging", "bouncing", "bouncing", "bouncing")
+SEVERAL = ("bouncing", "pushed", "diverging", "bouncing", "bouncing", "gripped")
 """Runs side by side; those of a name share one recipe."""
 
 
@@ -81,13 +82,15 @@ def recipe(name, folder):
 
 
 def test_the_recipes_are_what_they_should_be(tmp_path):
-    """Impacts lie inside steps, and one of the runs diverges: else the tests below would show little."""
+    """Impacts lie inside steps, regimes act, and one of the runs diverges: else the tests below would show little."""
     run = recipe("bouncing", tmp_path).run()
     inside = [impact.time_s / 1e-3 % 1.0 for impact in run.impacts]
     assert len(inside) >= 3
     assert any(0.01 < share < 0.99 for share in inside)
     assert run.log.unhandled
     assert recipe("diverging", tmp_path).run().outcome == "diverged"
+    assert recipe("pushed", tmp_path).run().records["springs"]
+    assert recipe("gripped", tmp_path).run().records["welds"]
 
 
 @pytest.mark.parametrize("name", RECIPES)
