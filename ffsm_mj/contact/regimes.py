@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import entry_points
@@ -19,7 +18,7 @@ import mujoco
 
 from ffsm_mj.config import StrictModel
 from ffsm_mj.contact.exchange import Booking, Exchange
-from ffsm_mj.errors import unknown_name
+from ffsm_mj.errors import described, unknown_name
 from ffsm_mj.model.system import System
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records import kinds
@@ -173,6 +172,7 @@ class Regime:
 
 
 _REGISTERED: dict[str, type[Regime]] = {}
+_BROKEN: dict[str, str] = {}
 
 
 def register(regime: type[Regime]) -> type[Regime]:
@@ -192,8 +192,10 @@ def regimes() -> dict[str, type[Regime]]:
     """Regimes that a scenario may declare, by kind: those registered, and those of installed packages."""
     for entry_point in entry_points(group=GROUP):
         if entry_point.name not in _REGISTERED:
-            with suppress(Exception):  # a package may fail in any way: its regime is not there
+            try:
                 register(entry_point.load())
+            except Exception as error:  # noqa: BLE001 (a package may fail in any way: its regime alone is not there)
+                _BROKEN[entry_point.name] = described(error)
     return dict(_REGISTERED)
 
 
@@ -204,6 +206,8 @@ def regime_of(kind: str) -> type[Regime]:
         LookupError: There is none; the message lists those that are known.
     """
     known = regimes()
+    if kind in _BROKEN:
+        raise LookupError(f"the contact regime {kind!r} of an installed package cannot be used ({_BROKEN[kind]})")
     if not known:
         raise LookupError(f"unknown contact regime {kind!r}: no package is installed that brings one")
     if kind not in known:
