@@ -1,4 +1,4 @@
-"""The kinds of records of every run, registered in the order of a log's topics; importing this is enough.
+"""The kinds of records of every run, registered in the order of ``summary.json``; importing this is enough.
 
 Every run and every log that is read passes through :mod:`.run`, which does: here alone floors above and below the log meet.
 """
@@ -10,7 +10,7 @@ from ffsm_mj.impact.kind import IMPACT
 from ffsm_mj.records.course import OUTCOME, PHASE
 from ffsm_mj.records.kinds import register
 
-IN_EVERY_RUN = (IMPACT, PHASE, UNHANDLED_CONTACT, OUTCOME)
+IN_EVERY_RUN = (IMPACT, UNHANDLED_CONTACT, PHASE, OUTCOME)
 
 for kind in IN_EVERY_RUN:
     register(kind)

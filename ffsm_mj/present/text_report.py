@@ -69,10 +69,11 @@ def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
     """One row per contact of every impact; |dT|, |dP| and |dL| are of the whole system."""
     if not impacts:
         return "no impact" if whole else "no impact in what can be read"
+    named = any(map(_has_own_name, impacts))
     head = (
         "impact",
         "time s",
-        "pair",
+        *(("pair",) if named else ()),
         "geom a",
         "geom b",
         "e",
@@ -88,7 +89,7 @@ def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
             (
                 str(record.event + 1),
                 f"{record.time_s:.6f}",
-                record.pair,
+                *((record.pair,) if named else ()),
                 *record.geoms,
                 f"{record.restitution:g}",
                 f"{record.approach_speed_m_s:.6f}",
@@ -100,6 +101,12 @@ def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
             for record in impacts
         ),
     )
+
+
+def _has_own_name(record: ImpactRecord) -> bool:
+    """Whether its pair is called otherwise than by its geoms, which stand beside it."""
+    a, b = ({name, name.rsplit("/", 1)[-1]} for name in record.geoms)
+    return record.pair not in {f"{one}-{other}" for one in a for other in b}
 
 
 def conservation_table(laws: Sequence[Law]) -> str:

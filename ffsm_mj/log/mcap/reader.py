@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
@@ -186,8 +186,7 @@ class _Contents:
 def _look_for_kinds(topics: Iterable[str]) -> None:
     """Make the kinds of installed packages known, where a log has topics of ours that nobody here knows yet."""
     if any(topic.startswith("/ffsm/") for topic in set(topics) - {form.SAMPLE_TOPIC, *(kind.topic for kind in kinds())}):
-        with suppress(Exception):  # a package that is broken is none; what it would read is noted
-            regimes()
+        regimes()
 
 
 def _note(topics: Iterable[str], known: Sequence[RecordKind]) -> str:
