@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Effect, Instant, Scene
@@ -17,6 +18,7 @@ from ffsm_mj.impact.resolution import Contact, Impact, resolve
 from ffsm_mj.impact.resting import RestRule, lasting_contact
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.impact.touching import Touching, touching_points
+from ffsm_mj.model.dynamics import momentum_matrix
 from ffsm_mj.records.events import Outcome, RunEnded
 
 
@@ -64,7 +66,7 @@ class Impacts(Detector):
         energies = party_energies(system, data, impact)
         records = impact_records(system, data, touching, impact, energies, self._impacts, instant.step, time_s)
         self._impacts += 1
-        return Effect(records, Booking(energies[1] - energies[0], contact_wrench(system, impact)), end=self._end())
+        return Effect(records, Booking(energies[1] - energies[0], self.impulse_on_objects(impact)), end=self._end())
 
     def resolve(self, touching: Touching) -> Impact:
         """The impact in the coordinates of what moves."""
@@ -94,6 +96,15 @@ class Impacts(Detector):
             before=replace(impact.before, qvel=before),
             after=replace(impact.after, qvel=np.array(data.qvel)),
         )
+
+    def impulse_on_objects(self, impact: Impact) -> FloatArray:
+        """What an impact did to the objects: its contacts, and what a grip passed on where objects are part of others."""
+        system, data = self.scene.system, self.scene.data
+        if self.motion.data is data:
+            return contact_wrench(system, impact)
+        change = impact.after.qvel - impact.before.qvel
+        momenta = (momentum_matrix(system.mj, data, tree.root) @ change for tree in system.objects)
+        return sum(momenta, np.zeros(6))
 
     def _end(self) -> RunEnded | None:
         if self._rules.stop_on_impact:

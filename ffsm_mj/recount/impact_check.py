@@ -10,7 +10,7 @@ from ffsm_mj.analysis.agreement import Agreement
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.errors import UnsupportedContactError
-from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
+from ffsm_mj.impact.record import impact_records, party_energies
 from ffsm_mj.impact.regime import Impacts
 from ffsm_mj.impact.resolution import Contact, Impact, ImpactState
 from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix
@@ -38,7 +38,7 @@ class ImpactCheck:
         """Compare an impact at the state in ``data`` with its record, and book what the record says."""
         system, impact = self._scene.system, self._logged(event)
         energies = party_energies(system, self._scene.data, impact)
-        ledger.book(energies[1] - energies[0], contact_wrench(system, impact))
+        ledger.book(energies[1] - energies[0], self._impacts.impulse_on_objects(impact))
         again = self._resolved(event)
         if len(again) != len(event.records):
             encounters.refuse(f"{event.name} contacts", event.time_s)

@@ -32,13 +32,13 @@ def spring(folder, stiffness=100.0, step=1e-3, **changes):
     )
 
 
-def capture(folder, **changes):
-    """A tumbling ball drifts into the hand of a free-floating arm, which grips it."""
+def capture(folder, others=None, **changes):
+    """A tumbling ball drifts into the hand of a free-floating arm, which grips it; with other objects, if any."""
     folder.mkdir(exist_ok=True)
     return scene(
         folder,
         ARM,
-        {"target": ball("target", mass=3.0)},
+        {"target": ball("target", mass=3.0), **(others or {})},
         **{
             "duration_s": 2.0,
             "initial": {

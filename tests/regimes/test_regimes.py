@@ -15,6 +15,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.recount import recount
 from tests.regimes import scenes
+from tests.scenes import ball
 
 pytestmark = pytest.mark.usefixtures("test_regimes")
 
@@ -77,6 +78,30 @@ def test_a_weld_moves_another_model_from_its_touch_to_its_release(tmp_path, monk
     held = seen["contact.weld_held"] == 1.0
     assert held.sum() > 500
     assert np.all(np.diff(held.astype(int))[seen.time[:-1] > grip.time_s + 2e-3] <= 0)
+
+
+def test_an_impact_on_what_is_held_is_one_on_robot_and_object(tmp_path):
+    """A third body hits the object in the hand: resolved on what moves, momenta and (e = 1) energy of the whole are kept.
+
+    Were it resolved as if the object were free, it would fly out of the hand, and the grip would take the energy.
+    """
+    initial = {
+        "joints": {"target/free": [1.0, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [1.6, 0.05, 0, 1, 0, 0, 0]},
+        "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "stone/free": [-0.6, 0, 0, 0, 0, 0]},
+    }
+    hit = [{"name": "late", "geoms": ["stone/stone", "target/target"]}]
+    path = scenes.capture(tmp_path, {"stone": ball("stone", mass=0.5)}, initial=initial, impact_pairs=hit)
+    seen = ffsm_mj.run(path, out=tmp_path / "run")
+    (grip,) = seen.records["welds"]
+    (impact,) = seen.impacts
+    assert impact.time_s > grip.time_s
+    assert abs(impact.energy_change_J) < 1e-12
+    assert impact.linear_momentum_change_N_s < 1e-12
+    assert impact.separation_speed_m_s == pytest.approx(impact.approach_speed_m_s, rel=1e-12)
+    before, after = (np.array(qvel["robot/free"]) for qvel in (impact.qvel_before, impact.qvel_after))
+    assert np.abs(after - before).max() > 1e-3  # the robot feels it at once
+    assert all(law.holds for law in seen.laws()), [law for law in seen.laws() if not law.holds]
+    assert recount(seen.log).agrees, recount(seen.log).worst
 
 
 def test_a_request_that_nobody_hears_is_told(tmp_path, monkeypatch):

@@ -146,9 +146,10 @@ class Weld(Regime):
         return Booking(change[0] * np.array((0.0, -1.0, 1.0)), change[1:])
 
     def _state_of_object(self):
-        model, data, (tree,) = self._model, self.scene.data, self.scene.system.objects
-        momentum = momentum_matrix(model, data, tree.root) @ data.qvel
-        return np.append(_energies(self.scene.system, data)[2], momentum)
+        model, data = self._model, self.scene.data
+        tree = self.scene.system.tree_of_body(self._pair.body_b)
+        energy = 0.5 * data.qvel[tree.dofs] @ (mass_matrix(model, data) @ data.qvel)[tree.dofs]
+        return np.append(energy, momentum_matrix(model, data, tree.root) @ data.qvel)
 
     def take_up(self):
         self._free, self.active = self._free or self.motion, bool(self._held[0])
@@ -175,11 +176,13 @@ class Held(Motion):
 
     def __init__(self, free, scene, pair):
         self._free, self._system = free, scene.system
-        model, (tree,) = _held_model(scene, pair), scene.system.objects
+        tree = scene.system.tree_of_body(pair.body_b)
+        model = _held_model(scene, pair, tree)
         data = mujoco.MjData(model)
         self._root, self._object = model.body(scene.system.mj.body(tree.root).name).id, tree
-        # Joints of the robot: where they are in the free model, and here.
-        self._joints = [(joint, model.joint(joint.name)) for joint in scene.system.robot.joints]
+        # All joints but that of the object: where they are in the free model, and here.
+        kept = [joint for joint in scene.system.joints.values() if joint not in tree.joints]
+        self._joints = [(joint, model.joint(joint.name)) for joint in kept]
         for joint, here in self._joints:
             data.qpos[here.qposadr[0] :][: joint.qpos.stop - joint.qpos.start] = scene.data.qpos[joint.qpos]
             data.qvel[here.dofadr[0] :][: joint.dofs.stop - joint.dofs.start] = scene.data.qvel[joint.dofs]
@@ -217,18 +220,19 @@ class Held(Motion):
         mujoco.mj_mulM(self._free.model, self._free.data, self._free.momentum, self._free.data.qvel)
 
 
-def _held_model(scene, pair):
+def _held_model(scene, pair, tree):
     """Compiled anew: the object without its joint, fixed to the gripping body in the pose of this instant."""
     system, data = scene.system, scene.data
-    (tree,) = system.objects
     root = data.body(tree.root)
     whole = mujoco.MjSpec()
     with mujoco.MjVfs() as vfs:
-        robot, thing = (load_spec(system.files[name], vfs) for name in ("robot", tree.name))
-        for spec in (whole, robot, thing):
+        specs = {name: load_spec(files, vfs) for name, files in system.files.items()}
+        for spec in (whole, *specs.values()):
             for option in ("gravity", "integrator", "timestep", "disableflags"):
                 setattr(spec.option, option, getattr(system.mj.opt, option))
-        whole.attach(robot, prefix="robot/", frame=whole.worldbody.add_frame())
+        thing = specs.pop(tree.name)
+        for name, spec in specs.items():
+            whole.attach(spec, prefix=f"{name}/", frame=whole.worldbody.add_frame())
         body = thing.worldbody.first_body()
         for joint in body.joints:
             thing.delete(joint)
