@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.dynamics import rotation_dofs
@@ -51,6 +50,10 @@ class PushedFlight(Flight):
         """Bring forces and all derived quantities up to the state in ``data``."""
         mujoco.mj_fwdPosition(self._model, self._data)
         mujoco.mj_fwdVelocity(self._model, self._data)
+        self._force()
+
+    def _force(self) -> None:
+        """The same where positions and velocities are current: efforts may have changed."""
         self._follow()
         self._data.qfrc_applied.fill(0.0)
         for push in self._pushes:
@@ -59,9 +62,13 @@ class PushedFlight(Flight):
 
     def integrate(self, duration_s: float) -> None:
         """Move on by a time, forces and derived quantities current at its end."""
+        self.refresh()
+        self._move(duration_s)
+
+    def _move(self, duration_s: float) -> None:
+        """The same from where they are current."""
         data, h = self._data, duration_s
         start_s, qpos, qvel = data.time, data.qpos.copy(), data.qvel.copy()
-        self.refresh()
         first = data.qvel.copy(), data.qacc.copy()
         second = self._stage(qpos, qvel, 0.5 * h, *first)
         third = self._stage(qpos, qvel, 0.5 * h, *second)
@@ -76,7 +83,8 @@ class PushedFlight(Flight):
     def step(self, duration_s: float) -> bool:
         """Integrate for a time; says whether nothing that is watched can have happened."""
         mujoco.mj_getState(self._model, self._data, self._state, WHOLE_STATE)
-        self.integrate(duration_s)
+        self._force()
+        self._move(duration_s)
         return self.account(duration_s)
 
     def _stage(
@@ -87,15 +95,26 @@ class PushedFlight(Flight):
         self.refresh()
         chart = self._data.qvel.copy()
         for part in self._rotations:
-            turned, spin = after_s * rates[part], chart[part]
-            turn = np.cross(turned, spin)
-            chart[part] = spin + 0.5 * turn + np.cross(turned, turn) / 12.0
+            chart[part] = _rate_of_chart((after_s * rates[part]).tolist(), chart[part].tolist())
         return chart, self._data.qacc.copy()
 
     def _put(self, qpos: FloatArray, qvel: FloatArray, after_s: float, rates: FloatArray, accelerations: FloatArray) -> None:
         self._data.qpos[:] = qpos
         mujoco.mj_integratePos(self._model, self._data.qpos, rates, after_s)
         self._data.qvel[:] = qvel + after_s * accelerations
+
+
+def _rate_of_chart(turned: list[float], spin: list[float]) -> tuple[float, float, float]:
+    """Rate of the rotation vector at a spin in body axes: spin + t x spin / 2 + t x (t x spin) / 12, in plain floats."""
+    a, b, c = turned
+    x, y, z = spin
+    u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+    twelfth = 1.0 / 12.0
+    return (
+        x + 0.5 * u + twelfth * (b * w - c * v),
+        y + 0.5 * v + twelfth * (c * u - a * w),
+        z + 0.5 * w + twelfth * (a * v - b * u),
+    )
 
 
 def release(model: Any, data: Any) -> None:
