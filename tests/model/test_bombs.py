@@ -22,7 +22,6 @@ from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.hull import hull
 from ffsm_mj.log.drawing import shapes
 from ffsm_mj.log.foxglove.outline import outline_cloud
-from ffsm_mj.log.foxglove.topics import ViewerTopics
 from ffsm_mj.log.mcap import reader as mcap_reader
 from ffsm_mj.log.mcap import salvage
 from ffsm_mj.log.mcap.format import layout_of_schema
@@ -242,7 +241,7 @@ def test_attachments_beyond_limits_are_refused(tmp_path, log, monkeypatch):
 
 
 def test_a_schema_of_millions_of_columns_is_refused():
-    with pytest.raises(ValueError, match="a schema of 3000000 bytes"):
+    with pytest.raises(ValueError, match="a schema of 5000000 bytes"):
         layout_of_schema(bytes(5_000_000), {})
 
 
@@ -295,8 +294,6 @@ def test_many_copies_of_a_large_mesh_are_drawn_as_boxes(tmp_path, monkeypatch):
     inside = np.abs(found[0].vertices) <= found[2].size + 1e-6
     assert inside.all()
     assert (np.abs(found[0].vertices).max(axis=0) > 0.9 * found[2].size).all()
-    viewer = ViewerTopics(system, 50.0)
-    assert viewer.topics
 
 
 def test_the_silhouette_of_a_large_mesh_is_that_of_its_outermost_vertices(tmp_path):
