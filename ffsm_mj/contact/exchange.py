@@ -10,10 +10,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
-import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.books.midpoint import hermite_midpoint
+from ffsm_mj.books.simpson import simpson
+from ffsm_mj.books.wrenches import rates_by_party
 from ffsm_mj.model.system import System
 from ffsm_mj.records.wrench import Wrench
 
@@ -50,20 +51,8 @@ class Exchange:
         scratch.qpos[:], scratch.qvel[:] = middle
         mujoco.mj_fwdPosition(model, scratch)
         mujoco.mj_fwdVelocity(model, scratch)
-        rates = self._first + 4.0 * self._rates(scratch) + self._rates(data)
-        done = duration_s / 6.0 * rates
+        done = simpson(self._first, self._rates(scratch), self._rates(data), duration_s)
         return Booking(done[:3], done[3:])
 
     def _rates(self, data: Any) -> FloatArray:
-        """Power to (total, robot, objects), and the wrench on the objects about the origin, (9,)."""
-        rates, twist, robot = np.zeros(9), np.empty(6), self._system.robot.bodies
-        for body, point, force, torque in self._wrenches(data):
-            mujoco.mj_objectVelocity(self._system.mj, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
-            speed = twist[3:] + np.cross(twist[:3], point - data.xpos[body])
-            power = force @ speed + torque @ twist[:3]
-            rates[0] += power
-            rates[1 if body in robot else 2] += power
-            if body not in robot:
-                rates[3:6] += force
-                rates[6:9] += np.cross(point, force) + torque
-        return rates
+        return rates_by_party(self._system, data, self._wrenches(data))

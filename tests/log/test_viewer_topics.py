@@ -21,10 +21,10 @@ from ffsm_mj.log.foxglove.messages import TransformsCodec
 from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.foxglove.topics import ViewerTopics
 from ffsm_mj.log.mcap.block_writer import BlockWriter
-from ffsm_mj.records.course import OUTCOME
 from ffsm_mj.records.events import OutcomeRecord, UnhandledContactRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kind_of
+from ffsm_mj.records.run_kinds import OUTCOME
 from ffsm_mj.records.signals import Layout, Signal, coordinate_keys
 from tests.scenes import HEAD, ball, box, compile_paths, scene
 

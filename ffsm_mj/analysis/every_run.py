@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from ffsm_mj.contact.unhandled import UNHANDLED_CONTACT
 from ffsm_mj.impact.kind import IMPACT
-from ffsm_mj.records.course import OUTCOME, PHASE
 from ffsm_mj.records.kinds import register
+from ffsm_mj.records.run_kinds import OUTCOME, PHASE
 
 IN_EVERY_RUN = (IMPACT, UNHANDLED_CONTACT, PHASE, OUTCOME)
 
