@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import subprocess
 import threading
 import time
 import warnings
@@ -16,6 +15,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.log.rerun import live as rerun_live
 from ffsm_mj.log.rerun.viewer import viewer_command
 from tests.log.test_recording import read
+from tests.log.viewer_process import viewer_process
 from tests.scenes import two_balls
 
 
@@ -54,13 +54,10 @@ def test_what_the_viewer_gets_is_the_recording(tmp_path, caplog):
     port = free_port()
     received = tmp_path / "received.rrd"
     command = viewer_command("--port", str(port), "--save", str(received))
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
-        try:
-            wait_for(port)
-            run = ffsm_mj.run(two_balls(tmp_path), out=tmp_path / "out", live=f"127.0.0.1:{port}")
-            time.sleep(0.5)
-        finally:
-            server.terminate()
+    with viewer_process(command):
+        wait_for(port)
+        run = ffsm_mj.run(two_balls(tmp_path), out=tmp_path / "out", live=f"127.0.0.1:{port}")
+        time.sleep(0.5)
     assert run.outcome == "completed"
     assert not caplog.records
     with warnings.catch_warnings():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.log.rerun import live as rerun_live
 from ffsm_mj.log.rerun.viewer import viewer_command
 from tests.log.test_live import free_port, wait_for
+from tests.log.viewer_process import viewer_process
 from tests.scenes import two_balls
 
 HERE, EVERYWHERE = "0100007F", "00000000"  # IPv4 addresses as /proc/net/tcp writes them
@@ -36,12 +38,13 @@ TABLE = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="no table 
 def test_the_socket_of_the_viewer(options, expected):
     port = free_port()
     command = viewer_command("--port", str(port), "--serve-grpc", **options)
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
-        try:
-            wait_for(port)
-            assert listeners(port) == {expected}
-        finally:
-            server.terminate()
+    with viewer_process(command):
+        wait_for(port)
+        assert listeners(port) == {expected}
+    deadline = time.monotonic() + 30.0
+    while listeners(port):  # a port that stays open would be reachable after the tests
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
 
 
 @pytest.fixture

@@ -1,0 +1,19 @@
+"""A viewer in a process of its own, and the end of all of it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def viewer_process(command: list[str]) -> Iterator[None]:
+    """Run a viewer; in the end it is gone with its child, for the command that starts it is a wrapper of the program."""
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True) as server:
+        try:
+            yield
+        finally:
+            os.killpg(server.pid, signal.SIGTERM)
