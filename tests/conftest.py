@@ -15,6 +15,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.contact import regimes
 from ffsm_mj.model.system import System
+from ffsm_mj.records import kinds
 from ffsm_mj.scenario.shipped import scenarios_dir
 from tests.long_share import pytest_addoption, pytest_collection_modifyitems  # noqa: F401 (found by pytest)
 from tests.regimes.spring import Spring
@@ -80,6 +81,7 @@ def plain(monkeypatch) -> None:
 def test_regimes(monkeypatch) -> None:
     """The contact regimes that exist in tests only are known, registered like any other."""
     monkeypatch.setattr(regimes, "_REGISTERED", dict(regimes._REGISTERED))
+    monkeypatch.setattr(kinds, "_KINDS", dict(kinds._KINDS))
     for regime in (Spring, Weld):
         regimes.register(regime)
 

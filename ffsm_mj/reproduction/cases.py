@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import active_children
 
@@ -54,6 +55,8 @@ _LONG = f"duration_s={LONG_S}"
 _VELOCITY = tuple(f"phases.{i}.controller.parameterization=velocity" for i in (0, 2))
 _NO_THRUSTERS = ("phases.1.for_s=2.3", "phases.1.controller={kind: off}")
 
+_ENDING = (signal.SIGINT, signal.SIGTERM)
+
 THRESHOLD = Case("baseline", threshold=True)
 VELOCITY = Case("baseline", _VELOCITY, keep=True)
 LONG_BASELINE = Case("baseline", (_LONG,), keep=True)
@@ -76,7 +79,8 @@ def run_cases(cases: Iterable[Case], report: Callable[[int, int], None] | None) 
     others = set(active_children())
     with ProcessPoolExecutor(os.cpu_count(), initializer=_left_to_the_parent) as pool:
         try:
-            running = {pool.submit(run_case, case): case for case in cases}
+            with _signals_wait():  # a worker that is being made when one comes would be nobody's
+                running = {pool.submit(run_case, case): case for case in cases}
             for done, _ in enumerate(as_completed(running), 1):
                 tell(done, len(cases))
         except BaseException:
@@ -87,10 +91,23 @@ def run_cases(cases: Iterable[Case], report: Callable[[int, int], None] | None) 
     return {case: future.result() for future, case in running.items()}
 
 
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Ctrl-C and SIGTERM come after this; processes begun here hold them back too, until they say otherwise."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING) if hasattr(signal, "pthread_sigmask") else None
+    try:
+        yield
+    finally:
+        if before is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _left_to_the_parent() -> None:
     """Ctrl-C on a terminal reaches the workers too: what it means is the parent's business."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 
 
 def run_case(case: Case) -> Result:
