@@ -124,6 +124,7 @@ def test_nothing_of_a_recipe_is_written(tmp_path):
     assert pickle.dumps(prepared) == before
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", RECIPES)
 @pytest.mark.parametrize("compiled", ["0", "1"])
 def test_a_pickled_recipe_runs_to_the_same_rows(tmp_path, monkeypatch, name, compiled):

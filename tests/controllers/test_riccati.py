@@ -129,6 +129,7 @@ def test_thousands_against_forty_digits(rng):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", ["baseline", "no-actuation", "free-flying", "slow-impact"])
 @pytest.mark.usefixtures("plain")
 def test_along_the_papers_runs(scenario, monkeypatch):
