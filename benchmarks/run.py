@@ -104,7 +104,6 @@ def closed() -> float:
     for _ in range(STEPS // 30):
         course.advance(0.001)
     deepest = detector.columns[0]
-    assert deepest.note is not None and deepest.live is not None
     deepest.note(0.0)
     assert deepest.live[0] < 1e-12
     return 30.0 * (time.perf_counter() - start)
