@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from ffsm_controllers import kinds
 from ffsm_controllers.phases import Phase, PhaseMachine
 
 from ffsm_mj.assembly.column_faults import refuse_same_names, refuse_telemetry
-from ffsm_mj.assembly.impact_pairs import impact_pairs, known_pairs, refuse_undetectable
+from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.regimes import declared_regimes, impacts_of
 from ffsm_mj.assembly.run_size import too_large
@@ -30,7 +30,7 @@ from ffsm_mj.motion.motion import Motion
 from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.plant.state import StateReport
-from ffsm_mj.records.columns import Columns, Row
+from ffsm_mj.records.columns import Row
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import kind_named
 from ffsm_mj.scenario.scenario import Scenario, located
@@ -39,20 +39,13 @@ from ffsm_mj.scenario.source import YamlSource
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
-class _Reports(Protocol):
-    """A part of a run that rows tell of."""
-
-    @property
-    def columns(self) -> Sequence[Columns]:
-        """What it reports."""
-
-
 @dataclass(frozen=True)
 class Assembly:
     """Parts of one run, checked against each other.
 
     Attributes:
         scenario: What was asked for.
+        scenario_yaml: The same as logs keep it.
         system: Robot and objects.
         data: Initial state, all derived quantities current.
         pairs: Impact pairs.
@@ -67,6 +60,7 @@ class Assembly:
     """
 
     scenario: Scenario
+    scenario_yaml: str
     system: System
     data: Any
     pairs: tuple[ContactPair, ...]
@@ -80,13 +74,14 @@ class Assembly:
     row: Row
 
 
-def assemble(scenario: Scenario, source: YamlSource, system: System) -> Assembly:
+def assemble(scenario: Scenario, source: YamlSource, system: System, scenario_yaml: str) -> Assembly:
     """Build everything that one run needs.
 
     Args:
         scenario: What is asked for.
         source: Where each of its keys stands.
         system: Robot and objects, with a model that is the run's own: the run writes its time step.
+        scenario_yaml: The scenario as logs keep it.
 
     Raises:
         InputError: One line per fault, with the place in the scenario or the model.
@@ -94,7 +89,7 @@ def assemble(scenario: Scenario, source: YamlSource, system: System) -> Assembly
     try:
         data = initial_state(scenario, system)
         pairs = impact_pairs(scenario, system)
-        known = known_pairs(scenario, system, pairs)
+        ignored = ignored_pairs(scenario, system, pairs)
         refuse_undetectable(system, data, pairs)
         scene = Scene(system, data)
         regimes = (impacts_of(scenario, scene, pairs), *declared_regimes(scenario, scene))
@@ -104,16 +99,17 @@ def assemble(scenario: Scenario, source: YamlSource, system: System) -> Assembly
         controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s))
         ledger = Ledger(system, data, course.motion.momentum, notes=BLOCK_ROWS)
         state = StateReport(system, data, task.tip_site if task is not None else None)
-        parts: tuple[_Reports, ...] = (state, ledger, *regimes, actuation, controller)
-        columns = [column for part in parts for column in part.columns]
+        columns = [*state.columns, *ledger.columns, *course.columns, *actuation.columns, *controller.columns]
         refuse_same_names(columns, system)
         row = Row(columns)
         if fault := too_large(scenario.ticks, len(row.layout.signals), scenario.log.max_size_GB):
             raise ScenarioFaults([Fault(fault, ("duration_s",))])
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
-    known = known.union(*(regime.watched for regime in regimes))
-    return Assembly(scenario, system, data, pairs, known, course, ledger, actuation, controller, task, state, row)
+    known = ignored.union(*(regime.watched for regime in regimes))
+    return Assembly(
+        scenario, scenario_yaml, system, data, pairs, known, course, ledger, actuation, controller, task, state, row
+    )
 
 
 def compile_scenario(scenario: Scenario, source: YamlSource) -> System:

@@ -79,13 +79,13 @@ def refuse_undetectable(system: System, data: Any, pairs: tuple[ContactPair, ...
         raise ScenarioFaults(faults)
 
 
-def known_pairs(scenario: Scenario, system: System, pairs: tuple[ContactPair, ...]) -> frozenset[frozenset[int]]:
-    """Ids of the geoms of all pairs that need no watching: impact pairs and ignored ones.
+def ignored_pairs(scenario: Scenario, system: System, pairs: tuple[ContactPair, ...]) -> frozenset[frozenset[int]]:
+    """Ids of the geoms of all pairs that the scenario ignores; impact pairs are none of them.
 
     Raises:
         ScenarioFaults: A name that there is not, or a pair that is listed twice, ignored too, or has the name of another.
     """
-    known: set[frozenset[int]] = set()
+    ignored: set[frozenset[int]] = set()
     faults = []
     for i, config in enumerate(scenario.ignored_pairs):
         sides = []
@@ -95,11 +95,11 @@ def known_pairs(scenario: Scenario, system: System, pairs: tuple[ContactPair, ..
                 names = {tree.name for tree in system.trees} | {*system.names("body"), *system.names("geom")}
                 faults.append(Fault(unknown_name("geom, body or model", name, names), ("ignored_pairs", i, "pair", k)))
             sides.append(geoms)
-        known |= {frozenset((a, b)) for a in sides[0] for b in sides[1]}
+        ignored |= {frozenset((a, b)) for a in sides[0] for b in sides[1]}
     if faults:
         raise ScenarioFaults(faults)
-    _refuse_contradictions(pairs, known)
-    return frozenset(known | {pair.geom_ids for pair in pairs})
+    _refuse_contradictions(pairs, ignored)
+    return frozenset(ignored)
 
 
 def _refuse_contradictions(pairs: tuple[ContactPair, ...], ignored: set[frozenset[int]]) -> None:

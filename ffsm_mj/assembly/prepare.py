@@ -10,6 +10,7 @@ from typing import Any
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly, assemble, compile_scenario, unwatched_overlaps
+from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.system import System
@@ -69,7 +70,8 @@ def _recipe(scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any]) 
     if isinstance(overrides, Mapping):
         overrides = [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
     config, source = load_scenario(scenario_path(scenario), overrides)
-    return Prepared(config, source, compile_scenario(config, source))
+    system = compile_scenario(config, source)
+    return Prepared(config, source, system, resolved_yaml(config, system))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +85,13 @@ class Prepared:
         scenario: The validated scenario.
         source: Where each of its keys stands.
         system: Robot and objects; its model is copied, never run.
+        scenario_yaml: The scenario with every default written out, as logs keep it.
     """
 
     scenario: Scenario
     source: YamlSource
     system: System
+    scenario_yaml: str
 
     def assemble(self) -> Assembly:
         """Parts of one run at t = 0, made anew.
@@ -95,7 +99,7 @@ class Prepared:
         Raises:
             InputError: One line per fault, with the place in the scenario or the model.
         """
-        return assemble(self.scenario, self.source, self.system.copy())
+        return assemble(self.scenario, self.source, self.system.copy(), self.scenario_yaml)
 
     def run(
         self,

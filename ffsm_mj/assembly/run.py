@@ -7,7 +7,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 
@@ -31,7 +30,6 @@ from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.facts import conservative_facts, free_facts, task_facts
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.scenario.scenario import Scenario
-from ffsm_mj.scenario.source import write_yaml
 from ffsm_mj.simulation.loop import Plant, Settings, Simulation
 from ffsm_mj.simulation.rows import RowWriter
 
@@ -65,7 +63,7 @@ def simulate(
     clock = source_date()  # one that is malformed is refused before there is a folder
     refuse_without_room(config.ticks, len(layout.signals), folder.path if folder is not None else None)
     files = {logged_name(model, n): data for model, each in system.files.items() for n, data in each.files.items()}
-    header = RunHeader(config.name, _resolved_yaml(assembly), layout, files, _facts(assembly), record_kinds(config))
+    header = RunHeader(config.name, assembly.scenario_yaml, layout, files, _facts(assembly), record_kinds(config))
     memory, digested = MemorySink(keep_rows=folder is None), DigestSink()
     sinks: list[Sink] = [memory, digested]
     if folder is not None:
@@ -118,26 +116,10 @@ def versions() -> dict[str, str]:
     return {package: version(package) for package in _PACKAGES}
 
 
-def _resolved_yaml(assembly: Assembly) -> str:
-    """The scenario with every default written out, its models where the run folder keeps them."""
-    data = assembly.scenario.model_dump(mode="json")
-    for name, files in assembly.system.files.items():
-        part = data["robot"] if name == "robot" else data["objects"][name]
-        part["mjcf"] = logged_name(name, files.main)
-        part["asset_folders"] = [] if files.beside else [logged_name(name, "")]
-    return write_yaml(_without_none(data))
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    return value if not isinstance(value, list) else [_without_none(item) for item in value]
-
-
 def _facts(assembly: Assembly) -> dict[str, str]:
     config = assembly.scenario
     facts = {
-        "format_version": "1",
+        "format_version": "2",
         "scenario": config.name,
         "created_utc": (source_date() or datetime.now(UTC)).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "duration_s": repr(config.duration_s),

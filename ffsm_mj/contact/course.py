@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.regimes import Regime
 from ffsm_mj.motion.motion import Motion
+from ffsm_mj.records.columns import Columns
 
 
 class Course:
@@ -55,6 +56,11 @@ class Course:
 
     def _horizon(self) -> float:
         return min((regime.horizon for regime in self.regimes), default=math.inf)
+
+    @property
+    def columns(self) -> list[Columns]:
+        """What all regimes report."""
+        return [columns for regime in self.regimes for columns in regime.columns]
 
     @property
     def kinetic_energy_J(self) -> float:
@@ -106,7 +112,7 @@ class Course:
 
     def bookings(self, duration_s: float) -> list[Booking]:
         """What the wrenches of the active regimes did in the (sub-)step that has ended."""
-        if duration_s <= 0.0:
-            return []  # a regime acted before the step began
+        if not self._active or duration_s <= 0.0:
+            return []  # nobody pushes, or a regime acted before the step began
         done = (regime.end_step(duration_s) for regime in self._active)
         return [booking for booking in done if booking is not None]

@@ -32,18 +32,14 @@ class Motion:
         self.bodies: Sequence[int] = range(model.nbody)
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self._unpushed = self.flight = fastest(Flight)(model, data, self.path.start, self.momentum)
-        self._pushes: list[Push] = []
 
     def push_with(self, pushes: Sequence[Push]) -> None:
         """Let forces act in every stage of the coming steps, and no others; derived quantities follow."""
-        if list(pushes) == self._pushes:
-            return
-        self._pushes = list(pushes)
         if pushes:
             pushed = PushedFlight(self.model, self.data, self.path.start, self.momentum, pushes, self.follow)
             self.flight, self.path.integrate = pushed, pushed.integrate
             pushed.refresh()
-        else:
+        elif self.flight is not self._unpushed:
             self.flight, self.path.integrate = self._unpushed, self._free_integrate
             release(self.model, self.data)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -77,6 +77,16 @@ class RunLog:
     def kinds(self) -> tuple[RecordKind, ...]:
         """The kinds of its records, in the order of its topics."""
         return tuple(kind for kind in kinds_of(self.header.kinds) if kind.plural)
+
+    @property
+    def event_kinds(self) -> tuple[RecordKind, ...]:
+        """The kinds that tell of events: their records say what moved before and after."""
+        return tuple(kind for kind in self.kinds if "qvel_after" in {each.name for each in fields(kind.record)})
+
+    @property
+    def instants_s(self) -> list[float]:
+        """Times of all events: a run that ends at one has a sample there, between two ticks."""
+        return [kind.time(record) for kind in self.event_kinds for record in self.records.get(kind.plural, ())]
 
     def events(self) -> list[Event]:
         """All records in order of time."""

@@ -18,7 +18,6 @@ from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.facts import conservative_facts, free_facts
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.recount.encounters import of_events
 from ffsm_mj.recount.retrace import Retrace
 from ffsm_mj.recount.scene import LogScene, log_scene
 
@@ -42,7 +41,7 @@ def recount(
     except InputError as error:
         return Recount({}, 0, 0, "", error.lines[0], audit(log), log.impacts)
     seen = Audit(log.header.layout, dict(log.header.facts) | _facts(scene, retrace))
-    sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, _instants(log))
+    sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
     with collected_warnings([]):
         for block in log.blocks():
             again = retrace.take(block, sampling.ticks(block[:, log.header.layout.time]))
@@ -57,11 +56,6 @@ def recount(
     worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
     numbers = sum(agreement.numbers for agreement in found.values())
     return Recount(worst, seen.samples, numbers, sampling.sentence(), "", seen, log.impacts)
-
-
-def _instants(log: RunLog) -> list[float]:
-    """Times of all events: a run that ends at one has a sample there."""
-    return [record.time_s for kind in of_events(log) for record in log.records.get(kind.plural, ())]
 
 
 def _facts(scene: LogScene, retrace: Retrace) -> dict[str, str]:

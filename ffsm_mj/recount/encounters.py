@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
@@ -50,11 +50,6 @@ class Encounter:
         return int(self.records[0].step)
 
 
-def of_events(log: RunLog) -> list[RecordKind]:
-    """The kinds of records that tell of events: they say what moved before and after."""
-    return [kind for kind in log.kinds if "qvel_after" in {each.name for each in fields(kind.record)}]
-
-
 class Encounters:
     """The events of a log.
 
@@ -75,7 +70,7 @@ class Encounters:
             fault_of: What else is wrong with an event, in a word; empty where nothing is.
         """
         self._system, self._step_s, self._found, self._fault_of = system, step_s, found, fault_of
-        met = [event for kind in of_events(log) for event in self._of_kind(kind, log)]
+        met = [event for kind in log.event_kinds for event in self._of_kind(kind, log)]
         self.pending = sorted(met, key=lambda event: (event.step, event.time_s))
 
     def _of_kind(self, kind: RecordKind, log: RunLog) -> Iterator[Encounter]:

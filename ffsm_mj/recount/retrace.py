@@ -88,8 +88,7 @@ class Retrace:
             InputError: The columns of the log are not those of its models.
         """
         state = StateReport(scene.system, self._data, scene.task.tip_site if scene.task else None)
-        regimes = [columns for regime in self._course.regimes for columns in regime.columns]
-        known = [*state.columns, *self._ledger.columns, *regimes, *self._actuation.columns]
+        known = [*state.columns, *self._ledger.columns, *self._course.columns, *self._actuation.columns]
         # What only a controller knows is taken over from the log.
         told = tuple(signal for signal in layout.signals if signal.group in ("controller", "phase"))
         self._told, self._telling = layout.places(signal.key for signal in told), np.zeros(len(told))
@@ -173,12 +172,11 @@ class Retrace:
         self._events.skip_to(tick * self._steps)
         for resume, places in self._resume:
             resume(lines.rows[line, places] if tick else np.zeros(len(places)))
-        if tick:
-            moving = [motion for regime in self._course.regimes if (motion := regime.take_up()) is not None]
-            self._course.bind(moving[0] if moving else self._free)
         if not tick:
             self._decide(line, time_s)
             return
+        moving = [motion for regime in self._course.regimes if (motion := regime.take_up()) is not None]
+        self._course.bind(moving[0] if moving else self._free)
         self._actuation.hold(lines.applied[line], self._data, time_s)
         self._actuation.table[:, 0] = lines.asked[line]
 

@@ -57,7 +57,6 @@ class _Progress:
     time_s: float = 0.0
     steps: int = 0
     ticks: int = 0
-    events: int = 0
 
 
 class Simulation:

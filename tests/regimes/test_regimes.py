@@ -13,8 +13,10 @@ from ffsm_controllers.off import Off
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
+from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.recount import recount
 from tests.regimes import scenes
+from tests.regimes.weld import Weld
 from tests.scenes import ball
 
 pytestmark = pytest.mark.usefixtures("test_regimes")
@@ -102,6 +104,18 @@ def test_an_impact_on_what_is_held_is_one_on_robot_and_object(tmp_path):
     assert np.abs(after - before).max() > 1e-3  # the robot feels it at once
     assert all(law.holds for law in seen.laws()), [law for law in seen.laws() if not law.holds]
     assert recount(seen.log).agrees, recount(seen.log).worst
+
+
+def test_a_run_may_end_at_an_event_of_a_regime(tmp_path, monkeypatch):
+    """Its last sample is there, between two ticks, and no damage of the log."""
+    act = Weld.act
+    monkeypatch.setattr(Weld, "act", lambda self, instant: act(self, instant)._replace(end=RunEnded(Outcome.COMPLETED)))
+    ffsm_mj.run(scenes.capture(tmp_path), out=tmp_path / "run")
+    seen = ffsm_mj.load_run(tmp_path / "run")
+    (grip,) = seen.records["welds"]
+    assert (seen.outcome, seen.time[-1], seen.damage) == ("completed", grip.time_s, "")
+    assert recount(seen.log).agrees, recount(seen.log).worst
+    assert not recount(seen.log).gaps
 
 
 def test_a_request_that_nobody_hears_is_told(tmp_path, monkeypatch):

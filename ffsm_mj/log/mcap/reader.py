@@ -209,7 +209,7 @@ def _text(path: Path, name: str, content: bytes) -> str:
 def _gaps(log: RunLog) -> str:
     """Where samples do not follow each other by the control period; nothing where the log does not tell it."""
     try:
-        sampling = Sampling(float(log.header.facts.get("control_period_s", "")), (hit.time_s for hit in log.impacts))
+        sampling = Sampling(float(log.header.facts.get("control_period_s", "")), log.instants_s)
     except ValueError:
         return ""
     sampling.ticks(log.column(TIME))

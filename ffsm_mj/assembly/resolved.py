@@ -1,0 +1,26 @@
+"""The scenario as the run folder and the log keep it: every default written out, its models where they are kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ffsm_mj.model.files import logged_name
+from ffsm_mj.model.system import System
+from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.source import write_yaml
+
+
+def resolved_yaml(scenario: Scenario, system: System) -> str:
+    """YAML of a scenario that runs again from a run folder."""
+    data = scenario.model_dump(mode="json")
+    for name, files in system.files.items():
+        part = data["robot"] if name == "robot" else data["objects"][name]
+        part["mjcf"] = logged_name(name, files.main)
+        part["asset_folders"] = [] if files.beside else [logged_name(name, "")]
+    return write_yaml(_without_none(data))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return value if not isinstance(value, list) else [_without_none(item) for item in value]
