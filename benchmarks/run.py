@@ -29,12 +29,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import peers
-from ffsm_controllers.osdre.riccati import BlockRiccati, planar_riccati, solve_care
+from ffsm_controllers.osdre.riccati import from_eigenvectors, planar_riccati
+from ffsm_controllers.osdre.riccati_doubling import Doubling
 from ffsm_controllers.osdre.riccati_planar import principal_axes, turned
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import Prepared, prepare
-from ffsm_mj.compiled import is_compiled
+from ffsm_mj.compiled import fastest, is_compiled
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Scene
@@ -152,13 +153,13 @@ def three_outputs(solver: str) -> float:
     rng = np.random.default_rng(0)
     ends = [rng.normal(size=(2, 3, k)) for k in (3, 3, 4)]
     Q, count, total = np.diag([1.0] * 3 + [0.5] * 3), 300, 0.0
-    blocks = BlockRiccati(Q)
+    blocks = fastest(Doubling)(Q)
     for k in range(count):
         A21, A22, B2 = (np.cos(0.001 * k) * first + np.sin(0.001 * k) * second for first, second in ends)
         A = np.block([[np.zeros((3, 3)), np.eye(3)], [A21, A22]])
         B = np.vstack((np.zeros_like(B2), B2))
         start = time.perf_counter()
-        if solver == "blocks":
+        if solver == "doubling":
             blocks.solve(A21, A22, B2 @ B2.T)
         else:
             scipy_care(A, B, Q)
@@ -185,7 +186,7 @@ def riccati(solver: str) -> float:
         if solver == "structured":
             planar.solve(*lower, values, axes)
         elif solver == "eigenvectors":
-            solve_care(A, S, Q)
+            from_eigenvectors(A, S, Q)
         else:
             scipy_care(A, np.vstack((np.zeros((2, 3)), B2)), Q)
         total += time.perf_counter() - start
@@ -263,8 +264,8 @@ ROWS: dict[str, tuple[Callable[[], float], str]] = {
     "Riccati, structured, compiled": (partial(compiled, partial(riccati, "structured")), SCIPY),
     "Riccati, eigenvectors": (partial(riccati, "eigenvectors"), SCIPY),
     SCIPY: (partial(riccati, "scipy"), SCIPY),
-    "Riccati, 3 outputs, blocks": (partial(plain, partial(three_outputs, "blocks")), SCIPY_3),
-    "Riccati, 3 outputs, compiled": (partial(compiled, partial(three_outputs, "blocks")), SCIPY_3),
+    "Riccati, 3 outputs, doubling": (partial(plain, partial(three_outputs, "doubling")), SCIPY_3),
+    "Riccati, 3 outputs, compiled": (partial(compiled, partial(three_outputs, "doubling")), SCIPY_3),
     SCIPY_3: (partial(three_outputs, "scipy"), SCIPY_3),
     BARE_COLD: (partial(cold, BARE_PROCESS), BARE_COLD),
     "cold process, ffsm run": (partial(plain, partial(cold, RUN_PROCESS)), BARE_COLD),

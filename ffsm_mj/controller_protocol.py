@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -142,9 +142,11 @@ class Command:
 
 
 class Controller(Protocol):
-    """A control law. The class declares what it reports; the instance carries its state."""
+    """A control law. The class, or each instance, declares what it reports; the instance carries its state."""
 
-    telemetry_signals: ClassVar[tuple[Signal, ...]]
+    @property
+    def telemetry_signals(self) -> tuple[Signal, ...]:
+        """What it reports of every tick; a plain attribute of the class will do."""
 
     def start(self, observation: Observation) -> None:
         """Take over at this state, at the beginning of a phase."""

@@ -10,9 +10,10 @@ from importlib.metadata import version
 import mujoco
 import numpy as np
 import pytest
+from ffsm_controllers.osdre.block_law import BlockLaw
 from ffsm_controllers.osdre.planar_law import PlanarLaw
-from ffsm_controllers.osdre.riccati import BlockRiccati, RiccatiError, planar_riccati
-from ffsm_controllers.osdre.riccati_blocks import BlockNewton
+from ffsm_controllers.osdre.riccati import planar_riccati
+from ffsm_controllers.osdre.riccati_doubling import Doubling, RiccatiError
 from ffsm_controllers.osdre.riccati_planar import ACCEPTED_RESIDUAL, PlanarRiccati
 from ffsm_controllers.osdre.tip_kinematics import TipKinematics
 
@@ -210,26 +211,34 @@ def test_riccati_is_the_same_to_the_last_bit(rng, monkeypatch):
 
 
 @pytest.mark.parametrize("p", [1, 2, 3, 4])
-def test_block_newton(p, rng, monkeypatch):
-    """From starts near the solution, for any number of outputs; both break down on the same equation."""
-    for _ in range(50):
-        A21, A22, B2 = rng.normal(size=(p, p)), rng.normal(size=(p, p)), rng.normal(size=(p, p + 1))
+def test_doubling(p, rng):
+    """Any number of outputs, near singular poses with corrections too; both give up on the same equation."""
+    corrections = 0
+    for case in range(150):
+        A21, A22 = 10.0 ** (case % 5 - 2) * rng.normal(size=(2, p, p))
+        B2 = rng.normal(size=(p, p + 1))
+        B2[-1] *= 10.0 ** -(case % 6)
         S, root = B2 @ B2.T, rng.normal(size=(2 * p, 2 * p))
         Q = root @ root.T + 0.1 * np.eye(2 * p)
-        monkeypatch.setenv("FFSM_COMPILED", "0")
-        start, _, _ = BlockRiccati(Q).solve(A21, A22, S)
-        start = start * (1.0 + 1e-3 * rng.normal())
-        plain, twin = BlockNewton(Q).solve(A21, A22, S, start), twins.BlockNewton(Q).solve(A21, A22, S, start)
-        # Both end at rounding, amplified by the condition of the equation.
-        np.testing.assert_allclose(plain, twin, rtol=0.0, atol=1e-12 * np.abs(plain).max())
+        plain, twin = Doubling(Q), twins.Doubling(Q)
+        (expected, left), (K_lower, residual) = plain.solve(A21, A22, S), twin.solve(A21, A22, S)
+        # Both end at rounding, of the largest entry: 3e-12 was the most in a thousand equations.
+        np.testing.assert_allclose(K_lower, expected, rtol=0.0, atol=1e-10 * np.abs(expected).max())
+        assert max(left, residual) <= 10.0 * ACCEPTED_RESIDUAL
+        assert abs(plain.doublings - twin.doublings) <= 1
+        corrections += twin.corrections
+    assert corrections
     nothing = np.zeros((p, p))
-    for kind in (BlockNewton, twins.BlockNewton):
-        assert kind(np.eye(2 * p)).solve(nothing, nothing, nothing, np.zeros((p, 2 * p))) is None
+    for kind in (Doubling, twins.Doubling):
+        with pytest.raises(RiccatiError, match="no stabilising solution"):
+            kind(np.eye(2 * p)).solve(np.eye(p), np.eye(p), nothing)
+        with pytest.raises(RiccatiError, match="no stabilising solution"):
+            kind(np.eye(2 * p)).solve(np.nan * np.eye(p), np.eye(p), np.eye(p))
 
 
-def test_block_newton_refuses_other_sizes():
+def test_doubling_refuses_other_sizes():
     with pytest.raises(ValueError, match="blocks of another size than 3"):
-        twins.BlockNewton(np.eye(6)).solve(np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 4)))
+        twins.Doubling(np.eye(6)).solve(np.eye(2), np.eye(2), np.eye(2))
 
 
 @pytest.fixture(scope="module")
@@ -260,6 +269,36 @@ def test_planar_law(spatial_arm, rng, axes, whole_stack, monkeypatch):
         np.testing.assert_allclose(laws[0].effort, laws[1].effort, rtol=1e-11, atol=1e-12)
         kept = [0, 2, 3]  # the residual itself is rounding
         np.testing.assert_allclose(laws[0].report[kept], laws[1].report[kept], rtol=1e-11)
+        mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
+
+
+@pytest.mark.parametrize("whole_stack", [True, False])
+@pytest.mark.parametrize("axes", [(2,), (0, 1), (0, 1, 2), (2, 0, 1)])
+def test_block_law(spatial_arm, rng, axes, whole_stack, monkeypatch):
+    """Along a motion, at rest, and with torques that hardly move the output; the torques that do span the same space."""
+    model, data, p = spatial_arm.mj, moving(spatial_arm, rng), len(axes)
+    picked, target = np.eye(model.nv)[6:9], [3.0, 0.0, -1.0][:p]
+    driven, laws = np.vstack((picked, np.diag([1.0, 0.5, 2.0]) @ picked)), []
+    for switch in "01":
+        monkeypatch.setenv("FFSM_COMPILED", switch)
+        kinematics = fastest(TipKinematics)(model, data, spatial_arm.index("site", "tip"), axes)
+        laws.append(fastest(BlockLaw)(kinematics, data, fastest(Doubling)(np.eye(2 * p)), driven, axes, target, whole_stack))
+    assert type(laws[1]) is twins.BlockLaw
+    for tick in range(50):
+        if tick == 25:
+            data.qvel[:] = 0.0
+            mujoco.mj_forward(model, data)
+        for law in laws:
+            law.tick()
+            assert law.report[1] <= ACCEPTED_RESIDUAL
+        plain, twin = laws
+        # What the Riccati equations leave, 1e-13 at most, times the condition of S, some hundreds.
+        np.testing.assert_allclose(plain.effort, twin.effort, rtol=1e-9, atol=1e-10)
+        kept = [0, -1]
+        np.testing.assert_allclose(plain.report[kept], twin.report[kept], rtol=1e-11)
+        np.testing.assert_allclose(plain.inputs.T @ plain.inputs, twin.inputs.T @ twin.inputs, rtol=0.0, atol=1e-12)
+        assert plain.inputs.shape == (p, 3)
         mujoco.mj_step(model, data)
         mujoco.mj_forward(model, data)
 

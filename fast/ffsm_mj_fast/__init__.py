@@ -4,13 +4,14 @@ Two modules are the very source of :mod:`ffsm_controllers`, compiled; the rest r
 MuJoCo's C functions without the bindings in between.
 """
 
+from ffsm_mj_fast.block_law import BlockLaw
 from ffsm_mj_fast.flight import Flight
 from ffsm_mj_fast.joint_work import JointWork
 from ffsm_mj_fast.limits import Limits
 from ffsm_mj_fast.planar_law import PlanarLaw
-from ffsm_mj_fast.riccati_blocks import BlockNewton
+from ffsm_mj_fast.riccati_doubling import Doubling
 from ffsm_mj_fast.riccati_planar import PlanarRiccati
 from ffsm_mj_fast.sampler import Sampler
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-__all__ = ["BlockNewton", "Flight", "JointWork", "Limits", "PlanarLaw", "PlanarRiccati", "Sampler", "TipKinematics"]
+__all__ = ["BlockLaw", "Doubling", "Flight", "JointWork", "Limits", "PlanarLaw", "PlanarRiccati", "Sampler", "TipKinematics"]

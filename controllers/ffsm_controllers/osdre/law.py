@@ -6,7 +6,7 @@ figures were made with the other. ``output_stack`` depends on where the world's 
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -15,7 +15,8 @@ from ffsm_controllers.indices import compact
 from ffsm_controllers.joints import driven_joints
 from ffsm_controllers.osdre.block_law import BlockLaw
 from ffsm_controllers.osdre.planar_law import PlanarLaw
-from ffsm_controllers.osdre.riccati import BlockRiccati, RiccatiError, planar_riccati
+from ffsm_controllers.osdre.riccati import planar_riccati
+from ffsm_controllers.osdre.riccati_doubling import Doubling, RiccatiError
 from ffsm_controllers.osdre.tip_kinematics import TipKinematics
 from ffsm_mj.compiled import fastest
 from ffsm_mj.controller_protocol import (
@@ -50,23 +51,31 @@ class OsdreConfig(StrictModel):
     """Damping of motions of a redundant arm that do not move the output, N m s/rad; the output does not feel it."""
 
 
+_ERROR = Signal("controller", "osdre_error_m", "m", "distance of the output from its target")
+_RESIDUAL = Signal("controller", "osdre_riccati_residual", "", "residual of the Riccati equation over its largest term")
+_FALLBACK = Signal(
+    "controller",
+    "osdre_riccati_fallback",
+    "",
+    "1 where the robust Riccati solver was needed: no warm start, or it failed",
+)
+_DOUBLINGS = Signal("controller", "osdre_riccati_doublings", "", "doublings that the Riccati equation took")
+_CORRECTIONS = Signal(
+    "controller", "osdre_riccati_corrections", "", "Newton steps that the Riccati equation took after its doublings"
+)
+_GAIN = Signal(
+    "controller", "osdre_smallest_gain", "", "smallest singular value of alpha M_c^-1: condition 1 holds while > 0"
+)
+
+
 class Osdre:
-    """OSDRE law. Attributes of the last tick are in ``telemetry``."""
+    """OSDRE law. Numbers of the last tick are in ``telemetry``.
+
+    Attributes:
+        telemetry_signals: What it reports; how the Riccati equation was solved depends on the number of outputs.
+    """
 
     Config = OsdreConfig
-    telemetry_signals: ClassVar[tuple[Signal, ...]] = (
-        Signal("controller", "osdre_error_m", "m", "distance of the output from its target"),
-        Signal("controller", "osdre_riccati_residual", "", "residual of the Riccati equation over its largest term"),
-        Signal(
-            "controller",
-            "osdre_riccati_fallback",
-            "",
-            "1 where the robust Riccati solver was needed: no warm start, or it failed",
-        ),
-        Signal(
-            "controller", "osdre_smallest_gain", "", "smallest singular value of alpha M_c^-1: condition 1 holds while > 0"
-        ),
-    )
 
     def __init__(self, config: OsdreConfig, context: ControllerContext) -> None:
         """Resolve joints and check the weights.
@@ -92,7 +101,9 @@ class Osdre:
         self._driven = np.eye(self._model.nv)[self._joints.dofs]
         self._driven_R = np.linalg.inv(_input_weight(config.R, len(self._joints.dofs))) @ self._driven
         self._Q = Q
-        self._fallbacks, self._worst_residual = 0, 0.0
+        self._planar = p == 2
+        self.telemetry_signals = (_ERROR, _RESIDUAL, *((_FALLBACK,) if self._planar else (_DOUBLINGS, _CORRECTIONS)), _GAIN)
+        self._worst_residual, self._most, self._exceptions = 0.0, 0.0, 0.0
 
     def start(self, observation: Observation) -> None:
         """Build the law around the plant's data. It has no memory, and its Riccati solver starts cold."""
@@ -100,11 +111,12 @@ class Osdre:
         target, driven = self._task.target_m.tolist(), np.vstack((self._driven, self._driven_R))
         self._qvel, self._kinematics = data.qvel, fastest(TipKinematics)(self._model, data, site, axes)
         self._law: BlockLaw | PlanarLaw
-        if len(axes) == 2:
-            law, riccati = fastest(PlanarLaw), planar_riccati(self._Q)
-            self._law = law(self._kinematics, data, riccati, driven, axes, target, self._whole_stack)
+        self._block: BlockLaw | None = None
+        bound = driven, axes, target, self._whole_stack
+        if self._planar:
+            self._law = fastest(PlanarLaw)(self._kinematics, data, planar_riccati(self._Q), *bound)
         else:
-            self._law = BlockLaw(self._kinematics, data, BlockRiccati(self._Q), driven, axes, target, self._whole_stack)
+            self._law = self._block = fastest(BlockLaw)(self._kinematics, data, fastest(Doubling)(self._Q), *bound)
 
     def control(self, observation: Observation, command: Command) -> None:  # noqa: ARG002
         """Command u = -R^-1 B^T K [y - y_d; ydot], paper (32).
@@ -116,21 +128,31 @@ class Osdre:
             self._law.tick()
         except RiccatiError as error:
             raise ControllerError(str(error)) from error
-        u, (_, residual, fallback, _) = self._law.effort, self._law.report.tolist()
-        self._fallbacks += fallback == 1.0
-        self._worst_residual = max(self._worst_residual, residual)
+        u, report = self._law.effort, self._law.report.tolist()
+        self._worst_residual, self._most = max(self._worst_residual, report[1]), max(self._most, report[2])
+        self._exceptions += report[-2]
         if self._damping > 0.0:
-            B_lower, brake = self._kinematics.W @ self._driven.T, self._damping * self._qvel[self._joints.dofs]
-            u = u - brake + np.linalg.pinv(B_lower) @ (B_lower @ brake)
+            u = u - self._unseen(self._damping * self._qvel[self._joints.dofs])
         command.drive(self._actuators, u)
 
+    def _unseen(self, torque: FloatArray) -> FloatArray:
+        """What of a torque the output does not feel, (n,)."""
+        if self._block is not None:
+            inputs = self._block.inputs
+            return np.asarray(torque - inputs.dot(torque).dot(inputs))
+        B_lower = self._kinematics.W @ self._driven.T
+        return np.asarray(torque - np.linalg.pinv(B_lower) @ (B_lower @ torque))
+
     def telemetry(self) -> FloatArray:
-        """Error, Riccati residual, fallback, smallest gain of the last tick."""
+        """Error, Riccati residual, how it was reached, smallest gain of the last tick."""
         return self._law.report
 
     def summary(self) -> Report:
-        """How often the robust Riccati solver was needed, and the greatest residual of the equation, relative."""
-        return {"riccati_fallbacks": self._fallbacks, "worst_riccati_residual": self._worst_residual}
+        """What the Riccati equation took, and its greatest residual, relative."""
+        worst = {"worst_riccati_residual": self._worst_residual}
+        if self._planar:
+            return {"riccati_fallbacks": int(self._exceptions)} | worst
+        return {"most_riccati_doublings": int(self._most), "riccati_corrections": int(self._exceptions)} | worst
 
 
 def _matrix(weight: Weight, size: int, key: str, of: str) -> FloatArray:

@@ -1,0 +1,280 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Structure-preserving doubling for the Riccati equation; the twin of ffsm_controllers.osdre.riccati_doubling.
+
+Matrices are of n = 2 p rows and contiguous; products and eliminations go over the rows of what they multiply, which the
+compiler turns into vectors.
+"""
+
+import numpy as np
+
+from ffsm_controllers.osdre import riccati_doubling as plain
+
+from libc.math cimport INFINITY, fabs, pow
+from libc.string cimport memcpy, memset
+
+cdef int DOUBLINGS = plain._DOUBLINGS
+cdef int CORRECTIONS = plain._CORRECTIONS
+cdef double VANISHED = plain._VANISHED
+cdef double NEARLY_VANISHED = plain._NEARLY_VANISHED
+cdef double ACCEPTED_RESIDUAL = plain.ACCEPTED_RESIDUAL
+
+
+cdef void add_product(double sign, const double* a, const double* b, Py_ssize_t wide, double* out, Py_ssize_t n) noexcept nogil:
+    """out += sign a b, rows of b so wide."""
+    cdef Py_ssize_t i, j, k
+    cdef double factor
+    for i in range(n):
+        for k in range(n):
+            factor = sign * a[n * i + k]
+            for j in range(n):
+                out[n * i + j] += factor * b[wide * k + j]
+
+
+cdef void product(const double* a, const double* b, Py_ssize_t wide, double* out, Py_ssize_t n) noexcept nogil:
+    """out = a b."""
+    memset(out, 0, n * n * sizeof(double))
+    add_product(1.0, a, b, wide, out, n)
+
+
+cdef void add_transposed_product(const double* a, const double* b, double* out, Py_ssize_t n) noexcept nogil:
+    """out += a^T b."""
+    cdef Py_ssize_t i, j, k
+    cdef double factor
+    for k in range(n):
+        for i in range(n):
+            factor = a[n * k + i]
+            for j in range(n):
+                out[n * i + j] += factor * b[n * k + j]
+
+
+cdef void add_product_transposed(const double* a, const double* b, double* out, Py_ssize_t n) noexcept nogil:
+    """out += a b^T."""
+    cdef Py_ssize_t i, j, k
+    cdef double total
+    for i in range(n):
+        for j in range(n):
+            total = 0.0
+            for k in range(n):
+                total += a[n * i + k] * b[n * j + k]
+            out[n * i + j] += total
+
+
+cdef bint eliminate(double* a, Py_ssize_t n, Py_ssize_t wide) noexcept nogil:
+    """Gauss-Jordan with partial pivoting on n rows [a | b]: b becomes a^-1 b. False where a is singular."""
+    cdef Py_ssize_t i, j, k, best
+    cdef double factor, swapped
+    cdef double* pivot
+    cdef double* row
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if fabs(a[wide * i + k]) > fabs(a[wide * best + k]):
+                best = i
+        pivot, row = a + wide * k, a + wide * best
+        if not fabs(row[k]) > 0.0:
+            return False
+        if best != k:
+            for j in range(k, wide):
+                swapped = pivot[j]
+                pivot[j] = row[j]
+                row[j] = swapped
+        factor = 1.0 / pivot[k]
+        for j in range(k + 1, wide):
+            pivot[j] *= factor
+        for i in range(n):
+            if i != k:
+                row = a + wide * i
+                factor = row[k]
+                for j in range(k + 1, wide):
+                    row[j] -= factor * pivot[j]
+    return True
+
+
+cdef double greatest(const double* a, Py_ssize_t count) noexcept nogil:
+    """The greatest size of an entry, NaN where one is."""
+    cdef double found = 0.0
+    cdef Py_ssize_t i
+    for i in range(count):
+        if not fabs(a[i]) <= found:
+            found = fabs(a[i])
+    return found
+
+
+cdef class Doubling:
+    """Solver for one state weight."""
+
+    def __init__(self, Q):
+        n = self.n = len(Q)
+        self.p, self.Q = n // 2, np.array(Q, dtype=np.float64, order="C")
+        self.size, self.largest = float(np.sum(np.square(Q))), float(np.abs(Q).max())
+        self.A, self.S, self.K, self.best, self.rest, self.left, self.W = np.zeros((7, n, n))
+        self.a, self.G, self.H, self.new, self.T = np.zeros((5, n, n))
+        self.wide = np.zeros((n, 3 * n))
+        for i in range(self.p):
+            self.A[i, self.p + i] = 1.0
+
+    def solve(self, double[:, :] A21, double[:, :] A22, double[:, :] S):
+        """[P2^T, P3] (p, 2 p), and what is left of the equation relative to its largest term.
+
+        Raises:
+            RiccatiError: There is no stabilising solution, or rounding hides it.
+            ValueError: Blocks of another size.
+        """
+        cdef Py_ssize_t p = self.p
+        if not (A21.shape[0] == A22.shape[0] == S.shape[0] == A21.shape[1] == A22.shape[1] == S.shape[1] == p):
+            raise ValueError(f"blocks of another size than {p}")
+        self.A[p:, :p] = A21
+        self.A[p:, p:] = A22
+        self.S[p:, p:] = S
+        residual = self.solution()
+        return np.array(self.K[p:]), residual
+
+    cdef double solution(self) except -1.0:
+        """K of A and S as they stand; its residual."""
+        cdef Py_ssize_t i, j, p = self.p
+        cdef double shift, residual, square = 0.0
+        for i in range(p, self.n):
+            for j in range(p, self.n):
+                square += self.S[i, j] * self.S[i, j]
+        shift = pow(square * self.size, 0.125)
+        self.doublings = self.corrections = 0
+        for factor in plain._SHIFTS:
+            residual = self.corrected(factor * shift)
+            if residual <= ACCEPTED_RESIDUAL or (residual < INFINITY and self.stabilises()):
+                return residual
+        raise plain.RiccatiError("the Riccati equation has no stabilising solution here")
+
+    cdef double corrected(self, double shift) noexcept:
+        """K with one shift, corrected; its residual, infinite where a does not vanish."""
+        cdef double residual, left
+        if not self.doubled(shift):
+            return INFINITY
+        residual = self.defect()
+        while residual > ACCEPTED_RESIDUAL and self.corrections < CORRECTIONS:
+            self.best[:] = self.K
+            left = self.defect() if self.lacking(shift) else INFINITY
+            if not left < residual:
+                self.K[:] = self.best
+                break
+            residual = left
+        return residual if residual < INFINITY else INFINITY
+
+    cdef bint doubled(self, double shift) noexcept:
+        """K with one shift; False where a does not vanish."""
+        cdef Py_ssize_t i, j, n = self.n, count = n * n
+        cdef double twice = 2.0 * shift, size
+        cdef double *a = &self.a[0, 0], *G = &self.G[0, 0], *H = &self.H[0, 0], *T = &self.T[0, 0], *new = &self.new[0, 0]
+        cdef double* wide = &self.wide[0, 0]
+        # left = (A - shift)^-1, with left S beside it.
+        for i in range(n):
+            for j in range(n):
+                wide[3 * n * i + j] = self.A[i, j] - (shift if i == j else 0.0)
+                wide[3 * n * i + n + j] = 1.0 if i == j else 0.0
+                wide[3 * n * i + 2 * n + j] = self.S[i, j]
+        if not eliminate(wide, n, 3 * n):
+            return False
+        for i in range(n):
+            memcpy(&self.left[i, 0], wide + 3 * n * i + n, n * sizeof(double))
+            memcpy(G + n * i, wide + 3 * n * i + 2 * n, n * sizeof(double))
+        # W = ((A - shift)^T + Q left S)^-1.
+        product(&self.Q[0, 0], G, n, T, n)
+        for i in range(n):
+            for j in range(n):
+                wide[2 * n * i + j] = T[n * i + j] + self.A[j, i] - (shift if i == j else 0.0)
+                wide[2 * n * i + n + j] = 1.0 if i == j else 0.0
+        if not eliminate(wide, n, 2 * n):
+            return False
+        for i in range(n):
+            for j in range(n):
+                self.W[i, j] = twice * wide[2 * n * i + n + j]
+        for i in range(n):
+            for j in range(n):
+                a[n * i + j] = self.W[j, i] + (1.0 if i == j else 0.0)
+        product(G, &self.W[0, 0], n, T, n)
+        memcpy(G, T, count * sizeof(double))
+        product(&self.Q[0, 0], &self.left[0, 0], n, T, n)
+        product(&self.W[0, 0], T, n, H, n)
+        for _ in range(DOUBLINGS):
+            self.doublings += 1
+            product(G, H, n, T, n)
+            for i in range(n):
+                memcpy(wide + 3 * n * i, T + n * i, n * sizeof(double))
+                memcpy(wide + 3 * n * i + n, a + n * i, n * sizeof(double))
+                memcpy(wide + 3 * n * i + 2 * n, G + n * i, n * sizeof(double))
+                wide[3 * n * i + i] += 1.0
+            if not eliminate(wide, n, 3 * n):
+                return False
+            product(H, wide + n, 3 * n, T, n)
+            add_transposed_product(a, T, H, n)
+            product(a, wide + n, 3 * n, new, n)
+            size = 0.0
+            for i in range(count):
+                size += new[i] * new[i]
+            if size <= VANISHED:
+                for i in range(n):
+                    for j in range(n):
+                        self.K[i, j] = 0.5 * (H[n * i + j] + H[n * j + i])
+                return True
+            if not size < INFINITY:
+                return False
+            product(a, wide + 2 * n, 3 * n, T, n)
+            add_product_transposed(T, a, G, n)
+            memcpy(a, new, count * sizeof(double))
+        return False
+
+    cdef bint lacking(self, double shift) noexcept:
+        """Add a Newton step to K, which stabilises and leaves a rest; False where it is not defined."""
+        cdef Py_ssize_t i, j, n = self.n, count = n * n
+        cdef double twice = 2.0 * shift, size
+        cdef double *a = &self.a[0, 0], *H = &self.H[0, 0], *T = &self.T[0, 0], *new = &self.new[0, 0]
+        cdef double* wide = &self.wide[0, 0]
+        self.corrections += 1
+        product(&self.S[0, 0], &self.K[0, 0], n, T, n)
+        for i in range(n):
+            for j in range(n):
+                wide[2 * n * i + j] = self.A[i, j] - T[n * i + j] - (shift if i == j else 0.0)
+                wide[2 * n * i + n + j] = 1.0 if i == j else 0.0
+        if not eliminate(wide, n, 2 * n):
+            return False
+        for i in range(n):
+            memcpy(&self.left[i, 0], wide + 2 * n * i + n, n * sizeof(double))
+        for i in range(n):
+            for j in range(n):
+                a[n * i + j] = twice * self.left[i, j] + (1.0 if i == j else 0.0)
+        product(&self.rest[0, 0], &self.left[0, 0], n, T, n)
+        memset(H, 0, count * sizeof(double))
+        add_transposed_product(&self.left[0, 0], T, H, n)
+        for i in range(count):
+            H[i] *= twice
+        for _ in range(DOUBLINGS):
+            product(H, a, n, T, n)
+            add_transposed_product(a, T, H, n)
+            product(a, a, n, new, n)
+            memcpy(a, new, count * sizeof(double))
+            size = 0.0
+            for i in range(count):
+                size += a[i] * a[i]
+            if not size > NEARLY_VANISHED:
+                break
+        for i in range(n):
+            for j in range(n):
+                self.K[i, j] += 0.5 * (H[n * i + j] + H[n * j + i])
+        return True
+
+    cdef double defect(self) noexcept:
+        """What K leaves of the equation, in ``rest``; its greatest entry over the greatest of the terms."""
+        cdef Py_ssize_t i, j, n = self.n, count = n * n
+        cdef double *linear = &self.T[0, 0], *quadratic = &self.new[0, 0], *rest = &self.rest[0, 0]
+        cdef double scale
+        product(&self.S[0, 0], &self.K[0, 0], n, linear, n)
+        product(&self.K[0, 0], linear, n, quadratic, n)
+        product(&self.K[0, 0], &self.A[0, 0], n, linear, n)
+        for i in range(n):
+            for j in range(n):
+                rest[n * i + j] = linear[n * i + j] + linear[n * j + i] + self.Q[i, j] - quadratic[n * i + j]
+        scale = max(self.largest, greatest(linear, count), greatest(quadratic, count))
+        return greatest(rest, count) / scale
+
+    cdef bint stabilises(self):
+        closed = np.asarray(self.A) - np.asarray(self.S) @ np.asarray(self.K)
+        return bool(np.linalg.eigvals(closed).real.max() < 0.0)
