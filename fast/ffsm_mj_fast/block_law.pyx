@@ -1,4 +1,4 @@
-# cython: boundscheck=False, wraparound=False
+# cython: boundscheck=False, wraparound=False, cdivision=True
 """The OSDRE law for any number of outputs; the twin of ffsm_controllers.osdre.block_law.
 
 Singular values come from one-sided Jacobi rotations, which make the rows of a matrix orthogonal.
@@ -50,7 +50,7 @@ cdef void make_orthogonal(double[:, ::1] rows) noexcept:
 cdef class BlockLaw:
     """u = -R^-1 B^T K [y - y_d; ydot]."""
 
-    cdef readonly object effort, report
+    cdef readonly object effort, report, inputs
     cdef TipKinematics kinematics
     cdef Doubling riccati
     cdef const double[:, ::1] driven
@@ -73,11 +73,11 @@ cdef class BlockLaw:
             raise ValueError(f"a selection of {driven.shape[1]} dofs or outputs along {axes} do not fit")
         self.kinematics, self.riccati, self.driven, self.whole_stack = kinematics, riccati, driven, whole_stack
         self.qvel, self.bias, self.passive = data.qvel, data.qfrc_bias, data.qfrc_passive
-        self.gains, self.rows = np.zeros((driven.shape[0], p)), np.zeros((p, driven.shape[0] // 2))
+        self.gains, self.inputs = np.zeros((driven.shape[0], p)), np.zeros((p, driven.shape[0] // 2))
         self.lengths, self.y, self.y_dot, self.drift = np.zeros((4, p))
         self.target = np.array(target_m, dtype=np.float64)
         self.effort, self.report = np.zeros(driven.shape[0] // 2), np.full(5, np.nan)
-        self.u, self.told = self.effort, self.report
+        self.u, self.told, self.rows = self.effort, self.report, self.inputs
 
     def tick(self):
         """Work out ``effort``, ``report`` and ``inputs`` at the current state.
@@ -134,9 +134,9 @@ cdef class BlockLaw:
         return square
 
     cdef double decompose(self) noexcept:
-        """Make the rows of alpha M_c^-1 orthogonal; the smallest singular value."""
+        """Make an orthonormal basis of the rows of alpha M_c^-1; the smallest singular value."""
         cdef Py_ssize_t i, k, p = self.y.shape[0], n = self.u.shape[0]
-        cdef double smallest = -1.0
+        cdef double smallest, greatest
         for i in range(p):
             for k in range(n):
                 self.rows[i, k] = self.gains[k, i]
@@ -146,13 +146,10 @@ cdef class BlockLaw:
             for k in range(n):
                 self.lengths[i] += self.rows[i, k] * self.rows[i, k]
             self.lengths[i] = sqrt(self.lengths[i])
-            if smallest < 0.0 or not self.lengths[i] >= smallest:
-                smallest = self.lengths[i]
+        smallest = greatest = self.lengths[0]
+        for i in range(1, p):
+            smallest, greatest = min(smallest, self.lengths[i]), max(greatest, self.lengths[i])
+        for i in range(p):
+            for k in range(n):
+                self.rows[i, k] = self.rows[i, k] / self.lengths[i] if self.lengths[i] > NO_MOTION * greatest else 0.0
         return smallest
-
-    @property
-    def inputs(self):
-        """Orthonormal basis of the torques that move the output at the last tick, rows (p, n) or fewer."""
-        lengths = np.asarray(self.lengths)
-        moving = lengths > NO_MOTION * lengths.max()
-        return np.asarray(self.rows)[moving] / lengths[moving, None]

@@ -136,6 +136,11 @@ class _Valve:
         self.firing = firing
         return firing * self._force
 
+    def shut(self) -> float:
+        """Without power; gives the force that the valve has then."""
+        self.firing = 0.0
+        return 0.0
+
     def stand(self, force: float, time_s: float) -> float:
         """Stand as a force says, from a time on; gives the force that the valve has then."""
         firing = math.copysign(1.0, force) if force else 0.0
@@ -187,6 +192,7 @@ class Actuation:
         self.table = np.zeros((len(self.names), len(_EFFORTS)))
         self._wanted, self.applied, self._lower, self._upper = self.table.T
         self._counted = np.array([i for i, _ in self._valves], dtype=np.intp)
+        self._gears = self.gear[self._counted]
         self._valves_open = False
         self.counts = np.zeros((len(self._valves), 2))
         efforts = _effort_signals(system)
@@ -218,15 +224,20 @@ class Actuation:
 
     def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
         """Open and shut the valves of the on-off actuators, which deliver all or nothing of what the limits left of it."""
-        self._valves_open = False
+        if not (self._valves_open or powered[self._counted].any()):
+            return  # all are shut, and stay so
+        # Lists of floats are read faster than arrays one by one.
+        on, wanted = powered.tolist(), self._wanted.tolist()
+        lower, upper, forces = self._lower.tolist(), self._upper.tolist(), []
         for i, valve in self._valves:
-            if powered[i]:
-                lower, upper = float(self._lower[i]), float(self._upper[i])
-                force = valve.fire(float(self._wanted[i]), lower, upper, time_s)
-                self.applied[i], self._ctrl[i] = force, force / self.gear[i]
-            else:
-                valve.firing = 0.0
-            self._valves_open |= valve.firing != 0.0
+            forces.append(valve.fire(wanted[i], lower[i], upper[i], time_s) if on[i] else valve.shut())
+        self._take(forces)
+
+    def _take(self, forces: Sequence[float]) -> None:
+        """Let the valves' forces act."""
+        self.applied[self._counted] = forces
+        self._ctrl[self._counted] = self.applied[self._counted] / self._gears
+        self._valves_open = any(forces)
 
     def hold(self, efforts: FloatArray, data: Any, time_s: float) -> None:
         """Take up efforts that were decided before, within limits as ever; valves stand as the efforts say.
@@ -237,10 +248,8 @@ class Actuation:
             time_s: When that was.
         """
         self.apply(Command(efforts, efforts != 0.0), data, time_s)
-        for i, valve in self._valves:
-            force = valve.stand(float(efforts[i]), time_s)
-            self.applied[i], self._ctrl[i] = force, force / self.gear[i]
-        self._valves_open = any(valve.firing != 0.0 for _, valve in self._valves)
+        if self._valves:
+            self._take([valve.stand(float(efforts[i]), time_s) for i, valve in self._valves])
 
     def by_name(self) -> dict[str, tuple[float, ...]]:
         """Effort that acts now by actuator, N or N m."""

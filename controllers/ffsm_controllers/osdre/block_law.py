@@ -23,7 +23,7 @@ class BlockLaw:
         effort: Torques of the last tick, (n,).
         report: Of the last tick: distance from the target in m, residual of the Riccati equation, doublings and corrections
             that it took, smallest singular value of alpha M_c^-1, (5,).
-        inputs: Orthonormal basis of the torques that move the output at the last tick, rows (p, n) or fewer.
+        inputs: Orthonormal basis of the torques that move the output at the last tick, rows that move nothing zero, (p, n).
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class BlockLaw:
         self._point, self._qvel = kinematics.point, data.qvel
         self._bias, self._passive = data.qfrc_bias, data.qfrc_passive
         self._none = np.zeros((len(axes), len(axes)))
-        self.effort, self.report, self.inputs = np.zeros(self._n), np.full(5, np.nan), np.zeros((0, self._n))
+        self.effort, self.report, self.inputs = np.zeros(self._n), np.full(5, np.nan), np.zeros((len(axes), self._n))
 
     def tick(self) -> None:
         """Work out ``effort``, ``report`` and ``inputs`` at the current state.
@@ -69,7 +69,9 @@ class BlockLaw:
         K_lower, residual = riccati.solve(A21, drift[:, None] * y_dot, BR_T.T.dot(B_T))
         error = y - self._target
         _, sizes, rows = np.linalg.svd(B_T.T, full_matrices=False)
-        self.inputs = rows[sizes > _NO_MOTION * sizes[0]]
+        if not sizes[-1] > _NO_MOTION * sizes[0]:
+            rows[sizes <= _NO_MOTION * sizes[0]] = 0.0
+        self.inputs = rows
         BR_T.dot(-K_lower.dot(np.concatenate((error, y_dot))), out=self.effort)
         distance = math.sqrt(float(error.dot(error)))
         self.report[:] = distance, residual, riccati.doublings, riccati.corrections, sizes[-1]

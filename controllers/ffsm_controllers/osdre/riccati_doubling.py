@@ -46,6 +46,7 @@ class Doubling:
         self._largest = float(np.abs(Q).max())
         self._A, self._S, self._one = np.zeros((n, n)), np.zeros((n, n)), np.eye(n)
         self._A[: self._p, self._p :] = np.eye(self._p)
+        self._room = tuple(np.empty((6, n, n)))  # of products: where they go takes as long as what they do
         self.doublings = self.corrections = 0
 
     def solve(self, A21: FloatArray, A22: FloatArray, S: FloatArray) -> tuple[FloatArray, float]:
@@ -95,21 +96,29 @@ class Doubling:
         left = inverse(shifted)
         G = left.dot(self._S)
         W = inverse(shifted.T + self._Q.dot(G))
-        a = twice * W.T + one
         G = twice * G.dot(W)
         H = twice * W.dot(self._Q.dot(left))
+        a, after, Va, aV, T, U = self._room
+        np.multiply(W.T, twice, a)
+        a += one
         for _ in range(_DOUBLINGS):
             self.doublings += 1
-            V = inverse(one + G.dot(H))
-            Va, a_T = V.dot(a), a.T
-            H += a_T.dot(H.dot(Va))
-            aV, a = a.dot(V), a.dot(Va)
-            size = float(a.ravel().dot(a.ravel()))
+            G.dot(H, T)
+            T += one
+            V = inverse(T)
+            V.dot(a, Va)
+            a.T.dot(H.dot(Va, U), T)
+            H += T
+            a.dot(V, aV)
+            a.dot(Va, after)
+            size = float(after.ravel().dot(after.ravel()))
             if size <= _VANISHED:
                 return np.asarray(0.5 * (H + H.T))
             if not size < math.inf:
                 return None
-            G += aV.dot(G).dot(a_T)
+            aV.dot(G, T).dot(a.T, U)
+            G += U
+            a, after = after, a
         return None
 
     def _lacking(self, K: FloatArray, rest: FloatArray, shift: float) -> FloatArray:
