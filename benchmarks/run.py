@@ -1,8 +1,9 @@
-"""Speed as ratios within one run: bare MuJoCo, detection, the whole baseline, its logs, the Riccati solvers, a cold process.
+"""Speed as ratios within one run: bare MuJoCo, detection, whole runs, their logs, the Riccati solvers, a cold process.
 
-``uv run --extra fast --extra peers python benchmarks/run.py`` prints medians and spread over interleaved repeats; without
-the extra ``fast`` the compiled rows are left out, without ``peers`` the other engines; ``--repeats 3`` is quicker. "Bare"
-is the Python loop of ``mj_step`` on the baseline's model (RK4, 1 ms, contacts on) for 30 s.
+``uv run --extra fast --extra peers python benchmarks/run.py`` prints medians, spread and goals over interleaved repeats;
+without the extra ``fast`` the compiled rows are left out, without ``peers`` the other engines; ``--repeats 3`` is quicker.
+"Bare" is the Python loop of ``mj_step`` on the model of the same scenario, for as many steps, contacts on, the arm moving.
+Seconds are CPU time; of cold processes, which wait for the disk too, wall time.
 """
 
 # ruff: noqa: E402
@@ -14,28 +15,28 @@ from ffsm_mj.cli.main import one_blas_thread
 one_blas_thread()  # before numpy is imported: a second thread only spins on matrices this small
 
 import argparse
-import os
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
-import numpy as np
 import peers
-from ffsm_controllers.osdre.riccati import from_eigenvectors, planar_riccati
-from ffsm_controllers.osdre.riccati_doubling import Doubling
-from ffsm_controllers.osdre.riccati_planar import principal_axes, turned
+import riccati
+import scenes
+from loops import ARM_RATE, bare, fresh, in_memory, steps, stir
+from twins import compiled, plain
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import Prepared, prepare
-from ffsm_mj.compiled import fastest, is_compiled
+from ffsm_mj.assembly.run import simulate
+from ffsm_mj.compiled import is_compiled
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Scene
@@ -48,38 +49,21 @@ from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.recount import recount
 
-STEPS = 30_000
 PAIRS = ("gripper", "link_1", "link_2", "link_3", "base")
-
-
-def fresh(*, contacts: bool):
-    """Model and data of the baseline at its start."""
-    assembly = prepare("baseline").assemble()
-    bit = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    model = assembly.system.mj
-    model.opt.disableflags = model.opt.disableflags & ~bit if contacts else model.opt.disableflags | bit
-    return assembly, model, assembly.data
-
-
-def bare(*, contacts: bool) -> float:
-    """30 s of mj_step in a Python loop, the arm moving."""
-    _, model, data = fresh(contacts=contacts)
-    data.qvel[3:6] = 0.1
-    start = time.perf_counter()
-    for _ in range(STEPS):
-        mujoco.mj_step(model, data)
-    return time.perf_counter() - start
+BASELINE = prepare("baseline")
+STEPS = steps(BASELINE)
 
 
 def forwarded(*, pairs: tuple[str, ...]) -> float:
     """30 s of step and forward, contacts off, with so many pairs watched (none: the same loop without detection)."""
-    assembly, model, data = fresh(contacts=False)
-    data.qvel[3:6] = 0.1
+    assembly = fresh(BASELINE, contacts=False)
+    stir(assembly)
+    model, data = assembly.system.mj, assembly.data
     data.qpos[6] = -6.0  # out of reach: nothing is resolved here, so nothing may touch
     mujoco.mj_forward(model, data)
     watched = [ContactPair(assembly.system, name, name, "object/box", 1.0) for name in pairs]
     course = Course(Motion(model, data), [Detector(Scene(assembly.system, data), watched)])
-    start = time.perf_counter()
+    start = time.process_time()
     if watched:
         for _ in range(STEPS):
             course.advance(0.001)
@@ -87,12 +71,13 @@ def forwarded(*, pairs: tuple[str, ...]) -> float:
         for _ in range(STEPS):
             mujoco.mj_step(model, data)
             mujoco.mj_forward(model, data)
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def closed() -> float:
     """The gripper rests on the box, nothing presses: every step looks for a touch and for an overlap. 1 s, times thirty."""
-    assembly, model, data = fresh(contacts=False)
+    assembly = fresh(BASELINE, contacts=False)
+    model, data = assembly.system.mj, assembly.data
     pair = ContactPair(assembly.system, "hit", "gripper", "object/box", 0.0)
     data.qpos[6] += float(data.geom("robot/gripper").xpos[0] - 0.501 - data.qpos[6])
     data.qpos[7] = data.geom("robot/gripper").xpos[1]
@@ -101,126 +86,50 @@ def closed() -> float:
     mujoco.mj_forward(model, data)
     detector = Detector(Scene(assembly.system, data), [pair])
     course = Course(Motion(model, data), [detector])
-    start = time.perf_counter()
+    start = time.process_time()
     for _ in range(STEPS // 30):
         course.advance(0.001)
     deepest = detector.columns[0]
     deepest.note(0.0)
     assert deepest.live[0] < 1e-12
-    return 30.0 * (time.perf_counter() - start)
+    return 30.0 * (time.process_time() - start)
 
 
 def recounting() -> float:
     """What `analyze` does with the baseline's log: every step flown again, every number compared."""
-    _, log = logged()
-    start = time.perf_counter()
+    log = logged()
+    start = time.process_time()
     assert recount(log).agrees
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
-def whole(*, out: bool, rerun: bool) -> float:
-    """The baseline with everything on; in memory, with MCAP, with MCAP and Rerun. Imports and set-up are excluded."""
+def on_disk(*, rerun: bool) -> float:
+    """The baseline with everything on, its log written as MCAP, with or without Rerun's; set-up is not counted."""
     with tempfile.TemporaryDirectory() as folder:
-        prepared = prepare("baseline")
-        start = time.perf_counter()
-        prepared.run(folder=RunFolder(Path(folder) / "run") if out else None, rerun=rerun)
-        return time.perf_counter() - start
+        assembly = BASELINE.assemble()
+        start = time.process_time()
+        simulate(assembly, RunFolder(Path(folder) / "run"), with_rerun=rerun)
+        return time.process_time() - start
 
 
 @cache
-def logged() -> tuple[Prepared, RunLog]:
-    """The baseline and its log, in memory."""
-    prepared = prepare("baseline")
-    return prepared, prepared.run().log
+def logged() -> RunLog:
+    """The baseline's log, in memory."""
+    return BASELINE.run().log
 
 
 def writing() -> float:
     """The baseline's rows into a log file, and nothing else: samples and viewer topics."""
-    prepared, log = logged()
+    log = logged()
     with tempfile.TemporaryDirectory() as folder:
         take = partial(PartialFile.begun, Path(folder) / "run.mcap")
-        sink = McapSink(take, prepared.system, prepared.scenario.log.view_rate_hz)
-        start = time.perf_counter()
+        sink = McapSink(take, BASELINE.system, BASELINE.scenario.log.view_rate_hz)
+        start = time.process_time()
         sink.open(log.header)
         for first in range(0, len(log.rows), BLOCK_ROWS):
             sink.rows(log.rows[first : first + BLOCK_ROWS])
         sink.close(log.outcome)
-        return time.perf_counter() - start
-
-
-def three_outputs(solver: str) -> float:
-    """Seconds per solution for three outputs along a smooth path."""
-    rng = np.random.default_rng(0)
-    ends = [rng.normal(size=(2, 3, k)) for k in (3, 3, 4)]
-    Q, count, total = np.diag([1.0] * 3 + [0.5] * 3), 300, 0.0
-    blocks = fastest(Doubling)(Q)
-    for k in range(count):
-        A21, A22, B2 = (np.cos(0.001 * k) * first + np.sin(0.001 * k) * second for first, second in ends)
-        A = np.block([[np.zeros((3, 3)), np.eye(3)], [A21, A22]])
-        B = np.vstack((np.zeros_like(B2), B2))
-        start = time.perf_counter()
-        if solver == "doubling":
-            blocks.solve(A21, A22, B2 @ B2.T)
-        else:
-            scipy_care(A, B, Q)
-        total += time.perf_counter() - start
-    return total / count
-
-
-def riccati(solver: str) -> float:
-    """Seconds per solution along a smooth path of problems, warm-started where the solver can."""
-    rng = np.random.default_rng(0)
-    first, second = rng.normal(size=(2, 2, 4)), rng.normal(size=(2, 2, 4))
-    left, right = rng.normal(size=(2, 3)), rng.normal(size=(2, 3))
-    Q, count = np.diag([1.0, 1.0, 0.5, 0.5]), 500
-    planar, total = planar_riccati(Q), 0.0
-    for k in range(count):
-        A, S = np.zeros((4, 4)), np.zeros((4, 4))
-        angle = 0.001 * k
-        A[:2, 2:], A[2:] = np.eye(2), np.cos(angle) * first[0] + np.sin(angle) * second[0]
-        B2 = np.cos(angle) * left + np.sin(angle) * right
-        S[2:, 2:] = B2 @ B2.T
-        values, axes = principal_axes(*S[2:, 2:].ravel()[[0, 1, 3]].tolist())
-        lower = [turned(tuple(block.ravel().tolist()), axes) for block in (A[2:, :2], A[2:, 2:])]
-        start = time.perf_counter()
-        if solver == "structured":
-            planar.solve(*lower, values, axes)
-        elif solver == "eigenvectors":
-            from_eigenvectors(A, S, Q)
-        else:
-            scipy_care(A, np.vstack((np.zeros((2, 3)), B2)), Q)
-        total += time.perf_counter() - start
-    return total / count
-
-
-def scipy_care(A, B, Q):
-    """SciPy's Schur method, the oracle."""
-    from scipy.linalg import solve_continuous_are
-
-    return solve_continuous_are(A, B, Q, np.eye(B.shape[1]))
-
-
-def plain(row: Callable[[], float]) -> float:
-    """A row without the compiled twins."""
-    with switched("0"):
-        return row()
-
-
-def compiled(row: Callable[[], float]) -> float:
-    """A row with them."""
-    with switched("1"):
-        return row()
-
-
-@contextmanager
-def switched(value: str):
-    """Set FFSM_COMPILED for a while."""
-    before = os.environ.get("FFSM_COMPILED", "1")
-    os.environ["FFSM_COMPILED"] = value
-    try:
-        yield
-    finally:
-        os.environ["FFSM_COMPILED"] = before
+        return time.process_time() - start
 
 
 def cold(code: str) -> float:
@@ -236,42 +145,63 @@ import mujoco
 model = mujoco.MjModel.from_xml_path({str(Path(ffsm_mj.__file__).parent.parent / "mjcf" / "ffsm_3dof.xml")!r})
 model.opt.timestep = 0.001
 data = mujoco.MjData(model)
-data.qvel[3:6] = 0.1
+data.qvel[3:6] = {ARM_RATE}
 for _ in range({STEPS}):
     mujoco.mj_step(model, data)
 """
 RUN_PROCESS = 'from ffsm_mj.cli.main import main; main(["run", "baseline", "--no-rerun"])'
 HELP_PROCESS = 'from ffsm_mj.cli.main import main\ntry: main(["--help"])\nexcept SystemExit: pass'
 
-BARE, SCIPY, SCIPY_3 = "bare loop, contacts on", "Riccati, SciPy", "Riccati, 3 outputs, SciPy"
+
+class Row(NamedTuple):
+    """Seconds of something, the row that it is compared with, and the ratio that is wanted, where one is."""
+
+    measure: Callable[[], float]
+    reference: str
+    goal: float | None = None
+
+
+def against_bare(name: str, scenario: Callable[[], Prepared], goals: tuple[float, float], *, stirred: bool = True):
+    """Three rows: the bare loop of a scenario, its run in memory in plain Python, and compiled."""
+    reference, once = f"{name}, bare", cache(scenario)
+    return {
+        reference: Row(lambda: bare(once(), stirred=stirred), reference),
+        f"{name}, in memory": Row(partial(plain, lambda: in_memory(once())), reference, goals[0]),
+        f"{name}, in memory, compiled": Row(partial(compiled, lambda: in_memory(once())), reference, goals[1]),
+    }
+
+
+BARE, SCIPY, SCIPY_3 = "baseline, bare", "Riccati, SciPy", "Riccati, 3 outputs, SciPy"
 NO_DETECTION, BARE_COLD = "step and forward, no detection", "cold process, bare loop"
-MEMORY, MCAP = partial(whole, out=False, rerun=False), partial(whole, out=True, rerun=False)
-ROWS: dict[str, tuple[Callable[[], float], str]] = {
-    BARE: (partial(bare, contacts=True), BARE),
-    "bare loop, contacts off": (partial(bare, contacts=False), BARE),
-    NO_DETECTION: (partial(forwarded, pairs=()), NO_DETECTION),
-    "detection of five pairs": (partial(plain, partial(forwarded, pairs=PAIRS)), NO_DETECTION),
-    "the same, compiled": (partial(compiled, partial(forwarded, pairs=PAIRS)), NO_DETECTION),
-    "detection of a pair in contact": (partial(plain, closed), NO_DETECTION),
-    "baseline, log in memory": (partial(plain, MEMORY), BARE),
-    "baseline, in memory, compiled": (partial(compiled, MEMORY), BARE),
-    "baseline, MCAP": (partial(plain, MCAP), BARE),
-    "baseline, MCAP, compiled": (partial(compiled, MCAP), BARE),
-    "writing the MCAP alone": (writing, BARE),
-    "recount of the log": (partial(plain, recounting), BARE),
-    "baseline, MCAP and Rerun": (partial(plain, partial(whole, out=True, rerun=True)), BARE),
-    "Riccati, structured": (partial(plain, partial(riccati, "structured")), SCIPY),
-    "Riccati, structured, compiled": (partial(compiled, partial(riccati, "structured")), SCIPY),
-    "Riccati, eigenvectors": (partial(riccati, "eigenvectors"), SCIPY),
-    SCIPY: (partial(riccati, "scipy"), SCIPY),
-    "Riccati, 3 outputs, doubling": (partial(plain, partial(three_outputs, "doubling")), SCIPY_3),
-    "Riccati, 3 outputs, compiled": (partial(compiled, partial(three_outputs, "doubling")), SCIPY_3),
-    SCIPY_3: (partial(three_outputs, "scipy"), SCIPY_3),
-    BARE_COLD: (partial(cold, BARE_PROCESS), BARE_COLD),
-    "cold process, ffsm run": (partial(plain, partial(cold, RUN_PROCESS)), BARE_COLD),
-    "cold process, ffsm run, compiled": (partial(compiled, partial(cold, RUN_PROCESS)), BARE_COLD),
-    "interpreter alone": (partial(cold, "pass"), "interpreter alone"),
-    "ffsm --help": (partial(cold, HELP_PROCESS), "interpreter alone"),
+DETECTION, MCAP = partial(forwarded, pairs=PAIRS), partial(on_disk, rerun=False)
+STRUCTURED, DOUBLING = partial(riccati.two_outputs, "structured"), partial(riccati.three_outputs, "doubling")
+ROWS: dict[str, Row] = {
+    **against_bare("baseline", lambda: BASELINE, (5.0, 2.5)),
+    "baseline, bare, contacts off": Row(partial(bare, BASELINE, contacts=False), BARE),
+    "baseline, MCAP": Row(partial(plain, MCAP), BARE, 6.0),
+    "baseline, MCAP, compiled": Row(partial(compiled, MCAP), BARE, 3.5),
+    "writing the MCAP alone": Row(writing, BARE, 0.9),
+    "baseline, MCAP and Rerun": Row(partial(plain, partial(on_disk, rerun=True)), BARE),
+    "recount of the log": Row(partial(plain, recounting), BARE),
+    **against_bare("spatial", partial(prepare, "spatial"), (3.5, 2.0)),
+    **against_bare("free-flying-hardware", partial(prepare, "free-flying-hardware"), (4.0, 2.0)),
+    **against_bare("OSDRE, p = 3, 7 joints, 1 kHz", partial(scenes.regulated, 7), (8.0, 3.0), stirred=False),
+    NO_DETECTION: Row(partial(forwarded, pairs=()), NO_DETECTION),
+    "detection of five pairs": Row(partial(plain, DETECTION), NO_DETECTION, 1.2),
+    "the same, compiled": Row(partial(compiled, DETECTION), NO_DETECTION),
+    "detection of a pair in contact": Row(partial(plain, closed), NO_DETECTION),
+    "Riccati, structured": Row(partial(plain, STRUCTURED), SCIPY),
+    "Riccati, structured, compiled": Row(partial(compiled, STRUCTURED), SCIPY),
+    "Riccati, eigenvectors": Row(partial(riccati.two_outputs, "eigenvectors"), SCIPY),
+    SCIPY: Row(partial(riccati.two_outputs, "scipy"), SCIPY),
+    "Riccati, 3 outputs, doubling": Row(partial(plain, DOUBLING), SCIPY_3),
+    "Riccati, 3 outputs, compiled": Row(partial(compiled, DOUBLING), SCIPY_3),
+    SCIPY_3: Row(partial(riccati.three_outputs, "scipy"), SCIPY_3),
+    BARE_COLD: Row(partial(cold, BARE_PROCESS), BARE_COLD),
+    "cold process, ffsm run": Row(partial(plain, partial(cold, RUN_PROCESS)), BARE_COLD, 3.5),
+    "cold process, ffsm run, compiled": Row(partial(compiled, partial(cold, RUN_PROCESS)), BARE_COLD, 3.5),
+    "interpreter alone": Row(partial(cold, "pass"), "interpreter alone"),
+    "ffsm --help": Row(partial(cold, HELP_PROCESS), "interpreter alone", 5.0),
 }
 
 
@@ -283,23 +213,31 @@ def main() -> None:
     import rerun  # noqa: F401 (its import is not part of writing)
 
     rows = {name: row for name, row in ROWS.items() if "compiled" not in name or is_compiled()}
-    for row, _ in rows.values():
-        row()
+    for row in rows.values():
+        row.measure()
     times: dict[str, list[float]] = {name: [] for name in rows}
     for _ in range(repeats):
-        for name, (row, _) in rows.items():
-            times[name].append(row())
-    print(f"{'':32}{'median':>12}{'min':>12}{'max':>12}{'ratio':>8}  to")
-    for name, (_, reference) in rows.items():
-        ratio = statistics.median(a / b for a, b in zip(times[name], times[reference], strict=True))
-        values = [
-            f"{x:.3f} s" if x > 1e-2 else f"{1e6 * x:.1f} us"
-            for x in (statistics.median(times[name]), min(times[name]), max(times[name]))
-        ]
-        print(f"{name:32}" + "".join(f"{v:>12}" for v in values) + f"{ratio:8.2f}  {reference}")
+        for name, row in rows.items():
+            times[name].append(row.measure())
+    print(f"{'':50}{'median':>12}{'min':>12}{'max':>12}{'ratio':>8}{'goal':>6}  to")
+    for name, row in rows.items():
+        print(line(name, row, times))
+    print()
+    riccati.report(repeats)
     if find_spec("pinocchio"):  # it gives the reference solution
         print()
         peers.report(repeats)
+
+
+def line(name: str, row: Row, times: dict[str, list[float]]) -> str:
+    """A row as text; ratios are of the same repeat."""
+    ratio = statistics.median(a / b for a, b in zip(times[name], times[row.reference], strict=True))
+    values = [
+        f"{x:.3f} s" if x > 1e-2 else f"{1e6 * x:.1f} us"
+        for x in (statistics.median(times[name]), min(times[name]), max(times[name]))
+    ]
+    goal = "" if row.goal is None else f"{row.goal:g}"
+    return f"{name:50}" + "".join(f"{v:>12}" for v in values) + f"{ratio:8.2f}{goal:>6}  {row.reference}"
 
 
 if __name__ == "__main__":

@@ -1,7 +1,10 @@
-"""Where the microseconds of a control tick go: every part of the loop timed in a whole run of the baseline, in memory.
+"""Where the microseconds of a control tick go: every part of the loop timed in a whole run in memory.
 
-``uv run --extra fast python benchmarks/tick.py`` prints microseconds per tick, in plain Python and compiled (without the
-extra: in plain Python only). What the clock itself costs is measured and taken off.
+``uv run --extra fast python benchmarks/tick.py [SCENARIO ...]`` prints a table of each scenario (`baseline` and `spatial`),
+in plain Python and compiled (without the extra: in plain Python only): microseconds per step and per tick, where a tick has
+more than one step, and per call of each part, since some are called in one phase only. An indented part is within the one
+above it, and timed in a run of its own. Of several runs the least counts. What the clock itself costs is measured and taken
+off.
 """
 
 # ruff: noqa: E402
@@ -12,15 +15,23 @@ from ffsm_mj.cli.main import one_blas_thread
 
 one_blas_thread()
 
-import os
+import argparse
 import time
+from contextlib import ExitStack
+from functools import partial
+from typing import NamedTuple
 from unittest.mock import patch
 
+import twins
+from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation
+from ffsm_controllers.free_flying import FreeFlying
 from ffsm_controllers.osdre.law import Osdre
+from ffsm_controllers.osdre.riccati_doubling import Doubling
 from ffsm_controllers.osdre.riccati_planar import PlanarRiccati
+from loops import steps
 
-from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.compiled import is_compiled
+from ffsm_mj.assembly.prepare import Prepared, prepare
+from ffsm_mj.books.external_work import ExternalWork
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.log.recorder import Recorder
@@ -29,16 +40,23 @@ from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.simulation.rows import RowWriter
 
 PARTS = {
-    "step, forward and detection": (Course, "advance"),
-    "OSDRE": (Osdre, "control"),
-    "actuators' limits": (Actuation, "apply"),
-    "ledgers, start of a step": (Ledger, "open"),
-    "ledgers, end of a step": (Ledger, "close"),
-    "row and notes": (RowWriter, "fill"),
-    "watch for other contacts": (ContactWatch, "look"),
-    "energies, momenta, residuals, by blocks": (Recorder, "commit"),
+    "step, forward and detection": [(Course, "advance")],
+    "OSDRE": [(Osdre, "control")],
+    "free-flying law": [(FreeFlying, "control")],
+    "actuators' limits": [(Actuation, "apply")],
+    "ledgers, start of a step": [(Ledger, "open")],
+    "ledgers, end of a step": [(Ledger, "close")],
+    "row and notes": [(RowWriter, "fill")],
+    "watch for other contacts": [(ContactWatch, "look")],
+    "energies, momenta, residuals, by blocks": [(Recorder, "commit")],
 }
-INSIDE = {"  of OSDRE: Riccati equation": (PlanarRiccati, "solve")}
+WITHIN = {"OSDRE": ["Riccati equation"], "free-flying law": ["allocation"], "ledgers, end of a step": ["push from outside"]}
+INSIDE = {
+    "Riccati equation": [(PlanarRiccati, "solve"), (Doubling, "solve")],
+    "allocation": [(ThrusterAllocation, "efforts"), (WheelAllocation, "efforts")],
+    "push from outside": [(ExternalWork, "close")],
+}
+WIDTH = 13
 
 
 class Clock:
@@ -71,42 +89,86 @@ def overhead_ns() -> float:
     return clock.spent / clock.calls
 
 
-def timed(parts) -> tuple[dict[str, float], float]:
-    """Microseconds per tick of each part, and of everything, from two runs: with clocks and without."""
-    prepared = prepare("baseline")
+class Cost(NamedTuple):
+    """Of a part: microseconds in a whole run, and the calls that took them."""
+
+    spent_us: float
+    calls: int
+
+
+def whole(prepared: Prepared, repeats: int) -> float:
+    """Microseconds of a run without clocks, the least of some."""
+
+    def once() -> float:
+        start = time.perf_counter()
+        prepared.run()
+        return 1e6 * (time.perf_counter() - start)
+
+    return min(once() for _ in range(repeats))
+
+
+def each(prepared: Prepared, parts: dict[str, list], repeats: int) -> dict[str, Cost]:
+    """What each part takes, the least of some runs."""
+    runs = [clocked(prepared, parts) for _ in range(repeats)]
+    return {name: min(run[name] for run in runs) for name in parts}
+
+
+def clocked(prepared: Prepared, parts: dict[str, list]) -> dict[str, Cost]:
+    """What each part takes of a run."""
+    clocks = {name: [Clock(getattr(kind, method)) for kind, method in methods] for name, methods in parts.items()}
+    with ExitStack() as patched:
+        for name, methods in parts.items():
+            for (kind, method), clock in zip(methods, clocks[name], strict=True):
+                patched.enter_context(patch.object(kind, method, clock))
+        prepared.run()
+    own, costs = overhead_ns(), {}
+    for name, several in clocks.items():
+        calls = sum(clock.calls for clock in several)
+        costs[name] = Cost(1e-3 * (sum(clock.spent for clock in several) - own * calls), calls)
+    return costs
+
+
+def table(name: str, repeats: int) -> None:
+    """Time a scenario each way, and print where the time went."""
+    prepared, ways = prepare(name), twins.ways()
+    prepared.run()  # imports
+    wholes = [way(partial(whole, prepared, repeats)) for way in ways.values()]
+    parts = [way(partial(each, prepared, PARTS, repeats)) for way in ways.values()]
+    inside = [way(partial(each, prepared, INSIDE, repeats)) for way in ways.values()]
     ticks = prepared.scenario.ticks
-    start = time.perf_counter()
-    prepared.run()
-    total = 1e6 * (time.perf_counter() - start) / ticks
-    clocks = {name: Clock(getattr(kind, method)) for name, (kind, method) in parts.items()}
-    patches = [patch.object(kind, method, clocks[name]) for name, (kind, method) in parts.items()]
-    for one in patches:
-        one.start()
-    try:
-        prepare("baseline").run()
-    finally:
-        for one in patches:
-            one.stop()
-    own = overhead_ns()
-    return {name: 1e-3 * (clock.spent - own * clock.calls) / ticks for name, clock in clocks.items()}, total
+    counts = {"us per tick": ticks}
+    if steps(prepared) != ticks:
+        counts = {"us per step": steps(prepared)} | counts
+    heads = [*counts, "us per call"]
+    print(f"{name:44}" + "".join(f"{way:>{WIDTH * len(heads)}}" for way in ways))
+    print(f"{'':44}" + "".join(f"{head:>{WIDTH}}" for head in heads * len(ways)))
+
+    def show(label: str, costs: list[Cost]) -> None:
+        cells = [f"{cost.spent_us / n:.1f}" if cost.calls else "" for cost in costs for n in (*counts.values(), cost.calls)]
+        print(f"{label:44}" + "".join(f"{cell:>{WIDTH}}" for cell in cells))
+
+    for part in PARTS:
+        if any(costs[part].calls for costs in parts):
+            show(part, [costs[part] for costs in parts])
+            for label in WITHIN.get(part, ()):
+                if any(costs[label].calls for costs in inside):
+                    show(f"  of it {label}", [costs[label] for costs in inside])
+    booked = [sum(cost.spent_us for cost in costs.values()) for costs in parts]
+    show(
+        "loop, phases, pause, calls", [Cost(total - of_parts, ticks) for total, of_parts in zip(wholes, booked, strict=True)]
+    )
+    show("everything", [Cost(total, ticks) for total in wholes])
 
 
 def main() -> None:
-    """Time both ways and print a table."""
-    ways = {"plain": "0", "compiled": "1"} if is_compiled() else {"plain": "0"}
-    columns, totals = {}, {}
-    for way, switch in ways.items():
-        os.environ["FFSM_COMPILED"] = switch
-        timed(PARTS)
-        columns[way], totals[way] = timed(PARTS)
-        if way == "plain":  # the compiled solver is inside the compiled law
-            columns[way] |= timed(INSIDE)[0]
-    print(f"{'us per tick':42}" + "".join(f"{way:>10}" for way in ways))
-    for name in (*list(PARTS)[:2], *INSIDE, *list(PARTS)[2:]):
-        print(f"{name:42}" + "".join(f"{columns[way][name]:10.1f}" if name in columns[way] else f"{'':10}" for way in ways))
-    rest = {way: totals[way] - sum(columns[way][name] for name in PARTS) for way in ways}
-    print(f"{'loop, phases, pause, calls':42}" + "".join(f"{rest[way]:10.1f}" for way in ways))
-    print(f"{'everything':42}" + "".join(f"{totals[way]:10.1f}" for way in ways))
+    """A table for each scenario."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenarios", nargs="*", default=["baseline", "spatial"])
+    parser.add_argument("--repeats", type=int, default=3)
+    options = parser.parse_args()
+    for name in options.scenarios:
+        table(name, options.repeats)
+        print()
 
 
 if __name__ == "__main__":

@@ -1,0 +1,66 @@
+"""How the ratio to the bare loop grows: with joints, with objects, with the duration, and with joints under control.
+
+``uv run --extra fast python benchmarks/growth.py`` prints, for generated scenes (``scenes.py``, beside this file), the CPU
+time of the loop of ``mj_step`` and of the whole run in memory; medians over interleaved repeats, ratios within each.
+"""
+
+# ruff: noqa: E402
+
+from __future__ import annotations
+
+from ffsm_mj.cli.main import one_blas_thread
+
+one_blas_thread()
+
+import argparse
+import statistics
+from collections.abc import Callable
+from functools import partial
+
+import scenes
+import twins
+from loops import bare, in_memory, steps
+
+from ffsm_mj.assembly.prepare import Prepared
+
+JOINTS, OBJECTS, DURATIONS_S = (3, 7, 14, 28), (1, 4, 16), (1.0, 10.0, 60.0)
+CASES: dict[str, Callable[[], Prepared]] = {
+    **{f"no control, {n} joints, 1 object, 10 s": partial(scenes.coasting, n) for n in JOINTS},
+    **{f"no control, 7 joints, {n} objects, 10 s": partial(scenes.coasting, 7, objects=n) for n in OBJECTS[1:]},
+    **{
+        f"no control, 7 joints, 1 object, {t:g} s": partial(scenes.coasting, 7, duration_s=t)
+        for t in DURATIONS_S
+        if t != 10.0
+    },
+    **{f"OSDRE, p = 3, 1 kHz, {n} joints, 3 s": partial(scenes.regulated, n) for n in JOINTS[1:]},
+}
+BARE = "bare"
+
+
+def measured(prepared: Prepared, repeats: int) -> dict[str, list[float]]:
+    """CPU seconds of the bare loop and of the run each way, in turn."""
+    loops = {BARE: lambda: bare(prepared, stirred=False)}
+    loops |= {name: partial(way, partial(in_memory, prepared)) for name, way in twins.ways().items()}
+    rounds = [{name: loop() for name, loop in loops.items()} for _ in range(repeats)]
+    return {name: [one[name] for one in rounds] for name in loops}
+
+
+def main() -> None:
+    """Run every case, print its line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=3)
+    repeats = parser.parse_args().repeats
+    ways = twins.ways()
+    measured(scenes.coasting(3, duration_s=1.0), 1)  # imports
+    print(f"{'':42}{'nv':>4}{'bare, us/step':>15}" + "".join(f"{way:>10}" for way in ways))
+    for name, case in CASES.items():
+        prepared = case()
+        times = measured(prepared, repeats)
+        step_us = 1e6 * statistics.median(times[BARE]) / steps(prepared)
+        ratios = [statistics.median(a / b for a, b in zip(times[way], times[BARE], strict=True)) for way in ways]
+        line = f"{name:42}{prepared.system.mj.nv:>4}{step_us:>15.1f}" + "".join(f"{ratio:>10.2f}" for ratio in ratios)
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""The benchmarks are run by hand; here only that they still can be, and that what they put clocks on is what runs use."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ffsm_mj.assembly.prepare import prepare
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+NAMES = [path.stem for path in sorted(BENCHMARKS.glob("*.py"))]
+
+
+@pytest.fixture
+def benchmark(monkeypatch):
+    """A benchmark by name, without the switches that it sets for its process."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    monkeypatch.setenv("FFSM_COMPILED", "0")
+    for library in ("OPENBLAS", "OMP", "MKL"):
+        monkeypatch.setenv(f"{library}_NUM_THREADS", "1")
+    return importlib.import_module
+
+
+@pytest.fixture(scope="module")
+def moments():
+    """`spatial` for ten ticks of reaching, and for ten ticks of recovering from a drift that makes the thrusters fire."""
+    recover = prepare("spatial").scenario.phases[2].model_dump(mode="json", exclude_none=True)
+    drifting = {"phases": [recover], "initial.rates": {"base": [0.1, 0.1, 0.1, 0.0, 0.0, 0.0]}}
+    return [prepare("spatial", {"duration_s": 0.05} | changes) for changes in ({}, drifting)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_a_benchmark_imports_is_there(name, benchmark):
+    benchmark(name)
+
+
+def test_every_part_that_is_timed_is_a_part_of_a_run(benchmark, moments):
+    """A clock on a method that nothing calls any more would leave its time to the rest, and nobody would see it."""
+    tick = benchmark("tick")
+    calls = dict.fromkeys([*tick.PARTS, *tick.INSIDE], 0)
+    for moment in moments:
+        for parts in (tick.PARTS, tick.INSIDE):
+            for name, cost in tick.clocked(moment, parts).items():
+                calls[name] += cost.calls
+    assert min(calls.values()) > 0
+    assert calls["step, forward and detection"] == 2 * 50
+    assert calls["OSDRE"] == calls["Riccati equation"] == 10
+    assert {label for labels in tick.WITHIN.values() for label in labels} == set(tick.INSIDE)
+
+
+def test_recorded_equations_are_those_of_the_run(benchmark, moments):
+    """One at each tick, and the solver alone gives their solutions; SciPy's, unpolished, leave more."""
+    riccati = benchmark("riccati")
+    equations = riccati.recorded(moments[0])
+    assert len(equations) == 10
+    assert len({one.A22.tobytes() for one in equations}) == 10
+    for solver, left in ((riccati.ours, riccati.GREATEST_RESIDUAL), (riccati.scipys, 1e-11)):
+        spent, residuals = solver(equations)
+        assert np.all(spent > 0.0)
+        assert np.all(residuals < left)
+
+
+def test_generated_scenes_move_and_touch_nothing(benchmark):
+    scenes, growth = benchmark("scenes"), benchmark("growth")
+    for prepared in (scenes.coasting(3, objects=2, duration_s=0.02), scenes.regulated(7, duration_s=0.02)):
+        run = prepared.run()
+        assert run.outcome == "completed"
+        assert not run.impacts
+        assert len(prepared.system.objects) == len(prepared.scenario.impact_pairs)
+        rates = [name for name in run.log.header.layout.keys if name.startswith("state.v_")]
+        assert sum(bool(np.any(run[name])) for name in rates) > 6
+        assert set(growth.measured(prepared, 1)) >= {"bare", "plain"}
