@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.model.dynamics import rotation_dofs
+from ffsm_mj.model.dynamics import cross, rotation_dofs
 
 
 def hermite_midpoint(
@@ -26,14 +26,14 @@ def hermite_midpoint(
     # The chord of a rotation is a rotation vector; its rate at the end is the inverse right Jacobian times omega.
     for part in rotations:
         theta, omega = chord[part] * duration_s, qvel_1[part]
-        turn = np.cross(theta, omega)
-        end[part] = omega + 0.5 * turn + np.cross(theta, turn) / 12.0
+        turn = cross(theta, omega)
+        end[part] = omega + 0.5 * turn + cross(theta, turn) / 12.0
     half = 0.5 * chord + 0.125 * (qvel_0 - end)
     qpos = qpos_0.copy()
     mujoco.mj_integratePos(model, qpos, half, duration_s)
     qvel = 1.5 * chord - 0.25 * (qvel_0 + end)
     for part in rotations:
         theta, rate = half[part] * duration_s, qvel[part]
-        turn = np.cross(theta, rate)
-        qvel[part] = rate - 0.5 * turn + np.cross(theta, turn) / 6.0
+        turn = cross(theta, rate)
+        qvel[part] = rate - 0.5 * turn + cross(theta, turn) / 6.0
     return qpos, qvel

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.dynamics import cross
 from ffsm_mj.model.system import System
 from ffsm_mj.records.wrench import Wrench
 
@@ -26,12 +27,12 @@ def rates_by_party(system: System, data: Any, wrenches: Sequence[Wrench]) -> Flo
     rates, twist, robot = np.zeros(9), np.empty(6), system.robot.bodies
     for body, point, force, torque in wrenches:
         mujoco.mj_objectVelocity(system.mj, data, _BODY, body, twist, 0)
-        power = force @ (twist[3:] + np.cross(twist[:3], point - data.xpos[body])) + torque @ twist[:3]
+        power = force @ (twist[3:] + cross(twist[:3], point - data.xpos[body])) + torque @ twist[:3]
         rates[0] += power
         if body in robot:
             rates[1] += power
         else:
             rates[2] += power
             rates[3:6] += force
-            rates[6:9] += np.cross(point, force) + torque
+            rates[6:9] += cross(point, force) + torque
     return rates

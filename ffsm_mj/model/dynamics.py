@@ -93,7 +93,7 @@ class BaseMomentum:
         model = system.mj
         jacp, jacr = np.empty((3, model.nv)), np.empty((3, model.nv))
         self._orthonormal = True
-        for data in _general_configurations(model):
+        for data in general_configurations(model):
             mujoco.mj_jacBody(model, data, jacp, jacr, tree.root)
             twists = np.vstack((jacp, jacr))[:, self._base]
             self._orthonormal &= np.allclose(twists.T @ twists, np.eye(twists.shape[1]), rtol=0.0, atol=1e-12)
@@ -118,7 +118,7 @@ class BaseMomentum:
         return np.array([base_wrench(jacobian, p) for jacobian, p in zip(jacobians, own, strict=True)])
 
 
-def _general_configurations(model: Any) -> Iterator[Any]:
+def general_configurations(model: Any) -> Iterator[Any]:
     """Data at a few configurations that nothing singles out, kinematics current."""
     data = mujoco.MjData(model)
     for k in range(1, 5):
@@ -135,11 +135,21 @@ def free_components(system: System, tree: Tree) -> np.ndarray[Any, np.dtype[np.b
     A component is free when the joints allow the matching unit twist in every configuration; a few are tried.
     """
     free = np.ones(6, dtype=np.bool_)
-    for data in _general_configurations(system.mj):
-        jacobian = base_jacobian(system.mj, data, tree)
-        projector = jacobian @ np.linalg.pinv(jacobian)
+    for projector in _free_projectors(system, tree):
         free &= np.isclose(np.linalg.norm(projector - np.eye(6), axis=0), 0.0, atol=1e-9)
     return free
+
+
+def free_projector(system: System, tree: Tree) -> FloatArray | None:
+    """What a tree's base joints leave free of a wrench about the origin, shape (6, 6); None where that turns with them."""
+    first, *others = _free_projectors(system, tree)
+    return first if np.allclose(others, first, rtol=0.0, atol=1e-9) else None
+
+
+def _free_projectors(system: System, tree: Tree) -> Iterator[FloatArray]:
+    for data in general_configurations(system.mj):
+        jacobian = base_jacobian(system.mj, data, tree)
+        yield jacobian @ np.linalg.pinv(jacobian)
 
 
 def external_actuators(system: System) -> np.ndarray[Any, np.dtype[np.bool_]]:
@@ -196,6 +206,12 @@ def reduced_model(
 def skew(v: FloatArray) -> FloatArray:
     """Matrix of the cross product: ``skew(v) @ w == cross(v, w)``."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def cross(v: FloatArray, w: FloatArray) -> FloatArray:
+    """Cross product of two vectors of three, to the bits of ``numpy.cross``, which takes ten times as long."""
+    (a, b, c), (x, y, z) = v.tolist(), w.tolist()
+    return np.array((b * z - c * y, c * x - a * z, a * y - b * x))
 
 
 def rotation_dofs(model: Any) -> list[slice]:

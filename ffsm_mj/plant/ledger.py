@@ -12,9 +12,10 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.books.external_work import ExternalWork
+from ffsm_mj.books.base_motors import BaseMotors
 from ffsm_mj.books.joint_work import JointWork
 from ffsm_mj.books.parties import party_energies, party_momenta, unexplained_energy, unexplained_momentum
+from ffsm_mj.books.thrusters import Thrusters, thrusters
 from ffsm_mj.compiled import fastest
 from ffsm_mj.model.dynamics import BaseMomentum, external_actuators, free_components
 from ffsm_mj.model.system import System
@@ -52,10 +53,17 @@ class Ledger:
         self._base = BaseMomentum(system, system.robot)
         self._numbers = np.zeros(16)
         self._accounts = Accounts.of(self._numbers)
-        external = external_actuators(system).astype(np.float64)
-        on_joint = (np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)).astype(np.float64)
-        self._joint_work = fastest(JointWork)(data, on_joint, external, self._numbers)
-        self._external_work, self._pushed = ExternalWork(system, data, on_joint), False
+        external = external_actuators(system)
+        on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        flags = on_joint.astype(np.float64), external.astype(np.float64)
+        self._joint_work = fastest(JointWork)(data, *flags, self._numbers)
+        accounts = self._accounts.work, self._accounts.external
+        by_pose = thrusters(system, data, *accounts)
+        for books in by_pose:
+            external[books.actuators] = False
+        motors = [BaseMotors(system, data, external, on_joint, *accounts)] if external.any() else []
+        self._outside: list[Thrusters | BaseMotors] = [*by_pose, *motors]
+        self._pushed = False
         self.momentum = momentum
         self._notes = Notes(system, data, notes, momentum, self._numbers)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
@@ -108,15 +116,15 @@ class Ledger:
         """Remember the state at the start of a (sub-)step, as far as the efforts held in it need it."""
         self._pushed = self._joint_work.open()
         if self._pushed:
-            self._external_work.open()
+            for pushing in self._outside:
+                pushing.open()
 
     def close(self, duration_s: float) -> None:
         """Book the work and impulse of the efforts held since ``open``; the state in ``data`` is the end of the step."""
         self._joint_work.close()
         if self._pushed:
-            impulse, work = self._external_work.close(duration_s)
-            self._accounts.external[:] += impulse
-            self._accounts.work[0] += work
+            for pushing in self._outside:
+                pushing.close(duration_s)
 
     def book(self, energy_change: FloatArray, contact_impulse: FloatArray) -> None:
         """Book what contacts did, at an event or over a (sub-)step.

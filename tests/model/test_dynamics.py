@@ -9,6 +9,7 @@ import pytest
 from ffsm_mj.model.dynamics import (
     base_jacobian,
     base_wrench,
+    cross,
     free_components,
     kinetic_energy,
     mass_matrix,
@@ -80,6 +81,12 @@ def test_mass_matrix_and_energy(spatial, rng):
         T += 0.5 * spatial.mj.body_mass[body] * velocity[3:] @ velocity[3:]
         T += 0.5 * velocity[:3] @ (spatial.mj.body_inertia[body] * velocity[:3])
     assert kinetic_energy(M, data.qvel) == pytest.approx(T, rel=1e-13)
+
+
+def test_cross_products_are_numpys_to_the_last_bit(rng):
+    """Of vectors of any size: the same products and the same differences."""
+    for v, w in rng.standard_normal((200, 2, 3)) * 10.0 ** rng.integers(-8, 8, (200, 2, 3)):
+        np.testing.assert_array_equal(cross(v, w), np.cross(v, w))
 
 
 def test_free_components(case_study, spatial, tmp_path):
