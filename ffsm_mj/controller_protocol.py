@@ -26,6 +26,8 @@ from ffsm_mj.model.dynamics import (
     mass_matrix,
     momentum_matrix,
     reduced_model,
+    site_actuators,
+    site_wrench,
     skew,
     subtree_momenta,
 )
@@ -66,6 +68,8 @@ __all__ = [
     "mass_matrix",
     "momentum_matrix",
     "reduced_model",
+    "site_actuators",
+    "site_wrench",
     "skew",
     "subtree_momenta",
     "unknown_name",

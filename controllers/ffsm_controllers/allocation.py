@@ -8,7 +8,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.controller_protocol import ControllerError, Fault, FloatArray, IntArray, ScenarioFaults, System
+from ffsm_mj.controller_protocol import (
+    ControllerError,
+    Fault,
+    FloatArray,
+    IntArray,
+    ScenarioFaults,
+    System,
+    site_actuators,
+    site_wrench,
+)
 
 _SMALL_SHARES = 1e-7
 _PASSES = 100
@@ -32,26 +41,49 @@ def actuators_by_name(system: System, names: Sequence[str], key: str) -> IntArra
 
 
 class ThrusterAllocation:
-    """Efforts of thrusters that together come closest to a generalised force on the base, by non-negative least squares.
+    """Efforts of thrusters that together come closest to a wrench on the base, by non-negative least squares on its dofs.
 
     A thruster whose ctrlrange starts at 0 only pushes; any other works both ways.
     """
 
     def __init__(self, system: System, thrusters: IntArray) -> None:
-        """Find which thrusters push only."""
+        """Find which thrusters push only, and the wrenches of those that sit on the base, which turn with it."""
         model = system.mj
-        self._model, self._thrusters, self._base = model, thrusters, system.robot.base_dofs
+        self._model, self._thrusters = model, thrusters
+        self._root, self._base = system.robot.root, system.robot.base_dofs
         one_way = model.actuator_ctrllimited[thrusters].astype(bool) & (model.actuator_ctrlrange[thrusters, 0] >= 0.0)
         self._both_ways = ~one_way
+        self._unit = unit_moments(model)
+        self._wrenches: FloatArray | None = None
+        at_site, sites = site_actuators(model)[thrusters], model.actuator_trnid[thrusters, 0]
+        if at_site.all() and np.all(model.site_bodyid[sites] == self._root):
+            wrenches = np.array([site_wrench(model, i) for i in thrusters]).reshape(-1, 6).T
+            self._wrenches = self._signed(wrenches).reshape(2, 3, -1)
+        self._jacobian = np.empty((6, model.nv))
 
-    def efforts(self, data: Any, force: FloatArray) -> FloatArray:
-        """Effort of each thruster for a generalised force on the base dofs, at the pose in ``data``."""
-        effect = moments(self._model, data)[self._thrusters][:, self._base].T
-        columns = np.hstack((effect, -effect[:, self._both_ways]))
-        shares = _shares(columns, force)
+    def efforts(self, data: Any, force: FloatArray, torque: FloatArray) -> FloatArray:
+        """Effort of each thruster for a wrench on the base.
+
+        Args:
+            data: The pose.
+            force: In world axes, N.
+            torque: About the origin of the base's frame in world axes, N m.
+        """
+        mujoco.mj_jacBody(self._model, data, self._jacobian[:3], self._jacobian[3:], self._root)
+        on_dofs = self._jacobian[:, self._base].T
+        if self._wrenches is None:
+            columns = self._signed(moments(self._model, data, self._unit)[self._thrusters][:, self._base].T)
+        else:
+            axes = data.xmat[self._root].reshape(3, 3)
+            columns = on_dofs.dot((axes @ self._wrenches).reshape(6, -1))
+        shares = _shares(columns, on_dofs[:, :3] @ force + on_dofs[:, 3:] @ torque)
         efforts = shares[: len(self._thrusters)]
         efforts[self._both_ways] -= shares[len(self._thrusters) :]
         return efforts
+
+    def _signed(self, effect: FloatArray) -> FloatArray:
+        """Columns of what the thrusters do, and of what those that work both ways do backwards."""
+        return np.hstack((effect, -effect[:, self._both_ways]))
 
 
 def _shares(columns: FloatArray, force: FloatArray) -> FloatArray:
@@ -97,19 +129,46 @@ class WheelAllocation:
             self._joints.append(joint)
         if faults:
             raise ScenarioFaults(faults)
-        own = model.jnt_bodyid[self._joints] == system.robot.root
-        self._sign = np.where(own, 1.0, -1.0)
+        self._root, bodies = system.robot.root, model.jnt_bodyid[self._joints]
+        self._sign = np.where(bodies == self._root, 1.0, -1.0)
+        self._inverse: FloatArray | None = None
+        # The axis of a body's first joint is fixed in the body that this one is mounted on.
+        if np.all((model.body_parentid[bodies] == self._root) & (model.body_jntadr[bodies] == self._joints)):
+            own = [
+                _rotated(model.body_quat[body], model.jnt_axis[joint])
+                for body, joint in zip(bodies, self._joints, strict=True)
+            ]
+            self._inverse = np.asarray(np.linalg.lstsq(-np.array(own).reshape(-1, 3).T, np.eye(3), rcond=None)[0])
 
     def efforts(self, data: Any, torque: FloatArray) -> FloatArray:
         """Torque of each wheel's motor for a torque on the base in world axes; least effort where wheels are redundant."""
+        if self._inverse is not None:
+            return np.asarray(self._inverse.dot(torque.dot(data.xmat[self._root].reshape(3, 3))))
         axes = data.xaxis[self._joints] * self._sign[:, None]
         return np.asarray(np.linalg.lstsq(axes.T, torque, rcond=None)[0])
 
 
-def moments(model: Any, data: Any) -> FloatArray:
-    """Generalised force per unit effort of each actuator, dense, (nu, nv)."""
+def _rotated(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
+    turned = np.empty(3)
+    mujoco.mju_rotVecQuat(turned, vector, quaternion)
+    return turned
+
+
+def unit_moments(model: Any) -> FloatArray:
+    """Gear of the actuators at joints, which their moments have and their efforts have too; 1 for all others, (nu, 1)."""
+    gear: FloatArray = model.actuator_gear[:, 0].copy()
+    on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
+    return np.where(on_joint & (gear != 0.0), gear, 1.0)[:, None]
+
+
+def moments(model: Any, data: Any, unit: FloatArray) -> FloatArray:
+    """Generalised force per unit effort of each actuator, dense, (nu, nv).
+
+    Args:
+        model: MuJoCo model.
+        data: The pose.
+        unit: From :func:`unit_moments`.
+    """
     dense = np.zeros((model.nu, model.nv))
     mujoco.mju_sparse2dense(dense, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-    unit: FloatArray = model.actuator_gear[:, 0].copy()
-    on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
-    return dense / np.where(on_joint & (unit != 0.0), unit, 1.0)[:, None]
+    return dense / unit

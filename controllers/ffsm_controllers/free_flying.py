@@ -7,6 +7,7 @@ momentum are all allocated the same way; what an on-off thruster makes of its sh
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
@@ -25,6 +26,8 @@ from ffsm_mj.controller_protocol import (
     Signal,
     StrictModel,
 )
+
+_BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 
 
 class BaseGains(StrictModel):
@@ -91,7 +94,7 @@ class FreeFlying:
         self._by_thrusters = ThrusterAllocation(system, self._thrusters)
         self._by_wheels = WheelAllocation(system, self._wheels)
         self._arm = self._arm_control(config.arm, context)
-        self._jacp, self._jacr = np.empty((3, system.mj.nv)), np.empty((3, system.mj.nv))
+        self._twist, self._turn = np.empty(6), np.empty(3)
         self._report = (0.0, 0.0)
 
     def _arm_control(self, arm: ArmGains | None, context: ControllerContext) -> Pd | None:
@@ -120,26 +123,22 @@ class FreeFlying:
         """Ask for the wrench and drive the arm."""
         data = observation.data
         force, torque = self._wrench(data)
-        mujoco.mj_jacBody(self._model, data, self._jacp, self._jacr, self._root)
-        demand = self._jacp[:, self._base].T @ force
         if len(self._wheels):
             command.drive(self._wheels, self._by_wheels.efforts(data, torque))
-        else:
-            demand = demand + self._jacr[:, self._base].T @ torque
+            torque = np.zeros(3)
         if len(self._thrusters):
-            command.drive(self._thrusters, self._by_thrusters.efforts(data, demand))
+            command.drive(self._thrusters, self._by_thrusters.efforts(data, force, torque))
         if self._arm is not None:
             self._arm.control(observation, command)
 
     def _wrench(self, data: Any) -> tuple[FloatArray, FloatArray]:
         """PD force and torque on the base in world axes, at the base frame's origin."""
-        twist = np.empty(6)
-        mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_XBODY, self._root, twist, 0)
+        twist, turn = self._twist, self._turn
+        mujoco.mj_objectVelocity(self._model, data, _BODY, self._root, twist, 0)
         offset = data.xpos[self._root] - self._position
-        turn = np.empty(3)
         mujoco.mju_subQuat(turn, data.xquat[self._root], self._orientation)
         mujoco.mju_rotVecQuat(turn, turn.copy(), self._orientation)
-        self._report = (float(np.linalg.norm(offset)), float(np.linalg.norm(turn)))
+        self._report = math.sqrt(offset.dot(offset)), math.sqrt(turn.dot(turn))
         force = -self._translation.kp * offset - self._translation.kd * twist[3:]
         return force, -self._rotation.kp * turn - self._rotation.kd * twist[:3]
 

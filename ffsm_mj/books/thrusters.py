@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.model.dynamics import free_projector
+from ffsm_mj.model.dynamics import free_projector, site_actuators, site_wrench
 from ffsm_mj.model.system import System
 
 _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
@@ -144,21 +144,12 @@ def thrusters(system: System, data: Any, work: FloatArray, impulse: FloatArray) 
     of_robot = free_projector(system, robot)
     if of_robot is None or model.jnt_actfrclimited[model.jnt_bodyid == robot.root].any():
         return []
-    sites, references = model.actuator_trnid.T
-    ids = np.flatnonzero((model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_SITE)) & (references < 0))
-    bodies = model.site_bodyid[sites[ids]]
+    ids = np.flatnonzero(site_actuators(model))
+    bodies = model.site_bodyid[model.actuator_trnid[ids, 0]]
     books = []
     for body in np.unique(bodies).tolist():
         own = ids[bodies == body]
-        wrenches = np.stack([_unit_wrench(model, i) for i in own], axis=1)
+        wrenches = np.stack([site_wrench(model, i) for i in own], axis=1)
         felt = of_robot if body in robot.bodies else np.zeros((6, 6))
         books.append(Thrusters(model, data, body, own, wrenches, felt, work, impulse))
     return books
-
-
-def _unit_wrench(model: Any, actuator: int) -> FloatArray:
-    """Wrench per unit of force about the origin of its body's frame, in the body's axes, (6,)."""
-    site, turn = model.actuator_trnid[actuator, 0], np.empty(9)
-    mujoco.mju_quat2Mat(turn, model.site_quat[site])
-    force, torque = model.actuator_gear[actuator].reshape(2, 3) @ turn.reshape(3, 3).T
-    return np.concatenate((force, torque + np.cross(model.site_pos[site], force)))

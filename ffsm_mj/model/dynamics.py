@@ -93,7 +93,7 @@ class BaseMomentum:
         model = system.mj
         jacp, jacr = np.empty((3, model.nv)), np.empty((3, model.nv))
         self._orthonormal = True
-        for data in general_configurations(model):
+        for data in _general_configurations(model):
             mujoco.mj_jacBody(model, data, jacp, jacr, tree.root)
             twists = np.vstack((jacp, jacr))[:, self._base]
             self._orthonormal &= np.allclose(twists.T @ twists, np.eye(twists.shape[1]), rtol=0.0, atol=1e-12)
@@ -118,7 +118,7 @@ class BaseMomentum:
         return np.array([base_wrench(jacobian, p) for jacobian, p in zip(jacobians, own, strict=True)])
 
 
-def general_configurations(model: Any) -> Iterator[Any]:
+def _general_configurations(model: Any) -> Iterator[Any]:
     """Data at a few configurations that nothing singles out, kinematics current."""
     data = mujoco.MjData(model)
     for k in range(1, 5):
@@ -147,7 +147,7 @@ def free_projector(system: System, tree: Tree) -> FloatArray | None:
 
 
 def _free_projectors(system: System, tree: Tree) -> Iterator[FloatArray]:
-    for data in general_configurations(system.mj):
+    for data in _general_configurations(system.mj):
         jacobian = base_jacobian(system.mj, data, tree)
         yield jacobian @ np.linalg.pinv(jacobian)
 
@@ -161,6 +161,20 @@ def external_actuators(system: System) -> np.ndarray[Any, np.dtype[np.bool_]]:
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT:
             mask[i] = model.jnt_dofadr[model.actuator_trnid[i, 0]] in base
     return mask
+
+
+def site_wrench(model: Any, actuator: int) -> FloatArray:
+    """Wrench per unit of force of an actuator at a site, about the origin of its body's frame in its axes, shape (6,)."""
+    site, turn = model.actuator_trnid[actuator, 0], np.empty(9)
+    mujoco.mju_quat2Mat(turn, model.site_quat[site])
+    force, torque = model.actuator_gear[actuator].reshape(2, 3) @ turn.reshape(3, 3).T
+    return np.concatenate((force, torque + np.cross(model.site_pos[site], force)))
+
+
+def site_actuators(model: Any) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Mask of the actuators that push at a site, with no other as reference, (nu,)."""
+    at_site = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_SITE)
+    return np.asarray(at_site & (model.actuator_trnid[:, 1] < 0))
 
 
 @dataclass(frozen=True)
