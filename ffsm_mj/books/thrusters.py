@@ -75,7 +75,8 @@ class Thrusters:
         wrench = self._wrenches.dot(self._force[self.actuators]).tolist()
         end = self._look()
         first, middle, last = (_rates(at, wrench) for at in (self._start, _middle(self._start, end, duration_s), end))
-        done = [duration_s / 6.0 * (a + 4.0 * b + c) for a, b, c in zip(first, middle, last, strict=True)]
+        sixth = duration_s / 6.0
+        done = [sixth * (a + 4.0 * b + c) for a, b, c in zip(first, middle, last, strict=True)]
         self._work[0] += done[6]
         self._impulse += self._felt.dot(done[:6])
 
@@ -96,7 +97,8 @@ class Thrusters:
 def _middle(start: _Instant, end: _Instant, duration_s: float) -> _Instant:
     """Half-way through a step; pose and rates are fourth-order accurate in the duration."""
     first, last, first_rate, last_rate = start.pose, end.pose, start.rate, end.rate
-    if sum(p * q for p, q in zip(first[3:], last[3:], strict=True)) < 0.0:  # the same turn under the other sign
+    (*_, a, b, c, d), (*_, e, f, g, h) = first, last
+    if a * e + b * f + c * g + d * h < 0.0:  # the same turn under the other sign
         last, last_rate = ([*full[:3], *(-part for part in full[3:])] for full in (last, last_rate))
     eighth, chord = 0.125 * duration_s, 1.5 / duration_s
     pose, rate = [], []
