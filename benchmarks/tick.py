@@ -3,8 +3,7 @@
 ``uv run --extra fast python benchmarks/tick.py [SCENARIO ...]`` prints a table of each scenario (`baseline` and `spatial`),
 in plain Python and compiled (without the extra: in plain Python only): microseconds per step and per tick, where a tick has
 more than one step, and per call of each part, since some are called in one phase only. An indented part is within the one
-above it, and timed in a run of its own. Of several runs the least counts. What the clock itself costs is measured and taken
-off.
+above it, and timed in a run of its own. Of several runs the quickest counts. What the clocks cost is measured and taken off.
 """
 
 # ruff: noqa: E402
@@ -19,6 +18,7 @@ import argparse
 import time
 from contextlib import ExitStack
 from functools import partial
+from operator import methodcaller
 from typing import NamedTuple
 from unittest.mock import patch
 
@@ -77,16 +77,28 @@ class Clock:
         return timed
 
 
-def overhead_ns() -> float:
-    """What a clock counts of itself, per call."""
+class Nothing:
+    """A method that does nothing, with a clock and without."""
 
-    class Nothing:
-        do = Clock(lambda _self: None)
+    def idle(self):
+        """Return."""
 
-    nothing, clock = Nothing(), Nothing.__dict__["do"]
-    for _ in range(100_000):
-        nothing.do()
-    return clock.spent / clock.calls
+    timed = Clock(idle)
+
+
+def overheads_us() -> tuple[float, float]:
+    """What a clock counts of itself per call, and what it costs."""
+    nothing, clock, many = Nothing(), Nothing.__dict__["timed"], 100_000
+    clock.calls = clock.spent = 0
+
+    def microseconds(call) -> float:
+        start = time.perf_counter()
+        for _ in range(many):
+            call(nothing)
+        return 1e6 * (time.perf_counter() - start) / many
+
+    costs = microseconds(methodcaller("timed")) - microseconds(methodcaller("idle"))
+    return 1e-3 * clock.spent / clock.calls, costs
 
 
 class Cost(NamedTuple):
@@ -96,45 +108,41 @@ class Cost(NamedTuple):
     calls: int
 
 
-def whole(prepared: Prepared, repeats: int) -> float:
-    """Microseconds of a run without clocks, the least of some."""
+class Timed(NamedTuple):
+    """Microseconds of a whole run without what the clocks cost, and of its parts."""
 
-    def once() -> float:
-        start = time.perf_counter()
-        prepared.run()
-        return 1e6 * (time.perf_counter() - start)
-
-    return min(once() for _ in range(repeats))
+    whole_us: float
+    parts: dict[str, Cost]
 
 
-def each(prepared: Prepared, parts: dict[str, list], repeats: int) -> dict[str, Cost]:
-    """What each part takes, the least of some runs."""
-    runs = [clocked(prepared, parts) for _ in range(repeats)]
-    return {name: min(run[name] for run in runs) for name in parts}
-
-
-def clocked(prepared: Prepared, parts: dict[str, list]) -> dict[str, Cost]:
-    """What each part takes of a run."""
+def clocked(prepared: Prepared, parts: dict[str, list]) -> Timed:
+    """What a run takes, and what each part takes of it."""
     clocks = {name: [Clock(getattr(kind, method)) for kind, method in methods] for name, methods in parts.items()}
     with ExitStack() as patched:
         for name, methods in parts.items():
             for (kind, method), clock in zip(methods, clocks[name], strict=True):
                 patched.enter_context(patch.object(kind, method, clock))
+        start = time.perf_counter()
         prepared.run()
-    own, costs = overhead_ns(), {}
+        whole = 1e6 * (time.perf_counter() - start)
+    (counted, cost), costs = overheads_us(), {}
     for name, several in clocks.items():
         calls = sum(clock.calls for clock in several)
-        costs[name] = Cost(1e-3 * (sum(clock.spent for clock in several) - own * calls), calls)
-    return costs
+        costs[name] = Cost(1e-3 * sum(clock.spent for clock in several) - counted * calls, calls)
+    return Timed(whole - cost * sum(one.calls for one in costs.values()), costs)
+
+
+def quickest(prepared: Prepared, parts: dict[str, list], repeats: int) -> Timed:
+    """Of some runs the one that took least."""
+    return min((clocked(prepared, parts) for _ in range(repeats)), key=lambda run: run.whole_us)
 
 
 def table(name: str, repeats: int) -> None:
     """Time a scenario each way, and print where the time went."""
     prepared, ways = prepare(name), twins.ways()
     prepared.run()  # imports
-    wholes = [way(partial(whole, prepared, repeats)) for way in ways.values()]
-    parts = [way(partial(each, prepared, PARTS, repeats)) for way in ways.values()]
-    inside = [way(partial(each, prepared, INSIDE, repeats)) for way in ways.values()]
+    runs = [way(partial(quickest, prepared, PARTS, repeats)) for way in ways.values()]
+    inside = [way(partial(quickest, prepared, INSIDE, repeats)).parts for way in ways.values()]
     ticks = prepared.scenario.ticks
     counts = {"us per tick": ticks}
     if steps(prepared) != ticks:
@@ -148,16 +156,14 @@ def table(name: str, repeats: int) -> None:
         print(f"{label:44}" + "".join(f"{cell:>{WIDTH}}" for cell in cells))
 
     for part in PARTS:
-        if any(costs[part].calls for costs in parts):
-            show(part, [costs[part] for costs in parts])
+        if any(run.parts[part].calls for run in runs):
+            show(part, [run.parts[part] for run in runs])
             for label in WITHIN.get(part, ()):
                 if any(costs[label].calls for costs in inside):
                     show(f"  of it {label}", [costs[label] for costs in inside])
-    booked = [sum(cost.spent_us for cost in costs.values()) for costs in parts]
-    show(
-        "loop, phases, pause, calls", [Cost(total - of_parts, ticks) for total, of_parts in zip(wholes, booked, strict=True)]
-    )
-    show("everything", [Cost(total, ticks) for total in wholes])
+    rests = [run.whole_us - sum(cost.spent_us for cost in run.parts.values()) for run in runs]
+    show("loop, phases, pause, calls", [Cost(rest, ticks) for rest in rests])
+    show("everything", [Cost(run.whole_us, ticks) for run in runs])
 
 
 def main() -> None:
