@@ -31,7 +31,8 @@ from ffsm_controllers.osdre.riccati_planar import PlanarRiccati
 from loops import steps
 
 from ffsm_mj.assembly.prepare import Prepared, prepare
-from ffsm_mj.books.external_work import ExternalWork
+from ffsm_mj.books.base_motors import BaseMotors
+from ffsm_mj.books.thrusters import Thrusters
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.log.recorder import Recorder
@@ -54,7 +55,7 @@ WITHIN = {"OSDRE": ["Riccati equation"], "free-flying law": ["allocation"], "led
 INSIDE = {
     "Riccati equation": [(PlanarRiccati, "solve"), (Doubling, "solve")],
     "allocation": [(ThrusterAllocation, "efforts"), (WheelAllocation, "efforts")],
-    "push from outside": [(ExternalWork, "close")],
+    "push from outside": [(Thrusters, "close"), (BaseMotors, "close")],
 }
 WIDTH = 13
 
