@@ -224,7 +224,7 @@ class Actuation:
 
     def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
         """Open and shut the valves of the on-off actuators, which deliver all or nothing of what the limits left of it."""
-        if not (self._valves_open or powered[self._counted].any()):
+        if not (self._valves_open or True in powered[self._counted].tolist()):
             return  # all are shut, and stay so
         # Lists of floats are read faster than arrays one by one.
         on, wanted = powered.tolist(), self._wanted.tolist()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_controllers.indices import compact
 from ffsm_controllers.osdre.riccati_doubling import Doubling
 from ffsm_controllers.osdre.tip_kinematics import TipKinematics
 from ffsm_mj.arrays import FloatArray
@@ -37,9 +38,12 @@ class BlockLaw:
         whole_stack: bool,
     ) -> None:
         """Bind to the state in ``data``."""
+        from scipy.linalg.lapack import dgesdd  # a third of a second to import
+
+        self._svd = dgesdd  # LAPACK itself: numpy's way there takes twice as long
         self._kinematics, self._riccati, self._whole_stack = kinematics, riccati, whole_stack
         self._driven, self._n = driven, len(driven) // 2
-        self._axes, self._target = np.array(axes), np.array(target_m)
+        self._axes, self._target = compact(axes), np.array(target_m)
         self._point, self._qvel = kinematics.point, data.qvel
         self._bias, self._passive = data.qfrc_bias, data.qfrc_passive
         self._none = np.zeros((len(axes), len(axes)))
@@ -68,7 +72,7 @@ class BlockLaw:
             A21 = drift[:, None] * y
         K_lower, residual = riccati.solve(A21, drift[:, None] * y_dot, BR_T.T.dot(B_T))
         error = y - self._target
-        _, sizes, rows = np.linalg.svd(B_T.T, full_matrices=False)
+        _, sizes, rows, _ = self._svd(B_T.T, full_matrices=0)
         if not sizes[-1] > _NO_MOTION * sizes[0]:
             rows[sizes <= _NO_MOTION * sizes[0]] = 0.0
         self.inputs = rows
