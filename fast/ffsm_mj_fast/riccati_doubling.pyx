@@ -17,6 +17,7 @@ cdef int CORRECTIONS = plain._CORRECTIONS
 cdef double VANISHED = plain._VANISHED
 cdef double NEARLY_VANISHED = plain._NEARLY_VANISHED
 cdef double ACCEPTED_RESIDUAL = plain.ACCEPTED_RESIDUAL
+cdef double TOLERATED_RESIDUAL = plain._TOLERATED_RESIDUAL
 
 
 cdef void add_product(double sign, const double* a, const double* b, Py_ssize_t wide, double* out, Py_ssize_t n) noexcept nogil:
@@ -140,7 +141,7 @@ cdef class Doubling:
         self.doublings = self.corrections = 0
         for factor in plain._SHIFTS:
             residual = self.corrected(factor * shift)
-            if residual <= ACCEPTED_RESIDUAL or (residual < INFINITY and self.stabilises()):
+            if residual <= ACCEPTED_RESIDUAL or (residual <= TOLERATED_RESIDUAL and self.stabilises()):
                 return residual
         raise plain.RiccatiError("the Riccati equation has no stabilising solution here")
 

@@ -312,6 +312,23 @@ def test_doubling_near_singular_poses(rng):
     assert lost < lost_by_scipy
 
 
+@pytest.mark.parametrize("size", [1e2, 1e4, 1e6, 1e8])
+def test_a_tip_almost_at_rest(rng, size):
+    """A22 = d ydot^+ of any size: solved to 1e-9 up to 1e6, where K spans twelve decades; then refused, not wrong."""
+    refused = 0
+    for _ in range(50):
+        A21, A22, B2 = np.zeros((3, 3)), size * np.outer(*rng.normal(size=(2, 3))), rng.normal(size=(3, 4))
+        A, _, S = stack(A21, A22, B2)
+        try:
+            with np.errstate(all="ignore"):
+                K_lower, residual = Doubling(np.diag([20.0] * 3 + [60.0] * 3)).solve(A21, A22, B2 @ B2.T)
+            assert residual <= (1e-9 if size <= 1e6 else 1e-6)
+            assert np.linalg.eigvals(A - S @ K_lower_padded(K_lower)).real.max() < 0.0
+        except RiccatiError:
+            refused += 1
+    assert refused == 0 or size > 1e6
+
+
 def test_what_rounding_leaves_is_corrected(rng, monkeypatch):
     """Without the Newton steps afterwards a few equations would keep a residual above what counts as exact."""
     problems = [many_outputs(rng, 3, 10.0 ** rng.uniform(-2, -1)) for _ in range(400)]

@@ -23,6 +23,7 @@ _CORRECTIONS = 3
 # What a doubling adds to H is of the order of |a|^2: beyond this it is rounding, or little of a correction.
 _VANISHED = 1e-17
 _NEARLY_VANISHED = 1e-5
+_TOLERATED_RESIDUAL = 1e-6
 # A shift that happens to be an eigenvalue of A is of no use; one of these is none.
 _SHIFTS = (1.0, 1.9, 0.53)
 
@@ -69,8 +70,10 @@ class Doubling:
         self.doublings = self.corrections = 0
         for factor in _SHIFTS:
             K, residual = self._corrected(factor * shift)
+            if K is None or residual > _TOLERATED_RESIDUAL:
+                continue
             # Near singular poses rounding leaves more: then the eigenvalues must prove the closed loop stable.
-            if K is not None and (residual <= ACCEPTED_RESIDUAL or self._stabilises(K)):
+            if residual <= ACCEPTED_RESIDUAL or self._stabilises(K):
                 return K[p:], residual
         raise RiccatiError("the Riccati equation has no stabilising solution here")
 
