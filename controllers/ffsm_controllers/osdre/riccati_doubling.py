@@ -70,7 +70,7 @@ class Doubling:
         self.doublings = self.corrections = 0
         for factor in _SHIFTS:
             K, residual = self._corrected(factor * shift)
-            if K is None or residual > _TOLERATED_RESIDUAL:
+            if K is None or not residual <= _TOLERATED_RESIDUAL:
                 continue
             # Near singular poses rounding leaves more: then the eigenvalues must prove the closed loop stable.
             if residual <= ACCEPTED_RESIDUAL or self._stabilises(K):
