@@ -118,7 +118,7 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
     Raises:
         InputError: A file is missing or malformed, or a model is not what a free-floating system needs.
     """
-    paths: dict[str, tuple[Path, list[Path]]] = {}
+    paths: dict[str, tuple[Path, list[Path], list[Path]]] = {}
     faults = []
     models = {("robot",): scenario.robot} | {("objects", name): part for name, part in scenario.objects.items()}
     for keys, part in models.items():
@@ -126,14 +126,16 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
         if not os.path.isfile(path):  # without an exception for a name that is too long
             what = "is a folder, not a model file:" if os.path.isdir(path) else "no such model file"
             faults.append(Fault(f"{what} {path}", (*keys, "mjcf")))
-        folders = [_beside(source, (*keys, "asset_folders"), folder) for folder in part.asset_folders]
-        for i, folder in enumerate(folders):
-            if not os.path.isdir(folder):
-                faults.append(Fault(f"no such folder: {folder}", (*keys, "asset_folders", i)))
-        paths[keys[-1]] = path, folders
+        found: dict[str, list[Path]] = {}
+        for key in ("asset_folders", "package_paths"):
+            found[key] = [_beside(source, (*keys, key), folder) for folder in getattr(part, key)]
+            for i, folder in enumerate(found[key]):
+                if not os.path.isdir(folder):
+                    faults.append(Fault(f"no such folder: {folder}", (*keys, key, i)))
+        paths[keys[-1]] = path, found["asset_folders"], found["package_paths"]
     if faults:
         raise located(ScenarioFaults(faults), source)
-    files = {name: read_model(path, folders) for name, (path, folders) in paths.items()}
+    files = {name: read_model(*given) for name, given in paths.items()}
     robot = files.pop("robot")
     return compile_system(robot, files, time_step_s=scenario.time_step_s, conservative=scenario.conservative)
 

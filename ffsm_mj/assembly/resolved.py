@@ -17,6 +17,7 @@ def resolved_yaml(scenario: Scenario, system: System) -> str:
         part = data["robot"] if name == "robot" else data["objects"][name]
         part["mjcf"] = logged_name(name, files.main)
         part["asset_folders"] = [] if files.beside else [logged_name(name, "")]
+        part["package_paths"] = []  # what is of a package is kept beside the model
     return write_yaml(_without_none(data))
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.packages import SCHEME, find_in_package
 from ffsm_mj.model.walk import Shelf, collect
 
 MAX_FILES = 1000
@@ -61,18 +62,21 @@ def logged_name(model: str, name: str) -> str:
     return f"mjcf/{model}/{name}"
 
 
-def read_model(main: Path, folders: Sequence[Path] = ()) -> ModelFiles:
+def read_model(main: Path, folders: Sequence[Path] = (), packages: Sequence[Path] = ()) -> ModelFiles:
     """Read a model from disk.
+
+    A file of a package gets the name that its URDF would have without ``package://``, so that it is found again by it.
 
     Args:
         main: The MJCF or URDF file.
         folders: Further folders that it may use files of; its own is one.
+        packages: Folders that hold packages which a URDF names, beside those above it.
 
     Raises:
         InputError: A file is missing, malformed, outside these folders or too large, or the model has too many.
     """
     home = Path(os.path.abspath(main.parent))
-    found = collect(main.name, _Disk(main.parent, [home, *folders]))
+    found = collect(main.name, _Disk(main.parent, [home, *folders], [Path(os.path.abspath(each)) for each in packages]))
     paths = {Path(os.path.normpath(home / name)): content for name, content in found.items()}
     root = Path(os.path.commonpath([path.parent for path in paths]))
     label = os.path.normpath(main.parent / os.path.relpath(root, home))
@@ -98,25 +102,38 @@ def carried_model(main: str, files: Mapping[str, bytes], label: str) -> ModelFil
 
 
 class _Disk(Shelf):
-    """Files on disk, below some folders, within the limits of one model."""
+    """Files on disk, below some folders or in the packages that a URDF names, within the limits of one model."""
 
-    def __init__(self, home: Path, folders: Sequence[Path]) -> None:
-        self._home, self._folders = home, [folder.resolve() for folder in folders]
+    def __init__(self, home: Path, folders: Sequence[Path], packages: Sequence[Path]) -> None:
+        self._home, self._folders, self._packages = home, [folder.resolve() for folder in folders], packages
         self._count = self._bytes = 0
 
     def label(self, name: str) -> str:
         return os.path.normpath(self._home / name)
 
     def has(self, name: str) -> bool:
-        return Path(self.label(name)).is_file()
+        return os.path.isfile(self.label(name))  # without an exception for a name that is too long
 
     def take(self, name: str, place: str) -> bytes:
-        path, before = Path(self.label(name)), f"{place}: " if place else ""
-        if place and not any(path.resolve().is_relative_to(folder) for folder in self._folders):
+        path = Path(self.label(name))
+        if place:
+            self._refuse_outside(path, self._folders, place)
+        return self._read(path, place)
+
+    def packaged(self, written: str, place: str) -> bytes:
+        path, package = find_in_package(written, Path(os.path.abspath(self._home)), self._packages, place)
+        self._refuse_outside(path, [package.resolve(), *self._folders], place)
+        return self._read(path, place)
+
+    def _refuse_outside(self, path: Path, folders: Sequence[Path], place: str) -> None:
+        if not any(path.resolve().is_relative_to(folder) for folder in folders):
             raise InputError(
-                f"{before}{path} lies outside the model's folder: put it there, or name its folder in 'asset_folders', "
+                f"{place}: {path} lies outside the model's folder: put it there, or name its folder in 'asset_folders', "
                 "beside 'mjcf' in the scenario"
             )
+
+    def _read(self, path: Path, place: str) -> bytes:
+        before = f"{place}: " if place else ""
         try:
             state = path.stat()
             if not stat.S_ISREG(state.st_mode):
@@ -149,3 +166,6 @@ class _Carried(Shelf):
         if name not in self.files:
             raise InputError(f"{place + ': ' if place else ''}{self.label(name)} is not in the log")
         return self.files[name]
+
+    def packaged(self, written: str, place: str) -> bytes:
+        raise InputError(f"{place}: {SCHEME}{written} is not in the log")

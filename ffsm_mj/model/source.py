@@ -10,6 +10,7 @@ import mujoco
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.packages import SCHEME
 from ffsm_mj.model.xml import elements
 
 REFUSALS = (ValueError, RuntimeError, MemoryError)
@@ -30,6 +31,8 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
         spec = mujoco.MjSpec.from_file(_mounted(files, vfs), vfs=vfs)
     except REFUSALS as error:
         raise InputError(mujoco_line(files, error)) from error
+    for mesh in spec.meshes:  # with it, MuJoCo looks for the last part of the name alone
+        mesh.file = mesh.file.removeprefix(SCHEME)
     if files.urdf:
         _complete_urdf(spec)
     _name_all(spec)

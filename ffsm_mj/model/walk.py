@@ -8,6 +8,7 @@ from typing import Protocol
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.allowances import MOST_ELEMENTS, MOST_PIXELS, image_pixels, pixels
+from ffsm_mj.model.packages import SCHEME
 from ffsm_mj.model.xml import Element, assets, elements, is_urdf
 
 _MAX_DEPTH = 8
@@ -24,6 +25,13 @@ class Shelf(Protocol):
 
     def take(self, name: str, place: str) -> bytes:
         """Its content, for whoever names it at a place (``file:line``; empty for the first one).
+
+        Raises:
+            InputError: It cannot be had, or must not.
+        """
+
+    def packaged(self, written: str, place: str) -> bytes:
+        """Content of a file of a package, written ``NAME/path`` at a place.
 
         Raises:
             InputError: It cannot be had, or must not.
@@ -65,8 +73,10 @@ class _Walk:
                 if element.tag == "model" and inner:
                     self.model(_join(home, inner), inner, element.place, (*chain, name), copies * repeats)
         for asset in assets(whole):
-            path = _join(home, posixpath.join(asset.folder, asset.name))
-            content = self._take(path, posixpath.join(asset.folder, asset.name), asset.place)
+            packaged = asset.name.removeprefix(SCHEME) if is_urdf(whole) and not chain else asset.name
+            path = _join(home, posixpath.join(asset.folder, packaged))
+            package = packaged if packaged != asset.name else ""
+            content = self._take(path, posixpath.join(asset.folder, packaged), asset.place, package)
             self._count(asset.place, 0.0, image_pixels(content))
             if asset.stripped:
                 self._by_last_part[path] = asset.place
@@ -99,12 +109,14 @@ class _Walk:
         if self._pixels > MOST_PIXELS:
             raise InputError(f"{place}: with this the model's images have more than {MOST_PIXELS} pixels")
 
-    def _take(self, name: str, written: str, place: str) -> bytes:
+    def _take(self, name: str, written: str, place: str, package: str = "") -> bytes:
+        """A file by its name; what a package holds as well, if it is not there, which then has this name."""
         if name not in self.found:
             if posixpath.isabs(written) or any(c in written for c in ":\\") or not written.isprintable():
                 before = place or self._shelf.label(name)
                 raise InputError(f"{before}: {written!r} is no path relative to the model, with forward slashes")
-            self.found[name] = self._shelf.take(name, place)
+            elsewhere = package and not self._shelf.has(name)
+            self.found[name] = self._shelf.packaged(package, place) if elsewhere else self._shelf.take(name, place)
         return self.found[name]
 
     def refuse_doubt(self) -> None:

@@ -45,6 +45,8 @@ class RobotConfig(StrictModel):
     """MJCF or URDF file, relative to the scenario file that names it; its root body is the base."""
     asset_folders: tuple[Name, ...] = ()
     """Folders, beside the model's own, that it may use files of (meshes, includes); relative to the scenario file."""
+    package_paths: tuple[Name, ...] = ()
+    """Folders of the packages that a URDF names (``package://NAME/...``), after those above it; relative to the scenario."""
 
 
 class ObjectConfig(StrictModel):
@@ -54,6 +56,8 @@ class ObjectConfig(StrictModel):
     """MJCF or URDF file, relative to the scenario file that names it."""
     asset_folders: tuple[Name, ...] = ()
     """Folders, beside the model's own, that it may use files of (meshes, includes); relative to the scenario file."""
+    package_paths: tuple[Name, ...] = ()
+    """Folders of the packages that a URDF names (``package://NAME/...``), after those above it; relative to the scenario."""
 
 
 class InitialConfig(StrictModel):

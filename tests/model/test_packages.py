@@ -1,0 +1,129 @@
+"""``package://NAME/path`` in a URDF: which file that is, and that a run carries it like any other mesh."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.cli.main import main
+from ffsm_mj.errors import InputError
+from ffsm_mj.log.model import compile_log
+from ffsm_mj.model.files import read_model
+from tests.model.test_model_files import LINK, TETRA, write
+from tests.scenario.test_scenario import faults
+from tests.scenes import ball, compile_paths
+
+MESH = "package://pk/m/a.obj"
+
+
+def urdf(mesh: str = MESH, settings: str = "") -> str:
+    return f'<robot name="r">\n{settings}\n{LINK.format(kind="collision", mesh=mesh)}</robot>'
+
+
+def scenario(folder, model: str, **robot) -> str:
+    (folder / "rock.xml").write_text(ball("rock"))
+    data = {
+        "name": "scene",
+        "duration_s": 0.002,
+        "robot": {"mjcf": model, **robot},
+        "objects": {"rock": {"mjcf": "rock.xml"}},
+        "initial": {"joints": {"rock/free": [9, 0, 0, 1, 0, 0, 0]}},
+        "phases": [{"name": "coast", "until": "end", "controller": {"kind": "off"}}],
+    }
+    (folder / "scene.yaml").write_text(json.dumps(data))
+    return folder / "scene.yaml"
+
+
+# Each holds two files that could be meant, of another size each: the one named first is.
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("up/pk/urdf/pk/m/a.obj", "up/pk/m/a.obj"),  # beside the model
+        ("up/pk/m/a.obj", "pk/m/a.obj"),  # around it, the nearest first
+        ("pk/m/a.obj", "given/pk/m/a.obj"),  # a sibling of a folder above comes before what the scenario names
+        ("given/pk/m/a.obj", "elsewhere/pk/m/a.obj"),
+        ("elsewhere/pk/m/a.obj", "nowhere/pk/m/a.obj"),  # 'package_paths' may name a package itself
+    ],
+)
+def test_the_nearest_package_is_meant(tmp_path, first, second):
+    write(tmp_path, up__pk__urdf__r_dot_urdf=urdf())
+    for path, size in ((first, 2), (second, 3)):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(TETRA.format(x=size))
+    files = read_model(tmp_path / "up/pk/urdf/r.urdf", (), [tmp_path / "given", tmp_path / "elsewhere" / "pk"])
+    assert files.main == "r.urdf"
+    assert files.files["pk/m/a.obj"].decode() == TETRA.format(x=2)
+    assert set(files.files) == {"r.urdf", "pk/m/a.obj"}
+
+
+def test_meshes_of_one_name_in_two_folders_are_told_apart(tmp_path):
+    both = urdf().replace(
+        "</link>", urdf("package://pk/n/a.obj").partition("</inertial>")[2].partition("</link>")[0] + "</link>"
+    )
+    assert both.count("package://") == 2
+    write(tmp_path, r_dot_urdf=both, pk__m__a_dot_obj=TETRA.format(x=1), pk__n__a_dot_obj=TETRA.format(x=3))
+    model = compile_paths(tmp_path / "r.urdf").mj
+    sizes = [
+        np.ptp(model.mesh_vert[start : start + count], axis=0).max()
+        for start, count in zip(model.mesh_vertadr, model.mesh_vertnum, strict=True)
+    ]
+    # The longest edge of each tetrahedron, sqrt(2) and sqrt(10), lies along one principal axis or another: no two are alike.
+    assert len(sizes) == 2
+    assert sizes[1] > 1.5 * sizes[0]
+
+
+@pytest.mark.parametrize("settings", ["", '<mujoco><compiler meshdir="../mm"/></mujoco>'])
+def test_a_run_carries_the_file_of_a_package(tmp_path, settings, capsys):
+    write(tmp_path, robots__r_dot_urdf=urdf(settings=settings), share__pk__m__a_dot_obj=TETRA.format(x=1))
+    path = scenario(tmp_path, "robots/r.urdf", package_paths=["share"], asset_folders=["."])
+    run = ffsm_mj.run(path, out=tmp_path / "run", rerun=False)
+    below = "mjcf/robot/mm/pk/m/a.obj" if settings else "mjcf/robot/pk/m/a.obj"
+    assert (tmp_path / "run" / below).read_text() == TETRA.format(x=1)
+    assert run.log.header.files[below].decode() == TETRA.format(x=1)
+    (tmp_path / "share").rename(tmp_path / "gone")
+    (tmp_path / "robots").rename(tmp_path / "gone too")
+    again = ffsm_mj.run(tmp_path / "run" / "scenario.yaml", out=tmp_path / "again", rerun=False)
+    assert again.log.rows[:].tobytes() == run.log.rows[:].tobytes()
+    assert again.log.header.files == run.log.header.files
+    assert compile_log(ffsm_mj.load_run(tmp_path / "run" / "run.mcap").log).mj.nmesh == 1
+    assert main(["analyze", str(tmp_path / "again")]) == 0
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("mesh", "there", "expected"),
+    [
+        (MESH, "", "no folder 'pk' above the model or in 'package_paths'; name the folder that it lies in under"),
+        (MESH, "pk/m/b.obj", "no m/a.obj in {folder}/pk; name the folder that it lies in under 'package_paths'"),
+        ("package://pk", "pk", "'package://pk' is no package://NAME/path"),
+        ("package://pk/../secret.obj", "secret.obj", "is no package://NAME/path"),
+        ("package:///m/a.obj", "m/a.obj", "is no path relative to the model"),
+        ("package://" + "x" * 300 + "/a.obj", "", "no folder 'xxx"),
+        ("model://pk/m/a.obj", "pk/m/a.obj", "is no path relative to the model"),
+    ],
+)
+def test_what_is_not_found_is_one_line_with_the_way_on(tmp_path, mesh, there, expected):
+    write(tmp_path, robots__r_dot_urdf=urdf(mesh))
+    if there:
+        write(tmp_path, **{there.replace("/", "__").replace(".", "_dot_"): TETRA.format(x=1)})
+    (line,) = faults(path=scenario(tmp_path, "robots/r.urdf"))
+    assert line.startswith(f"{tmp_path}/robots/r.urdf:4: '")
+    assert expected.format(folder=tmp_path) in line
+
+
+def test_a_link_out_of_a_package_counts_as_outside(tmp_path):
+    write(tmp_path, robots__r_dot_urdf=urdf(), private__a_dot_obj=TETRA.format(x=1))
+    (tmp_path / "pk" / "m").mkdir(parents=True)
+    (tmp_path / "pk" / "m" / "a.obj").symlink_to(tmp_path / "private" / "a.obj")
+    with pytest.raises(InputError, match=r"r\.urdf:4: .*pk/m/a\.obj lies outside the model's folder"):
+        read_model(tmp_path / "robots" / "r.urdf")
+    assert len(read_model(tmp_path / "robots" / "r.urdf", [tmp_path / "private"]).files) == 2
+
+
+def test_a_folder_of_packages_must_be_there(tmp_path):
+    write(tmp_path, r_dot_urdf=urdf(), pk__m__a_dot_obj=TETRA.format(x=1))
+    (line,) = faults('robot.package_paths=["absent"]', path=scenario(tmp_path, "r.urdf"))
+    assert line.endswith(f"robot.package_paths.0: no such folder: {tmp_path}/absent")
