@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.mimic import mimic_faults
 
 # Bits of MjSpec.authored.option that are set when <option> names the field (order of mjOption's fields).
 _AUTHORED_INTEGRATOR = 1 << 16
@@ -47,7 +48,18 @@ def spec_faults(spec: Any, files: ModelFiles) -> list[str]:
 
 def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
     """Dissipative or elastic elements of the compiled scene, each with the file and line of the model it came from."""
-    return [f"{element_place(scene, files, kind, name)} has {what}; remove it" for kind, name, what in _elements(model)]
+    mimics = {f"{prefix}/{joint}": told for prefix, each in files.items() for joint, told in mimic_faults(each).items()}
+    return [
+        mimics.get(_follower(model, name) if kind == "equality" else "")
+        or f"{element_place(scene, files, kind, name)} has {what}; remove it"
+        for kind, name, what in _elements(model)
+    ]
+
+
+def _follower(model: Any, equality: str) -> str:
+    """Full name of the joint that a constraint makes follow another one; empty for other constraints."""
+    e = model.equality(equality).id
+    return str(model.joint(model.eq_obj1id[e]).name) if model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT else ""
 
 
 def element_place(scene: Any, files: Mapping[str, ModelFiles], kind: str, name: str) -> str:

@@ -1,0 +1,45 @@
+"""``<mimic>`` of a URDF is told as what it is, and what the line says to do about it does it."""
+
+from __future__ import annotations
+
+import pytest
+
+from ffsm_mj.errors import InputError
+from tests.model.test_own_robot import FILES
+from tests.scenes import compile_paths
+
+AXIS = '<axis xyz="0 -1 0"/>'  # of the joint 'nod'
+MIMIC = '<mimic joint="swing" multiplier="2"/>'
+
+
+@pytest.fixture
+def otto(tmp_path):
+    text = FILES["otto.urdf"]
+    assert AXIS in text
+    path = tmp_path / "otto.urdf"
+    path.write_text(text.replace(AXIS, f"{AXIS}\n{MIMIC}"))
+    return path
+
+
+def test_a_mimic_is_one_line_that_names_both_joints_and_the_way_on(otto):
+    line = otto.read_text().splitlines().index(next(text for text in otto.read_text().splitlines() if MIMIC in text)) + 1
+    with pytest.raises(InputError) as refused:
+        compile_paths(otto)
+    (told,) = refused.value.lines
+    assert told.startswith(f"{otto}:{line}: joint 'nod' mimics joint 'swing' (<mimic>)")
+    assert told.endswith("or write type=\"fixed\" at joint 'nod', or write 'conservative: false' in the scenario")
+
+
+@pytest.mark.parametrize("cure", [(MIMIC, ""), ('"nod" type="continuous"', '"nod" type="fixed"')])
+def test_what_the_line_says_helps(otto, cure):
+    assert cure[0] in otto.read_text()
+    otto.write_text(otto.read_text().replace(*cure))
+    system = compile_paths(otto)
+    assert not system.faults
+    assert len(system.robot.joints) == (3 if cure[1] == "" else 2)
+
+
+def test_not_conservative_it_stays_what_mujoco_makes_of_it(otto):
+    system = compile_paths(otto, {"other": otto}, conservative=False)
+    assert system.mj.neq == 2
+    assert [fault.partition(" mimics ")[0].rpartition(": ")[2] for fault in system.faults] == ["joint 'nod'"] * 2
