@@ -74,7 +74,9 @@ class Assembly:
     row: Row
 
 
-def assemble(scenario: Scenario, source: YamlSource, system: System, scenario_yaml: str) -> Assembly:
+def assemble(
+    scenario: Scenario, source: YamlSource, system: System, scenario_yaml: str, laws: Mapping[str, Any]
+) -> Assembly:
     """Build everything that one run needs.
 
     Args:
@@ -82,6 +84,7 @@ def assemble(scenario: Scenario, source: YamlSource, system: System, scenario_ya
         source: Where each of its keys stands.
         system: Robot and objects, with a model that is the run's own: the run writes its time step.
         scenario_yaml: The scenario as logs keep it.
+        laws: Control laws of a script, classes by kind, beside those that are installed.
 
     Raises:
         InputError: One line per fault, with the place in the scenario or the model.
@@ -96,7 +99,7 @@ def assemble(scenario: Scenario, source: YamlSource, system: System, scenario_ya
         course = Course(Motion(system.mj, data), regimes)
         actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
-        controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s))
+        controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s), laws)
         ledger = Ledger(system, data, course.motion.momentum, notes=BLOCK_ROWS)
         state = StateReport(system, data, task.tip_site if task is not None else None)
         columns = [*state.columns, *ledger.columns, *course.columns, *actuation.columns, *controller.columns]
@@ -161,8 +164,8 @@ def task_of(scenario: Scenario, system: System) -> Task | None:
     return Task(site, tuple(_AXES[axis] for axis in config.axes), np.array(config.target_m, dtype=np.float64))
 
 
-def _controller(scenario: Scenario, context: ControllerContext) -> PhaseMachine:
-    classes: Mapping[str, Any] = kinds().classes
+def _controller(scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any]) -> PhaseMachine:
+    classes = {**kinds().classes, **laws}
     phases, faults = [], []
     for i, config in enumerate(scenario.phases):
         kind = config.controller.kind

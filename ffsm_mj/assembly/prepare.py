@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ffsm_mj.analysis.run import Run
@@ -14,7 +15,8 @@ from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import Scenario, load_scenario
+from ffsm_mj.scenario.loading import load_scenario
+from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource
 
@@ -23,6 +25,7 @@ def run(
     scenario: str | Path,
     overrides: Sequence[str] | Mapping[str, Any] = (),
     *,
+    controllers: Mapping[str, Any] = MappingProxyType({}),
     out: str | Path | None = None,
     force: bool = False,
     rerun: bool | None = None,
@@ -34,6 +37,8 @@ def run(
     Args:
         scenario: A path, or the name of a shipped scenario.
         overrides: ``key=value`` strings as on the command line, or a mapping of dotted keys to values.
+        controllers: Control laws of the caller's own, classes by the ``kind`` under which the scenario asks for them
+            (:class:`ffsm_mj.controller_protocol.Controller`; a ``Config`` may be left out): no package is needed.
         out: Run folder to write; None keeps the run in memory only.
         force: Replace a run that ``out`` already holds.
         rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
@@ -46,32 +51,38 @@ def run(
     Raises:
         InputError: The scenario or a model is wrong, or the folder holds a run.
     """
-    recipe = _recipe(scenario, overrides)  # whose parts are made once, by the run: they tell their faults there
+    recipe = _recipe(scenario, overrides, controllers)  # whose parts are made once, by the run: they tell their faults there
     folder = RunFolder(Path(out), force=force) if out is not None else None
     return recipe.run(folder=folder, rerun=rerun, live=live, report=report)
 
 
-def prepare(scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any] = ()) -> Prepared:
+def prepare(
+    scenario: str | Path,
+    overrides: Sequence[str] | Mapping[str, Any] = (),
+    *,
+    controllers: Mapping[str, Any] = MappingProxyType({}),
+) -> Prepared:
     """Read, validate and compile a scenario; nothing is written and nothing moves.
 
     Args:
         scenario: A path, or the name of a shipped scenario.
         overrides: See :func:`run`.
+        controllers: See :func:`run`.
 
     Raises:
         InputError: The scenario or a model is wrong.
     """
-    recipe = _recipe(scenario, overrides)
+    recipe = _recipe(scenario, overrides, controllers)
     recipe.assemble()  # for what is wrong with its parts
     return recipe
 
 
-def _recipe(scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any]) -> Prepared:
+def _recipe(scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any], controllers: Mapping[str, Any]) -> Prepared:
     if isinstance(overrides, Mapping):
         overrides = [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
-    config, source = load_scenario(scenario_path(scenario), overrides)
+    config, source = load_scenario(scenario_path(scenario), overrides, controllers)
     system = compile_scenario(config, source)
-    return Prepared(config, source, system, resolved_yaml(config, system))
+    return Prepared(config, source, system, resolved_yaml(config, system), dict(controllers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,12 +97,14 @@ class Prepared:
         source: Where each of its keys stands.
         system: Robot and objects; its model is copied, never run.
         scenario_yaml: The scenario with every default written out, as logs keep it.
+        laws: Control laws of a script, classes by kind.
     """
 
     scenario: Scenario
     source: YamlSource
     system: System
     scenario_yaml: str
+    laws: Mapping[str, Any]
 
     def assemble(self) -> Assembly:
         """Parts of one run at t = 0, made anew.
@@ -99,7 +112,7 @@ class Prepared:
         Raises:
             InputError: One line per fault, with the place in the scenario or the model.
         """
-        return assemble(self.scenario, self.source, self.system.copy(), self.scenario_yaml)
+        return assemble(self.scenario, self.source, self.system.copy(), self.scenario_yaml, self.laws)
 
     def run(
         self,

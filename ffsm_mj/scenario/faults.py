@@ -23,12 +23,14 @@ class KindNames:
         controllers: Kinds of controllers.
         actuators: Kinds of actuators.
         broken: Why a plugin's kind cannot be used.
+        of_scripts: Kinds whose laws a script had handed over to the run that wrote the scenario.
     """
 
     model: type[BaseModel]
     controllers: Collection[str]
     actuators: Collection[str]
     broken: Mapping[str, str]
+    of_scripts: Collection[str] = ()
 
 
 def plain_faults(error: ValidationError, names: KindNames) -> list[Fault]:
@@ -158,4 +160,9 @@ def _unknown_kind(tag: str, expected: str, path: KeyPath, names: KindNames) -> s
     broken = names.broken.get(tag) if "controller" in path else None
     if broken:
         return f"the plugin for kind {tag!r} cannot be used ({broken}); usable: {', '.join(usable)}"
+    if tag in names.of_scripts and "controller" in path:
+        return (
+            f"the control law of kind {tag!r} came from a script, and no file says where it is: run this from Python again, "
+            f"ffsm_mj.run(..., controllers={{{tag!r}: ...}}); usable without: {', '.join(usable)}"
+        )
     return unknown_name("kind", tag, usable)

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 from ffsm_controllers import kinds
-from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError, model_validator
+from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, SerializeAsAny, model_validator
 
 from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.impact.laws import LAWS
-from ffsm_mj.plant.actuation import ACTUATOR_KINDS, ActuatorConfig
+from ffsm_mj.plant.actuation import ActuatorConfig
 from ffsm_mj.scenario.element_names import element_name
-from ffsm_mj.scenario.faults import KindNames, plain_faults
-from ffsm_mj.scenario.regimes import REGIME_SCHEMA, checked_regimes, fault_of_ending
-from ffsm_mj.scenario.source import YamlSource, read_yaml
+from ffsm_mj.scenario.regimes import REGIME_SCHEMA, checked_regimes
+from ffsm_mj.scenario.source import YamlSource
 
 _KINDS = kinds()
 if TYPE_CHECKING:
@@ -31,7 +28,6 @@ else:
 
 # A multiple is one to 1e-9 of the ratio: beyond this that is half a period, and every ratio would pass.
 _MOST_PERIODS = 5e8
-_MOST_FRAMES = 1e6
 
 Name = Annotated[str, Field(min_length=1)]
 Axis = Literal["x", "y", "z"]
@@ -146,7 +142,7 @@ class PhaseConfig(StrictModel):
     """``impact``: the first impact after its start, or a record of a declared regime by its name; ``end``: of the run."""
     for_s: PositiveFloat | None = None
     """Duration in s; it ends at the first control tick at or after that, with ``until: impact`` at an impact before it."""
-    controller: ControllerConfig
+    controller: SerializeAsAny[ControllerConfig]
     """Control law, chosen by ``kind``."""
 
     @model_validator(mode="after")
@@ -217,6 +213,8 @@ class Scenario(StrictModel):
     task: TaskConfig | None = None
     impact_pairs: tuple[ImpactPairConfig, ...] = ()
     ignored_pairs: tuple[IgnoredPairConfig, ...] = ()
+    script_laws: tuple[Name, ...] | None = None
+    """Kinds of control laws that a script handed to the run that wrote this scenario; they name no code."""
     phases: Annotated[tuple[PhaseConfig, ...], Field(min_length=1)]
     impact: ImpactConfig = ImpactConfig()
     regimes: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()
@@ -248,54 +246,6 @@ def timing_faults(scenario: Scenario) -> list[Fault]:
             nearest = max(1, round(ratio)) * unit
             faults.append(Fault(f"must be a multiple of {unit_key} ({unit:g} s); the nearest is {nearest:g}", (key,)))
     return faults
-
-
-def _other_faults(scenario: Scenario) -> list[Fault]:
-    faults = timing_faults(scenario)
-    frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
-    if frames > _MOST_FRAMES and not faults:
-        faults.append(Fault(f"makes {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", ("log", "view_rate_hz")))
-    if scenario.extends is not None:
-        faults.append(Fault("can only stand in a scenario file", ("extends",)))
-    for reserved in {"robot", "world"} & set(scenario.objects):
-        faults.append(Fault("this name is taken; choose another", ("objects", reserved)))
-    names = [phase.name for phase in scenario.phases]
-    for i, phase in enumerate(scenario.phases):
-        if phase.name in names[:i]:
-            faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
-        if fault := fault_of_ending(phase.until, scenario.regimes):
-            faults.append(Fault(fault, ("phases", i, "until")))
-        if phase.until == "impact" and not scenario.impact_pairs:
-            faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
-    for i, phase in enumerate(scenario.phases[:-1]):
-        if phase.until == "end":
-            faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
-    return faults
-
-
-def load_scenario(path: Path, overrides: Sequence[str] = ()) -> tuple[Scenario, YamlSource]:
-    """Read and validate a scenario.
-
-    Returns:
-        The scenario and its source, which tells where each key stands.
-
-    Raises:
-        InputError: One line per fault, with file, line and column.
-    """
-    source = read_yaml(path, overrides)
-    try:
-        scenario = Scenario.model_validate(source.data)
-    except ValidationError as error:
-        kinds_known = KindNames(Scenario, _KINDS.classes, ACTUATOR_KINDS, _KINDS.broken)
-        raise InputError(source.lines(plain_faults(error, kinds_known))) from error
-    try:
-        scenario = with_regimes(scenario)
-    except ScenarioFaults as faulty:
-        raise located(faulty, source) from faulty
-    faults = _other_faults(scenario)
-    if faults:
-        raise located(ScenarioFaults(faults), source)
-    return scenario, source
 
 
 def with_regimes(scenario: Scenario) -> Scenario:

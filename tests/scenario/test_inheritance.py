@@ -14,7 +14,7 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.scenario.inheritance import MAX_DEPTH
-from ffsm_mj.scenario.scenario import load_scenario
+from ffsm_mj.scenario.loading import load_scenario
 from ffsm_mj.scenario.schema import scenario_schema
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
 from tests.scenes import two_balls

@@ -12,7 +12,8 @@ from pydantic import ValidationError
 
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import Fault, InputError
-from ffsm_mj.scenario.scenario import Scenario, load_scenario
+from ffsm_mj.scenario.loading import load_scenario
+from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.schema import scenario_schema
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path, scenarios_dir
 from ffsm_mj.scenario.source import read_yaml, write_yaml

@@ -1,0 +1,97 @@
+"""From a file to a scenario: read, overridden, validated; every fault with its place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from ffsm_controllers import kinds
+from pydantic import ValidationError
+
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.plant.actuation import ACTUATOR_KINDS
+from ffsm_mj.scenario.faults import KindNames, plain_faults
+from ffsm_mj.scenario.regimes import fault_of_ending
+from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, located, timing_faults, with_regimes
+from ffsm_mj.scenario.script_laws import as_phases, config_of, model_with, refuse_script_laws
+from ffsm_mj.scenario.source import YamlSource, read_yaml
+
+_MOST_FRAMES = 1e6
+
+
+def load_scenario(
+    path: Path, overrides: Sequence[str] = (), laws: Mapping[str, Any] = MappingProxyType({})
+) -> tuple[Scenario, YamlSource]:
+    """Read and validate a scenario.
+
+    Args:
+        path: The file.
+        overrides: ``key=value`` each.
+        laws: Control laws of a script, classes by kind.
+
+    Returns:
+        The scenario and its source, which tells where each key stands.
+
+    Raises:
+        InputError: One line per fault, with file, line and column.
+    """
+    installed = kinds()
+    refuse_script_laws(laws, installed.classes)
+    source = read_yaml(path, overrides)
+    configs = [cls.Config for cls in installed.classes.values()] + [config_of(law, kind) for kind, law in laws.items()]
+    model = model_with(Scenario, PhaseConfig, tuple(configs)) if laws else Scenario
+    try:
+        scenario = model.model_validate(source.data)
+    except ValidationError as error:
+        kinds_known = KindNames(
+            model, {*installed.classes, *laws}, ACTUATOR_KINDS, installed.broken, _script_laws(source.data)
+        )
+        raise InputError(source.lines(plain_faults(error, kinds_known))) from error
+    try:
+        scenario = with_regimes(_with_script_laws(scenario, laws))
+    except ScenarioFaults as faulty:
+        raise located(faulty, source) from faulty
+    faults = _other_faults(scenario)
+    if faults:
+        raise located(ScenarioFaults(faults), source)
+    return scenario, source
+
+
+def _script_laws(data: Any) -> tuple[str, ...]:
+    """What an invalid scenario says of laws from a script."""
+    named = data.get("script_laws") if isinstance(data, Mapping) else None
+    return tuple(map(str, named)) if isinstance(named, list | tuple) else ()
+
+
+def _with_script_laws(scenario: Scenario, laws: Mapping[str, Any]) -> Scenario:
+    """A scenario that tells which of these laws its phases ask for."""
+    if not laws:
+        return scenario.model_copy(update={"script_laws": None})
+    used = tuple(kind for kind in laws if any(phase.controller.kind == kind for phase in scenario.phases))
+    phases = as_phases(scenario.phases, PhaseConfig, laws)
+    return Scenario.model_construct(**dict(scenario) | {"phases": phases, "script_laws": used or None})
+
+
+def _other_faults(scenario: Scenario) -> list[Fault]:
+    faults = timing_faults(scenario)
+    frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
+    if frames > _MOST_FRAMES and not faults:
+        faults.append(Fault(f"makes {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", ("log", "view_rate_hz")))
+    if scenario.extends is not None:
+        faults.append(Fault("can only stand in a scenario file", ("extends",)))
+    for reserved in {"robot", "world"} & set(scenario.objects):
+        faults.append(Fault("this name is taken; choose another", ("objects", reserved)))
+    names = [phase.name for phase in scenario.phases]
+    for i, phase in enumerate(scenario.phases):
+        if phase.name in names[:i]:
+            faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
+        if fault := fault_of_ending(phase.until, scenario.regimes):
+            faults.append(Fault(fault, ("phases", i, "until")))
+        if phase.until == "impact" and not scenario.impact_pairs:
+            faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
+    for i, phase in enumerate(scenario.phases[:-1]):
+        if phase.until == "end":
+            faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
+    return faults

@@ -1,0 +1,83 @@
+"""Control laws that a script hands to a run: classes of its own under kinds of its own, no package needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar, Union
+
+from pydantic import Field, create_model
+
+from ffsm_mj.config import StrictModel
+from ffsm_mj.errors import InputError
+
+Model = TypeVar("Model", bound=StrictModel)
+Phase = TypeVar("Phase", bound=StrictModel)
+_METHODS = ("start", "control", "telemetry")
+
+
+class NoSettings(StrictModel):
+    """What a law without a ``Config`` is configured by."""
+
+    kind: str
+
+
+def refuse_script_laws(laws: Mapping[str, Any], installed: Mapping[str, Any]) -> None:
+    """Refuse what is no control law.
+
+    Args:
+        laws: Classes by kind.
+        installed: Kinds that there are without them.
+
+    Raises:
+        InputError: One line per fault.
+    """
+    lines = []
+    for kind, law in laws.items():
+        missing = [name for name in _METHODS if not callable(getattr(law, name, None))]
+        config = getattr(law, "Config", NoSettings)
+        if kind in installed:
+            lines.append(f"controllers: {kind!r} is a kind that there is already; choose another name")
+        elif not isinstance(law, type) or missing:
+            lines.append(f"controllers: {kind!r} is no class with the methods {', '.join(_METHODS)}")
+        elif not isinstance(getattr(law, "telemetry_signals", None), tuple | list | property):
+            lines.append(f"controllers: {kind!r} has no telemetry_signals; () reports nothing")
+        elif not (isinstance(config, type) and issubclass(config, StrictModel)):
+            lines.append(f"controllers: the Config of {kind!r} is no ffsm_mj.controller_protocol.StrictModel")
+        elif config is not NoSettings and _kind_of(config) != kind:
+            lines.append(f"controllers: the Config of {kind!r} needs the field kind: Literal[{kind!r}]")
+    if lines:
+        raise InputError(lines)
+
+
+def _kind_of(config: type[StrictModel]) -> str | None:
+    field = config.model_fields.get("kind")
+    values: tuple[Any, ...] = getattr(field.annotation, "__args__", ()) if field is not None else ()
+    return str(values[0]) if len(values) == 1 else None
+
+
+def config_of(law: Any, kind: str) -> type[StrictModel]:
+    """Configuration model of a law."""
+    if hasattr(law, "Config"):
+        return law.Config  # type: ignore[no-any-return]
+    only: Any = Literal[kind]
+    return create_model(f"{law.__name__}Config", __base__=NoSettings, kind=(only, ...))
+
+
+def model_with(scenario: type[Model], phase: type[StrictModel], configs: tuple[Any, ...]) -> type[Model]:
+    """The model of a scenario whose phases may ask for laws of these configurations."""
+    union: Any = Union.__getitem__(configs)
+    choice: Any = Annotated[union, Field(discriminator="kind")]
+    phases: Any = create_model(phase.__name__, __base__=phase, controller=(choice, ...))
+    some: Any = Annotated[tuple[phases, ...], Field(min_length=1)]
+    return create_model(scenario.__name__, __base__=scenario, phases=(some, ...))
+
+
+def as_phases(given: tuple[Any, ...], phase: type[Phase], laws: Mapping[str, Any]) -> tuple[Phase, ...]:
+    """The same phases as instances of a class that can be imported, so that they can be pickled."""
+    found = []
+    for each in given:
+        controller = each.controller
+        if controller.kind in laws and not hasattr(laws[controller.kind], "Config"):
+            controller = NoSettings(kind=controller.kind)
+        found.append(phase.model_construct(**dict(each) | {"controller": controller}))
+    return tuple(found)

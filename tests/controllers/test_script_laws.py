@@ -1,0 +1,144 @@
+"""Control laws from a script: no package, no code in a file, told by the log."""
+
+from __future__ import annotations
+
+import pickle
+import re
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.controller_protocol import Signal, StrictModel
+from ffsm_mj.errors import InputError
+
+
+class Damp:
+    """Viscous damping of one joint, no settings."""
+
+    telemetry_signals = (Signal("controller", "damp_torque_N_m", "N m", "torque that damps"),)
+    gain = 5.0
+
+    def __init__(self, config, context):
+        self.config = config
+        self.motor = context.system.index("actuator", "motor_2")
+        self.torque = 0.0
+
+    def start(self, observation):
+        self.start_s = observation.time_s
+
+    def control(self, observation, command):
+        self.torque = -self.gain * observation.data.qvel[4]
+        command.drive([self.motor], self.torque)
+
+    def telemetry(self):
+        return (self.torque,)
+
+
+class GainConfig(StrictModel):
+    kind: Literal["tuned"]
+    gain: float
+
+
+class Tuned(Damp):
+    """The same with a gain."""
+
+    Config = GainConfig
+
+    def __init__(self, config, context):
+        super().__init__(config, context)
+        self.gain = config.gain
+
+
+def settle(**controller):
+    return {"duration_s": 1.0, "phases": [{"name": "settle", "until": "end", "controller": controller}]}
+
+
+def test_a_law_without_settings_runs_and_is_told(tmp_path, capfd):
+    """From a class in a script to a log that analyze understands; the command line says why it cannot run it again."""
+    out = tmp_path / "run"
+    run = ffsm_mj.run("coasting", settle(kind="mine"), controllers={"mine": Damp}, out=out, rerun=False)
+    assert run.outcome == "completed"
+    assert np.any(run["controller.damp_torque_N_m"])
+    assert run.summary()["controller"]["phases"][0]["kind"] == "mine"
+    assert all(law.holds for law in ffsm_mj.load_run(out).laws())
+    assert "\nscript_laws: [mine]\n" in (out / "scenario.yaml").read_text()
+    again = ffsm_mj.run(out, controllers={"mine": Damp})
+    np.testing.assert_array_equal(again.log.rows, run.log.rows)
+
+    from ffsm_mj.cli.main import main
+
+    capfd.readouterr()
+    assert main(["run", str(out), "--no-rerun", "--out", str(tmp_path / "again")]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(str(out / "scenario.yaml"))
+    assert "phases.0.controller.kind: the control law of kind 'mine' came from a script" in line
+    assert main(["analyze", str(out)]) == 0
+
+
+def test_the_documented_script_runs():
+    """As it stands; the damped joint slows down."""
+    page = (Path(__file__).parents[2] / "docs" / "own-controller.md").read_text()
+    (script,) = re.findall(r"```py\n(.*?)```", page, flags=re.DOTALL)
+    names = {}
+    exec(script, names)
+    rate = names["run"].qvel[:, 4]
+    assert names["run"].outcome == "completed"
+    assert abs(rate[-1]) < 0.5 * abs(rate[0])
+
+
+def test_settings_are_checked_and_used():
+    """Twice the gain, twice the first torque; a wrong key is told with its place and what is allowed."""
+    first = []
+    for gain in (2.0, 4.0):
+        run = ffsm_mj.run("coasting", settle(kind="tuned", gain=gain), controllers={"tuned": Tuned})
+        first.append(run["controller.damp_torque_N_m"][0])
+    assert first[1] == pytest.approx(2.0 * first[0], rel=1e-15)
+    assert first[0] != 0.0
+    with pytest.raises(InputError, match=r"phases\.0\.controller\.gian: unknown key.*gain"):
+        ffsm_mj.prepare("coasting", settle(kind="tuned", gian=2.0), controllers={"tuned": Tuned})
+    with pytest.raises(InputError, match=r"phases\.0\.controller\.gain: is missing"):
+        ffsm_mj.prepare("coasting", settle(kind="tuned"), controllers={"tuned": Tuned})
+    with pytest.raises(InputError, match=r"controller\.kind: unknown kind 'mime'.*mine"):
+        ffsm_mj.prepare("coasting", settle(kind="mime"), controllers={"mine": Damp})
+
+
+def test_a_recipe_with_a_law_of_a_script_can_be_pickled():
+    recipe = ffsm_mj.prepare("coasting", settle(kind="mine"), controllers={"mine": Damp})
+    again = pickle.loads(pickle.dumps(recipe))
+    np.testing.assert_array_equal(again.run().log.rows, recipe.run().log.rows)
+
+
+def test_laws_that_are_not_asked_for_leave_no_trace(tmp_path):
+    run = ffsm_mj.run("coasting", {"duration_s": 0.01}, controllers={"mine": Damp}, out=tmp_path / "run", rerun=False)
+    assert run.outcome == "completed"
+    assert "script_laws" not in (tmp_path / "run" / "scenario.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("laws", "fault"),
+    [
+        ({"pd": Damp}, "controllers: 'pd' is a kind that there is already"),
+        ({"mine": "Damp"}, "controllers: 'mine' is no class with the methods"),
+        ({"mine": object}, "controllers: 'mine' is no class with the methods start, control, telemetry"),
+        ({"mine": Tuned}, r"controllers: the Config of 'mine' needs the field kind: Literal\['mine'\]"),
+        ({"mine": type("Bare", (Damp,), {"telemetry_signals": None})}, "controllers: 'mine' has no telemetry_signals"),
+        ({"mine": type("Loose", (Damp,), {"Config": dict})}, "controllers: the Config of 'mine' is no .*StrictModel"),
+    ],
+)
+def test_what_is_no_law_is_refused(laws, fault):
+    with pytest.raises(InputError, match=fault):
+        ffsm_mj.prepare("coasting", controllers=laws)
+
+
+def test_a_law_of_a_script_that_fails_ends_the_run_with_its_line(tmp_path):
+    class Broken(Damp):
+        def control(self, observation, command):
+            raise ZeroDivisionError("nothing to divide by")
+
+    run = ffsm_mj.run("coasting", settle(kind="mine"), controllers={"mine": Broken}, out=tmp_path / "run", rerun=False)
+    assert run.outcome == "controller_failed"
+    assert "mine" in run.message
+    assert "nothing to divide by" in run.message
