@@ -1,6 +1,6 @@
 """ffsm-mj: exact impacts for free-floating space manipulators, on MuJoCo.
 
-``run(scenario)`` simulates and returns a :class:`~ffsm_mj.analysis.run.Run`; ``load_run(path)`` reads one back from its log,
+``run(scenario)`` simulates and returns a :class:`~ffsm_mj.present.run.Run`; ``load_run(path)`` reads one back from its log,
 ``compare(a, b)`` tells two of them apart; ``prepare(scenario)`` gives a recipe that runs again and again;
 ``impact`` resolves single collisions on any MuJoCo model. Everything is imported on first use, so that ``import ffsm_mj``
 and ``ffsm --help`` cost nothing.
@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ffsm_mj import impact as impact
-    from ffsm_mj.analysis.run import Run as Run
     from ffsm_mj.analysis.run import compare as compare
-    from ffsm_mj.analysis.run import load_run as load_run
     from ffsm_mj.assembly.prepare import prepare as prepare
     from ffsm_mj.assembly.prepare import run as run
+    from ffsm_mj.present.run import Run as Run
+    from ffsm_mj.present.run import load_run as load_run
 
 _LAZY = {
     "prepare": ("ffsm_mj.assembly.prepare", "prepare"),
     "run": ("ffsm_mj.assembly.prepare", "run"),
     "compare": ("ffsm_mj.analysis.run", "compare"),
-    "load_run": ("ffsm_mj.analysis.run", "load_run"),
-    "Run": ("ffsm_mj.analysis.run", "Run"),
+    "load_run": ("ffsm_mj.present.run", "load_run"),
+    "Run": ("ffsm_mj.present.run", "Run"),
     "impact": ("ffsm_mj.impact", None),
 }
 
@@ -40,3 +40,8 @@ def __getattr__(name: str) -> Any:
     value = module if attribute is None else getattr(module, attribute)
     globals()[name] = value
     return value
+
+
+def __dir__() -> list[str]:
+    """The public names, imported or not, for ``dir`` and for completion."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 
 if TYPE_CHECKING:
-    from ffsm_mj.analysis.run import Run
     from ffsm_mj.analysis.verdicts import Tolerance
+    from ffsm_mj.present.run import Run
 
 
 class RunFactory(Protocol):

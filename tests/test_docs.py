@@ -19,8 +19,9 @@ def python_blocks(page):
     return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
 
 
-@pytest.mark.parametrize("word", ["resolve", "prepare"])
-def test_what_the_code_of_the_user_guide_prints(capsys, word):
+@pytest.mark.parametrize("word", ["resolve", "prepare", "animate"])
+def test_what_the_code_of_the_user_guide_prints(capsys, tmp_path, monkeypatch, word):
+    monkeypatch.chdir(tmp_path)
     code = next(block for block in python_blocks("docs/user-guide.md") if word in block)
     promised = re.search(r"\)  # (.*)$", code, flags=re.MULTILINE).group(1)
     exec(code, {})

@@ -18,8 +18,6 @@ from ffsm_mj.analysis.tables import Table, table
 from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Law, Tolerance
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import unknown_name
-from ffsm_mj.log.mcap.reader import read_log
-from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.facts import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
@@ -180,6 +178,11 @@ class Run:
         """Every law with its worst residual; see :func:`ffsm_mj.analysis.verdicts.check_laws`."""
         return self.digest.audit.laws(self.log.impacts, tolerance)
 
+    @property
+    def digested(self) -> bool:
+        """Whether the digest is there; if not, it costs one pass over the rows."""
+        return self._given is not None or "digest" in self.__dict__
+
     @cached_property
     def digest(self) -> Digest:
         """What verdicts and summary need of the rows, gathered in one pass over them."""
@@ -224,17 +227,6 @@ class Run:
     @cached_property
     def _summary(self) -> dict[str, Any]:
         return summarise(self.log, self.digest)
-
-
-def load_run(path: str | Path) -> Run:
-    """Read a run from its folder or its ``.mcap`` or ``.mcap.partial`` file.
-
-    Raises:
-        InputError: There is no log at that place.
-        LogError: The file is no log of a run.
-    """
-    found = find_log(Path(path))
-    return Run(read_log(found), found)
 
 
 def compare(a: Run, b: Run) -> Comparison:

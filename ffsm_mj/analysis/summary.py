@@ -46,7 +46,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
         "real_time_factor": end / wall if wall else 0.0,
         "conservative": is_conservative(log.header.facts),
         **_records(log, end),
-        "tip": _tip(digest.tip),
+        "tip": tip_summary(digest.tip),
         "controller": {
             "ticks": outcome.controller_ticks if outcome else 0,
             "phases": [
@@ -68,7 +68,8 @@ def _records(log: RunLog, end_s: float) -> dict[str, list[dict[str, Any]]]:
     return lists
 
 
-def _tip(tip: TipDigest | None) -> dict[str, Any] | None:
+def tip_summary(tip: TipDigest | None) -> dict[str, Any] | None:
+    """How near the tip came to its target; None without a task, or where an error was no number."""
     if tip is None or not tip.finite or math.isinf(tip.best_m):
         return None
     return {

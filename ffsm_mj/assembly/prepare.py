@@ -9,12 +9,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly, assemble, compile_scenario, unwatched_overlaps
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.system import System
+from ffsm_mj.present.run import Run
 from ffsm_mj.scenario.loading import load_scenario
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path

@@ -11,7 +11,6 @@ from importlib.metadata import version
 import numpy as np
 
 from ffsm_mj.analysis.digest import DigestSink
-from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
@@ -26,6 +25,7 @@ from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.sink import Sink
 from ffsm_mj.model.files import logged_name
+from ffsm_mj.present.run import Run
 from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.facts import conservative_facts, free_facts, task_facts
 from ffsm_mj.records.header import RunHeader

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ffsm_mj.analysis.recounted import Recount
-from ffsm_mj.analysis.run import Run, compare, load_run
+from ffsm_mj.analysis.run import compare
 from ffsm_mj.analysis.verdicts import DEEPEST_M, DEFAULT_TOLERANCE, LAW_NAMES, RELATIVE_LAWS, Tolerance
 from ffsm_mj.cli.exit_codes import DAMAGED, OK, VIOLATED
 from ffsm_mj.cli.progress import Report
@@ -17,6 +17,7 @@ from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.present.comparison_report import comparison_report
 from ffsm_mj.present.output_place import usable_file, usable_folder
+from ffsm_mj.present.run import Run, load_run
 from ffsm_mj.present.text_report import (
     as_json,
     damage_of,

@@ -177,8 +177,8 @@ def _view(options: argparse.Namespace, _: Output) -> int:
         return RUN_FAILED
     if recording is not None:
         return _open_viewer(recording, options.listen)
-    from ffsm_mj.analysis.run import load_run
     from ffsm_mj.log.rerun.from_log import write_recording
+    from ffsm_mj.present.run import load_run
 
     with tempfile.TemporaryDirectory(prefix="ffsm-") as folder:
         made = Path(folder) / RECORDING

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -14,12 +16,15 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, MissingPackageError, OutputLostError
 from ffsm_mj.present.output_place import usable_file, writing
 from ffsm_mj.present.plots.motion import draw_plane, polygons, tree_colours, view_box
 from ffsm_mj.present.plots.style import BLACK, YELLOW, publication
 from ffsm_mj.present.plots.subject import Subject
 
+MOST_FRAMES_PER_SECOND = 50
+"""GIF counts hundredths of a second, and viewers slow down what is faster than 50 pictures a second."""
 _LONGEST_S = 12.0
 _SPEEDS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
 _SIZE_PX = (960, 720)
@@ -57,21 +62,62 @@ def write_animation(
     if path.suffix.lower() not in writers:
         raise InputError(f"{path}: an animation is a .gif or an .mp4")
     usable_file(path)
+    cut = _cut(run, frames_per_second, speed, f"{path}: ", "raise --speed or lower --fps")
+    with publication():
+        writers[path.suffix.lower()](path, cut.pictures(report), frames_per_second)
+    return cut.said
+
+
+def gif(run: Run, *, frames_per_second: float = 20.0, speed: float | None = None) -> tuple[bytes, str]:
+    """The motion of a run as the bytes of an animated GIF, and what it is, for a person.
+
+    Args:
+        run: A run with at least one sample.
+        frames_per_second: Pictures per second of the film.
+        speed: Times real time; None: so that the film lasts 12 s at most.
+
+    Raises:
+        InputError: No sample, models that do not compile any more, or too many pictures.
+    """
+    cut = _cut(run, frames_per_second, speed, "", "raise speed or lower frames_per_second")
+    held = BytesIO()
+    with publication():
+        _save_gif(held, cut.pictures(), frames_per_second)
+    return held.getvalue(), cut.said
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """When in a run the pictures of a film are taken.
+
+    Attributes:
+        subject: The run.
+        times: Of the pictures, s.
+        speed: Times real time.
+        said: What the film is, for a person.
+    """
+
+    subject: Subject
+    times: FloatArray
+    speed: float
+    said: str
+
+    def pictures(self, report: Callable[[float, float], None] | None = None) -> Iterator[Any]:
+        """The pictures, drawn as they are asked for."""
+        return _counted(_pictures(self.subject, self.times, self.speed), len(self.times), report)
+
+
+def _cut(run: Run, frames_per_second: float, speed: float | None, place: str, way_on: str) -> _Cut:
     end = run.digest.end_s
     fast = speed or next((s for s in _SPEEDS if end / s <= _LONGEST_S), end / _LONGEST_S)
     wanted = end / fast * frames_per_second
     if not wanted < _MOST_PICTURES:
-        raise InputError(
-            f"{path}: {end:g} s at {fast:g} times real time are {wanted:.3g} pictures, more than {_MOST_PICTURES}; "
-            "raise --speed or lower --fps"
-        )
+        amount = f"{end:g} s at {fast:g} times real time are {wanted:.3g} pictures"
+        raise InputError(f"{place}{amount}, more than {_MOST_PICTURES}; {way_on}")
     count = max(2, 1 + math.ceil(wanted))
     times = np.linspace(0.0, end, count)
-    subject = Subject(run, times.tolist())
-    with publication():
-        pictures = _counted(_pictures(subject, times, fast), count, report)
-        writers[path.suffix.lower()](path, pictures, frames_per_second)
-    return f"{count} pictures, {count / frames_per_second:.1f} s at {fast:g} times real time"
+    said = f"{count} pictures, {count / frames_per_second:.1f} s at {fast:g} times real time"
+    return _Cut(Subject(run, times.tolist()), times, fast, said)
 
 
 def _counted(pictures: Iterator[Any], count: int, report: Callable[[float, float], None] | None) -> Iterator[Any]:
@@ -128,11 +174,17 @@ def _caption(run: Run, time: float) -> str:
 
 
 def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
+    held = BytesIO()
+    _save_gif(held, pictures, frames_per_second)
+    with writing(path):
+        path.write_bytes(held.getvalue())
+
+
+def _save_gif(to: BinaryIO, pictures: Iterator[Any], frames_per_second: float) -> None:
     images = [Image.fromarray(picture).quantize(64, Image.Quantize.FASTOCTREE) for picture in pictures]
     step = max(20, round(1000 / frames_per_second / 10) * 10)  # GIF counts hundredths of a second
     durations = [step] * (len(images) - 1) + [round(1000 * _LAST_PICTURE_S)]
-    with writing(path):
-        images[0].save(path, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
+    images[0].save(to, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
 
 
 def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:

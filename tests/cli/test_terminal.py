@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from ffsm_mj.analysis.run import load_run
 from ffsm_mj.cli.main import main
+from ffsm_mj.present.run import load_run
 from ffsm_mj.present.text_report import run_report
 from tests.scenes import two_balls
 from tests.terminal import ffsm, on_terminal

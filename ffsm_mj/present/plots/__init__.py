@@ -22,7 +22,7 @@ from ffsm_mj.present.plots.time_series import base, conservation, energies, inpu
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["FORMATS", "MOST_RUNS", "comparison", "figures", "save", "save_comparison"]
+__all__ = ["FORMATS", "MOST_RUNS", "comparison", "figure_names", "figures", "save", "save_comparison"]
 
 
 def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
@@ -41,6 +41,11 @@ def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
     makers = _makers(run, names)
     with publication():
         return {name: make() for name, make in makers.items()}
+
+
+def figure_names(run: Run) -> list[str]:
+    """Names of the figures that a run can have; see :func:`figures`."""
+    return list(_makers(run, ()))
 
 
 def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
