@@ -42,6 +42,8 @@ __all__ = [
     "Controller",
     "ControllerContext",
     "ControllerError",
+    "Damping",
+    "Damps",
     "Fault",
     "FloatArray",
     "ImpactRecord",
@@ -168,6 +170,30 @@ class Summarises(Protocol):
 
     def summary(self) -> Report:
         """What it came to since it was made, finite numbers and texts by name; asked once, at the end of the run."""
+
+
+class Damping(NamedTuple):
+    """The damping of a control law at one state: the generalised force -matrix qdot[dofs] on these dofs.
+
+    Attributes:
+        key: What the gains are called in the controller's section of a scenario, as ``arm.kd``.
+        dofs: Dofs of the model, (n,).
+        gains: Gain of each as the scenario has it, (n,), N m s/rad or N s/m; the matrix is proportional to them.
+        matrix: The damping, (n, n).
+    """
+
+    key: str
+    dofs: IntArray
+    gains: FloatArray
+    matrix: FloatArray
+
+
+@runtime_checkable
+class Damps(Protocol):
+    """A control law that tells its damping, so that ``ffsm check`` can hold it against the period; may be left out."""
+
+    def damping_at(self, data: Any) -> Damping | None:
+        """Its damping at a state, all derived quantities current, or None; asked before ``start``."""
 
 
 class TaskController(Protocol):

@@ -19,6 +19,7 @@ from ffsm_controllers.pd import Gain, Pd, PdConfig
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
+    Damping,
     Fault,
     FloatArray,
     Observation,
@@ -141,6 +142,10 @@ class FreeFlying:
         self._report = math.sqrt(offset.dot(offset)), math.sqrt(turn.dot(turn))
         force = -self._translation.kp * offset - self._translation.kd * twist[3:]
         return force, -self._rotation.kp * turn - self._rotation.kd * twist[:3]
+
+    def damping_at(self, data: Any) -> Damping | None:
+        """That of the arm, as if the base floated."""
+        return None if self._arm is None else self._arm.damping_at(data)._replace(key="arm.kd")
 
     def telemetry(self) -> Sequence[float]:
         """Position and rotation error of the base at the last tick."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -12,6 +12,7 @@ from ffsm_controllers.joints import DrivenJoints, driven_joints
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
+    Damping,
     Fault,
     FloatArray,
     Observation,
@@ -65,6 +66,10 @@ class Pd:
         joints, data = self._joints, observation.data
         error = data.qpos[joints.qpos] - self._reference
         command.drive(joints.actuators, -self._kp * error - self._kd * data.qvel[joints.dofs])
+
+    def damping_at(self, data: Any) -> Damping:  # noqa: ARG002
+        """The gains, the same at any state."""
+        return Damping("kd", self._joints.dofs, self._kd, np.diag(self._kd))
 
     def telemetry(self) -> Sequence[float]:
         """Nothing to report."""

@@ -49,16 +49,20 @@ class Phase:
 
 
 class PhaseMachine:
-    """Runs phases in order; the last one lasts to the end of the run."""
+    """Runs phases in order; the last one lasts to the end of the run.
+
+    Attributes:
+        phases: The phases in their order.
+    """
 
     def __init__(self, phases: Sequence[Phase]) -> None:
         """Collect what the phases report: a signal that several share is one column."""
-        self._phases = tuple(phases)
+        self.phases = tuple(phases)
         signals: dict[str, Signal] = {}
-        for phase in self._phases:
+        for phase in self.phases:
             signals |= {signal.key: signal for signal in phase.controller.telemetry_signals}
         column = {key: i for i, key in enumerate(signals)}
-        self._columns = [compact([column[s.key] for s in phase.controller.telemetry_signals]) for phase in self._phases]
+        self._columns = [compact([column[s.key] for s in phase.controller.telemetry_signals]) for phase in self.phases]
         self.telemetry = np.full(len(signals), np.nan)
         self._live_index = np.full(1, -1.0)
         index = Signal("phase", "index", "", "position of the phase in the scenario, from 0")
@@ -73,7 +77,7 @@ class PhaseMachine:
     @property
     def in_charge(self) -> str:
         """Name of the phase and kind of its controller."""
-        phase = self._phases[max(self.phase_index, 0)]
+        phase = self.phases[max(self.phase_index, 0)]
         return f"phase {phase.name!r} ({phase.kind})"
 
     def control(self, observation: Observation, command: Command) -> None:
@@ -81,9 +85,9 @@ class PhaseMachine:
         if self.phase_index < 0:
             self._begin(0, observation, "start")
         reason = self._ended(observation)
-        if reason and self.phase_index + 1 < len(self._phases):
+        if reason and self.phase_index + 1 < len(self.phases):
             self._begin(self.phase_index + 1, observation, reason)
-        controller = self._phases[self.phase_index].controller
+        controller = self.phases[self.phase_index].controller
         controller.control(observation, command)
         if controller.telemetry_signals:
             report = controller.telemetry()
@@ -93,7 +97,7 @@ class PhaseMachine:
 
     def _ended(self, observation: Observation) -> str:
         """Why the current phase is over, or nothing."""
-        phase = self._phases[self.phase_index]
+        phase = self.phases[self.phase_index]
         if observation.events:
             ends = phase.ending is not None and any(isinstance(event, phase.ending) for event in observation.events)
             return phase.until if ends else ""
@@ -103,7 +107,7 @@ class PhaseMachine:
         return ""
 
     def _begin(self, index: int, observation: Observation, reason: str) -> None:
-        phase = self._phases[index]
+        phase = self.phases[index]
         self.phase_index = index
         self._live_index[0], self._start_s = index, observation.time_s
         self.telemetry.fill(np.nan)
@@ -122,7 +126,7 @@ class PhaseMachine:
             ControllerError: One says what is neither a finite number nor text.
         """
         found: dict[str, Report] = {}
-        for phase in self._phases[: self.phase_index + 1]:
+        for phase in self.phases[: self.phase_index + 1]:
             told = phase.controller.summary() if isinstance(phase.controller, Summarises) else {}
             found[phase.name] = {str(name): _plain(phase, name, value) for name, value in told.items()}
         return found

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ffsm_mj.assembly.assemble import Assembly, assemble, compile_scenario, unwatched_overlaps
+from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.log.run_folder import RunFolder
@@ -144,4 +145,5 @@ class Prepared:
         ]
         lines += [f"note: {note}" for note in system.notes]
         lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
+        lines += [f"note: {told}" for told in unstable_damping(assembly)]
         return lines

@@ -153,7 +153,7 @@ def test_controller_failed(tmp_path, fault, words):
                 raise fault
             command.drive(np.array([0]), np.array([np.nan]))
 
-    parts.controller._phases[0].controller.control = fail
+    parts.controller.phases[0].controller.control = fail
     run = simulate(parts, RunFolder(tmp_path / "out"))
     assert run.outcome == "controller_failed"
     said, _, place = run.message.partition(" (test_outcomes.py:")
@@ -174,7 +174,7 @@ def test_controller_failed_at_an_impact(tmp_path, method):
         {"name": "after", "until": "end", "controller": {"kind": "off"}},
     ]
     parts = prepare(two_balls(tmp_path, phases=phases)).assemble()
-    controller = parts.controller._phases[1].controller
+    controller = parts.controller.phases[1].controller
     controller.telemetry_signals = (object(),)  # so that it is asked for a report
 
     def fail(*_):
@@ -195,7 +195,7 @@ def test_a_command_that_is_not_finite_at_an_impact(tmp_path):
         if observation.events:
             command.drive(np.array([0]), np.array([np.nan]))
 
-    parts.controller._phases[0].controller.control = fail
+    parts.controller.phases[0].controller.control = fail
     run = simulate(parts, RunFolder(tmp_path / "out"))
     assert run.outcome == "controller_failed"
     assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
@@ -210,7 +210,7 @@ def test_leaving_the_program_is_no_fault_of_a_controller(tmp_path):
         if observation.time_s >= 0.2 - 1e-9:
             raise SystemExit(7)
 
-    parts.controller._phases[0].controller.control = leave
+    parts.controller.phases[0].controller.control = leave
     with pytest.raises(SystemExit):
         simulate(parts, RunFolder(tmp_path / "out"))
     read = ffsm_mj.load_run(tmp_path / "out")

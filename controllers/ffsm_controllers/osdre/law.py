@@ -6,8 +6,9 @@ figures were made with the other. ``output_stack`` depends on where the world's 
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+import mujoco
 import numpy as np
 from pydantic import Field
 
@@ -23,6 +24,7 @@ from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
     ControllerError,
+    Damping,
     Fault,
     FloatArray,
     Observation,
@@ -30,6 +32,7 @@ from ffsm_mj.controller_protocol import (
     ScenarioFaults,
     Signal,
     StrictModel,
+    mass_matrix,
 )
 
 Weight = tuple[float, ...] | tuple[tuple[float, ...], ...]
@@ -142,6 +145,20 @@ class Osdre:
             return np.asarray(torque - inputs.dot(torque).dot(inputs))
         B_lower = self._kinematics.W @ self._driven.T
         return np.asarray(torque - np.linalg.pinv(B_lower) @ (B_lower @ torque))
+
+    def damping_at(self, data: Any) -> Damping:
+        """That of motions which the output does not feel: the rest of the law is on the output alone."""
+        jacobian = np.empty((3, self._model.nv))
+        mujoco.mj_jacSite(self._model, data, jacobian, None, self._task.tip_site)
+        mobility = np.linalg.solve(mass_matrix(self._model, data), self._driven.T)
+        B_lower = jacobian[list(self._task.axes)] @ mobility
+        unseen = np.eye(len(self._driven)) - np.linalg.pinv(B_lower) @ B_lower
+        return Damping(
+            "null_space_damping",
+            self._joints.dofs,
+            np.full(len(self._driven), self._damping),
+            self._damping * unseen,
+        )
 
     def telemetry(self) -> FloatArray:
         """Error, Riccati residual, how it was reached, smallest gain of the last tick."""

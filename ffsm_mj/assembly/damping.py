@@ -1,0 +1,64 @@
+"""Damping gains that the control period is too long for: a joint is thrown back faster than it came, at every tick more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.assembly.assemble import Assembly
+from ffsm_mj.controller_protocol import Damping, Damps
+from ffsm_mj.errors import described
+from ffsm_mj.model.dynamics import mass_matrix
+from ffsm_mj.model.system import System
+
+# An effort -K qdot held for a period dt takes qdot to (1 - dt M_c^-1 K) qdot; gains on positions do not move this limit.
+_LIMIT = 2.0
+
+
+def unstable_damping(assembly: Assembly) -> Iterator[str]:
+    """A line for each phase whose law is unstable by its damping, with everything that it does not damp floating.
+
+    Args:
+        assembly: Parts of one run, at the initial state.
+    """
+    for phase in assembly.controller.phases:
+        if not isinstance(phase.controller, Damps):
+            continue
+        try:
+            damping = phase.controller.damping_at(assembly.data)
+            told = _told(assembly.system, assembly.data, assembly.scenario.control_period_s, damping) if damping else ""
+        except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is no reason to refuse the scenario)
+            told = f"its damping cannot be told ({described(error)})"
+        if told:
+            yield f"phase {phase.name!r} ({phase.kind}): {told}"
+
+
+def _told(system: System, data: Any, period: float, damping: Damping) -> str:
+    """What is wrong with a damping; empty where nothing is."""
+    dofs = damping.dofs
+    # This part of M^-1 is the inverse of M_c, the mass matrix of these dofs with all others floating.
+    mobility = np.linalg.solve(mass_matrix(system.mj, data), np.eye(system.mj.nv)[:, dofs])[dofs]
+    values, vectors = np.linalg.eig(period * mobility @ damping.matrix)
+    worst = int(np.argmax(values.real))
+    eigenvalue = float(values.real[worst])
+    if eigenvalue <= _LIMIT:
+        return ""
+    motion = vectors[:, worst]
+    dof = int(np.argmax(np.abs(motion.conj() * (damping.matrix @ motion))))  # by power: rad/s and m/s compare
+    joint = next(joint.name for joint in system.joints.values() if joint.dofs.start <= dofs[dof] < joint.dofs.stop)
+    gain = float(damping.gains[dof])
+    alike = "" if np.all(damping.gains == gain) else ", with the others in proportion"
+    return (
+        f"{damping.key} is unstable at the control period of {period:g} s: dt M_c^-1 K_d has the eigenvalue "
+        f"{eigenvalue:.3g} (stable up to {_LIMIT:g}), mostly of joint {joint!r}; {damping.key} = {gain:g} there is stable "
+        f"up to {_rounded_down(gain * _LIMIT / eigenvalue):g}{alike}"
+    )
+
+
+def _rounded_down(value: float) -> float:
+    """A positive number to three digits, never more than it is."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.floor(value / unit) * unit:.3g}")
