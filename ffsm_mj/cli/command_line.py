@@ -18,6 +18,7 @@ COMMANDS = {
     "view": "open a run in the Rerun viewer",
     "reproduce": "run the paper's case study and write every printed number beside ours",
     "schema": "print the JSON Schema of scenario files",
+    "new-law": "write a package with a control law of your own to start from",
 }
 _MOST_FRAMES_PER_SECOND = 50
 _EXPORTS = {
@@ -81,6 +82,9 @@ def parser() -> argparse.ArgumentParser:
     _describe_analyze(parsers["analyze"])
     _describe_export(parsers["export"])
     _describe_view(parsers["view"])
+    law = parsers["new-law"]
+    law.add_argument("name", help="its kind, and the name of its folder and module: lower-case letters, digits, underscores")
+    law.add_argument("--out", metavar="DIR", default=".", help="folder to make it in (default: here)")
     again = parsers["reproduce"]
     again.add_argument("--out", metavar="DIR", default="docs", help="folder of the pages (default: docs)")
     again.add_argument(

@@ -238,6 +238,17 @@ def _schema(_: argparse.Namespace, output: Output) -> int:
     return OK
 
 
+def _new_law(options: argparse.Namespace, output: Output) -> int:
+    from ffsm_mj.scenario.loading import controller_kinds
+    from ffsm_mj.starters.law import write_law
+
+    written = write_law(options.name, Path(options.out), controller_kinds())
+    home = Path(options.out) / options.name
+    output.say(f"files in {home}: {', '.join(written)}")
+    output.say(f"use it: cd {home} && pip install -e . && ffsm run {options.name}.yaml && pytest")
+    return OK
+
+
 _COMMANDS: dict[str | None, Callable[[argparse.Namespace, Output], int]] = {
     None: _usage,
     "run": _run,
@@ -247,6 +258,7 @@ _COMMANDS: dict[str | None, Callable[[argparse.Namespace, Output], int]] = {
     "view": _view,
     "reproduce": _reproduce,
     "schema": _schema,
+    "new-law": _new_law,
 }
 
 

@@ -59,6 +59,11 @@ def load_scenario(
     return scenario, source
 
 
+def controller_kinds() -> tuple[str, ...]:
+    """Kinds of control laws that there are."""
+    return tuple(kinds().classes)
+
+
 def _script_laws(data: Any) -> tuple[str, ...]:
     """What an invalid scenario says of laws from a script."""
     named = data.get("script_laws") if isinstance(data, Mapping) else None

@@ -1,0 +1,69 @@
+"""A package with a control law to start from: it runs, passes its own test, and nothing is written over."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+
+import pytest
+
+from ffsm_mj.cli.main import main
+from ffsm_mj.errors import InputError
+from ffsm_mj.starters.law import write_law
+
+
+def as_installed(home, module):
+    """The environment in which a package is found as after ``pip install -e``."""
+    info = home / f"{module}-0.1.0.dist-info"
+    info.mkdir()
+    ((kind, place),) = tomllib.loads((home / "pyproject.toml").read_text())["project"]["entry-points"][
+        "ffsm_mj.controllers"
+    ].items()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 0.1.0\n")
+    (info / "entry_points.txt").write_text(f"[ffsm_mj.controllers]\n{kind} = {place}\n")
+    return os.environ | {"PYTHONPATH": str(home)}
+
+
+def test_a_new_law_passes_its_own_test(tmp_path, capfd):
+    """Under its own name, in its own folder; with its line of the law reversed the test fails."""
+    assert main(["new-law", "joint_brake", "--out", str(tmp_path)]) == 0
+    home = tmp_path / "joint_brake"
+    said = capfd.readouterr().out
+    names = ["README.md", "joint_brake.py", "joint_brake.yaml", "pyproject.toml", "test_joint_brake.py"]
+    assert sorted(path.name for path in home.iterdir()) == sorted(names)
+    assert all(name in said for name in names)
+    text = "".join((home / name).read_text() for name in names)
+    assert "my_law" not in text.lower().replace("-", "_")
+    assert "class JointBrake:" in text
+    environment = as_installed(home, "joint_brake")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "0", str(home)]
+    done = subprocess.run(command, env=environment, cwd=home, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 passed" in done.stdout
+    law = home / "joint_brake.py"
+    law.write_text(law.read_text().replace("-self._gain * rates", "self._gain * rates"))
+    assert subprocess.run(command, env=environment, cwd=home, capture_output=True, check=False).returncode == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("My", "no name of a module"),
+        ("9x", "no name of a module"),
+        ("a/b", "no name of a module"),
+        ("", "no name of a module"),
+        ("pd", "a kind that there is already"),
+    ],
+)
+def test_names_that_cannot_be(tmp_path, name, fault):
+    with pytest.raises(InputError, match=fault):
+        write_law(name, tmp_path, ("pd", "off"))
+    assert not any(tmp_path.iterdir())
+
+
+def test_nothing_is_written_over(tmp_path, capfd):
+    (tmp_path / "mine").mkdir()
+    assert main(["new-law", "mine", "--out", str(tmp_path)]) == 2
+    assert capfd.readouterr().err == f"new-law: {tmp_path / 'mine'} exists; nothing is written over it\n"
