@@ -75,7 +75,7 @@ def elements(xml: bytes, place: str) -> list[Element]:
 
     def start(name: str, attributes: dict[str, str]) -> None:
         tag = name.lower()
-        if tag in ("plugin", "extension"):
+        if tag in ("plugin", "extension") and parents[:2] != ["robot", "gazebo"]:  # a URDF's notes for another simulator
             refuse(f"<{name}>: plugins are not modelled, what they do is in no balance; remove it")
         if len(parents) >= _MAX_DEPTH or len(found) >= MOST_ELEMENTS:
             refuse(f"more than {_MAX_DEPTH} levels or {MOST_ELEMENTS} elements of XML")

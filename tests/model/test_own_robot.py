@@ -60,3 +60,22 @@ def test_urdf_damping_is_refused_by_name(folder):
     lines = faults(path=Path("otto.yaml"))
     assert any("joint 'swing' has damping 0.3" in line for line in lines)
     assert any("joint 'swing' has frictionloss 0.1" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("around", "refused"),
+    [(("<gazebo>", "</gazebo>"), False), (("", ""), True), (("<link name='x'><gazebo>", "</gazebo></link>"), True)],
+)
+def test_what_a_urdf_tells_another_simulator_is_no_plugin_of_mujoco(folder, around, refused):
+    """MuJoCo reads nothing below <gazebo>, not even a file or a plugin that is not there."""
+    told = '<plugin filename="libgazebo_ros_control.so" name="x"/><extension><plugin plugin="no.such"/></extension>'
+    text = FILES["otto.urdf"].replace('<robot name="otto">', f'<robot name="otto">{told.join(around)}')
+    (folder / "otto.urdf").write_text(text)
+    if refused:
+        (line,) = faults(path=Path("otto.yaml"))
+        assert "otto.urdf:1: <plugin>: plugins are not modelled" in line
+        return
+    prepared = ffsm_mj.prepare("otto.yaml")
+    assert prepared.system.mj.nplugin == 0
+    (folder / "otto.urdf").write_text(FILES["otto.urdf"])
+    assert ffsm_mj.prepare("otto.yaml").system.mj.nbody == prepared.system.mj.nbody
