@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import posixpath
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.allowances import MOST_ELEMENTS, MOST_PIXELS, image_pixels, pixels
 from ffsm_mj.model.packages import SCHEME
-from ffsm_mj.model.xml import Element, assets, elements, is_urdf
+from ffsm_mj.model.xml import Element, assets, elements, is_urdf, strips_folders
 
 _MAX_DEPTH = 8
 
@@ -49,9 +49,24 @@ def collect(main: str, shelf: Shelf) -> dict[str, bytes]:
     if "%" in main:
         raise InputError(f"{shelf.label(main)}: the name of a model file must not hold a percent sign; rename it")
     walk = _Walk(shelf)
-    walk.model(main, main, "", ())
+    walk.model(main, main, "", (), _Given())
     walk.refuse_doubt()
     return walk.found
+
+
+@dataclass(frozen=True)
+class _Given:
+    """What a model is told by the one that attaches it.
+
+    Attributes:
+        copies: How often it is there.
+        strip: Whether folders are cut off the names of assets: only the first model's ``strippath`` counts.
+        astray: Whether MuJoCo looks for its files in another folder, and finds them by the last part of their names alone.
+    """
+
+    copies: float = 1.0
+    strip: bool = False
+    astray: bool = False
 
 
 class _Walk:
@@ -60,32 +75,35 @@ class _Walk:
         self._by_last_part: dict[str, str] = {}
         self._elements = self._pixels = 0.0
 
-    def model(self, name: str, written: str, place: str, chain: tuple[str, ...], copies: float = 1.0) -> None:
+    def model(self, name: str, written: str, place: str, chain: tuple[str, ...], given: _Given) -> None:
         """A model and all that it attaches, each with its own settings."""
         home = posixpath.dirname(name)
-        whole = self._document(name, written, place, home, chain)
-        repeats = max(element.copies for element in whole)
+        whole = self._document(name, written, place, home, chain, given.astray)
+        strip = given.strip or (strips_folders(whole) and (not chain or is_urdf(whole)))
+        copies = given.copies * max(element.copies for element in whole)
         for element in whole:
-            self._count(element.place, element.copies * copies, pixels(element.tag, element.attributes))
-        if not is_urdf(whole):
-            for element in whole:
-                inner = element.attributes.get("file")
-                if element.tag == "model" and inner:
-                    self.model(_join(home, inner), inner, element.place, (*chain, name), copies * repeats)
-        for asset in assets(whole):
+            self._count(element.place, element.copies * given.copies, pixels(element.tag, element.attributes))
+        for element in whole if not is_urdf(whole) else ():
+            inner = element.attributes.get("file")
+            if element.tag == "model" and inner:
+                # On disk it is looked for beside the file that names it; in memory its assets are as if that were the first.
+                told = _Given(copies, strip, astray=given.astray or element.folder != home)
+                self.model(_join(element.folder, inner), inner, element.place, (*chain, name), told)
+        for asset in assets(whole, strip=strip):
             packaged = asset.name.removeprefix(SCHEME) if is_urdf(whole) and not chain else asset.name
-            path = _join(home, posixpath.join(asset.folder, packaged))
             package = packaged if packaged != asset.name else ""
-            content = self._take(path, posixpath.join(asset.folder, packaged), asset.place, package)
+            path, guessed = posixpath.join(asset.folder, packaged), strip or given.astray
+            content = self._take(_join(home, path), path, asset.place, package, by_last_part=guessed)
             self._count(asset.place, 0.0, image_pixels(content))
-            if asset.stripped:
-                self._by_last_part[path] = asset.place
 
-    def _document(self, name: str, written: str, place: str, home: str, chain: tuple[str, ...]) -> list[Element]:
+    def _document(
+        self, name: str, written: str, place: str, home: str, chain: tuple[str, ...], by_last_part: bool
+    ) -> list[Element]:
         """Elements of a file, those of what it includes in the place of each include."""
         if name in chain or len(chain) > _MAX_DEPTH:
             raise InputError(f"{place}: {written!r} comes round to itself, or is more than {_MAX_DEPTH} files deep")
-        own = elements(self._take(name, written, place), self._shelf.label(name))
+        content = self._take(name, written, place, by_last_part=by_last_part)
+        own = elements(content, self._shelf.label(name), posixpath.dirname(name))
         if is_urdf(own):
             return own
         filled: list[Element] = []
@@ -94,10 +112,10 @@ class _Walk:
             if element.tag != "include" or not inner:
                 filled.append(element)
                 continue
-            path = _join(home, inner)
+            path, guessed = _join(home, inner), by_last_part
             if not self._shelf.has(path) and self._shelf.has(beside := _join(posixpath.dirname(name), inner)):
-                path, self._by_last_part[beside] = beside, element.place
-            included = self._document(path, inner, element.place, home, (*chain, name))[1:]
+                path, guessed = beside, True
+            included = self._document(path, inner, element.place, home, (*chain, name), guessed)[1:]
             filled += [replace(each, copies=each.copies * element.copies) for each in included]
         return filled
 
@@ -109,7 +127,7 @@ class _Walk:
         if self._pixels > MOST_PIXELS:
             raise InputError(f"{place}: with this the model's images have more than {MOST_PIXELS} pixels")
 
-    def _take(self, name: str, written: str, place: str, package: str = "") -> bytes:
+    def _take(self, name: str, written: str, place: str, package: str = "", *, by_last_part: bool) -> bytes:
         """A file by its name; what a package holds as well, if it is not there, which then has this name."""
         if name not in self.found:
             if posixpath.isabs(written) or any(c in written for c in ":\\") or not written.isprintable():
@@ -117,6 +135,8 @@ class _Walk:
                 raise InputError(f"{before}: {written!r} is no path relative to the model, with forward slashes")
             elsewhere = package and not self._shelf.has(name)
             self.found[name] = self._shelf.packaged(package, place) if elsewhere else self._shelf.take(name, place)
+        if by_last_part:
+            self._by_last_part[name] = place
         return self.found[name]
 
     def refuse_doubt(self) -> None:

@@ -27,6 +27,7 @@ class Element:
         attributes: Its attributes.
         parents: Tags of the elements around it, the root first.
         place: ``file:line`` for messages.
+        folder: Folder of the file that it stands in.
         copies: How often it is there: once for each time that a ``<replicate>`` around it repeats what it holds.
     """
 
@@ -34,6 +35,7 @@ class Element:
     attributes: dict[str, str]
     parents: tuple[str, ...]
     place: str
+    folder: str
     copies: float
 
 
@@ -45,21 +47,20 @@ class Asset:
         folder: Where the model's settings look for it, relative to the model's own folder.
         name: Its path below that.
         place: ``file:line`` where it is named.
-        stripped: Whether the settings cut folders off its name.
     """
 
     folder: str
     name: str
     place: str
-    stripped: bool
 
 
-def elements(xml: bytes, place: str) -> list[Element]:
+def elements(xml: bytes, place: str, folder: str = "") -> list[Element]:
     """Elements of a document in their order, the root first.
 
     Args:
         xml: The document.
         place: Name of the file for messages.
+        folder: Folder of the file.
 
     Raises:
         InputError: It is not UTF-8, not well-formed, too deep or too long, has a document type, asks for a plugin or for
@@ -82,7 +83,7 @@ def elements(xml: bytes, place: str) -> list[Element]:
         line = f"{place}:{parser.CurrentLineNumber}"
         refuse_giant(tag, attributes, line)
         refuse_poison(tag, attributes, line)
-        found.append(Element(tag, attributes, tuple(parents), line, repeats[-1] if repeats else 1.0))
+        found.append(Element(tag, attributes, tuple(parents), line, folder, repeats[-1] if repeats else 1.0))
         repeats.append(found[-1].copies * copies(tag, attributes))
         parents.append(tag)
 
@@ -107,18 +108,31 @@ def is_urdf(document: Sequence[Element]) -> bool:
     return document[0].tag == "robot"
 
 
-def assets(document: Sequence[Element]) -> Iterator[Asset]:
-    """Meshes, textures, height fields and skins that MuJoCo opens for a model whose includes are filled in."""
-    urdf = is_urdf(document)
-    settings = {"discardvisual": "true"} if urdf else {}
-    for element in document:
-        if element.tag == "compiler":
-            settings |= element.attributes
-    strip = settings.get("strippath") == "true"
+def strips_folders(document: Sequence[Element]) -> bool:
+    """Whether a model's settings cut folders off the names of assets."""
+    return _settings(document).get("strippath") == "true"
+
+
+def assets(document: Sequence[Element], *, strip: bool) -> Iterator[Asset]:
+    """Meshes, textures, height fields and skins that MuJoCo opens for a model.
+
+    Args:
+        document: The model, its includes filled in.
+        strip: Cut folders off their names.
+    """
+    urdf, settings = is_urdf(document), _settings(document)
     for element in document:
         for name in _urdf_names(element, settings) if urdf else _mjcf_names(element):
             folder = settings.get(_FOLDER_OF.get(element.tag, ""), settings.get("assetdir", ""))
-            yield Asset(folder, name.rsplit("/", 1)[-1] if strip else name, element.place, strip)
+            yield Asset(folder, name.rsplit("/", 1)[-1] if strip else name, element.place)
+
+
+def _settings(document: Sequence[Element]) -> dict[str, str]:
+    settings = {"discardvisual": "true"} if is_urdf(document) else {}
+    for element in document:
+        if element.tag == "compiler":
+            settings |= element.attributes
+    return settings
 
 
 def _mjcf_names(element: Element) -> Iterator[str]:
