@@ -19,7 +19,9 @@ COMMANDS = {
     "reproduce": "run the paper's case study and write every printed number beside ours",
     "schema": "print the JSON Schema of scenario files",
     "new-law": "write a package with a control law of your own to start from",
+    "completion": "print the script by which a shell completes commands, options and scenarios",
 }
+SHELLS = ("bash", "zsh", "fish")
 _MOST_FRAMES_PER_SECOND = 50
 _EXPORTS = {
     "csv": "a table as CSV, units in the column names",
@@ -92,6 +94,9 @@ def parser() -> argparse.ArgumentParser:
     )
     again.add_argument(
         "--long", action="store_true", help="with --check: every run of the report, step sizes and long ones too"
+    )
+    parsers["completion"].add_argument(
+        "shell", choices=SHELLS, help='e.g. eval "$(ffsm completion bash)"; fish: ffsm completion fish | source'
     )
     return root
 

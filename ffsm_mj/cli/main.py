@@ -249,6 +249,13 @@ def _new_law(options: argparse.Namespace, output: Output) -> int:
     return OK
 
 
+def _completion(options: argparse.Namespace, output: Output) -> int:
+    from ffsm_mj.cli.completion import completion
+
+    output.say(completion(options.shell))
+    return OK
+
+
 _COMMANDS: dict[str | None, Callable[[argparse.Namespace, Output], int]] = {
     None: _usage,
     "run": _run,
@@ -259,6 +266,7 @@ _COMMANDS: dict[str | None, Callable[[argparse.Namespace, Output], int]] = {
     "reproduce": _reproduce,
     "schema": _schema,
     "new-law": _new_law,
+    "completion": _completion,
 }
 
 

@@ -1,0 +1,79 @@
+"""Completion: the scripts are whole, and bash completes with its own."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+import pytest
+
+from ffsm_mj.cli.command_line import COMMANDS, SHELLS
+from ffsm_mj.cli.main import main
+from ffsm_mj.scenario.shipped import scenario_names
+
+
+@pytest.fixture
+def script(capsys):
+    """Function that gives the script of a shell as the command prints it."""
+
+    def printed(shell):
+        assert main(["completion", shell]) == 0
+        return capsys.readouterr().out
+
+    return printed
+
+
+@pytest.fixture
+def complete(script, tmp_path):
+    """Function that gives what bash offers for the last word of a command line, in a folder with three things in it."""
+    (tmp_path / "work" / "my runs").mkdir(parents=True)
+    (tmp_path / "work" / "mine.yaml").touch()
+    (tmp_path / "work" / "bases").mkdir()
+    source = tmp_path / "ffsm.bash"
+    source.write_text(script("bash"))
+
+    def offered(*words):
+        code = 'source "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _shtab_ffsm; printf "%s\\n" "${COMPREPLY[@]}"'
+        command = ["bash", "--norc", "-c", code, "bash", str(source), *words]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path / "work")
+        assert done.stderr == ""
+        return done.stdout.split("\n")[:-1]
+
+    return offered
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_a_script_is_whole(script, shell, tmp_path):
+    """Its own shell reads it, bash always and the others where they are installed; commands and scenarios stand in it."""
+    text = script(shell)
+    if shell == "bash" or shutil.which(shell):
+        (tmp_path / "script").write_text(text)
+        done = subprocess.run([shell, "-n", str(tmp_path / "script")], capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+    assert not [word for word in (*COMMANDS, *scenario_names(), "allow-violations") if word not in text]
+
+
+def test_bash_completes_commands_and_options(complete):
+    assert complete("ffsm", "") == list(COMMANDS)
+    assert complete("ffsm", "an") == ["analyze"]
+    assert complete("ffsm", "run", "--f") == ["--force"]
+    assert complete("ffsm", "export", "--g") == ["--gif"]
+    assert complete("ffsm", "completion", "") == list(SHELLS)
+
+
+def test_bash_completes_scenarios_and_places(complete):
+    """A scenario is a shipped name or a file; a run is a file or a folder; figures go to folders."""
+    assert complete("ffsm", "run", "base") == ["baseline", "bases"]
+    assert complete("ffsm", "check", "mi") == ["mine.yaml"]
+    assert complete("ffsm", "run", "-s", "duration_s=5", "free-flying-") == ["free-flying-hardware"]
+    assert complete("ffsm", "run", "my r") == ["my runs"]
+    assert complete("ffsm", "analyze", "b") == ["bases"]
+    assert complete("ffsm", "analyze", "bases", "b") == ["bases"]
+    assert complete("ffsm", "analyze", "--plots", "m") == ["my runs"]
+    assert complete("ffsm", "run", "baseline", "--out", "m") == ["my runs"]
+    assert complete("ffsm", "export", "--csv", "--out", "mi") == ["mine.yaml"]
+
+
+def test_another_shell_is_refused(capsys):
+    assert main(["completion", "tcsh"]) == 2
+    assert "invalid choice: 'tcsh' (choose from" in capsys.readouterr().err
