@@ -38,6 +38,42 @@ def test_stop_on_impact(tmp_path):
     assert run.outcome == "completed"
     assert run.time[-1] == run.impacts[0].time_s == pytest.approx(0.3, abs=1e-13)
     assert run.summary()["duration_s"] == run.time[-1]
+    # 2 kg at 1 m/s on 3 kg at rest, e = 1: the last sample is the state after the hit.
+    np.testing.assert_allclose(run.qvel[-1], (-0.2, 0.8), atol=1e-14)
+
+
+def test_stop_on_impact_without_an_impact(tmp_path):
+    """The run goes on to its end."""
+    run = run_and_read(two_balls(tmp_path, stop_on_impact=True, duration_s=0.2), tmp_path)
+    assert (run.outcome, run.time[-1], run.impacts) == ("completed", 0.2, ())
+
+
+def super_elastic(robot_geom, object_geom):
+    return [{"robot_geom": robot_geom, "object_geom": object_geom, "restitution": 1.5, "super_elastic": True}]
+
+
+def test_super_elastic_gains_energy_and_keeps_its_books(tmp_path):
+    """E = 1.5 at 1 m/s, effective mass 2 * 3 / 5 kg: (e^2 - 1) u^2 / 2 times that is 0.75 J gained; every law holds."""
+    run = run_and_read(two_balls(tmp_path, impact_pairs=super_elastic("ball", "target/target")), tmp_path)
+    assert run.outcome == "completed"
+    assert run.impacts[0].energy_change_J == pytest.approx(0.75, rel=1e-14)  # some ten operations of 1.1e-16 each
+    assert run.impacts[0].separation_speed_m_s == pytest.approx(1.5, rel=1e-14)
+    assert all(law.holds for law in run.laws())
+
+
+def test_super_elastic_faces_end_the_run(tmp_path):
+    """A face on a face are several contacts at once."""
+    path = scene(
+        tmp_path,
+        box("a"),
+        {"b": box("b")},
+        duration_s=0.5,
+        initial={"joints": {"b/free": [1.2, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/free": [1, 0, 0, 0, 0, 0]}},
+        impact_pairs=super_elastic("robot/a", "b/b"),
+    )
+    run = run_and_read(path, tmp_path)
+    assert run.outcome == "unsupported_contact"
+    assert "super-elastic impacts (e > 1) are for one contact at a time" in run.message
 
 
 def test_diverged(tmp_path):
