@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.mimic import mimic_faults
+from ffsm_mj.model.places import Places
 
 # Bits of MjSpec.authored.option that are set when <option> names the field (order of mjOption's fields).
 _AUTHORED_INTEGRATOR = 1 << 16
@@ -49,9 +49,9 @@ def spec_faults(spec: Any, files: ModelFiles) -> list[str]:
 def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
     """Dissipative or elastic elements of the compiled scene, each with the file and line of the model it came from."""
     mimics = {f"{prefix}/{joint}": told for prefix, each in files.items() for joint, told in mimic_faults(each).items()}
+    places = Places(scene, files)
     return [
-        mimics.get(_follower(model, name) if kind == "equality" else "")
-        or f"{element_place(scene, files, kind, name)} has {what}; remove it"
+        mimics.get(_follower(model, name) if kind == "equality" else "") or f"{places.of(kind, name)} has {what}; remove it"
         for kind, name, what in _elements(model)
     ]
 
@@ -60,15 +60,6 @@ def _follower(model: Any, equality: str) -> str:
     """Full name of the joint that a constraint makes follow another one; empty for other constraints."""
     e = model.equality(equality).id
     return str(model.joint(model.eq_obj1id[e]).name) if model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT else ""
-
-
-def element_place(scene: Any, files: Mapping[str, ModelFiles], kind: str, name: str) -> str:
-    """``file:line: kind 'name'`` of an element of the scene, for the beginning of a message."""
-    prefix, _, short = name.partition("/")
-    element = getattr(scene, kind)(name) if name else None
-    line = re.search(r"line (\d+)", element.info or "") if element is not None else None
-    file = files[prefix].place if prefix in files else " and ".join(model.place for model in files.values())
-    return f"{file}{f':{line.group(1)}' if line else ''}: {kind} {short!r}"
 
 
 def _elements(model: Any) -> Iterator[tuple[str, str, str]]:

@@ -18,10 +18,11 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.model.conservative import authored_integrator, element_place, model_faults, spec_faults
+from ffsm_mj.model.conservative import authored_integrator, model_faults, spec_faults
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.number_faults import number_faults
+from ffsm_mj.model.places import Places
 from ffsm_mj.model.source import REFUSALS, load_spec, mujoco_line
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
@@ -215,7 +216,8 @@ def _compile(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any:
         model = scene.compile(vfs=vfs)
     except REFUSALS as error:
         raise InputError(_own_words(files.values(), vfs, error)) from error
-    faults = [f"{element_place(scene, files, kind, name)} {what}" for kind, name, what in number_faults(model)]
+    places = Places(scene, files)
+    faults = [f"{places.of(kind, name)} {what}" for kind, name, what in number_faults(model)]
     if faults:
         raise InputError(faults)
     return model

@@ -96,8 +96,8 @@ def test_keyframes_need_no_name(tmp_path):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ('<tendon><fixed stiffness="1"><joint joint="x" coef="1"/></fixed></tendon>', "tendon 'tendon' has stiffness"),
-        ('<equality><joint joint1="x"/></equality>', "equality 'x_equality' has a soft constraint force"),
+        ('<tendon><fixed stiffness="1"><joint joint="x" coef="1"/></fixed></tendon>', "tendon of 'x' has stiffness"),
+        ('<equality><joint joint1="x"/></equality>', "equality joint of 'x' has a soft constraint force"),
     ],
 )
 def test_elements_without_a_name_are_found_too(tmp_path, text, expected):
