@@ -29,7 +29,7 @@ class Run:
 
     Attributes:
         log: Everything that was recorded.
-        path: The file that holds it; None for a run in memory.
+        path: The file that holds it, absolute where the run was read or written here; None for a run in memory.
     """
 
     def __init__(self, log: RunLog, path: Path | None = None, digested: Digest | None = None) -> None:

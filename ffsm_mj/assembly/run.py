@@ -96,7 +96,8 @@ def simulate(
         memory.close(replace(recorder.outcome, outcome=Outcome.WRITE_FAILED.value, message=str(error)))
     if folder is None:
         return Run(memory.log(), digested=digested.digest)
-    finished = Run(memory.log(stored_rows(folder.log, layout)), folder.log, digested.digest)
+    log = folder.log.absolute()
+    finished = Run(memory.log(stored_rows(log, layout)), log, digested.digest)
     folder.write_summary(finished.summary())
     return finished
 

@@ -69,4 +69,4 @@ def load_run(path: str | Path) -> Run:
         LogError: The file is no log of a run.
     """
     found = find_log(Path(path))
-    return Run(read_log(found), found)
+    return Run(read_log(found), found.absolute())

@@ -138,6 +138,17 @@ def test_out_sets_the_path(tmp_path):
     assert isinstance(ffsm_mj.load_run(run.path), ffsm_mj.Run)
 
 
+def test_a_run_is_read_from_another_folder(tmp_path, monkeypatch):
+    """A notebook that goes elsewhere (``%cd``) after a run into a relative folder still has it, as written and as read."""
+    monkeypatch.chdir(tmp_path)
+    run = ffsm_mj.run(two_balls(tmp_path, duration_s=0.1), out="mine", rerun=False)
+    read = ffsm_mj.load_run("mine")
+    monkeypatch.chdir("/")
+    assert run.path == read.path == tmp_path / "mine" / "run.mcap"
+    np.testing.assert_array_equal(run["state.q_robot_x_m"], read["state.q_robot_x_m"])
+    assert len(run.time) == 101
+
+
 def test_plot_shows_figures_in_a_cell(hit):
     """Those of ``--plots``, drawn as PNG of a sensible size; pyplot, which keeps windows, is not even imported."""
     figures = hit.plot("motion", "energies")

@@ -38,7 +38,8 @@ class StoredRows:
             batches: Where the samples are in it, or what finds that, once, when it is first needed.
         """
         self._path, self._codec, self._width = path, SampleCodec(layout), len(layout.signals)
-        self._given, self._stamp = batches, _stamp(path)
+        self._file = path.absolute()  # rows are read later, from whatever folder the process is in by then
+        self._given, self._stamp = batches, _stamp(self._file)
         self._column = lru_cache(_KEPT_COLUMNS)(self._read_column)
 
     @cached_property
@@ -74,10 +75,10 @@ class StoredRows:
         Raises:
             LogError: The file is gone, or not what it was.
         """
-        if _stamp(self._path) != self._stamp:
+        if _stamp(self._file) != self._stamp:
             raise LogError(self._path, "is not what it was when the run was read")
         try:
-            with FileBytes(self._path) as data:
+            with FileBytes(self._file) as data:
                 for chunk, batches in groupby(self.batches, key=lambda batch: batch.chunk):
                     content = content_of(data.take(*chunk))
                     for batch in batches:
