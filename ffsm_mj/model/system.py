@@ -7,7 +7,7 @@ Attached models get the prefixes ``robot/`` and ``<object>/``. Frames: world, un
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any, Literal
@@ -171,15 +171,16 @@ def compile_system(
     files = {"robot": robot, **objects}
     scene = _empty_scene(time_step_s)
     faults: list[str] = []
-    warned: list[str] = []
+    warned: dict[str, list[str]] = {name: [] for name in ("", *files)}  # by model, first those of the scene
     # The compiler tells Python of its warnings too, whose filters are the whole process's.
-    with mujoco.MjVfs() as vfs, collected_warnings(warned), _COMPILING, catch_warnings(action="ignore"):
+    with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
         for name, model_files in files.items():
-            spec = load_spec(model_files, vfs)
-            _refuse_dangling(model_files, vfs)
-            faults += spec_faults(spec, model_files)
-            _take_options(scene, spec, conservative=conservative)
-            scene.attach(spec, prefix=f"{name}/", frame=scene.worldbody.add_frame())
+            with collected_warnings(warned[name]):
+                spec = load_spec(model_files, vfs)
+                _refuse_dangling(model_files, vfs)
+                faults += spec_faults(spec, model_files)
+                _take_options(scene, spec, conservative=conservative)
+                scene.attach(spec, prefix=f"{name}/", frame=scene.worldbody.add_frame())
         model = _compile(scene, files, vfs)
     faults += model_faults(model, scene, files)
     if conservative and faults:
@@ -191,9 +192,21 @@ def compile_system(
         objects=tuple(trees[1:]),
         files=files,
         faults=tuple(faults),
-        notes=(*(_notes(model) if conservative else ()), *(f"MuJoCo: {' '.join(text.split())}" for text in warned)),
+        notes=(*(_notes(model) if conservative else ()), *_told(warned, files)),
         joints={joint.name: joint for tree in trees for joint in tree.joints},
     )
+
+
+def _told(warned: Mapping[str, Sequence[str]], files: Mapping[str, ModelFiles]) -> Iterator[str]:
+    """What MuJoCo warned of, each once on a line: of a model with its file, of the scene what no model has alone."""
+    known = set[str]()
+    for name, model in files.items():
+        for text in dict.fromkeys(" ".join(text.split()).replace(f"{name}/", "") for text in warned[name]):
+            known.add(text)
+            yield f"{model.place}: MuJoCo: {text}"
+    for text in dict.fromkeys(" ".join(text.split()) for text in warned[""]):
+        if not any(text.replace(f"{name}/", "") in known for name in files):
+            yield f"MuJoCo: {text}"
 
 
 def _empty_scene(time_step_s: float) -> Any:

@@ -157,3 +157,20 @@ def test_a_model_that_an_included_file_attaches_lies_beside_that_file(tmp_path, 
         read_model(path)
     (line,) = error.value.lines
     assert line.startswith(f"{tmp_path}/inc/deep/s.xml:1: inc/deep/part.obj and part.obj have the same name")
+
+
+def test_what_mujoco_warns_of_is_told_once_with_the_file(tmp_path, capfd):
+    """An attached model asks for another time step; each model is parsed, attached and compiled more than once."""
+    arm = part("s").replace("<asset>", '<option timestep="0.1"/><asset>')
+    for name in ("one", "two"):
+        write(
+            tmp_path / name,
+            r_dot_xml=robot('<model name="s" file="s.xml"/>', ATTACH.format(model="s", prefix="s_")),
+            s_dot_xml=arm,
+            part_dot_obj=TETRA.format(x=1),
+        )
+    places = [tmp_path / name / "r.xml" for name in ("one", "two")]
+    system = compile_paths(places[0], {"other": places[1]})
+    told = [note for note in system.notes if "MuJoCo" in note]
+    assert [note.partition(": MuJoCo: Attach conflict when attaching 's'")[0] for note in told] == [str(p) for p in places]
+    assert capfd.readouterr().err == ""
