@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +138,8 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
         paths[keys[-1]] = path, found["asset_folders"], found["package_paths"]
     if faults:
         raise located(ScenarioFaults(faults), source)
-    files = {name: read_model(*given) for name, given in paths.items()}
+    parts = {keys[-1]: part for keys, part in models.items()}
+    files = {name: replace(read_model(*given), strip=parts[name].strip) for name, given in paths.items()}
     robot = files.pop("robot")
     return compile_system(robot, files, time_step_s=scenario.time_step_s, conservative=scenario.conservative)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import logged_scenario
 from ffsm_mj.model.files import ModelFiles, carried_model, logged_name
@@ -28,7 +30,8 @@ def compile_log(log: RunLog, place: str = "the log") -> System:
         if not main.startswith(prefix):
             raise InputError(f"{place}: the model of {name} is {main!r}, not a file below {prefix}")
         files = {key.removeprefix(prefix): content for key, content in log.header.files.items() if key.startswith(prefix)}
-        return carried_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
+        model = carried_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
+        return replace(model, strip=scenario.strip[name])
 
     return compile_system(
         carried("robot", scenario.robot),

@@ -9,6 +9,7 @@ from typing import Any
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
+from ffsm_mj.model.strip import STRIPPABLE
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.yaml.parser import YamlFault, plain_value
 
@@ -20,6 +21,7 @@ class LoggedScenario:
     Attributes:
         robot: Name of the robot's model among the files of the log.
         objects: The same of each object by its name.
+        strip: What is taken out of the models of robot and objects, by ``robot`` or the object's name.
         time_step_s: Integration step, s.
         conservative: Whether the models had to be conservative.
         view_rate_hz: Frames per simulated second for viewers.
@@ -28,6 +30,7 @@ class LoggedScenario:
 
     robot: str
     objects: Mapping[str, str]
+    strip: Mapping[str, tuple[str, ...]]
     time_step_s: float
     conservative: bool
     view_rate_hz: float
@@ -58,9 +61,11 @@ def logged_scenario(log: RunLog, place: str = "the log") -> LoggedScenario:
     """
     data = scenario_data(log, place)
     try:
+        parts = {"robot": data["robot"], **(data.get("objects") or {})}
         return LoggedScenario(
             robot=_text(data["robot"]["mjcf"]),
             objects={_text(name): _text(part["mjcf"]) for name, part in (data.get("objects") or {}).items()},
+            strip={_text(name): tuple(map(_strippable, part.get("strip") or ())) for name, part in parts.items()},
             time_step_s=_positive(data["time_step_s"]),
             conservative=data["conservative"] is not False,
             view_rate_hz=_positive(data["log"]["view_rate_hz"]),
@@ -70,6 +75,12 @@ def logged_scenario(log: RunLog, place: str = "the log") -> LoggedScenario:
         raise InputError(f"{place}: {SCENARIO_ATTACHMENT}: not a scenario of this version, {error} is missing") from error
     except (TypeError, AttributeError, ValueError) as error:
         raise InputError(f"{place}: {SCENARIO_ATTACHMENT}: not a scenario of this version ({error})") from error
+
+
+def _strippable(value: Any) -> str:
+    if value not in STRIPPABLE:
+        raise ValueError(f"strip: {value!r} is none of {', '.join(STRIPPABLE)}")
+    return str(value)
 
 
 def _text(value: Any) -> str:

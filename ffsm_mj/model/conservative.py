@@ -51,7 +51,8 @@ def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> lis
     mimics = {f"{prefix}/{joint}": told for prefix, each in files.items() for joint, told in mimic_faults(each).items()}
     places = Places(scene, files)
     return [
-        mimics.get(_follower(model, name) if kind == "equality" else "") or f"{places.of(kind, name)} has {what}; remove it"
+        mimics.get(_follower(model, name) if kind == "equality" else "")
+        or f"{places.of(kind, name)} has {what}; remove it, or let 'strip' of the scenario"
         for kind, name, what in _elements(model)
     ]
 

@@ -29,11 +29,13 @@ class ModelFiles:
         main: Name of the MJCF or URDF file.
         files: Content by name, ``main`` first, in reading order; names are relative to one folder, with forward slashes.
         label: What stands before a name in messages: the folder with a slash, or the log.
+        strip: What is taken out of the model when it is compiled; see :mod:`ffsm_mj.model.strip`.
     """
 
     main: str
     files: Mapping[str, bytes]
     label: str = ""
+    strip: tuple[str, ...] = ()
 
     @property
     def place(self) -> str:

@@ -24,6 +24,7 @@ from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.number_faults import number_faults
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.source import REFUSALS, load_spec, mujoco_line
+from ffsm_mj.model.strip import strip
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
 
@@ -86,7 +87,8 @@ class System:
         objects: Trees of the floating objects, in the order of the scenario.
         files: Files of each model by tree name.
         faults: What breaks conservation; empty for a conservative system.
-        notes: What MJCF says and the simulation does not do (joint limits); what MuJoCo warned of.
+        notes: What was taken out of models; what MJCF says and the simulation does not do (joint limits); what MuJoCo
+            warned of.
     """
 
     mj: Any
@@ -172,11 +174,13 @@ def compile_system(
     scene = _empty_scene(time_step_s)
     faults: list[str] = []
     warned: dict[str, list[str]] = {name: [] for name in ("", *files)}  # by model, first those of the scene
+    stripped: list[str] = []
     # The compiler tells Python of its warnings too, whose filters are the whole process's.
     with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
         for name, model_files in files.items():
             with collected_warnings(warned[name]):
                 spec = load_spec(model_files, vfs)
+                stripped += [f"taken out of {name}: {what}" for what in strip(spec, model_files.strip)]
                 _refuse_dangling(model_files, vfs)
                 faults += spec_faults(spec, model_files)
                 _take_options(scene, spec, conservative=conservative)
@@ -192,7 +196,7 @@ def compile_system(
         objects=tuple(trees[1:]),
         files=files,
         faults=tuple(faults),
-        notes=(*(_notes(model) if conservative else ()), *_told(warned, files)),
+        notes=(*stripped, *(_notes(model) if conservative else ()), *_told(warned, files)),
         joints={joint.name: joint for tree in trees for joint in tree.joints},
     )
 

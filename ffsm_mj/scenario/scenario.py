@@ -10,6 +10,7 @@ from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, SerializeAsA
 from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.impact.laws import LAWS
+from ffsm_mj.model.strip import Strippable
 from ffsm_mj.plant.actuation import ActuatorConfig
 from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.regimes import REGIME_SCHEMA, checked_regimes
@@ -43,6 +44,8 @@ class RobotConfig(StrictModel):
     """Folders, beside the model's own, that it may use files of (meshes, includes); relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()
     """Folders of the packages that a URDF names (``package://NAME/...``), after those above it; relative to the scenario."""
+    strip: tuple[Strippable, ...] = ()
+    """What is taken out of the model before it is compiled, the file untouched: what free motion would not conserve."""
 
 
 class ObjectConfig(StrictModel):
@@ -54,6 +57,8 @@ class ObjectConfig(StrictModel):
     """Folders, beside the model's own, that it may use files of (meshes, includes); relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()
     """Folders of the packages that a URDF names (``package://NAME/...``), after those above it; relative to the scenario."""
+    strip: tuple[Strippable, ...] = ()
+    """What is taken out of the model before it is compiled, the file untouched: what free motion would not conserve."""
 
 
 class InitialConfig(StrictModel):

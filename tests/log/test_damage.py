@@ -139,7 +139,8 @@ def run_in_process(arguments, *, file_bytes=None, **streams):
         if file_bytes is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
 
-    command = [sys.executable, "-m", "ffsm_mj.cli.main", *arguments]
+    # -B: bytecode cut at the limit would break every later import ("marshal data too short").
+    command = [sys.executable, "-B", "-m", "ffsm_mj.cli.main", *arguments]
     return subprocess.run(command, preexec_fn=limit, text=True, stderr=subprocess.PIPE, check=False, **streams)
 
 

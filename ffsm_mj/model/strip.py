@@ -1,0 +1,88 @@
+"""What is taken out of a vendor's model before it is compiled: what free motion would not conserve, or what does nothing.
+
+The files stay as they are; a run, its log and a rerun take the same out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Literal, get_args
+
+import mujoco
+
+Strippable = Literal["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons"]
+STRIPPABLE: tuple[str, ...] = get_args(Strippable)
+_SHOWN = 6
+
+
+def strip(spec: Any, what: Iterable[str]) -> list[str]:
+    """Take out of a specification, before it is compiled.
+
+    Args:
+        spec: The model; all its elements have names.
+        what: ``damping``, ``frictionloss`` and ``stiffness`` of joints and tendons (a ``springdamper`` goes with either of
+            its two), ``limits`` of their ranges, ``equalities``, and ``tendons`` with the actuators, sensors and equalities
+            that need them.
+
+    Returns:
+        What was taken out, a phrase for each kind that the model had: ``damping of 2 joints (elbow, wrist)``.
+    """
+    wanted, taken = set(what), []
+    for word in STRIPPABLE:
+        if word not in wanted:
+            continue
+        if word == "equalities":
+            taken += _deleted(spec, "equality constraint", list(spec.equalities))
+        elif word == "tendons":
+            taken += _without_tendons(spec)
+        else:
+            for noun, elements in (("joint", spec.joints), ("tendon", spec.tendons)):
+                names = [element.name for element in elements if _cleared(element, word)]
+                taken += [f"{word} of {_counted(noun, names)}"] if names else []
+    return taken
+
+
+def _cleared(element: Any, word: str) -> bool:
+    """Whether a joint or a tendon had something of a kind, which is gone now."""
+    if word == "limits":
+        limited = element.limited == mujoco.mjtLimited.mjLIMITED_TRUE or (
+            element.limited == mujoco.mjtLimited.mjLIMITED_AUTO and bool(element.range.any())
+        )
+        element.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        return limited
+    if word == "frictionloss":
+        had, element.frictionloss = bool(element.frictionloss), 0.0
+        return had
+    had = bool(getattr(element, word).any())
+    getattr(element, word)[:] = 0.0
+    springdamper = getattr(element, "springdamper", None)
+    if springdamper is not None and springdamper.any():
+        springdamper[:] = 0.0
+        had = True
+    return had
+
+
+def _without_tendons(spec: Any) -> list[str]:
+    tendons = list(spec.tendons)
+    names = {tendon.name for tendon in tendons}
+    actuators = [each for each in spec.actuators if each.trntype == mujoco.mjtTrn.mjTRN_TENDON and each.target in names]
+    equalities = [each for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_TENDON]
+    gone = {(int(mujoco.mjtObj.mjOBJ_TENDON), name) for name in names}
+    gone |= {(int(mujoco.mjtObj.mjOBJ_ACTUATOR), each.name) for each in actuators}
+    sensors = [
+        each for each in spec.sensors if {(int(each.objtype), each.objname), (int(each.reftype), each.refname)} & gone
+    ]
+    taken = _deleted(spec, "sensor", sensors) + _deleted(spec, "actuator", actuators)
+    return taken + _deleted(spec, "equality constraint", equalities) + _deleted(spec, "tendon", tendons)
+
+
+def _deleted(spec: Any, noun: str, elements: list[Any]) -> list[str]:
+    names = [element.name for element in elements]
+    for element in elements:
+        spec.delete(element)
+    return [_counted(noun, names)] if names else []
+
+
+def _counted(noun: str, names: list[str]) -> str:
+    shown = ", ".join(name or "unnamed" for name in names[:_SHOWN])
+    return f"{len(names)} {noun}{'s' if len(names) > 1 else ''} ({shown}{', ...' if len(names) > _SHOWN else ''})"

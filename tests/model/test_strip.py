@@ -1,0 +1,102 @@
+"""What is taken out of a vendor's model: told, the same in run, log and rerun, and the file untouched."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.cli.main import main
+from ffsm_mj.errors import InputError
+from tests.scenes import ARM, ball, scene
+
+ALL = ["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons"]
+JOINT = 'damping="2" frictionloss="0.1" stiffness="3" range="-1 1" limited="true"'
+TENDON = """<tendon><fixed name="strap" damping="3" stiffness="1" frictionloss="0.2" range="-1 1" limited="true">
+  <joint joint="shoulder" coef="1"/><joint joint="elbow" coef="1"/></fixed></tendon>
+  <equality><joint name="tied" joint1="shoulder" joint2="elbow"/><tendon name="taut" tendon1="strap"/></equality>
+  <sensor><tendonpos tendon="strap"/><jointpos joint="elbow"/></sensor></mujoco>"""
+
+
+def vendor():
+    """The arm with everything that does not conserve, and a motor on a tendon."""
+    text = ARM.replace('name="shoulder" axis', f'name="shoulder" {JOINT} axis').replace(
+        'name="elbow" axis', 'name="elbow" springdamper="0.1 0.5" axis'
+    )
+    return text.replace("</actuator></mujoco>", '<motor name="pull" tendon="strap"/></actuator>' + TENDON)
+
+
+def moving(folder, strip, **changes):
+    path = scene(folder, vendor(), {"target": ball("target")}, **changes)
+    return path, {
+        "robot.strip": strip,
+        "initial.joints": {"target/free": [9.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]},
+        "initial.rates": {"elbow": 0.5, "shoulder": -0.3},
+        "duration_s": 0.2,
+    }
+
+
+def test_stripped_of_everything_it_moves_as_the_bare_arm(tmp_path):
+    """To the last bit: nothing of what was taken out acts."""
+    path, changes = moving(tmp_path, ALL)
+    run = ffsm_mj.run(path, changes)
+    (tmp_path / "robot.xml").write_text(ARM)
+    bare = ffsm_mj.run(path, changes | {"robot.strip": []})
+    np.testing.assert_array_equal(run.qpos, bare.qpos)
+    assert all(law.holds for law in run.laws())
+    assert ffsm_mj.prepare(path, changes).system.mj.nsensor == 0
+
+
+def test_check_tells_what_is_taken_out(tmp_path, capfd):
+    path, changes = moving(tmp_path, ALL)
+    notes = ffsm_mj.prepare(path, changes).system.notes
+    assert notes == (
+        "taken out of robot: damping of 2 joints (shoulder, elbow)",
+        "taken out of robot: damping of 1 tendon (strap)",
+        "taken out of robot: frictionloss of 1 joint (shoulder)",
+        "taken out of robot: frictionloss of 1 tendon (strap)",
+        "taken out of robot: stiffness of 1 joint (shoulder)",
+        "taken out of robot: stiffness of 1 tendon (strap)",
+        "taken out of robot: limits of 1 joint (shoulder)",
+        "taken out of robot: limits of 1 tendon (strap)",
+        "taken out of robot: 2 equality constraints (tied, taut)",
+        "taken out of robot: 1 sensor (unnamed)",
+        "taken out of robot: 1 actuator (pull)",
+        "taken out of robot: 1 tendon (strap)",
+    )
+    capfd.readouterr()
+    assert main(["check", str(path), "-s", f"robot.strip={ALL}"]) == 0
+    assert f"note: {notes[0]}\n" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("left", ["damping", "frictionloss", "stiffness", "equalities"])
+def test_what_is_not_named_stays(tmp_path, left):
+    """And is refused as ever: of the joint, or of the constraint, by its name."""
+    path, changes = moving(tmp_path, [word for word in ALL if word != left])
+    with pytest.raises(InputError, match=f"{left}|equality 'tied'") as refused:
+        ffsm_mj.prepare(path, changes)
+    told = "\n".join(refused.value.lines)
+    assert ("'shoulder'" in told) == (left != "equalities")
+
+
+def test_log_and_rerun_strip_alike(tmp_path, capfd):
+    """The copied file is the vendor's; what the scenario takes out is taken out again by analyze and by a rerun."""
+    path, changes = moving(tmp_path, ALL)
+    changes["objects.target.strip"] = ["damping"]
+    (tmp_path / "target.xml").write_text(
+        ball("target").replace('<freejoint name="free"/>', '<joint name="free" type="free" damping="1"/>')
+    )
+    out = tmp_path / "run"
+    run = ffsm_mj.run(path, changes, out=out, rerun=False)
+    assert (out / "mjcf" / "robot" / "robot.xml").read_text() == vendor()
+    for name in ("robot.xml", "target.xml", "scene.yaml"):
+        (tmp_path / name).unlink()
+    assert main(["analyze", str(out)]) == 0
+    assert "columns agree with states" in capfd.readouterr().out
+    np.testing.assert_array_equal(ffsm_mj.run(out).log.rows, run.log.rows)
+
+
+def test_other_words_are_refused_with_what_is_allowed(tmp_path):
+    path, changes = moving(tmp_path, ["damping", "gravity"])
+    with pytest.raises(InputError, match=r"robot\.strip.*'damping'.*'tendons'.*gravity"):
+        ffsm_mj.prepare(path, changes)
