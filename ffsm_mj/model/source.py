@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import posixpath
 import re
 from typing import Any
 
@@ -33,6 +34,8 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
         raise InputError(mujoco_line(files, error)) from error
     for mesh in spec.meshes:  # with it, MuJoCo looks for the last part of the name alone
         mesh.file = mesh.file.removeprefix(SCHEME)
+    if spec.strippath:
+        _strip_folders(spec)
     if files.urdf:
         _complete_urdf(spec)
     _name_all(spec)
@@ -53,6 +56,15 @@ def _mounted(files: ModelFiles, vfs: Any) -> str:
         for name, content in files.files.items():
             vfs[f"{folder}/{name}"] = content
     return f"{folder}/{files.main}"
+
+
+def _strip_folders(spec: Any) -> None:
+    """Do what ``strippath`` says: the scene that the model is attached to does not, and holds files of other models."""
+    for asset in (*spec.meshes, *spec.textures, *spec.hfields, *spec.skins):
+        asset.file = posixpath.basename(asset.file)
+    for texture in spec.textures:
+        for i, file in enumerate(texture.cubefiles):
+            texture.cubefiles[i] = posixpath.basename(file)
 
 
 def _complete_urdf(spec: Any) -> None:

@@ -159,6 +159,20 @@ def test_a_model_that_an_included_file_attaches_lies_beside_that_file(tmp_path, 
     assert line.startswith(f"{tmp_path}/inc/deep/s.xml:1: inc/deep/part.obj and part.obj have the same name")
 
 
+def test_stripped_names_of_several_models_are_not_mixed_up(tmp_path):
+    """Robot and objects of one scene, each with a part.obj of its own beside it."""
+    geom = '<geom type="mesh" mesh="p" mass="1"/>'
+    for x in "12345":
+        write(
+            tmp_path / x,
+            r_dot_xml=robot('<mesh name="p" file="meshes/part.obj"/>', geom, STRIP),
+            part_dot_obj=TETRA.format(x=x),
+        )
+    alone = [mujoco.MjSpec.from_file(str(tmp_path / x / "r.xml")).compile().mesh_vert for x in "12345"]
+    together = compile_paths(tmp_path / "1" / "r.xml", {f"o{x}": tmp_path / x / "r.xml" for x in "2345"})
+    assert np.array_equal(together.mj.mesh_vert, np.concatenate(alone))
+
+
 def test_what_mujoco_warns_of_is_told_once_with_the_file(tmp_path, capfd):
     """An attached model asks for another time step; each model is parsed, attached and compiled more than once."""
     arm = part("s").replace("<asset>", '<option timestep="0.1"/><asset>')
