@@ -18,6 +18,7 @@ def mimic_faults(files: ModelFiles) -> dict[str, str]:
             leader = element.attributes.get("joint", "")
             faults[joint] = (
                 f"{element.place}: joint {joint!r} mimics joint {leader!r} (<mimic>), which MuJoCo makes a soft constraint: "
-                f'take <mimic> out, so that each of them moves by its own motor, or write type="fixed" at joint {joint!r}'
+                f"take <mimic> out, or let 'strip: [equalities]' of the scenario, so that each moves by its own motor, "
+                f'or write type="fixed" at joint {joint!r}'
             )
     return faults

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.files import read_model
+from ffsm_mj.model.system import compile_system
 from tests.model.test_own_robot import FILES
 from tests.scenes import compile_paths
 
@@ -37,6 +41,13 @@ def test_what_the_line_says_helps(otto, cure):
     system = compile_paths(otto)
     assert not system.faults
     assert len(system.robot.joints) == (3 if cure[1] == "" else 2)
+
+
+def test_strip_takes_it_out(otto):
+    system = compile_system(replace(read_model(otto), strip=("equalities",)), {}, time_step_s=1e-3)
+    assert not system.faults
+    assert len(system.robot.joints) == 3
+    assert system.notes[0] == "taken out of robot: 1 equality constraint (nod_equality)"
 
 
 def test_not_conservative_it_stays_what_mujoco_makes_of_it(otto):
