@@ -40,6 +40,14 @@ def box(name: str = "box", *, mass: float = 1.0, half: tuple[float, float, float
       <geom name="{name}" type="box" size="{half[0]} {half[1]} {half[2]}" mass="0"/></body></worldbody></mujoco>"""
 
 
+FLOATING_BASES = {
+    "free": '<freejoint name="free"/>',
+    "planar": """<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+      <joint name="yaw" axis="0 0 1"/>""",
+    "ball": '<joint name="ball" type="ball" pos="0.1 0.2 -0.1"/>',
+}
+"""Joints of a base, as MJCF."""
+
 _AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 

@@ -9,74 +9,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, PositiveFloat, model_validator
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.compiled import fastest
-from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
 from ffsm_mj.model.system import System
+from ffsm_mj.plant.actuator_config import AnyActuator, OnOffConfig, ReactionWheelConfig, TorqueSpeedConfig
 from ffsm_mj.plant.limits import Envelope, Limits
+from ffsm_mj.plant.valve import Valve
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import Signal, identifier
 
-
-class IdealConfig(StrictModel):
-    """An actuator that delivers what is asked, within MJCF's own ctrlrange and forcerange."""
-
-    kind: Literal["ideal"]
-
-
-class TorqueSpeedConfig(StrictModel):
-    """A motor on its torque-speed line, paper (34): |u + (stall / no_load) speed| <= stall, while powered."""
-
-    kind: Literal["torque_speed"]
-    stall_torque_N_m: PositiveFloat
-    """Torque at rest, N m (N for a slide joint)."""
-    no_load_speed_rad_s: PositiveFloat
-    """Speed at zero torque, rad/s (m/s for a slide joint)."""
-
-
-class ReactionWheelConfig(StrictModel):
-    """A wheel's motor: a torque limit, and no torque that would speed it up beyond its greatest speed."""
-
-    kind: Literal["reaction_wheel"]
-    max_torque_N_m: PositiveFloat
-    """Greatest torque, N m."""
-    max_speed_rad_s: PositiveFloat
-    """Speed of the rotor against its bearing at which it is saturated, rad/s."""
-
-
-class OnOffConfig(StrictModel):
-    """A thruster that is off or fully on, in the direction asked for (paper, section 4.4).
-
-    With ``release_N`` below ``threshold_N`` it is a Schmitt trigger. A thruster whose ctrlrange starts at 0 pushes only.
-    """
-
-    kind: Literal["on_off"]
-    force_N: PositiveFloat
-    """Force while on, N."""
-    threshold_N: Annotated[float, Field(ge=0.0)] = 0.0
-    """It fires when more than this is asked for, N."""
-    release_N: Annotated[float, Field(ge=0.0)] | None = None
-    """Once on, it stays on until less than this is asked for, N; left out: the threshold."""
-    min_on_time_s: Annotated[float, Field(ge=0.0)] = 0.0
-    """Once on, it stays on at least this long, unless power is cut, s."""
-
-    @model_validator(mode="after")
-    def _release_below_threshold(self) -> OnOffConfig:
-        if self.release_N is not None and self.release_N > self.threshold_N:
-            raise ValueError(f"release_N must not exceed threshold_N ({self.threshold_N:g})")
-        return self
-
-
-AnyActuator = IdealConfig | TorqueSpeedConfig | ReactionWheelConfig | OnOffConfig
 _EFFORTS = {
     "command": "asked for",
     "applied": "delivered",
@@ -84,8 +33,6 @@ _EFFORTS = {
     "upper": "greatest possible while powered",
 }
 """What is logged of each actuator, in the order of :attr:`Actuation.table`."""
-ACTUATOR_KINDS = ("ideal", "torque_speed", "reaction_wheel", "on_off")
-ActuatorConfig = Annotated[AnyActuator, Field(discriminator="kind")]
 
 
 @dataclass
@@ -97,7 +44,7 @@ class _Actuator:
     stall: float = math.inf
     slope: float = 0.0
     saturation: float = math.inf
-    valve: _Valve | None = None
+    valve: Valve | None = None
 
     def configure(self, config: AnyActuator) -> None:
         """Take the limits of a scenario."""
@@ -107,47 +54,7 @@ class _Actuator:
         elif isinstance(config, ReactionWheelConfig):
             self.stall, self.saturation = config.max_torque_N_m, config.max_speed_rad_s
         elif isinstance(config, OnOffConfig):
-            self.stall, self.valve = config.force_N, _Valve(config)
-
-
-class _Valve:
-    """An on-off thruster's valve, and what it remembers.
-
-    Attributes:
-        firing: Direction in which it fires, 1 or -1, or 0 while it is shut.
-    """
-
-    def __init__(self, config: OnOffConfig) -> None:
-        self._force, self._threshold, self._min_on_s = config.force_N, config.threshold_N, config.min_on_time_s
-        self._release = config.threshold_N if config.release_N is None else config.release_N
-        self.firing, self._lit_at_s = 0.0, 0.0
-
-    def fire(self, wanted: float, lower: float, upper: float, time_s: float) -> float:
-        """Force of the valve: kept on above the release and for its shortest time, lit above the threshold."""
-        size = abs(wanted)
-        sign = math.copysign(1.0, wanted)
-        stays = self.firing == sign and size >= self._release and size > 0.0
-        held = self.firing != 0.0 and time_s - self._lit_at_s < self._min_on_s - 1e-12
-        firing = self.firing if stays or held else sign if size > self._threshold else 0.0
-        if not lower <= firing * self._force <= upper:
-            firing = 0.0  # one that only pushes never fires backwards
-        if firing not in (0.0, self.firing):
-            self._lit_at_s = time_s
-        self.firing = firing
-        return firing * self._force
-
-    def shut(self) -> float:
-        """Without power; gives the force that the valve has then."""
-        self.firing = 0.0
-        return 0.0
-
-    def stand(self, force: float, time_s: float) -> float:
-        """Stand as a force says, from a time on; gives the force that the valve has then."""
-        firing = math.copysign(1.0, force) if force else 0.0
-        if firing not in (0.0, self.firing):
-            self._lit_at_s = time_s
-        self.firing = firing
-        return firing * self._force
+            self.stall, self.valve = config.force_N, Valve(config)
 
 
 class Actuation:

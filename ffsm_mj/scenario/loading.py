@@ -11,7 +11,7 @@ from ffsm_controllers import kinds
 from pydantic import ValidationError
 
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
-from ffsm_mj.plant.actuation import ACTUATOR_KINDS
+from ffsm_mj.plant.actuator_config import ACTUATOR_KINDS
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.regimes import fault_of_ending
 from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, located, timing_faults, with_regimes

@@ -11,7 +11,7 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.impact.laws import LAWS
 from ffsm_mj.model.strip import Strippable
-from ffsm_mj.plant.actuation import ActuatorConfig
+from ffsm_mj.plant.actuator_config import ActuatorConfig
 from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.regimes import REGIME_SCHEMA, checked_regimes
 from ffsm_mj.scenario.source import YamlSource

@@ -10,7 +10,7 @@ from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation, mom
 
 from ffsm_mj.errors import ControllerError
 from tests.conftest import MJCF
-from tests.scenes import HEAD, compile_paths
+from tests.scenes import FLOATING_BASES, HEAD, compile_paths
 
 
 def effect_of(system, data, thrusters):
@@ -66,10 +66,7 @@ def test_where_no_shares_are_found_the_controller_says_so(hardware, monkeypatch)
 
 
 BASES = {
-    "free": '<freejoint name="free"/>',
-    "planar": """<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
-      <joint name="yaw" axis="0 0 1"/>""",
-    "pivot": '<joint name="ball" type="ball" pos="0.1 0.2 -0.1"/>',
+    **FLOATING_BASES,
     "rail": '<joint name="x" type="slide" axis="1 0 0"/><joint name="yaw" axis="0 0 1"/>',
     "skewed": """<joint name="a" type="slide" axis="1 1 0"/><joint name="b" type="slide" axis="0 1 1"/>
       <joint name="c" axis="0 0 1"/>""",

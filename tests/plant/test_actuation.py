@@ -8,7 +8,8 @@ import pytest
 
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError, ScenarioFaults
-from ffsm_mj.plant.actuation import Actuation, OnOffConfig, TorqueSpeedConfig
+from ffsm_mj.plant.actuation import Actuation
+from ffsm_mj.plant.actuator_config import OnOffConfig, TorqueSpeedConfig
 from tests.scenes import HEAD, compile_paths
 
 MOTOR = TorqueSpeedConfig(kind="torque_speed", stall_torque_N_m=14.0, no_load_speed_rad_s=0.54)

@@ -13,7 +13,7 @@ from ffsm_mj.books.thrusters import thrusters
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.records.columns import Row
 from ffsm_mj.records.signals import COMPONENTS, PARTIES
-from tests.scenes import HEAD, ball, compile_paths, scene
+from tests.scenes import FLOATING_BASES, HEAD, ball, compile_paths, scene
 
 TUMBLER = f"""<mujoco>{HEAD}<worldbody><body name="bus">
   <inertial pos="0.05 -0.02 0.01" mass="3" diaginertia="0.2 0.3 0.35"/><freejoint name="free"/><geom size="0.1" mass="0"/>
@@ -56,10 +56,7 @@ LINK = """<body name="link" pos="0.3 -0.1 0.2"><joint name="shoulder" axis="0.2 
   <inertial pos="0.2 0.1 0" mass="0.8" diaginertia="0.02 0.03 0.03"/><site name="elbow" pos="0.3 0.1 -0.2" euler="70 10 30"/>
   </body>"""
 BASES = {
-    "free": '<freejoint name="free"/>',
-    "planar": """<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
-      <joint name="yaw" axis="0 0 1"/>""",
-    "ball": '<joint name="ball" type="ball" pos="0.1 0.2 -0.1"/>',
+    **FLOATING_BASES,
     "skewed": '<joint name="a" type="slide" axis="1 1 0"/><joint name="b" type="slide" axis="0 1 1"/>',
     "turning": '<joint name="yaw" axis="0 0 1"/><joint name="boom" type="slide" axis="1 0 0"/>',
 }

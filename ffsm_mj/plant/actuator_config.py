@@ -1,0 +1,63 @@
+"""What a scenario says of an actuator, by its kind."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, PositiveFloat, model_validator
+
+from ffsm_mj.config import StrictModel
+
+
+class IdealConfig(StrictModel):
+    """An actuator that delivers what is asked, within MJCF's own ctrlrange and forcerange."""
+
+    kind: Literal["ideal"]
+
+
+class TorqueSpeedConfig(StrictModel):
+    """A motor on its torque-speed line, paper (34): |u + (stall / no_load) speed| <= stall, while powered."""
+
+    kind: Literal["torque_speed"]
+    stall_torque_N_m: PositiveFloat
+    """Torque at rest, N m (N for a slide joint)."""
+    no_load_speed_rad_s: PositiveFloat
+    """Speed at zero torque, rad/s (m/s for a slide joint)."""
+
+
+class ReactionWheelConfig(StrictModel):
+    """A wheel's motor: a torque limit, and no torque that would speed it up beyond its greatest speed."""
+
+    kind: Literal["reaction_wheel"]
+    max_torque_N_m: PositiveFloat
+    """Greatest torque, N m."""
+    max_speed_rad_s: PositiveFloat
+    """Speed of the rotor against its bearing at which it is saturated, rad/s."""
+
+
+class OnOffConfig(StrictModel):
+    """A thruster that is off or fully on, in the direction asked for (paper, section 4.4).
+
+    With ``release_N`` below ``threshold_N`` it is a Schmitt trigger. A thruster whose ctrlrange starts at 0 pushes only.
+    """
+
+    kind: Literal["on_off"]
+    force_N: PositiveFloat
+    """Force while on, N."""
+    threshold_N: Annotated[float, Field(ge=0.0)] = 0.0
+    """It fires when more than this is asked for, N."""
+    release_N: Annotated[float, Field(ge=0.0)] | None = None
+    """Once on, it stays on until less than this is asked for, N; left out: the threshold."""
+    min_on_time_s: Annotated[float, Field(ge=0.0)] = 0.0
+    """Once on, it stays on at least this long, unless power is cut, s."""
+
+    @model_validator(mode="after")
+    def _release_below_threshold(self) -> OnOffConfig:
+        if self.release_N is not None and self.release_N > self.threshold_N:
+            raise ValueError(f"release_N must not exceed threshold_N ({self.threshold_N:g})")
+        return self
+
+
+AnyActuator = IdealConfig | TorqueSpeedConfig | ReactionWheelConfig | OnOffConfig
+ACTUATOR_KINDS = ("ideal", "torque_speed", "reaction_wheel", "on_off")
+ActuatorConfig = Annotated[AnyActuator, Field(discriminator="kind")]
