@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 from ffsm_mj.cli.exit_codes import EXIT_CODES
 from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.present.frame_rate import MOST_FRAMES_PER_SECOND
 
 COMMANDS = {
     "run": "simulate a scenario and write its run folder",
@@ -22,7 +23,6 @@ COMMANDS = {
     "completion": "print the script by which a shell completes commands, options and scenarios",
 }
 SHELLS = ("bash", "zsh", "fish")
-_MOST_FRAMES_PER_SECOND = 50
 _EXPORTS = {
     "csv": "a table as CSV, units in the column names",
     "parquet": "a table as Parquet, units and descriptions as metadata of the columns",
@@ -214,8 +214,8 @@ def _tolerance(text: str) -> tuple[str, float]:
 
 
 def _frame_rate(text: str) -> float:
-    if _positive(text) > _MOST_FRAMES_PER_SECOND:
-        raise argparse.ArgumentTypeError(f"{text} is more than {_MOST_FRAMES_PER_SECOND} frames per second")
+    if _positive(text) > MOST_FRAMES_PER_SECOND:
+        raise argparse.ArgumentTypeError(f"{text} is more than {MOST_FRAMES_PER_SECOND} frames per second")
     return float(text)
 
 

@@ -23,8 +23,6 @@ from ffsm_mj.present.plots.motion import draw_plane, polygons, tree_colours, vie
 from ffsm_mj.present.plots.style import BLACK, YELLOW, publication
 from ffsm_mj.present.plots.subject import Subject
 
-MOST_FRAMES_PER_SECOND = 50
-"""GIF counts hundredths of a second, and viewers slow down what is faster than 50 pictures a second."""
 _LONGEST_S = 12.0
 _SPEEDS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
 _SIZE_PX = (960, 720)

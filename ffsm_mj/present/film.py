@@ -9,7 +9,8 @@ from pathlib import Path
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import InputError
-from ffsm_mj.present.animation import MOST_FRAMES_PER_SECOND, gif
+from ffsm_mj.present.animation import gif
+from ffsm_mj.present.frame_rate import MOST_FRAMES_PER_SECOND
 from ffsm_mj.present.output_place import usable_file, writing
 
 

@@ -133,6 +133,7 @@ class Osdre:
             raise ControllerError(str(error)) from error
         u, report = self._law.effort, self._law.report.tolist()
         self._worst_residual, self._most = max(self._worst_residual, report[1]), max(self._most, report[2])
+        # The last but one is the exception: the fallback of two outputs, whose only count it is, or corrections.
         self._exceptions += report[-2]
         if self._damping > 0.0:
             u = u - self._unseen(self._damping * self._qvel[self._joints.dofs])
@@ -143,7 +144,7 @@ class Osdre:
         if self._block is not None:
             inputs = self._block.inputs
             return np.asarray(torque - inputs.dot(torque).dot(inputs))
-        B_lower = self._kinematics.W @ self._driven.T
+        B_lower = self._kinematics.W @ self._driven.T  # the planar law works without a basis of these
         return np.asarray(torque - np.linalg.pinv(B_lower) @ (B_lower @ torque))
 
     def damping_at(self, data: Any) -> Damping:
