@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.mimic import mimic_faults
+from ffsm_mj.model.mimic import Mimic, mimics
 from ffsm_mj.model.places import Places
 
 # Bits of MjSpec.authored.option that are set when <option> names the field (order of mjOption's fields).
@@ -48,19 +48,23 @@ def spec_faults(spec: Any, files: ModelFiles) -> list[str]:
 
 def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
     """Dissipative or elastic elements of the compiled scene, each with the file and line of the model it came from."""
-    mimics = {f"{prefix}/{joint}": told for prefix, each in files.items() for joint, told in mimic_faults(each).items()}
+    following = {prefix: mimics(each) for prefix, each in files.items()} if model.neq else {}
     places = Places(scene, files)
     return [
-        mimics.get(_follower(model, name) if kind == "equality" else "")
+        (_mimic_fault(model, name, following) if kind == "equality" else "")
         or f"{places.of(kind, name)} has {what}; remove it, or let 'strip' of the scenario"
         for kind, name, what in _elements(model)
     ]
 
 
-def _follower(model: Any, equality: str) -> str:
-    """Full name of the joint that a constraint makes follow another one; empty for other constraints."""
+def _mimic_fault(model: Any, equality: str, following: Mapping[str, list[Mimic]]) -> str:
+    """What is to be said of a constraint that a ``<mimic>`` became; empty for other constraints."""
     e = model.equality(equality).id
-    return str(model.joint(model.eq_obj1id[e]).name) if model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT else ""
+    if model.eq_type[e] != mujoco.mjtEq.mjEQ_JOINT or model.eq_obj2id[e] < 0:
+        return ""
+    prefix, _, follower = model.joint(model.eq_obj1id[e]).name.partition("/")
+    leader = model.joint(model.eq_obj2id[e]).name.partition("/")[2]
+    return next(filter(None, (mimic.fault(follower, leader) for mimic in following[prefix])), "")
 
 
 def _elements(model: Any) -> Iterator[tuple[str, str, str]]:

@@ -122,8 +122,8 @@ class _Disk(Shelf):
             self._refuse_outside(path, self._folders, place)
         return self._read(path, place)
 
-    def packaged(self, written: str, place: str) -> bytes:
-        path, package = find_in_package(written, Path(os.path.abspath(self._home)), self._packages, place)
+    def packaged(self, written: str, home: str, place: str) -> bytes:
+        path, package = find_in_package(written, Path(os.path.abspath(self.label(home))), self._packages, place)
         self._refuse_outside(path, [package.resolve(), *self._folders], place)
         return self._read(path, place)
 
@@ -169,5 +169,5 @@ class _Carried(Shelf):
             raise InputError(f"{place + ': ' if place else ''}{self.label(name)} is not in the log")
         return self.files[name]
 
-    def packaged(self, written: str, place: str) -> bytes:
+    def packaged(self, written: str, home: str, place: str) -> bytes:  # noqa: ARG002
         raise InputError(f"{place}: {SCHEME}{written} is not in the log")

@@ -2,23 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.xml import elements
 
 
-def mimic_faults(files: ModelFiles) -> dict[str, str]:
-    """What is to be said of each ``<mimic>`` of a model, by the name of the joint that follows; none of what is no URDF."""
-    if not files.urdf:
-        return {}
-    faults, joint = {}, ""
-    for element in elements(files.files[files.main], files.place):
+@dataclass(frozen=True)
+class Mimic:
+    """A ``<mimic>`` as it is written.
+
+    Attributes:
+        joint: The joint that follows.
+        leader: The joint that it follows.
+        place: ``file:line``.
+    """
+
+    joint: str
+    leader: str
+    place: str
+
+    def fault(self, follower: str, leader: str) -> str:
+        """What is to be said of a constraint between two joints; empty where it is not this one's.
+
+        Args:
+            follower: Name of the joint that follows, in the model: that of the URDF behind the prefixes of what attaches it.
+            leader: Name of the joint that it follows, likewise.
+        """
+        before = follower.removesuffix(self.joint)
+        if (before + self.joint, before + self.leader) != (follower, leader):
+            return ""
+        return (
+            f"{self.place}: joint {follower!r} mimics joint {leader!r} (<mimic>), which MuJoCo makes a soft constraint: "
+            f"take <mimic> out, or let 'strip: [equalities]' of the scenario, so that each moves by its own motor, "
+            f'or write type="fixed" at joint {self.joint!r}'
+        )
+
+
+def mimics(files: ModelFiles) -> list[Mimic]:
+    """Each ``<mimic>`` of a model, of the URDFs that it attaches too; longest names first, which could end in others."""
+    urdfs = [name for name in files.files if name.lower().endswith(".urdf")]
+    found = [each for name in urdfs for each in _written(files.files[name], files.label + name)]
+    return sorted(found, key=lambda each: -len(each.joint))
+
+
+def _written(urdf: bytes, place: str) -> Iterator[Mimic]:
+    joint = ""
+    for element in elements(urdf, place):
         if element.tag == "joint":
             joint = element.attributes.get("name", "")
         elif element.tag == "mimic" and element.parents[-1] == "joint":
-            leader = element.attributes.get("joint", "")
-            faults[joint] = (
-                f"{element.place}: joint {joint!r} mimics joint {leader!r} (<mimic>), which MuJoCo makes a soft constraint: "
-                f"take <mimic> out, or let 'strip: [equalities]' of the scenario, so that each moves by its own motor, "
-                f'or write type="fixed" at joint {joint!r}'
-            )
-    return faults
+            yield Mimic(joint, element.attributes.get("joint", ""), element.place)

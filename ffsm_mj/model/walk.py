@@ -30,8 +30,8 @@ class Shelf(Protocol):
             InputError: It cannot be had, or must not.
         """
 
-    def packaged(self, written: str, place: str) -> bytes:
-        """Content of a file of a package, written ``NAME/path`` at a place.
+    def packaged(self, written: str, home: str, place: str) -> bytes:
+        """Content of a file of a package, written ``NAME/path`` at a place in a URDF that lies in the folder ``home``.
 
         Raises:
             InputError: It cannot be had, or must not.
@@ -90,8 +90,8 @@ class _Walk:
                 told = _Given(copies, strip, astray=given.astray or element.folder != home)
                 self.model(_join(element.folder, inner), inner, element.place, (*chain, name), told)
         for asset in assets(whole, strip=strip):
-            packaged = asset.name.removeprefix(SCHEME) if is_urdf(whole) and not chain else asset.name
-            package = packaged if packaged != asset.name else ""
+            packaged = asset.name.removeprefix(SCHEME) if is_urdf(whole) else asset.name
+            package = (packaged, home) if packaged != asset.name else None
             path, guessed = posixpath.join(asset.folder, packaged), strip or given.astray
             content = self._take(_join(home, path), path, asset.place, package, by_last_part=guessed)
             self._count(asset.place, 0.0, image_pixels(content))
@@ -127,14 +127,18 @@ class _Walk:
         if self._pixels > MOST_PIXELS:
             raise InputError(f"{place}: with this the model's images have more than {MOST_PIXELS} pixels")
 
-    def _take(self, name: str, written: str, place: str, package: str = "", *, by_last_part: bool) -> bytes:
+    def _take(
+        self, name: str, written: str, place: str, package: tuple[str, str] | None = None, *, by_last_part: bool
+    ) -> bytes:
         """A file by its name; what a package holds as well, if it is not there, which then has this name."""
         if name not in self.found:
             if posixpath.isabs(written) or any(c in written for c in ":\\") or not written.isprintable():
                 before = place or self._shelf.label(name)
                 raise InputError(f"{before}: {written!r} is no path relative to the model, with forward slashes")
-            elsewhere = package and not self._shelf.has(name)
-            self.found[name] = self._shelf.packaged(package, place) if elsewhere else self._shelf.take(name, place)
+            if package and not self._shelf.has(name):
+                self.found[name] = self._shelf.packaged(*package, place)
+            else:
+                self.found[name] = self._shelf.take(name, place)
         if by_last_part:
             self._by_last_part[name] = place
         return self.found[name]

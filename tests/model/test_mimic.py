@@ -9,6 +9,7 @@ import pytest
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.system import compile_system
+from tests.model.test_attached_models import robot
 from tests.model.test_own_robot import FILES
 from tests.scenes import compile_paths
 
@@ -48,6 +49,33 @@ def test_strip_takes_it_out(otto):
     assert not system.faults
     assert len(system.robot.joints) == 3
     assert system.notes[0] == "taken out of robot: 1 equality constraint (nod_equality)"
+
+
+@pytest.mark.parametrize("prefixes", [("a_",), ("left_", "right_")])
+def test_a_mimic_of_an_attached_urdf_is_told_likewise(otto, prefixes):
+    """By the names that the joints have in the model, and by the line of the URDF."""
+    assets = "".join(f'<model name="{prefix}otto" file="otto.urdf"/>' for prefix in prefixes)
+    attach = "".join(f'<attach model="{prefix}otto" body="hub" prefix="{prefix}"/>' for prefix in prefixes)
+    (otto.parent / "bus.xml").write_text(robot(assets, attach))
+    with pytest.raises(InputError) as refused:
+        compile_paths(otto.parent / "bus.xml")
+    line = otto.read_text()[: otto.read_text().index(MIMIC)].count("\n") + 1
+    for told, prefix in zip(refused.value.lines, prefixes, strict=True):
+        assert told.startswith(f"{otto}:{line}: joint '{prefix}nod' mimics joint '{prefix}swing' (<mimic>)")
+        assert "write type=\"fixed\" at joint 'nod'" in told
+    system = compile_system(replace(read_model(otto.parent / "bus.xml"), strip=("equalities",)), {}, time_step_s=1e-3)
+    assert not system.faults
+    assert len(system.robot.joints) == 1 + 2 * len(prefixes)
+
+
+def test_another_constraint_of_such_joints_is_no_mimic(otto):
+    """A URDF with a <mimic>, attached, and the constraint the other way round, which is the model's own."""
+    text = robot('<model name="otto" file="otto.urdf"/>', '<attach model="otto" body="hub" prefix="a_"/>')
+    own = '<equality><joint joint1="a_swing" joint2="a_nod"/><joint joint1="a_nod"/></equality>'
+    (otto.parent / "bus.xml").write_text(text.replace("</mujoco>", f"{own}</mujoco>"))
+    with pytest.raises(InputError) as refused:
+        compile_paths(otto.parent / "bus.xml")
+    assert sorted("(<mimic>)" in line for line in refused.value.lines) == [False, False, True]
 
 
 def test_not_conservative_it_stays_what_mujoco_makes_of_it(otto):

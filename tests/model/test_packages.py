@@ -12,6 +12,8 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.model import compile_log
 from ffsm_mj.model.files import read_model
+from ffsm_mj.model.system import compile_system
+from tests.model.test_attached_models import robot
 from tests.model.test_model_files import LINK, TETRA, write
 from tests.scenario.test_scenario import faults
 from tests.scenes import ball, compile_paths
@@ -75,7 +77,48 @@ def test_meshes_of_one_name_in_two_folders_are_told_apart(tmp_path):
     assert sizes[1] > 1.5 * sizes[0]
 
 
-@pytest.mark.parametrize("settings", ["", '<mujoco><compiler meshdir="../mm"/></mujoco>'])
+def test_an_attached_urdf_finds_its_packages_around_itself(tmp_path):
+    """As it does alone; what lies around the model that attaches it is another package."""
+    write(
+        tmp_path,
+        bus__bus_dot_xml=robot('<model name="r" file="../arms/urdf/r.urdf"/>', '<attach model="r" body="l" prefix="a_"/>'),
+        arms__urdf__r_dot_urdf=urdf(),
+        arms__pk__m__a_dot_obj=TETRA.format(x=2),
+        bus__pk__m__a_dot_obj=TETRA.format(x=3),
+    )
+    files = read_model(tmp_path / "bus/bus.xml", [tmp_path / "arms"])
+    assert set(files.files) == {"bus/bus.xml", "arms/urdf/r.urdf", "arms/urdf/pk/m/a.obj"}
+    assert files.files["arms/urdf/pk/m/a.obj"].decode() == TETRA.format(x=2)
+    alone = compile_paths(tmp_path / "arms/urdf/r.urdf").mj
+    attached = compile_system(files, {}, time_step_s=1e-3).mj
+    assert np.array_equal(attached.mesh_vert, alone.mesh_vert)
+
+
+SETTINGS = ["", '<mujoco><compiler meshdir="../mm"/></mujoco>']
+
+
+@pytest.mark.parametrize("settings", SETTINGS)
+def test_a_run_carries_the_file_of_a_package_that_an_attached_urdf_names(tmp_path, settings, capsys):
+    write(
+        tmp_path,
+        bus_dot_xml=robot('<model name="r" file="robots/r.urdf"/>', '<attach model="r" body="l" prefix="a_"/>'),
+        robots__r_dot_urdf=urdf(settings=settings),
+        share__pk__m__a_dot_obj=TETRA.format(x=1),
+    )
+    path = scenario(tmp_path, "bus.xml", package_paths=["share"])
+    run = ffsm_mj.run(path, out=tmp_path / "run", rerun=False)
+    below = "mjcf/robot/mm/pk/m/a.obj" if settings else "mjcf/robot/robots/pk/m/a.obj"
+    assert (tmp_path / "run" / below).read_text() == TETRA.format(x=1)
+    for folder in ("share", "robots"):
+        (tmp_path / folder).rename(tmp_path / f"{folder} gone")
+    again = ffsm_mj.run(tmp_path / "run" / "scenario.yaml", out=tmp_path / "again", rerun=False)
+    assert again.log.rows[:].tobytes() == run.log.rows[:].tobytes()
+    assert compile_log(ffsm_mj.load_run(tmp_path / "run" / "run.mcap").log).mj.nmesh == 1
+    assert main(["analyze", str(tmp_path / "again")]) == 0
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("settings", SETTINGS)
 def test_a_run_carries_the_file_of_a_package(tmp_path, settings, capsys):
     write(tmp_path, robots__r_dot_urdf=urdf(settings=settings), share__pk__m__a_dot_obj=TETRA.format(x=1))
     path = scenario(tmp_path, "robots/r.urdf", package_paths=["share"], asset_folders=["."])
