@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 
 import mujoco
 
-Strippable = Literal["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons"]
+Strippable = Literal["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons", "servos"]
 STRIPPABLE: tuple[str, ...] = get_args(Strippable)
 _SHOWN = 6
 
@@ -21,8 +21,8 @@ def strip(spec: Any, what: Iterable[str]) -> list[str]:
     Args:
         spec: The model; all its elements have names.
         what: ``damping``, ``frictionloss`` and ``stiffness`` of joints and tendons (a ``springdamper`` goes with either of
-            its two), ``limits`` of their ranges, ``equalities``, and ``tendons`` with the actuators, sensors and equalities
-            that need them.
+            its two), ``limits`` of their ranges, ``equalities``, ``tendons`` with the actuators, sensors and equalities
+            that need them, and ``servos``: the actuators that are no plain motors, with the sensors that need them.
 
     Returns:
         What was taken out, a phrase for each kind that the model had: ``damping of 2 joints (elbow, wrist)``.
@@ -35,6 +35,8 @@ def strip(spec: Any, what: Iterable[str]) -> list[str]:
             taken += _deleted(spec, "equality constraint", list(spec.equalities))
         elif word == "tendons":
             taken += _without_tendons(spec)
+        elif word == "servos":
+            taken += _without_actuators(spec, [each for each in spec.actuators if not _is_motor(each)])
         else:
             for noun, elements in (("joint", spec.joints), ("tendon", spec.tendons)):
                 names = [element.name for element in elements if _cleared(element, word)]
@@ -65,15 +67,35 @@ def _cleared(element: Any, word: str) -> bool:
 def _without_tendons(spec: Any) -> list[str]:
     tendons = list(spec.tendons)
     names = {tendon.name for tendon in tendons}
-    actuators = [each for each in spec.actuators if each.trntype == mujoco.mjtTrn.mjTRN_TENDON and each.target in names]
+    taken = _without_sensors_of(spec, mujoco.mjtObj.mjOBJ_TENDON, names)
+    pulling = [each for each in spec.actuators if each.trntype == mujoco.mjtTrn.mjTRN_TENDON and each.target in names]
+    taken += _without_actuators(spec, pulling)
     equalities = [each for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_TENDON]
-    gone = {(int(mujoco.mjtObj.mjOBJ_TENDON), name) for name in names}
-    gone |= {(int(mujoco.mjtObj.mjOBJ_ACTUATOR), each.name) for each in actuators}
-    sensors = [
+    return taken + _deleted(spec, "equality constraint", equalities) + _deleted(spec, "tendon", tendons)
+
+
+def _is_motor(actuator: Any) -> bool:
+    return (actuator.gaintype, actuator.biastype, actuator.dyntype) == (
+        mujoco.mjtGain.mjGAIN_FIXED,
+        mujoco.mjtBias.mjBIAS_NONE,
+        mujoco.mjtDyn.mjDYN_NONE,
+    )
+
+
+def _without_actuators(spec: Any, actuators: list[Any]) -> list[str]:
+    names = {actuator.name for actuator in actuators}
+    taken = _without_sensors_of(spec, mujoco.mjtObj.mjOBJ_ACTUATOR, names)
+    for key in spec.keys if actuators else ():  # they hold a value for each actuator, and nothing here begins at a keyframe
+        key.ctrl, key.act = [], []
+    return taken + _deleted(spec, "actuator", actuators)
+
+
+def _without_sensors_of(spec: Any, kind: Any, names: set[str]) -> list[str]:
+    gone = {(int(kind), name) for name in names}
+    needing = [
         each for each in spec.sensors if {(int(each.objtype), each.objname), (int(each.reftype), each.refname)} & gone
     ]
-    taken = _deleted(spec, "sensor", sensors) + _deleted(spec, "actuator", actuators)
-    return taken + _deleted(spec, "equality constraint", equalities) + _deleted(spec, "tendon", tendons)
+    return _deleted(spec, "sensor", needing)
 
 
 def _deleted(spec: Any, noun: str, elements: list[Any]) -> list[str]:

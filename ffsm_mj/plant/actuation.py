@@ -187,7 +187,10 @@ def _effort_per_ctrl(system: System) -> FloatArray:
         fixed_gain = model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
         no_bias = model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
         if not (fixed_gain and no_bias and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE):
-            message = f"actuator {model.actuator(i).name!r} is no plain <motor>: its force would not be the command"
+            message = (
+                f"actuator {model.actuator(i).name!r} is no plain <motor>: its force would not be the command; "
+                "write <motor>, or let 'strip: [servos]' of the scenario"
+            )
             faults.append(Fault(message, ("robot", "mjcf")))
         on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
         gear[i] = model.actuator_gainprm[i, 0] * (model.actuator_gear[i, 0] if on_joint else 1.0)

@@ -10,20 +10,22 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from tests.scenes import ARM, ball, scene
 
-ALL = ["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons"]
+ALL = ["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons", "servos"]
 JOINT = 'damping="2" frictionloss="0.1" stiffness="3" range="-1 1" limited="true"'
 TENDON = """<tendon><fixed name="strap" damping="3" stiffness="1" frictionloss="0.2" range="-1 1" limited="true">
   <joint joint="shoulder" coef="1"/><joint joint="elbow" coef="1"/></fixed></tendon>
   <equality><joint name="tied" joint1="shoulder" joint2="elbow"/><tendon name="taut" tendon1="strap"/></equality>
-  <sensor><tendonpos tendon="strap"/><jointpos joint="elbow"/></sensor></mujoco>"""
+  <sensor><tendonpos tendon="strap"/><actuatorfrc actuator="aim"/><jointpos joint="elbow"/></sensor>
+  <keyframe><key name="home" ctrl="1 2 3 4 5" act="6"/></keyframe></mujoco>"""
+SERVOS = '<position name="aim" joint="elbow" kp="9"/><general name="lag" joint="shoulder" dyntype="filter" dynprm="1"/>'
 
 
 def vendor():
-    """The arm with everything that does not conserve, and a motor on a tendon."""
+    """The arm with everything that does not conserve, a motor on a tendon, servos and a keyframe."""
     text = ARM.replace('name="shoulder" axis', f'name="shoulder" {JOINT} axis').replace(
         'name="elbow" axis', 'name="elbow" springdamper="0.1 0.5" axis'
     )
-    return text.replace("</actuator></mujoco>", '<motor name="pull" tendon="strap"/></actuator>' + TENDON)
+    return text.replace("</actuator></mujoco>", f'<motor name="pull" tendon="strap"/>{SERVOS}</actuator>{TENDON}')
 
 
 def moving(folder, strip, **changes):
@@ -63,6 +65,8 @@ def test_check_tells_what_is_taken_out(tmp_path, capfd):
         "taken out of robot: 1 sensor (unnamed)",
         "taken out of robot: 1 actuator (pull)",
         "taken out of robot: 1 tendon (strap)",
+        "taken out of robot: 1 sensor (unnamed)",
+        "taken out of robot: 2 actuators (aim, lag)",
     )
     capfd.readouterr()
     assert main(["check", str(path), "-s", f"robot.strip={ALL}"]) == 0
@@ -77,6 +81,16 @@ def test_what_is_not_named_stays(tmp_path, left):
         ffsm_mj.prepare(path, changes)
     told = "\n".join(refused.value.lines)
     assert ("'shoulder'" in told) == (left != "equalities")
+
+
+def test_servos_that_stay_are_refused_with_the_way_on(tmp_path):
+    path, changes = moving(tmp_path, ALL[:-1])
+    with pytest.raises(InputError, match=r"strip: \[servos\]") as refused:
+        ffsm_mj.prepare(path, changes)
+    assert [line.partition(" is no plain <motor>")[0].rpartition("actuator ")[2] for line in refused.value.lines] == [
+        "'robot/aim'",
+        "'robot/lag'",
+    ]
 
 
 def test_log_and_rerun_strip_alike(tmp_path, capfd):
