@@ -25,6 +25,7 @@ from ffsm_mj.controller_protocol import ControllerContext, Task
 from ffsm_mj.errors import Fault, ScenarioFaults, described
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.files import read_model
+from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.plant.actuation import Actuation
@@ -140,8 +141,12 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
         raise located(ScenarioFaults(faults), source)
     parts = {keys[-1]: part for keys, part in models.items()}
     files = {name: replace(read_model(*given), strip=parts[name].strip) for name, given in paths.items()}
-    robot = files.pop("robot")
-    return compile_system(robot, files, time_step_s=scenario.time_step_s, conservative=scenario.conservative)
+    sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
+    robot = replace(files.pop("robot"), sites=sites)
+    try:
+        return compile_system(robot, files, time_step_s=scenario.time_step_s, conservative=scenario.conservative)
+    except ScenarioFaults as unplaced:
+        raise located(unplaced, source) from unplaced
 
 
 def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:

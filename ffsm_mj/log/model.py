@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import logged_scenario
 from ffsm_mj.model.files import ModelFiles, carried_model, logged_name
 from ffsm_mj.model.system import System, compile_system
@@ -33,9 +33,12 @@ def compile_log(log: RunLog, place: str = "the log") -> System:
         model = carried_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
         return replace(model, strip=scenario.strip[name])
 
-    return compile_system(
-        carried("robot", scenario.robot),
-        {name: carried(name, main) for name, main in scenario.objects.items()},
-        time_step_s=scenario.time_step_s,
-        conservative=scenario.conservative,
-    )
+    try:
+        return compile_system(
+            replace(carried("robot", scenario.robot), sites=scenario.sites),
+            {name: carried(name, main) for name, main in scenario.objects.items()},
+            time_step_s=scenario.time_step_s,
+            conservative=scenario.conservative,
+        )
+    except ScenarioFaults as unplaced:
+        raise InputError([f"{place}: {fault.message}" for fault in unplaced.faults]) from unplaced

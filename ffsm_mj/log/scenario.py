@@ -9,6 +9,7 @@ from typing import Any
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
+from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.strip import STRIPPABLE
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.yaml.parser import YamlFault, plain_value
@@ -22,6 +23,7 @@ class LoggedScenario:
         robot: Name of the robot's model among the files of the log.
         objects: The same of each object by its name.
         strip: What is taken out of the models of robot and objects, by ``robot`` or the object's name.
+        sites: What is put into the model of the robot.
         time_step_s: Integration step, s.
         conservative: Whether the models had to be conservative.
         view_rate_hz: Frames per simulated second for viewers.
@@ -31,6 +33,7 @@ class LoggedScenario:
     robot: str
     objects: Mapping[str, str]
     strip: Mapping[str, tuple[str, ...]]
+    sites: tuple[AddedSite, ...]
     time_step_s: float
     conservative: bool
     view_rate_hz: float
@@ -66,6 +69,7 @@ def logged_scenario(log: RunLog, place: str = "the log") -> LoggedScenario:
             robot=_text(data["robot"]["mjcf"]),
             objects={_text(name): _text(part["mjcf"]) for name, part in (data.get("objects") or {}).items()},
             strip={_text(name): tuple(map(_strippable, part.get("strip") or ())) for name, part in parts.items()},
+            sites=tuple(_site(_text(name), site) for name, site in (data["robot"].get("sites") or {}).items()),
             time_step_s=_positive(data["time_step_s"]),
             conservative=data["conservative"] is not False,
             view_rate_hz=_positive(data["log"]["view_rate_hz"]),
@@ -81,6 +85,13 @@ def _strippable(value: Any) -> str:
     if value not in STRIPPABLE:
         raise ValueError(f"strip: {value!r} is none of {', '.join(STRIPPABLE)}")
     return str(value)
+
+
+def _site(name: str, data: Any) -> AddedSite:
+    place = data.get("pos_m") or (0.0, 0.0, 0.0)
+    if len(place) != 3 or not all(isinstance(x, int | float) and math.isfinite(x) for x in place):
+        raise ValueError(f"sites: {place!r} is no place")
+    return AddedSite(name, _text(data["body"]), (float(place[0]), float(place[1]), float(place[2])))
 
 
 def _text(value: Any) -> str:

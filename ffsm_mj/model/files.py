@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.packages import SCHEME, find_in_package
+from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.walk import Shelf, collect
 
 MAX_FILES = 1000
@@ -30,12 +31,14 @@ class ModelFiles:
         files: Content by name, ``main`` first, in reading order; names are relative to one folder, with forward slashes.
         label: What stands before a name in messages: the folder with a slash, or the log.
         strip: What is taken out of the model when it is compiled; see :mod:`ffsm_mj.model.strip`.
+        sites: What is put in then; see :mod:`ffsm_mj.model.sites`.
     """
 
     main: str
     files: Mapping[str, bytes]
     label: str = ""
     strip: tuple[str, ...] = ()
+    sites: tuple[AddedSite, ...] = ()
 
     @property
     def place(self) -> str:

@@ -23,6 +23,7 @@ from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.number_faults import number_faults
 from ffsm_mj.model.places import Places
+from ffsm_mj.model.sites import add_sites
 from ffsm_mj.model.source import REFUSALS, load_spec, mujoco_line
 from ffsm_mj.model.strip import strip
 
@@ -169,6 +170,7 @@ def compile_system(
 
     Raises:
         InputError: A model is malformed, has no single moving tree, or is not conservative.
+        ScenarioFaults: A site cannot be put where it is wanted.
     """
     files = {"robot": robot, **objects}
     scene = _empty_scene(time_step_s)
@@ -181,6 +183,7 @@ def compile_system(
             with collected_warnings(warned[name]):
                 spec = load_spec(model_files, vfs)
                 stripped += [f"taken out of {name}: {what}" for what in strip(spec, model_files.strip)]
+                add_sites(spec, model_files.sites)
                 _refuse_dangling(model_files, vfs)
                 faults += spec_faults(spec, model_files)
                 _take_options(scene, spec, conservative=conservative)

@@ -35,6 +35,15 @@ Axis = Literal["x", "y", "z"]
 JointValue = float | tuple[float, ...]
 
 
+class SiteConfig(StrictModel):
+    """A site that the robot's file does not have: a tip at the end of a vendor's arm."""
+
+    body: Name
+    """Body of the robot that it is fixed to, by its name in the file."""
+    pos_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Its place in the body's frame, m."""
+
+
 class RobotConfig(StrictModel):
     """The free-floating manipulator."""
 
@@ -46,6 +55,8 @@ class RobotConfig(StrictModel):
     """Folders of the packages that a URDF names (``package://NAME/...``), after those above it; relative to the scenario."""
     strip: tuple[Strippable, ...] = ()
     """What is taken out of the model before it is compiled, the file untouched: what free motion would not conserve."""
+    sites: dict[Name, SiteConfig] = {}
+    """Sites that are put into the model before it is compiled, the file untouched, by name."""
 
 
 class ObjectConfig(StrictModel):
