@@ -116,6 +116,38 @@ def test_figures_in_space(spatial):
     assert {"approach", "impact"} <= set(names)
 
 
+@pytest.fixture(scope="module")
+def many_legged(tmp_path_factory, ffsm_run):
+    """A robot of 16 joints with the long names that robots have."""
+    names = [f"{side}_{joint}" for side in ("front_left", "front_right", "back_left", "back_right")
+             for joint in ("hip_yaw", "hip_pitch", "knee_pitch", "ankle_roll")]  # fmt: skip
+    bodies = "".join(f"""<body><joint name="{name}" axis="{i % 3} 1 0"/><geom size="0.1" pos="{i % 5} {i // 5} 1"/></body>"""
+                     for i, name in enumerate(names))  # fmt: skip
+    robot = f"""<mujoco>{HEAD}<worldbody><body name="hull"><freejoint name="free"/><geom size="0.1" mass="9"/>{bodies}</body>
+      </worldbody><actuator>{"".join(f'<motor name="{n}_motor" joint="{n}"/>' for n in names)}</actuator></mujoco>"""
+    return ffsm_run(scene(tmp_path_factory.mktemp("legs"), robot, {}, duration_s=0.01))
+
+
+def test_names_of_many_joints_have_room(many_legged):
+    figures = plots.figures(many_legged, ["joints", "torques"])
+    for figure in figures.values():
+        figure.draw_without_rendering()  # as it is laid out in a file
+    legends = [axes.get_legend().get_window_extent() for axes in figures["joints"].axes]
+    page = figures["joints"].bbox
+    assert all(page.y0 <= legend.y0 and legend.y1 <= page.y1 for legend in legends)
+    assert not legends[0].overlaps(legends[1])
+    labels = [axes.yaxis.label.get_window_extent() for axes in figures["torques"].axes]
+    assert len(labels) == 16
+    assert not [(i, j) for i in range(16) for j in range(i) if labels[i].overlaps(labels[j])]
+
+
+def test_no_two_of_many_curves_look_alike(many_legged):
+    """Seven colours and seven styles are 49 looks."""
+    lines = plots.figures(many_legged, ["joints"])["joints"].axes[0].get_legend().get_lines()
+    looks = {(line.get_color(), str(line._dash_pattern)) for line in lines}
+    assert len(looks) == len(lines) == 16
+
+
 def test_the_same_data_give_the_same_bytes(hit, tmp_path):
     first, again = (plots.save(hit, tmp_path / name, ["motion", "momenta"]) for name in ("a", "b"))
     assert [path.name for path in first] == ["motion.png", "motion.svg", "momenta.png", "momenta.svg"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,10 @@ from ffsm_mj.present.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, WIDTH
 
 _SHADES = ("#F1F1F1", "#FFFFFF")
 _BUCKETS = 1200
+_LETTER_IN = 0.075
+"""Width of a letter of a label, about."""
+_NAME_IN = 0.17
+"""Height of a name in a legend."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +59,11 @@ class Panel:
 
 
 def stacked(run: Run, panels: Sequence[Panel], *, columns: int = 1, height_in: float = 1.75) -> Figure:
-    """Panels above each other (or in columns) over one time axis."""
+    """Panels above each other (or in columns) over one time axis, each of a height in which its legend has room."""
     rows = -(-len(panels) // columns)
-    heights = [max(panel.height for panel in panels[row * columns : (row + 1) * columns]) for row in range(rows)]
-    figure = Figure(figsize=(WIDTH_IN, 0.55 + height_in * sum(heights)), layout="constrained")
+    needed = [max(panel.height * height_in, 0.2 + _NAME_IN * len(_named(panel))) for panel in panels]
+    heights = [max(needed[row * columns : (row + 1) * columns]) for row in range(rows)]
+    figure = Figure(figsize=(WIDTH_IN, 0.55 + sum(heights)), layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False, height_ratios=heights)
     for i, axes in enumerate(grid.flat):
         if i >= len(panels):
@@ -67,6 +73,7 @@ def stacked(run: Run, panels: Sequence[Panel], *, columns: int = 1, height_in: f
             _draw_bars(axes, panels[i])
         else:
             _draw(axes, run.time, panels[i])
+        axes.set_ylabel(_in_lines(panels[i].label, heights[i // columns]))
         mark_events(axes, run, names=i < columns, wide=columns == 1)
         if i + columns >= len(panels):
             axes.set_xlabel("time, s")
@@ -83,18 +90,35 @@ def _draw(axes: Axes, time: FloatArray, panel: Panel) -> None:
             y,
             label=line.label,
             color=line.colour or COLOURS[i % len(COLOURS)],
-            linestyle=LINE_STYLES[i % len(LINE_STYLES)] if line.style is None else line.style,
+            linestyle=_style(i) if line.style is None else line.style,
             linewidth=line.width,
         )
     if panel.log:
         axes.set_yscale("log")
-    axes.set_ylabel(panel.label)
     for x0, y0, text in panel.marks:
         axes.plot([x0], [y0], marker="o", markersize=4, color=BLACK, markerfacecolor="white", zorder=5, linestyle="none")
         axes.annotate(text, (x0, y0), (0, 7), textcoords="offset points", ha="center", va="bottom", fontsize=7.5)
     axes.margins(x=0.0, y=0.08)
-    if sum(not line.label.startswith("_") for line in panel.lines) > 1:
+    if len(_named(panel)) > 1:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.3)
+
+
+def _named(panel: Panel) -> list[Line]:
+    """Curves that the legend names."""
+    return [line for line in panel.lines if not line.label.startswith("_")]
+
+
+def _style(i: int) -> Any:
+    """Style of a panel's i-th curve: where colours begin again, the styles go on, so that no two are alike."""
+    return LINE_STYLES[(i + i // len(COLOURS)) % len(LINE_STYLES)]
+
+
+def _in_lines(label: str, height_in: float) -> str:
+    """A label of a y axis in lines as long as its panel is high; its unit stays in one."""
+    name, comma, unit = label.rpartition(", ")
+    whole = name + comma + unit.replace(" ", "\N{NO-BREAK SPACE}")
+    lines = (fill(line, max(12, int(height_in / _LETTER_IN))) for line in whole.split("\n"))
+    return "\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def _draw_bars(axes: Axes, panel: Panel) -> None:
@@ -103,7 +127,6 @@ def _draw_bars(axes: Axes, panel: Panel) -> None:
         axes.broken_barh(spans, (row - 0.38, 0.76), facecolors=BLUE, edgecolors=BLUE, linewidth=0.3)
     axes.set_yticks(range(len(panel.bars)), list(panel.bars), fontsize=6.5)
     axes.set_ylim(len(panel.bars) - 0.4, -0.6)
-    axes.set_ylabel(panel.label)
     axes.margins(x=0.0)
 
 
