@@ -69,8 +69,13 @@ def of_subtree(model, data, root):
     )
 
 
-def scene(folder: Path, robot: str, objects: dict[str, str], **scenario: Any) -> Path:
-    """Write models and a scenario; returns the scenario's path. Defaults: 1 s, 1 ms, everything off."""
+def scene(
+    folder: Path, robot: str, objects: dict[str, str], *, fixed: dict[str, dict[str, Any]] | None = None, **scenario: Any
+) -> Path:
+    """Write models and a scenario; returns the scenario's path. Defaults: 1 s, 1 ms, everything off.
+
+    ``fixed`` has the poses of objects that do not move, by name.
+    """
     (folder / "robot.xml").write_text(robot)
     for name, mjcf in objects.items():
         (folder / f"{name}.xml").write_text(mjcf)
@@ -78,7 +83,10 @@ def scene(folder: Path, robot: str, objects: dict[str, str], **scenario: Any) ->
         "name": "scene",
         "duration_s": 1.0,
         "robot": {"mjcf": "robot.xml"},
-        "objects": {name: {"mjcf": f"{name}.xml"} for name in objects},
+        "objects": {
+            name: {"mjcf": f"{name}.xml"} | ({"fixed": True, "pose": fixed[name]} if name in (fixed or {}) else {})
+            for name in objects
+        },
         "phases": [{"name": "coast", "until": "end", "controller": {"kind": "off"}}],
     }
     path = folder / "scene.yaml"

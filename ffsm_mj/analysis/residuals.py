@@ -32,8 +32,10 @@ class Accounts:
         """Find them."""
         self._party, self._free = party, free_components(facts, party)
         self._momenta = {p: layout.places(momentum_keys(p)) for p in PARTIES}
-        self._external, self._contact = (
-            layout.places(f"ledger.{account}_{component}" for component in COMPONENTS) for account in ("external", "contact")
+        self._external, self._contact, *self._fixed = (
+            layout.places(f"ledger.{account}_{component}" for component in COMPONENTS)
+            for account in ("external", "contact", "fixed_on_robot", "fixed_on_objects")
+            if f"ledger.{account}_{COMPONENTS[0]}" in layout.index
         )
         self._energy, self._work = layout.index[f"energy.{party}_J"], layout.index["ledger.work_J"]
         self._gained = layout.index[f"ledger.{party}_impact_energy_J"]
@@ -47,7 +49,8 @@ class Accounts:
     def momentum(self, block: FloatArray) -> FloatArray:
         """(P, L) less impulses on the components that are free, N s and N m s, (n, 6): constant where all is explained."""
         own, external, contact = (block[:, i] for i in (self._momenta[self._party], self._external, self._contact))
-        return unexplained_momentum(self._party, own, external, contact, self._free)
+        fixed = block[:, np.concatenate(self._fixed)] if self._fixed else np.zeros((len(block), 12))
+        return unexplained_momentum(self._party, own, external, contact, fixed, self._free)
 
     def energy_scale(self, block: FloatArray) -> FloatArray:
         """Kinetic energy, J, (n,)."""

@@ -140,7 +140,10 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
     if faults:
         raise located(ScenarioFaults(faults), source)
     parts = {keys[-1]: part for keys, part in models.items()}
-    files = {name: replace(read_model(*given), strip=parts[name].strip) for name, given in paths.items()}
+    poses = {name: part.fixed_at for name, part in scenario.objects.items()}
+    files = {
+        name: replace(read_model(*given), strip=parts[name].strip, pose=poses.get(name)) for name, given in paths.items()
+    }
     sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
     robot = replace(files.pop("robot"), sites=sites)
     try:

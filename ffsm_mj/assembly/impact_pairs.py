@@ -92,7 +92,10 @@ def ignored_pairs(scenario: Scenario, system: System, pairs: tuple[ContactPair, 
         for k, name in enumerate(config.pair):
             geoms = _geoms_of(system, name)
             if not geoms:
-                names = {tree.name for tree in system.trees} | {*system.names("body"), *system.names("geom")}
+                names = {part.name for part in system.models} | {
+                    *system.names("body"),
+                    *system.names("geom"),
+                }
                 faults.append(Fault(unknown_name("geom, body or model", name, names), ("ignored_pairs", i, "pair", k)))
             sides.append(geoms)
         ignored |= {frozenset((a, b)) for a in sides[0] for b in sides[1]}
@@ -122,9 +125,9 @@ def _refuse_contradictions(pairs: tuple[ContactPair, ...], ignored: set[frozense
 def _geoms_of(system: System, name: str) -> list[int]:
     """Geoms that a name stands for: those of a model, of a body, or the geom itself."""
     model = system.mj
-    for tree in system.trees:
-        if tree.name == name:
-            return [g for g in range(model.ngeom) if model.geom_bodyid[g] in tree.bodies]
+    for part in system.models:
+        if part.name == name:
+            return [g for g in range(model.ngeom) if model.geom_bodyid[g] in part.bodies]
     for kind in ("geom", "body"):
         try:
             index = system.index(kind, name)

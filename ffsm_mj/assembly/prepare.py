@@ -135,6 +135,7 @@ class Prepared:
         lines = [
             f"{self.scenario.name}: valid",
             *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
+            *(f"  {each.name}: fixed, bodies {len(each.bodies)}" for each in system.fixed),
             f"  impact pairs: {pairs}",
             f"  phases: {phases}",
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"

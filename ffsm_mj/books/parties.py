@@ -29,16 +29,22 @@ def unexplained_energy(party: str, energy: FloatArray, work: FloatArray, gained:
 
 
 def unexplained_momentum(
-    party: str, momentum: FloatArray, external: FloatArray, contact: FloatArray, free: FloatArray
+    party: str, momentum: FloatArray, external: FloatArray, contact: FloatArray, fixed: FloatArray, free: FloatArray
 ) -> FloatArray:
     """Momentum (P, L about the origin) of a party less impulses, N s and N m s, (n, 6); zero where its joints bear it.
 
     Args:
         party: ``total``, ``robot`` or ``objects``.
         momentum: Of the party, (n, 6).
-        external: Impulse from outside, on the robot, (n, 6).
-        contact: Impulse of contacts on the objects, the opposite of that on the robot, (n, 6).
+        external: Impulse of base actuators, from outside on the robot, (n, 6).
+        contact: Impulse of the robot on the objects, the opposite of that on the robot, (n, 6).
+        fixed: Impulse of fixed bodies, from outside on robot and objects, (n, 12).
         free: 1 for each component that the party's base joints leave free, else 0, (6,).
     """
-    booked = {"total": external, "robot": external - contact, "objects": contact}[party]
+    on_robot, on_objects = fixed[:, :6], fixed[:, 6:]
+    booked = {
+        "total": external + on_robot + on_objects,
+        "robot": external - contact + on_robot,
+        "objects": contact + on_objects,
+    }[party]
     return np.asarray((momentum - booked) * free)

@@ -17,22 +17,34 @@ _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 
 
 def rates_by_party(system: System, data: Any, wrenches: Sequence[Wrench]) -> FloatArray:
-    """Power to (total, robot, objects) in W, and the wrench on the objects: force, moment about the world origin, (9,).
+    """Powers, and what passes between the parties and from outside, (21,).
+
+    Power to (total, robot, objects) in W, then wrenches (force, moment about the world origin): of the robot on the objects,
+    of fixed bodies on the robot, of fixed bodies on the objects.
 
     Args:
         system: Says whose the bodies are.
         data: Its state, positions and velocities current.
-        wrenches: What acts; equal and opposite ones within one party leave nothing of it.
+        wrenches: What acts; equal and opposite ones within one party leave nothing of it. One on a fixed body stands next to
+            the one that it answers: first and second, third and fourth.
     """
-    rates, twist, robot = np.zeros(9), np.empty(6), system.robot.bodies
-    for body, point, force, torque in wrenches:
+    rates, twist, robot, fixed = np.zeros(21), np.empty(6), system.robot.bodies, system.fixed_bodies
+    for i, (body, point, force, torque) in enumerate(wrenches):
+        if body in fixed:
+            continue  # nothing moves it
         mujoco.mj_objectVelocity(system.mj, data, _BODY, body, twist, 0)
         power = force @ (twist[3:] + cross(twist[:3], point - data.xpos[body])) + torque @ twist[:3]
         rates[0] += power
-        if body in robot:
-            rates[1] += power
-        else:
-            rates[2] += power
-            rates[3:6] += force
-            rates[6:9] += cross(point, force) + torque
+        rates[1 if body in robot else 2] += power
+        outside = bool(fixed) and _answers(wrenches, i, fixed)
+        if outside or body not in robot:
+            first = 3 if not outside else 9 if body in robot else 15
+            rates[first : first + 3] += force
+            rates[first + 3 : first + 6] += cross(point, force) + torque
     return rates
+
+
+def _answers(wrenches: Sequence[Wrench], i: int, fixed: frozenset[int]) -> bool:
+    """Whether a wrench is the answer to one on a fixed body."""
+    other = i + 1 if i % 2 == 0 else i - 1
+    return other < len(wrenches) and wrenches[other].body in fixed

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
+import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.books.midpoint import hermite_midpoint
@@ -18,17 +19,22 @@ from ffsm_mj.books.wrenches import rates_by_party
 from ffsm_mj.model.system import System
 from ffsm_mj.records.wrench import Wrench
 
+_NOTHING = np.zeros((2, 6))
+_NOTHING.flags.writeable = False
+
 
 class Booking(NamedTuple):
     """What contacts did at an event or over a (sub-)step, by party.
 
     Attributes:
         energy_J: Energy that they gave to (total, robot, objects), (3,).
-        impulse: Their impulse on the objects: force part in N s and moment about the world origin in N m s, (6,).
+        impulse: Impulse of the robot on the objects: force part in N s and moment about the world origin in N m s, (6,).
+        outside: The same of fixed bodies, on the robot and on the objects, (2, 6): it comes from outside the system.
     """
 
     energy_J: FloatArray
     impulse: FloatArray
+    outside: FloatArray = _NOTHING
 
 
 class Exchange:
@@ -52,7 +58,7 @@ class Exchange:
         mujoco.mj_fwdPosition(model, scratch)
         mujoco.mj_fwdVelocity(model, scratch)
         done = simpson(self._first, self._rates(scratch), self._rates(data), duration_s)
-        return Booking(done[:3], done[3:])
+        return Booking(done[:3], done[3:9], done[9:].reshape(2, 6))
 
     def _rates(self, data: Any) -> FloatArray:
         return rates_by_party(self._system, data, self._wrenches(data))

@@ -77,13 +77,15 @@ class Proximity:
 class ContactPair:
     """Two geoms, a and b, on bodies that move against each other: of the robot, of objects, of one of them itself.
 
+    One of them may be on a fixed object.
+
     Attributes:
         name: What it is called, unique among the pairs of a run.
         geom_a: Full name of the geom that the normal points away from.
         geom_b: Full name of the geom that the normal points to.
         body_a: Id of the body of a.
         body_b: Id of the body of b.
-        robot_on_object: Whether a is the robot's and b an object's.
+        robot_on_object: Whether a is the robot's and b an object's, floating or fixed.
         restitution: Coefficient e of this pair.
         geom_ids: Ids of both geoms.
         size: Length in m below which the pair's gap is a simple function of time (half the thinnest extent).
@@ -93,8 +95,8 @@ class ContactPair:
         """Resolve names and constants.
 
         Raises:
-            LookupError: An unknown geom, one that does not move or moves with the other, or a shape without an exact
-                distance.
+            LookupError: An unknown geom, one of the bare world, two that do not move against each other, or a shape without
+                an exact distance.
         """
         model = system.mj
         self._g1, self._g2 = system.index("geom", geom_a), system.index("geom", geom_b)
@@ -117,8 +119,10 @@ class ContactPair:
             shape = _UNSUPPORTED.get(int(model.geom_type[geom]))
             if shape:
                 raise LookupError(f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...)")
-            if system.tree_of_body(body) is None:
-                raise LookupError(f"geom {name!r} is fixed to the world: both geoms of a pair must be on bodies that move")
+            if system.tree_of_body(body) is None and body not in system.fixed_bodies:
+                raise LookupError(f"geom {name!r} is fixed to the world: let it be of an object with 'fixed: true'")
+        if system.fixed_bodies.issuperset((self.body_a, self.body_b)):
+            raise LookupError(f"geoms {self.geom_a!r} and {self.geom_b!r} are both fixed: they cannot meet")
         if model.body_weldid[self.body_a] == model.body_weldid[self.body_b]:
             raise LookupError(f"geoms {self.geom_a!r} and {self.geom_b!r} are on one rigid body: they cannot meet")
 
@@ -233,6 +237,8 @@ def _direction(fromto: FloatArray) -> FloatArray:
 
 def _speed_per_root_energy(model: Any, data: Any, geom: int, radius: float) -> float:
     """Greatest speed of a geom's points over sqrt(2 T); infinite where rounding decides the least moment of inertia."""
+    if not model.body_weldid[model.geom_bodyid[geom]]:
+        return 0.0  # welded to the world
     group = np.flatnonzero(model.body_weldid == model.body_weldid[model.geom_bodyid[geom]])
     masses, centres = model.body_mass[group], data.xipos[group]
     mass = float(masses.sum())

@@ -61,7 +61,10 @@ _COLUMNS = {
     "approach_speed_m_s": ("m/s", "normal speed of approach before"),
     "separation_speed_m_s": ("m/s", "normal speed of separation after"),
     "impulse_N_s": ("N s", "impulse on b along the normal"),
-    "angular_impulse_{xyz}_N_m_s": ("N m s", "angular impulse on b about the centre of mass of its robot or object"),
+    "angular_impulse_{xyz}_N_m_s": (
+        "N m s",
+        "angular impulse on b about the mass centre of its robot or object, or the origin of a fixed model",
+    ),
     "gap_m": ("m", "signed distance at the event"),
     "energy_change_J": ("J", "kinetic energy gained by the whole system"),
     "linear_momentum_change_N_s": ("N s", "norm of the change of the whole system's linear momentum"),

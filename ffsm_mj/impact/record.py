@@ -14,6 +14,8 @@ from ffsm_mj.impact.touching import Touching, touching_points
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
 
+_EXCHANGES = (("robot", "objects"), ("fixed", "robot"), ("fixed", "objects"))
+
 
 def party_energies(system: System, data: Any, impact: Impact) -> FloatArray:
     """Kinetic energies of (total, robot, objects) before and after, (2, 3), J."""
@@ -26,17 +28,32 @@ def party_energies(system: System, data: Any, impact: Impact) -> FloatArray:
     return out
 
 
-def contact_wrench(system: System, impact: Impact) -> FloatArray:
-    """Impulse of the robot on the objects: force part and moment about the world origin, (6,).
+def impulses_between(system: System, impact: Impact) -> FloatArray:
+    """Impulses of the robot on the objects, of fixed bodies on the robot, and of those on the objects, (3, 6).
 
-    A contact of two objects, or of the robot with itself, is within one party and adds nothing.
+    Each is (force part, moment about the world origin). A contact of two objects, or of the robot with itself, is within one
+    party and adds nothing.
     """
-    wrench, robot = np.zeros(6), system.robot.bodies
+    impulses = np.zeros((3, 6))
     for contact, impulse in zip(impact.contacts, impact.impulses, strict=True):
-        from_robot = (contact.body_a in robot) - (contact.body_b in robot)
-        force = from_robot * impulse * contact.normal
-        wrench += np.concatenate((force, np.cross(contact.point, force)))
-    return wrench
+        a, b = (_party(system, body) for body in (contact.body_a, contact.body_b))
+        for number, (giver, taker) in enumerate(_EXCHANGES):
+            if {a, b} == {giver, taker}:
+                force = (impulse if b == taker else -impulse) * contact.normal
+                impulses[number] += np.concatenate((force, np.cross(contact.point, force)))
+    return impulses
+
+
+def _party(system: System, body: int) -> str:
+    if body in system.fixed_bodies:
+        return "fixed"
+    return "robot" if body in system.robot.bodies else "objects"
+
+
+def _centre(system: System, data: Any, body: int) -> FloatArray:
+    """Mass centre of what a body belongs to; where it is fixed the origin of its model's frame, (3,), m."""
+    tree = system.tree_of_body(body)
+    return np.asarray(data.xpos[system.mj.body_rootid[body]] if tree is None else data.subtree_com[tree.root])
 
 
 def impact_records(
@@ -58,8 +75,7 @@ def impact_records(
     records = []
     for i, (pair, near, point) in enumerate(touching_points(touching)):
         vector = impact.impulses[i] * near.normal
-        tree = system.tree_of_body(pair.body_b)
-        arm = point - data.subtree_com[tree.root if tree else 0]
+        arm = point - _centre(system, data, pair.body_b)
         records.append(
             ImpactRecord(
                 event=event,

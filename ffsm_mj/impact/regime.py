@@ -13,7 +13,7 @@ from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Effect, Instant, Scene
 from ffsm_mj.errors import UnsupportedContactError
-from ffsm_mj.impact.record import contact_wrench, impact_records, party_energies
+from ffsm_mj.impact.record import impact_records, impulses_between, party_energies
 from ffsm_mj.impact.resolution import Contact, Impact, resolve
 from ffsm_mj.impact.resting import RestRule, lasting_contact
 from ffsm_mj.impact.time_of_impact import Detector
@@ -66,7 +66,7 @@ class Impacts(Detector):
         energies = party_energies(system, data, impact)
         records = impact_records(system, data, touching, impact, energies, self._impacts, instant.step, time_s)
         self._impacts += 1
-        return Effect(records, Booking(energies[1] - energies[0], self.impulse_on_objects(impact)), end=self._end())
+        return Effect(records, self.booking(energies, impact), end=self._end())
 
     def resolve(self, touching: Touching) -> Impact:
         """The impact in the coordinates of what moves."""
@@ -97,14 +97,20 @@ class Impacts(Detector):
             after=replace(impact.after, qvel=np.array(data.qvel)),
         )
 
-    def impulse_on_objects(self, impact: Impact) -> FloatArray:
-        """What an impact did to the objects: its contacts, and what a grip passed on where objects are part of others."""
+    def booking(self, energies: FloatArray, impact: Impact) -> Booking:
+        """What an impact did: its contacts, and what a grip passed on where objects are part of others.
+
+        Args:
+            energies: From :func:`~ffsm_mj.impact.record.party_energies`.
+            impact: In the coordinates of the system.
+        """
         system, data = self.scene.system, self.scene.data
-        if self.motion.data is data:
-            return contact_wrench(system, impact)
-        change = impact.after.qvel - impact.before.qvel
-        momenta = (momentum_matrix(system.mj, data, tree.root) @ change for tree in system.objects)
-        return sum(momenta, np.zeros(6))
+        on_objects, *outside = impulses_between(system, impact)
+        if self.motion.data is not data:
+            change = impact.after.qvel - impact.before.qvel
+            momenta = (momentum_matrix(system.mj, data, tree.root) @ change for tree in system.objects)
+            on_objects = sum(momenta, -outside[1])
+        return Booking(energies[1] - energies[0], on_objects, np.array(outside))
 
     def _end(self) -> RunEnded | None:
         if self._rules.stop_on_impact:

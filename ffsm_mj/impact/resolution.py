@@ -82,7 +82,7 @@ class Impact:
 
     @property
     def momentum_change(self) -> FloatArray:
-        """(P, L about the origin) of everything, after minus before: rounding."""
+        """(P, L about the origin) of everything, after minus before: rounding, or what a body that cannot move gave."""
         return self.after.momentum - self.before.momentum
 
 

@@ -75,9 +75,9 @@ class Frames:
     quaternions: FloatArray
 
 
-def moving_bodies(system: System) -> list[int]:
-    """Ids of all bodies that get a pose."""
-    return [body for tree in system.trees for body in tree.bodies]
+def posed_bodies(system: System) -> list[int]:
+    """Ids of all bodies that get a pose: all but the world, also those that never move."""
+    return list(range(1, system.mj.nbody))
 
 
 def geoms_to_draw(model: Any) -> list[int]:

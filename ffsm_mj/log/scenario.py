@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import ValidationError
+
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
+from ffsm_mj.model.pose import Pose
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.strip import STRIPPABLE
 from ffsm_mj.records.run_log import RunLog
@@ -24,6 +27,7 @@ class LoggedScenario:
         objects: The same of each object by its name.
         strip: What is taken out of the models of robot and objects, by ``robot`` or the object's name.
         sites: What is put into the model of the robot.
+        poses: Where objects are fixed, of those that are.
         time_step_s: Integration step, s.
         conservative: Whether the models had to be conservative.
         view_rate_hz: Frames per simulated second for viewers.
@@ -34,6 +38,7 @@ class LoggedScenario:
     objects: Mapping[str, str]
     strip: Mapping[str, tuple[str, ...]]
     sites: tuple[AddedSite, ...]
+    poses: Mapping[str, Pose]
     time_step_s: float
     conservative: bool
     view_rate_hz: float
@@ -64,12 +69,14 @@ def logged_scenario(log: RunLog, place: str = "the log") -> LoggedScenario:
     """
     data = scenario_data(log, place)
     try:
-        parts = {"robot": data["robot"], **(data.get("objects") or {})}
+        objects = data.get("objects") or {}
+        parts = {"robot": data["robot"], **objects}
         return LoggedScenario(
             robot=_text(data["robot"]["mjcf"]),
-            objects={_text(name): _text(part["mjcf"]) for name, part in (data.get("objects") or {}).items()},
+            objects={_text(name): _text(part["mjcf"]) for name, part in objects.items()},
             strip={_text(name): tuple(map(_strippable, part.get("strip") or ())) for name, part in parts.items()},
             sites=tuple(_site(_text(name), site) for name, site in (data["robot"].get("sites") or {}).items()),
+            poses={name: _pose(part.get("pose")) for name, part in objects.items() if part.get("fixed") is True},
             time_step_s=_positive(data["time_step_s"]),
             conservative=data["conservative"] is not False,
             view_rate_hz=_positive(data["log"]["view_rate_hz"]),
@@ -92,6 +99,13 @@ def _site(name: str, data: Any) -> AddedSite:
     if len(place) != 3 or not all(isinstance(x, int | float) and math.isfinite(x) for x in place):
         raise ValueError(f"sites: {place!r} is no place")
     return AddedSite(name, _text(data["body"]), (float(place[0]), float(place[1]), float(place[2])))
+
+
+def _pose(value: Any) -> Pose:
+    try:
+        return Pose.model_validate({} if value is None else value)
+    except ValidationError as error:
+        raise ValueError(f"pose: {error.errors()[0]['msg']}") from error
 
 
 def _text(value: Any) -> str:

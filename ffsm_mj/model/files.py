@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.packages import SCHEME, find_in_package
+from ffsm_mj.model.pose import Pose
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.walk import Shelf, collect
 
@@ -32,6 +33,7 @@ class ModelFiles:
         label: What stands before a name in messages: the folder with a slash, or the log.
         strip: What is taken out of the model when it is compiled; see :mod:`ffsm_mj.model.strip`.
         sites: What is put in then; see :mod:`ffsm_mj.model.sites`.
+        pose: Where it is fixed to the world; None: it floats.
     """
 
     main: str
@@ -39,6 +41,7 @@ class ModelFiles:
     label: str = ""
     strip: tuple[str, ...] = ()
     sites: tuple[AddedSite, ...] = ()
+    pose: Pose | None = None
 
     @property
     def place(self) -> str:

@@ -7,11 +7,13 @@ each warning to those who collect in its own thread; in all others everything st
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from threading import Lock, local
 
 import mujoco
+
+from ffsm_mj.model.files import ModelFiles
 
 
 class _Here(local):
@@ -69,3 +71,15 @@ def collected_warnings(messages: list[str]) -> Iterator[None]:
     finally:
         _HERE.collectors.pop()
         _HANDLER.leave()
+
+
+def told(warned: Mapping[str, Sequence[str]], files: Mapping[str, ModelFiles]) -> Iterator[str]:
+    """What MuJoCo warned of, each once on a line: of a model with its file, of the scene what no model has alone."""
+    known = set[str]()
+    for name, model in files.items():
+        for text in dict.fromkeys(" ".join(text.split()).replace(f"{name}/", "") for text in warned[name]):
+            known.add(text)
+            yield f"{model.place}: MuJoCo: {text}"
+    for text in dict.fromkeys(" ".join(text.split()) for text in warned[""]):
+        if not any(text.replace(f"{name}/", "") in known for name in files):
+            yield f"MuJoCo: {text}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import posixpath
 import re
+from collections.abc import Iterable
 from typing import Any
 
 import mujoco
@@ -37,7 +38,7 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
     if spec.strippath:
         _strip_folders(spec)
     if files.urdf:
-        _complete_urdf(spec)
+        _complete_urdf(spec, floats=files.pose is None)
     _name_all(spec)
     return spec
 
@@ -67,14 +68,14 @@ def _strip_folders(spec: Any) -> None:
             texture.cubefiles[i] = posixpath.basename(file)
 
 
-def _complete_urdf(spec: Any) -> None:
-    """Give a URDF what it has no words for: a floating root, a motor on each joint, a site on each link.
+def _complete_urdf(spec: Any, *, floats: bool) -> None:
+    """Give a URDF what it has no words for: a root that floats, a motor on each joint, a site on each link.
 
     The free joint is named ``base``, a motor ``<joint>_motor``, a site like its link.
     """
     spec.compiler.fusestatic = False  # a fixed tool frame stays a body, and so does the root
     root = spec.worldbody.first_body()
-    if root is not None and not root.joints:
+    if floats and root is not None and not root.joints:
         root.add_freejoint(name="base")
     for body in spec.bodies[1:]:
         body.add_site(name=body.name)
@@ -110,6 +111,29 @@ def _name_all(spec: Any) -> None:
         name(key, "key")
     for equality in spec.equalities:
         name(equality, f"{equality.name1 or 'equality'}_equality")
+
+
+def refuse_dangling(files: ModelFiles, vfs: Any) -> None:
+    """Refuse what refers to nothing: attaching drops such a motor, tendon or constraint without a word, compiling tells.
+
+    Raises:
+        InputError: The model does not compile alone.
+    """
+    try:
+        load_spec(files, vfs).compile(vfs=vfs)
+    except REFUSALS as error:
+        raise InputError(mujoco_line(files, error)) from error
+
+
+def own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:
+    """A complaint of the scene, which names no file, as the complaint of the model that has the same alone."""
+    models = tuple(models)
+    for files in models:
+        try:
+            load_spec(files, vfs).compile(vfs=vfs)
+        except REFUSALS as own:
+            return mujoco_line(files, own)
+    return f"{' and '.join(files.place for files in models)}: {' '.join(str(error).split())}"
 
 
 def mujoco_line(files: ModelFiles, error: Exception) -> str:

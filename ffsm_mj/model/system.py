@@ -7,8 +7,9 @@ Attached models get the prefixes ``robot/`` and ``<object>/``. Frames: world, un
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from threading import Lock
 from typing import Any, Literal
 from warnings import catch_warnings
@@ -20,11 +21,12 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model.conservative import authored_integrator, model_faults, spec_faults
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.model.fixed import Fixed, fixed_model, moving_parts, place, weightless
+from ffsm_mj.model.mujoco_warnings import collected_warnings, told
 from ffsm_mj.model.number_faults import number_faults
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.sites import add_sites
-from ffsm_mj.model.source import REFUSALS, load_spec, mujoco_line
+from ffsm_mj.model.source import REFUSALS, load_spec, own_words, refuse_dangling
 from ffsm_mj.model.strip import strip
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
@@ -86,6 +88,7 @@ class System:
         mj: The MuJoCo model (RK4, contacts disabled, autoreset off).
         robot: Tree of the FFSM.
         objects: Trees of the floating objects, in the order of the scenario.
+        fixed: Objects that are fixed to the world, in the order of the scenario.
         files: Files of each model by tree name.
         faults: What breaks conservation; empty for a conservative system.
         notes: What was taken out of models; what MJCF says and the simulation does not do (joint limits); what MuJoCo
@@ -95,6 +98,7 @@ class System:
     mj: Any
     robot: Tree
     objects: tuple[Tree, ...]
+    fixed: tuple[Fixed, ...]
     files: Mapping[str, ModelFiles]
     faults: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -104,6 +108,16 @@ class System:
     def trees(self) -> tuple[Tree, ...]:
         """The robot's tree, then those of the objects."""
         return (self.robot, *self.objects)
+
+    @property
+    def models(self) -> tuple[Tree | Fixed, ...]:
+        """What moves, then what is fixed."""
+        return (*self.trees, *self.fixed)
+
+    @cached_property
+    def fixed_bodies(self) -> frozenset[int]:
+        """Ids of all bodies of fixed objects."""
+        return frozenset(body for each in self.fixed for body in each.bodies)
 
     def copy(self) -> System:
         """The same scene with a MuJoCo model of its own."""
@@ -153,7 +167,7 @@ class System:
         return {name: tuple(qvel[joint.dofs].tolist()) for name, joint in self.joints.items()}
 
     def tree_of_body(self, body: int) -> Tree | None:
-        """Tree that a body belongs to, or None for the world."""
+        """Tree that a body belongs to, or None where it does not move."""
         return next((tree for tree in self.trees if body in tree.bodies), None)
 
 
@@ -164,12 +178,12 @@ def compile_system(
 
     Args:
         robot: MJCF or URDF of the robot: one tree whose root is the base.
-        objects: MJCF or URDF of each floating object by name; the name becomes its prefix.
+        objects: MJCF or URDF of each object by name; the name becomes its prefix. One with a pose is fixed there.
         time_step_s: Integration step in s.
         conservative: Refuse whatever breaks the conservation of energy or momentum.
 
     Raises:
-        InputError: A model is malformed, has no single moving tree, or is not conservative.
+        InputError: A model is malformed, has no single moving tree, moves though it is fixed, or is not conservative.
         ScenarioFaults: A site cannot be put where it is wanted.
     """
     files = {"robot": robot, **objects}
@@ -184,36 +198,27 @@ def compile_system(
                 spec = load_spec(model_files, vfs)
                 stripped += [f"taken out of {name}: {what}" for what in strip(spec, model_files.strip)]
                 add_sites(spec, model_files.sites)
-                _refuse_dangling(model_files, vfs)
+                refuse_dangling(model_files, vfs)
                 faults += spec_faults(spec, model_files)
                 _take_options(scene, spec, conservative=conservative)
-                scene.attach(spec, prefix=f"{name}/", frame=scene.worldbody.add_frame())
+                scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
+        if moving := list(moving_parts(scene, files)):
+            raise InputError(moving)
         model = _compile(scene, files, vfs)
     faults += model_faults(model, scene, files)
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
-    trees = [_tree(model, name, files[name].place) for name in files]
+    trees = [_tree(model, name, each.place) for name, each in files.items() if each.pose is None]
     return System(
         mj=model,
         robot=trees[0],
         objects=tuple(trees[1:]),
+        fixed=tuple(fixed_model(model, name) for name, each in files.items() if each.pose is not None),
         files=files,
         faults=tuple(faults),
-        notes=(*stripped, *(_notes(model) if conservative else ()), *_told(warned, files)),
+        notes=(*stripped, *(_notes(model) if conservative else ()), *told(warned, files)),
         joints={joint.name: joint for tree in trees for joint in tree.joints},
     )
-
-
-def _told(warned: Mapping[str, Sequence[str]], files: Mapping[str, ModelFiles]) -> Iterator[str]:
-    """What MuJoCo warned of, each once on a line: of a model with its file, of the scene what no model has alone."""
-    known = set[str]()
-    for name, model in files.items():
-        for text in dict.fromkeys(" ".join(text.split()).replace(f"{name}/", "") for text in warned[name]):
-            known.add(text)
-            yield f"{model.place}: MuJoCo: {text}"
-    for text in dict.fromkeys(" ".join(text.split()) for text in warned[""]):
-        if not any(text.replace(f"{name}/", "") in known for name in files):
-            yield f"MuJoCo: {text}"
 
 
 def _empty_scene(time_step_s: float) -> Any:
@@ -235,35 +240,13 @@ def _compile(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any:
     try:
         model = scene.compile(vfs=vfs)
     except REFUSALS as error:
-        raise InputError(_own_words(files.values(), vfs, error)) from error
+        raise InputError(own_words(files.values(), vfs, error)) from error
+    weightless(model, files)
     places = Places(scene, files)
     faults = [f"{places.of(kind, name)} {what}" for kind, name, what in number_faults(model)]
     if faults:
         raise InputError(faults)
     return model
-
-
-def _refuse_dangling(files: ModelFiles, vfs: Any) -> None:
-    """Refuse what refers to nothing: attaching drops such a motor, tendon or constraint without a word, compiling tells.
-
-    Raises:
-        InputError: The model does not compile alone.
-    """
-    try:
-        load_spec(files, vfs).compile(vfs=vfs)
-    except REFUSALS as error:
-        raise InputError(mujoco_line(files, error)) from error
-
-
-def _own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:
-    """A complaint of the scene, which names no file, as the complaint of the model that has the same alone."""
-    models = tuple(models)
-    for files in models:
-        try:
-            load_spec(files, vfs).compile(vfs=vfs)
-        except REFUSALS as own:
-            return mujoco_line(files, own)
-    return f"{' and '.join(files.place for files in models)}: {' '.join(str(error).split())}"
 
 
 def _take_options(scene: Any, spec: Any, *, conservative: bool) -> None:
@@ -323,6 +306,5 @@ def _joint(model: Any, j: int) -> Joint:
 
 
 def _notes(model: Any) -> tuple[str, ...]:
-    limited: Iterable[str] = (model.joint(j).name for j in range(model.njnt) if model.jnt_limited[j])
-    names = ", ".join(limited)
+    names = ", ".join(model.joint(j).name for j in range(model.njnt) if model.jnt_limited[j])
     return (f"joint limits are not enforced: {names}",) if names else ()

@@ -19,19 +19,21 @@ class Accounts:
     Attributes:
         work: Of the actuators, J, (..., 1).
         gained: Kinetic energy gained in impacts by (total, robot, objects), J, (..., 3).
-        external: Impulse (P, L about the origin) from outside on the robot, (..., 6).
-        contact: Impulse of contacts on the objects, (..., 6).
+        external: Impulse (P, L about the origin) of base actuators on the robot, (..., 6).
+        contact: Impulse of the robot on the objects, (..., 6).
+        fixed: Impulse of fixed bodies on the robot and on the objects, (..., 12).
     """
 
     work: FloatArray
     gained: FloatArray
     external: FloatArray
     contact: FloatArray
+    fixed: FloatArray
 
     @classmethod
     def of(cls, numbers: FloatArray) -> Accounts:
-        """Views of the numbers of all accounts, (..., 16)."""
-        return cls(*np.split(numbers, (1, 4, 10), axis=-1))
+        """Views of the numbers of all accounts, (..., 28)."""
+        return cls(*np.split(numbers, (1, 4, 10, 16), axis=-1))
 
     def take(self, other: Accounts) -> None:
         """Take over the numbers of other accounts."""
@@ -79,6 +81,8 @@ def _components(group: str, name: str, meaning: str) -> tuple[Signal, ...]:
 _BY_MATRIX = "momentum of the robot from the base rows of M qdot, paper (8)-(9); zero where the base joints are not free"
 _LEFT = "momentum - momentum(0) - impulses, {}; zero where the base joints are not free"
 
+_FIXED = "impulse of fixed bodies on the {}"
+
 _ENTRIES = {
     "energy": _Entry(_by_party("energy", "{}_J", "kinetic energy"), lambda b: b.energy),
     "momentum": _Entry(
@@ -94,6 +98,10 @@ _ENTRIES = {
         _components("ledger", "external", "impulse of base actuators on the robot"), lambda b: b.accounts.external
     ),
     "contact": _Entry(_components("ledger", "contact", "impulse of contacts on the objects"), lambda b: b.accounts.contact),
+    "fixed": _Entry(
+        tuple(s for party in PARTIES[1:] for s in _components("ledger", f"fixed_on_{party}", _FIXED.format(party))),
+        lambda b: b.accounts.fixed,
+    ),
     "energy_residual": _Entry(
         _by_party("ledger", "{}_energy_residual_J", "T - T(0) - work - impact energy"), lambda b: b.energy_residual
     ),
@@ -102,26 +110,37 @@ _ENTRIES = {
         lambda b: b.momentum_residual,
     ),
 }
-SIGNALS = tuple(signal for entry in _ENTRIES.values() for signal in entry.signals)
-_ENDS = tuple(accumulate(len(entry.signals) for entry in _ENTRIES.values()))
 
 
-def values(balance: Balance) -> FloatArray:
-    """Values of all signals, (n, number of signals)."""
-    parts = (entry.of(balance) for entry in _ENTRIES.values())
-    return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+class Statement:
+    """What the ledger of a scene says, in columns.
 
+    Attributes:
+        signals: The columns; those of fixed bodies are there where the scene has some.
+    """
 
-def balance(told: FloatArray) -> Balance:
-    """The balance of samples whose signals have these values, (n, number of signals)."""
-    parts = dict(zip(_ENTRIES, np.split(told, _ENDS[:-1], axis=1), strict=True))
-    accounts = Accounts(*(parts[account.name] for account in fields(Accounts)))
-    by_party = {name: parts[name].reshape(-1, 3, 6) for name in ("momentum", "momentum_residual")}
-    return Balance(
-        parts["energy"],
-        by_party["momentum"],
-        parts["by_mass_matrix"],
-        accounts,
-        parts["energy_residual"],
-        by_party["momentum_residual"],
-    )
+    def __init__(self, *, fixed: bool) -> None:
+        """Say whether the scene has fixed bodies."""
+        self._entries = {name: entry for name, entry in _ENTRIES.items() if fixed or name != "fixed"}
+        self.signals = tuple(signal for entry in self._entries.values() for signal in entry.signals)
+        self._ends = tuple(accumulate(len(entry.signals) for entry in self._entries.values()))
+
+    def values(self, balance: Balance) -> FloatArray:
+        """Values of all signals, (n, number of signals)."""
+        parts = (entry.of(balance) for entry in self._entries.values())
+        return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+
+    def balance(self, told: FloatArray) -> Balance:
+        """The balance of samples whose signals have these values, (n, number of signals)."""
+        parts = dict(zip(self._entries, np.split(told, self._ends[:-1], axis=1), strict=True))
+        parts.setdefault("fixed", np.zeros((len(told), 12)))
+        accounts = Accounts(*(parts[account.name] for account in fields(Accounts)))
+        by_party = {name: parts[name].reshape(-1, 3, 6) for name in ("momentum", "momentum_residual")}
+        return Balance(
+            parts["energy"],
+            by_party["momentum"],
+            parts["by_mass_matrix"],
+            accounts,
+            parts["energy_residual"],
+            by_party["momentum_residual"],
+        )

@@ -19,7 +19,7 @@ from ffsm_mj.books.thrusters import Thrusters, thrusters
 from ffsm_mj.compiled import fastest
 from ffsm_mj.model.dynamics import BaseMomentum, external_actuators, free_components
 from ffsm_mj.model.system import System
-from ffsm_mj.plant.balance import SIGNALS, Accounts, Balance, balance, values
+from ffsm_mj.plant.balance import Accounts, Balance, Statement
 from ffsm_mj.plant.notes import Notes
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import PARTIES
@@ -51,7 +51,8 @@ class Ledger:
         objects_free = np.all(object_free, axis=0) if object_free else np.ones(6, dtype=np.bool_)
         self.free = np.array([robot_free & objects_free, robot_free, objects_free], dtype=np.float64)
         self._base = BaseMomentum(system, system.robot)
-        self._numbers = np.zeros(16)
+        self._statement = Statement(fixed=bool(system.fixed))
+        self._numbers = np.zeros(28)
         self._accounts = Accounts.of(self._numbers)
         external = external_actuators(system)
         on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
@@ -67,8 +68,8 @@ class Ledger:
         self.momentum = momentum
         self._notes = Notes(system, data, notes, momentum, self._numbers)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
-        self.columns = (Columns(SIGNALS, table=self.table, note=lambda _: self.note(), resume=self.resume),)
-        self.resume(np.zeros(len(SIGNALS)))
+        self.columns = (Columns(self._statement.signals, table=self.table, note=lambda _: self.note(), resume=self.resume),)
+        self.resume(np.zeros(len(self._statement.signals)))
 
     def resume(self, told: FloatArray) -> None:
         """Go on at the state in ``data`` from what a row said there: accounts, and what they left unexplained.
@@ -76,7 +77,7 @@ class Ledger:
         Args:
             told: The ledger's columns of the row, zeros to begin, (number of signals,).
         """
-        before = balance(told[None])
+        before = self._statement.balance(told[None])
         self._accounts.take(before.accounts)
         self._energy_0, self._momentum_0 = np.zeros(3), np.zeros((3, 6))
         self.note()
@@ -90,7 +91,7 @@ class Ledger:
 
     def table(self) -> FloatArray:
         """Values of the columns at all notes since the last table, (n, number of signals); uses the notes up."""
-        return values(self._balance())
+        return self._statement.values(self._balance())
 
     def _balance(self) -> Balance:
         """Work out all notes, and use them up."""
@@ -100,11 +101,12 @@ class Ledger:
         energy = party_energies(h * notes.rates[used], robot.dofs)
         of_objects = sum((notes.momenta(tree.root, used) for tree in self._system.objects), np.zeros((used.stop, 6)))
         momentum = party_momenta(notes.momenta(robot.root, used), of_objects)
+        impulses = accounts.external, accounts.contact, accounts.fixed
         since_start = energy - self._energy_0, momentum - self._momentum_0
         left = [
             (
                 unexplained_energy(party, since_start[0][:, i], accounts.work[:, 0], accounts.gained[:, i]),
-                unexplained_momentum(party, since_start[1][:, i], accounts.external, accounts.contact, self.free[i]),
+                unexplained_momentum(party, since_start[1][:, i], *impulses, self.free[i]),
             )
             for i, party in enumerate(PARTIES)
         ]
@@ -126,12 +128,14 @@ class Ledger:
             for pushing in self._outside:
                 pushing.close(duration_s)
 
-    def book(self, energy_change: FloatArray, contact_impulse: FloatArray) -> None:
-        """Book what contacts did, at an event or over a (sub-)step.
+    def book(self, energy_change: FloatArray, contact: FloatArray, outside: FloatArray) -> None:
+        """Book what contacts did, at an event or over a (sub-)step; impulses are (force part, moment about the origin).
 
         Args:
             energy_change: Kinetic energy that they gave to (total, robot, objects), J.
-            contact_impulse: Their impulse on the objects (force part, moment about the origin), (6,).
+            contact: Impulse of the robot on the objects, (6,).
+            outside: Impulse of fixed bodies on the robot and on the objects, (2, 6).
         """
         self._accounts.gained[:] += energy_change
-        self._accounts.contact[:] += contact_impulse
+        self._accounts.contact[:] += contact
+        self._accounts.fixed[:] += outside.ravel()

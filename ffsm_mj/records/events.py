@@ -59,8 +59,8 @@ class ImpactRecord:
         step: Integration step in which it happened, from 0.
         pair: Name of the pair of geoms that touch.
         geoms: The two, a and b.
-        robot_geom: Geom a, where the robot touches an object; else empty.
-        object_geom: Geom b, where the robot touches an object; else empty.
+        robot_geom: Geom a, where the robot touches an object, floating or fixed; else empty.
+        object_geom: Geom b, where the robot touches an object, floating or fixed; else empty.
         point_m: Contact point, the midpoint of the witness points, in world axes.
         normal: Unit normal in world axes, from a to b.
         manifold: ``point``, ``edge`` or ``face``.
@@ -70,7 +70,8 @@ class ImpactRecord:
         approach_speed_m_s: Speed of approach along the normal before.
         separation_speed_m_s: Speed of separation along the normal after.
         impulse_N_s: Impulse on b, along the normal.
-        angular_impulse_N_m_s: Its moment about the centre of mass of the robot or object that b is of, in world axes.
+        angular_impulse_N_m_s: Its moment about the centre of mass of the robot or object that b is of, in world axes; where
+            that is fixed about the origin of its model's frame.
         gap_m: Distance of the geoms at the event; zero but for the root's tolerance.
         qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
         qvel_before: Generalised velocity before, by joint.
@@ -80,8 +81,8 @@ class ImpactRecord:
         momentum_before: P and L about the world origin before, six numbers, in N s and N m s, of the total.
         momentum_after: The same after.
         energy_change_J: Change of the total kinetic energy.
-        linear_momentum_change_N_s: Norm of the change of the total linear momentum.
-        angular_momentum_change_N_m_s: Norm of the change of the total angular momentum about the world origin.
+        linear_momentum_change_N_s: Norm of the change of the total linear momentum: rounding, or what fixed bodies gave.
+        angular_momentum_change_N_m_s: Norm of the change of the total angular momentum about the world origin; likewise.
         efforts_after: Effort by actuator from here on, as the controller decided at the impact; it sees none itself.
     """
 

@@ -38,7 +38,7 @@ class ImpactCheck:
         """Compare an impact at the state in ``data`` with its record, and book what the record says."""
         system, impact = self._scene.system, self._logged(event)
         energies = party_energies(system, self._scene.data, impact)
-        ledger.book(energies[1] - energies[0], self._impacts.impulse_on_objects(impact))
+        ledger.book(*self._impacts.booking(energies, impact))
         again = self._resolved(event)
         if len(again) != len(event.records):
             encounters.refuse(f"{event.name} contacts", event.time_s)

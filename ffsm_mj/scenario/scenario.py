@@ -5,11 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 from ffsm_controllers import kinds
-from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, SerializeAsAny, model_validator
+from pydantic import (
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    SerializeAsAny,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.impact.laws import LAWS
+from ffsm_mj.model.pose import Pose
 from ffsm_mj.model.strip import Strippable
 from ffsm_mj.plant.actuator_config import ActuatorConfig
 from ffsm_mj.scenario.element_names import element_name
@@ -60,7 +70,7 @@ class RobotConfig(StrictModel):
 
 
 class ObjectConfig(StrictModel):
-    """A floating object."""
+    """An object: floating, or fixed to the world."""
 
     mjcf: Name
     """MJCF or URDF file, relative to the scenario file that names it."""
@@ -70,6 +80,22 @@ class ObjectConfig(StrictModel):
     """Folders of the packages that a URDF names (``package://NAME/...``), after those above it; relative to the scenario."""
     strip: tuple[Strippable, ...] = ()
     """What is taken out of the model before it is compiled, the file untouched: what free motion would not conserve."""
+    fixed: bool = False
+    """It never moves: a wall, a docking port, a test rig. Its model has no joint; what it takes comes from outside."""
+    pose: Pose | None = None
+    """Where it is fixed: the pose of the model's world frame; left out: that of the scene's. Only with ``fixed: true``."""
+
+    @field_validator("pose")
+    @classmethod
+    def _only_where_fixed(cls, value: Pose | None, info: ValidationInfo) -> Pose | None:
+        if value is not None and info.data.get("fixed") is False:
+            raise ValueError("only with 'fixed: true'; a floating object starts where initial.joints says")
+        return value
+
+    @property
+    def fixed_at(self) -> Pose | None:
+        """Where it is fixed; None where it floats."""
+        return (self.pose or Pose()) if self.fixed else None
 
 
 class InitialConfig(StrictModel):
@@ -101,14 +127,14 @@ class TaskConfig(StrictModel):
 
 
 class ImpactPairConfig(StrictModel):
-    """Two geoms on different moving bodies whose contact is resolved: ``geoms``, or ``robot_geom`` and ``object_geom``."""
+    """Two geoms on bodies that move against each other, their contact resolved: ``geoms``, or robot_geom and object_geom."""
 
     model_config = ConfigDict(
         json_schema_extra={"oneOf": [{"required": ["geoms"]}, {"required": ["robot_geom", "object_geom"]}]}
     )
 
     geoms: Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)] | None = None
-    """Geoms a and b, of the robot, of objects or of one of them twice; the normal points from a to b."""
+    """Geoms a and b, of the robot, of objects or of one of them twice, one fixed at most; the normal points from a to b."""
     robot_geom: Name | None = None
     """Geom a where it is one of the robot and b one of an object; in place of ``geoms``."""
     object_geom: Name | None = None
@@ -222,7 +248,7 @@ class Scenario(StrictModel):
     """End the run right after the first impact."""
     robot: RobotConfig
     objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], ObjectConfig] = {}
-    """Floating objects by name; the name is the prefix of everything in the object's model."""
+    """Floating and fixed objects by name; the name is the prefix of everything in the object's model."""
     initial: InitialConfig = InitialConfig()
     actuators: dict[Name, ActuatorConfig] = {}
     """Limits of the robot's actuators by name; an actuator that is not named is ideal."""

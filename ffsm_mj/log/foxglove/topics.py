@@ -14,7 +14,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies, shapes_by_body
+from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies, shapes_by_body
 from ffsm_mj.log.foxglove.messages import TransformsCodec, timestamp
 from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.foxglove.scene import bodies_update, frame_id, marks_update, plumes_update
@@ -60,7 +60,7 @@ class ViewerTopics:
     def __init__(self, system: System, view_rate_hz: float) -> None:
         """Prepare for a model and a number of frames per simulated second."""
         self._system, self._view_rate_hz = system, view_rate_hz
-        bodies = moving_bodies(system)
+        bodies = posed_bodies(system)
         self._codec = TransformsCodec(bodies, [frame_id(system, body) for body in bodies])
         self._thrusters = _thrusters(system)
         self._drawn = shapes_by_body(system)

@@ -15,7 +15,7 @@ import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogWriteError
-from ffsm_mj.log.drawing import FramePicker, Frames, moving_bodies
+from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies
 from ffsm_mj.log.instants import SHOWN_S, Instants
 from ffsm_mj.log.rerun.blueprint import TIMELINE, blueprint
 from ffsm_mj.log.rerun.plots import ORANGE, SKY, VERMILION, YELLOW, plots, thrusters
@@ -133,7 +133,7 @@ class RerunSink:
         index = [rr.TimeColumn(TIMELINE, duration=frames.times)]
         if not self._framed:
             self._frame_scene(frames.positions[0])
-        for body in moving_bodies(self._system):
+        for body in posed_bodies(self._system):
             turned = np.roll(frames.quaternions[:, body], -1, axis=-1)  # xyzw
             poses = rr.Transform3D.columns(translation=frames.positions[:, body], quaternion=turned)
             self._send(body_path(self._system, body), index, poses)
@@ -159,7 +159,7 @@ class RerunSink:
             self._at(end_s, entity, rr.Clear.columns(is_recursive=[False]))
 
     def _frame_scene(self, positions: FloatArray) -> None:
-        bodies = positions[moving_bodies(self._system)]
+        bodies = positions[posed_bodies(self._system)]
         points = np.vstack((bodies, self._task.point_m[None])) if self._task is not None else bodies
         low, high = points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
         layout = blueprint(low, high, self._plots, self._colours, tip=self._task is not None, following=self._following)

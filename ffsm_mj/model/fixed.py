@@ -1,0 +1,81 @@
+"""Bodies that are fixed to the world: a wall, a docking port, a test rig. They are hit, and never move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.places import Places
+from ffsm_mj.model.pose import Pose
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """One model that is fixed to the world.
+
+    Attributes:
+        name: The object's key in the scenario.
+        root: Body id of its world frame, at its pose; what the file has in ``<worldbody>`` belongs to it.
+        bodies: Ids of all its bodies, the root first.
+    """
+
+    name: str
+    root: int
+    bodies: tuple[int, ...]
+
+
+def place(scene: Any, name: str, pose: Pose | None) -> Any:
+    """The frame of a scene's specification that a model is attached to: the world's, or a body at a pose.
+
+    Args:
+        scene: Specification of the scene.
+        name: What the model is called.
+        pose: Where it is fixed; None where it floats.
+    """
+    if pose is None:
+        return scene.worldbody.add_frame()
+    # No body of a file is called as its world, so the name is free.
+    return scene.worldbody.add_body(name=_world(name), pos=pose.position_m, quat=pose.quaternion).add_frame()
+
+
+def moving_parts(scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[str]:
+    """A fault for each joint of a fixed model, and for each actuator: it has nothing to drive.
+
+    Args:
+        scene: Specification with all models attached.
+        files: Files of each model by its prefix.
+    """
+    places = Places(scene, files)
+    for kind, elements, does in (("joint", scene.joints, "moves"), ("actuator", scene.actuators, "drives")):
+        for element in elements:
+            name = element.name.partition("/")[0]
+            if name in files and files[name].pose is not None:
+                yield f"{places.of(kind, element.name)} {does} what is fixed; remove it, or write 'fixed: false'"
+
+
+def weightless(model: Any, files: Mapping[str, ModelFiles]) -> None:
+    """Take the masses of fixed bodies out of a compiled model: nothing depends on them, and no sum shall."""
+    bodies = [body for name, each in files.items() if each.pose is not None for body in _bodies(model, name)]
+    if bodies:
+        for numbers in (model.body_mass, model.body_inertia, model.body_subtreemass):
+            numbers[bodies] = 0.0
+        model.body_subtreemass[0] = model.body_mass.sum()
+
+
+def fixed_model(model: Any, name: str) -> Fixed:
+    """One fixed model of a compiled scene."""
+    bodies = _bodies(model, name)
+    return Fixed(name, bodies[0], bodies)
+
+
+def _world(name: str) -> str:
+    return f"{name}/world"
+
+
+def _bodies(model: Any, name: str) -> tuple[int, ...]:
+    root = int(model.body(_world(name)).id)
+    return tuple(np.flatnonzero(model.body_rootid == root).tolist())
