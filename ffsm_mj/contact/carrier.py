@@ -1,0 +1,91 @@
+"""The body that a feature is fixed to: its pose and motion in plain numbers, faster than arrays of three."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+Vector = tuple[float, float, float]
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """Of two vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Of two vectors."""
+    ax, ay, az = a
+    bx, by, bz = b
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+def minus(a: Vector, b: Vector) -> Vector:
+    """Difference a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def shifted(a: Vector, length: float, direction: Vector) -> Vector:
+    """The point at a length along a direction from a point."""
+    return a[0] + length * direction[0], a[1] + length * direction[1], a[2] + length * direction[2]
+
+
+def scaled(factor: float, a: Vector) -> Vector:
+    """A vector times a number."""
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+def unit(a: Vector) -> Vector:
+    """Of length one."""
+    return scaled(1.0 / math.hypot(*a), a)
+
+
+class Motion(NamedTuple):
+    """A body at one state, in world axes.
+
+    Attributes:
+        origin: Position of its frame, in m.
+        axes: Its rotation matrix, row by row.
+        omega: Angular velocity in rad/s.
+        velocity: Of its origin, in m/s.
+    """
+
+    origin: Vector
+    axes: tuple[float, ...]
+    omega: Vector
+    velocity: Vector
+
+    def turned(self, local: Vector) -> Vector:
+        """A vector of the body in world axes."""
+        x, y, z = local
+        a, b, c, d, e, f, g, h, i = self.axes
+        return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+
+    def local(self, vector: Vector) -> Vector:
+        """A vector of the world in the body's axes."""
+        x, y, z = vector
+        a, b, c, d, e, f, g, h, i = self.axes
+        return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
+
+    def velocity_at(self, arm: Vector) -> Vector:
+        """Velocity of the material point at an arm from the origin, both in world axes."""
+        (p, q, r), (x, y, z), (u, v, w) = self.omega, arm, self.velocity
+        return u + q * z - r * y, v + r * x - p * z, w + p * y - q * x
+
+
+class Carrier:
+    """A body of a model by its id; one that does not move will do."""
+
+    def __init__(self, model: Any, body: int) -> None:
+        """Bind to a body."""
+        self._body, self._root = body, int(model.body_rootid[body])
+
+    def motion(self, data: Any) -> Motion:
+        """Its pose and motion in ``data``; cvel is (angular, linear) about the centre of mass of its tree."""
+        body = self._body
+        x, y, z = data.xpos[body].tolist()
+        p, q, r, u, v, w = data.cvel[body].tolist()
+        cx, cy, cz = data.subtree_com[self._root].tolist()
+        i, j, k = x - cx, y - cy, z - cz
+        velocity = (u + q * k - r * j, v + r * i - p * k, w + p * j - q * i)
+        return Motion((x, y, z), tuple(data.xmat[body].tolist()), (p, q, r), velocity)

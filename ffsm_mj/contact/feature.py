@@ -1,0 +1,146 @@
+"""The frozen features by which a pair of geoms touches.
+
+A contact that lasts holds one smooth gap function per feature, whatever trial states a step goes through; where the contact
+leaves a feature's bounds, they are found anew here. Which they are follows from what of both geoms lies against the other:
+the points, lines and faces that are extreme along the contact's normal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import mujoco
+
+from ffsm_mj.contact.carrier import Vector, cross, dot
+from ffsm_mj.contact.cores import Circle, Core, Line
+from ffsm_mj.contact.held import EDGE_M, Feature, Held, Pairing
+from ffsm_mj.contact.joining import join
+from ffsm_mj.contact.outline import Outline
+from ffsm_mj.contact.pairs import ContactPair, Proximity
+from ffsm_mj.contact.shape import PARALLEL
+
+__all__ = ["EDGE_M", "Feature", "Held", "features", "lasting_fault"]
+
+_TOUCH_M = 1e-9
+"""Features whose gap is larger than this, and than the pair's, do not touch."""
+_ROUND = {int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder", int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): "ellipsoid"}
+
+
+def lasting_fault(model: Any, geom_a: int, geom_b: int) -> str:
+    """Why the contact of two geoms (ids) cannot last; empty where it can."""
+    kinds = [_ROUND.get(int(model.geom_type[geom])) for geom in (geom_a, geom_b)]
+    if None in kinds:
+        return ""
+    return f"a {kinds[0]} on a {kinds[1]} cannot stay in contact: one of the two must be a sphere, capsule, box or mesh"
+
+
+def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple[Feature, ...]:
+    """Every feature by which a pair touches.
+
+    Args:
+        pair: Two geoms.
+        model: MuJoCo model.
+        data: Its data, positions and velocities current.
+        near: The pair's gap and normal there.
+
+    Returns:
+        Features with a gap of 1e-9 m at most, or of the pair's where that is larger, and inside their bounds by -EDGE_M / 2
+        at least. A face on a face has several; none where only vertices or edges meet vertices or parallel edges.
+    """
+    a = Outline(model, data, model.geom(pair.geom_a).id, near.normal)
+    b = Outline(model, data, model.geom(pair.geom_b).id, -near.normal)
+    search = _Search(a, b, data, near)
+    return tuple(search.on_faces() or search.between_lines() or search.on_lines() or search.of_tips())
+
+
+class _Search:
+    """Which cores of two outlines touch at one state."""
+
+    def __init__(self, a: Outline, b: Outline, data: Any, near: Proximity) -> None:
+        self._a, self._b, self._data, self._near = a, b, data, near
+        self._vague = a.vague + b.vague
+        x, y, z = near.normal.tolist()
+        self._normal: Vector = (x, y, z)
+
+    def on_faces(self) -> list[Pairing]:
+        """Corners on faces, and lines that cross over them: each once."""
+        a, b = self._a, self._b
+        face_a, face_b = a.face(), b.face()
+        if face_a is None and face_b is None:
+            return []
+        found = self._touching((core, face_b) for core in a.points() if face_b is not None)
+        found += self._touching((face_a, core) for core in b.points() if face_a is not None)
+        corners = [held.point for _, held in found]
+        crossings = self._touching((one, other) for one in a.lines(False) for other in list(b.lines(False)))
+        found += [
+            (feature, held)
+            for feature, held in crossings
+            if all(math.dist(held.point, corner) > 0.5 * EDGE_M for corner in corners)
+        ]
+        return [feature for feature, _ in found]
+
+    def between_lines(self) -> list[Pairing]:
+        """Lines that cross; of lines side by side the ends of what they share."""
+        found = []
+        for one in self._a.edges():
+            for other in self._b.edges():
+                if self._parallel(one, other):
+                    found += self._touching((one, end) for end in other.ends)
+                    found += self._touching((end, other) for end in one.ends)
+                else:
+                    found += self._touching([(one, other)])
+        return [feature for feature, _ in found]
+
+    def on_lines(self) -> list[Pairing]:
+        """The corner on a line that touches, if one does."""
+        found = self._touching((one, other) for one in self._a.tips() for other in self._b.lines())
+        found += self._touching((one, other) for one in self._a.lines() for other in self._b.tips())
+        return _most_inside(found)
+
+    def of_tips(self) -> list[Pairing]:
+        """The corner on a corner that touches, if one does."""
+        return _most_inside(self._touching((one, other) for one in self._a.tips() for other in self._b.tips()))
+
+    def _parallel(self, one: Line, other: Line) -> bool:
+        return math.hypot(*cross(self._a.direction(one), self._b.direction(other))) <= PARALLEL
+
+    def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[Pairing, Held]]:
+        """Those of some pairs of cores, of a and of b, that touch."""
+        found = []
+        for one, other in cores:
+            feature = join(one, other, self._sense(one, other))
+            if feature is None:
+                continue
+            held = feature.at(self._data)
+            if held.inside < -0.5 * EDGE_M or not self._closed(held.gap):
+                continue
+            levelled = self._levelled(one, other, held.gap)
+            found.append((levelled or feature, held))
+        return found
+
+    def _closed(self, gap: float) -> bool:
+        near = self._near
+        if self._vague > 0.0:
+            return abs(gap - near.gap) <= self._vague + _TOUCH_M
+        return abs(gap) <= max(_TOUCH_M, abs(near.gap) + near.rounding)
+
+    def _levelled(self, one: Core, other: Core, gap: float) -> Pairing | None:
+        """The same with the contact's own normal, where all features have to share one: else their forces would jam."""
+        if self._vague == 0.0 and not (self._a.flat and self._b.flat):
+            return None
+        feature = join(self._a.levelled(one), self._b.levelled(other), self._sense(one, other))
+        if feature is not None:
+            feature.absorb(feature.at(self._data).gap - (self._near.gap if self._vague > 0.0 else gap))
+        return feature
+
+    def _sense(self, one: Core, other: Core) -> float:
+        """Sign of the normal along the cross product of two directions; of others it does not matter."""
+        if not (isinstance(one, Line | Circle) and isinstance(other, Line | Circle)):
+            return 0.0
+        return math.copysign(1.0, dot(self._normal, cross(self._a.direction(one), self._b.direction(other))))
+
+
+def _most_inside(found: list[tuple[Pairing, Held]]) -> list[Pairing]:
+    return [max(found, key=lambda each: each[1].inside)[0]] if found else []

@@ -1,0 +1,163 @@
+"""Gap functions of points, lines, circles and planes: each frozen, with all of its second rate in closed form.
+
+With w the velocity of the second's material point against the first's, n the normal from the first to the second, n' its
+rate, omega the angular velocity of the body that a line or plane is fixed to and s the speed at which a contact point slides
+along a direction d of its body, gap' = n . w and
+
+    gap'' = n . (a_second - a_first) + n' . w + n . (omega_second x s_second d_second) - n . (omega_first x s_first d_first)
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from ffsm_mj.contact.carrier import Motion, Vector, cross, dot, minus, scaled, shifted, unit
+from ffsm_mj.contact.cores import Circle, Curve, Face, Line, Point
+from ffsm_mj.contact.held import Held, Pairing
+
+_TURNS, _SETTLED = 30, 1e-15
+"""Newton's steps for the angle on a circle, in rad."""
+
+
+class PointOnFace(Pairing):
+    """A point over a plane: both material points are at the point itself."""
+
+    def __init__(self, name: str, swapped: bool, face: Face, point: Point) -> None:
+        """Freeze them."""
+        super().__init__(name, swapped, face.radius, point.radius)
+        self._face, self._point = face, point
+        self._face_body, self._point_body = face.carrier, point.carrier
+
+    def at(self, data: Any) -> Held:
+        """The normal is fixed to the face's body: n' = omega x n."""
+        face, first, second = self._face, self._face_body.motion(data), self._point_body.motion(data)
+        arm = second.turned(self._point.centre)
+        point = shifted(second.origin, 1.0, arm)
+        first_arm = minus(point, first.origin)
+        local = first.local(first_arm)
+        normal = first.turned(face.normal)
+        w = minus(second.velocity_at(arm), first.velocity_at(first_arm))
+        turning = 2.0 * dot(cross(first.omega, normal), w)
+        gap = dot(face.normal, minus(local, face.centre))
+        return self._held(gap, dot(normal, w), normal, (point, point), (turning,), face.inside(local))
+
+
+class PointOnPoint(Pairing):
+    """Two points at a distance."""
+
+    def __init__(self, name: str, swapped: bool, first: Point, second: Point) -> None:
+        """Freeze them."""
+        super().__init__(name, swapped, first.radius, second.radius)
+        self._first, self._second = first, second
+
+    def at(self, data: Any) -> Held:
+        """The line between them turns with what of w is across it."""
+        first, second = self._first.carrier.motion(data), self._second.carrier.motion(data)
+        arm, other_arm = first.turned(self._first.centre), second.turned(self._second.centre)
+        here, there = shifted(first.origin, 1.0, arm), shifted(second.origin, 1.0, other_arm)
+        offset = minus(there, here)
+        distance = math.hypot(*offset)
+        normal = unit(offset)
+        w = minus(second.velocity_at(other_arm), first.velocity_at(arm))
+        rate = dot(normal, w)
+        across = shifted(w, -rate, normal)
+        inside = min(self._first.inside(first, offset), self._second.inside(second, minus(here, there)))
+        return self._held(distance, rate, normal, (here, there), (dot(across, across) / distance,), inside)
+
+
+class PointOnCurve(Pairing):
+    """A point at a distance from a line or circle, on which its foot slides."""
+
+    def __init__(self, name: str, swapped: bool, curve: Curve, point: Point) -> None:
+        """Freeze them."""
+        super().__init__(name, swapped, curve.radius, point.radius)
+        self._curve, self._point = curve, point
+
+    def at(self, data: Any) -> Held:
+        """From n . d = 0 and the foot's curvature: n' . d = s (n . outward) - n . (omega x d)."""
+        curve, first, second = self._curve, self._curve.carrier.motion(data), self._point.carrier.motion(data)
+        arm = second.turned(self._point.centre)
+        point = shifted(second.origin, 1.0, arm)
+        foot, tangent, outward = curve.foot(first, minus(point, first.origin))
+        here = shifted(first.origin, 1.0, foot)
+        offset = minus(point, here)
+        distance = math.hypot(*offset)
+        normal = unit(offset)
+        w = minus(second.velocity_at(arm), first.velocity_at(foot))
+        rate, along = dot(normal, w), dot(tangent, w)
+        across = shifted(shifted(w, -rate, normal), -along, tangent)
+        turn, curved = dot(normal, cross(first.omega, tangent)), dot(normal, outward)
+        stretch = 1.0 + distance * curved
+        slide = (along + distance * turn) / stretch
+        terms = (
+            dot(across, across) / distance,
+            along * along * curved / stretch,
+            -along * turn / stretch,
+            -slide * turn,
+        )
+        inside = min(curve.inside(first, foot, offset), self._point.inside(second, minus(here, point)))
+        return self._held(distance, rate, normal, (here, point), terms, inside)
+
+
+class LineOnCurve(Pairing):
+    """A line across another, or across a circle: the normal is square to both."""
+
+    def __init__(self, name: str, swapped: bool, curve: Curve, line: Line, sense: float) -> None:
+        """Freeze them; ``sense`` is the sign of the normal along (direction of the curve) x (direction of the line)."""
+        super().__init__(name, swapped, curve.radius, line.radius)
+        self._curve, self._line, self._sense = curve, line, sense
+        self._angle = 0.0
+
+    def at(self, data: Any) -> Held:
+        """Both n . d stay 0, which gives n'; the slides follow from the contact points staying opposite each other."""
+        curve, line = self._curve, self._line
+        first, second = curve.carrier.motion(data), line.carrier.motion(data)
+        d, middle = second.turned(line.direction), shifted(second.origin, 1.0, second.turned(line.centre))
+        if isinstance(curve, Circle):
+            arm, c, outward = self._meet(curve, first, minus(middle, first.origin), d)
+        else:
+            arm, c, outward = first.turned(curve.centre), first.turned(curve.direction), (0.0, 0.0, 0.0)
+        product = cross(c, d)
+        square, cosine = dot(product, product), dot(c, d)
+        normal = scaled(self._sense / math.sqrt(square), product)
+        offset = minus(middle, shifted(first.origin, 1.0, arm))
+        along_c, along_d = dot(offset, c), dot(offset, d)
+        sideways, length = (along_c - cosine * along_d) / square, (cosine * along_c - along_d) / square
+        foot = shifted(arm, sideways, c)
+        here, there = shifted(first.origin, 1.0, foot), shifted(middle, length, d)
+        gap = dot(normal, minus(there, here))
+        w = minus(second.velocity_at(minus(there, second.origin)), first.velocity_at(foot))
+        turn_c, turn_d = dot(normal, cross(first.omega, c)), dot(normal, cross(second.omega, d))
+        curved = dot(normal, outward)
+        drive_c, drive_d = dot(w, c) + gap * turn_c, dot(w, d) + gap * turn_d
+        slide_c = (drive_c - cosine * drive_d) / (square + gap * curved)
+        slide_d = cosine * slide_c - drive_d
+        bound_c = turn_c - slide_c * curved
+        terms = (
+            (cosine * turn_d - bound_c) * dot(w, c) / square,
+            (cosine * bound_c - turn_d) * dot(w, d) / square,
+            slide_d * turn_d,
+            -slide_c * turn_c,
+        )
+        inside = line.half - abs(length)
+        if isinstance(curve, Line):
+            inside = min(inside, curve.half - abs(sideways))
+        return self._held(gap, dot(normal, w), normal, (here, there), terms, inside)
+
+    def _meet(self, circle: Circle, motion: Motion, middle: Vector, d: Vector) -> tuple[Vector, Vector, Vector]:
+        """Where the circle's direction is square to its offset from the line: by Newton's method, from the last angle."""
+        axis, x, centre = motion.turned(circle.axis), motion.turned(circle.start), motion.turned(circle.centre)
+        y = cross(axis, x)
+        for _ in range(_TURNS):
+            cosine, sine = math.cos(self._angle), math.sin(self._angle)
+            outward = shifted(scaled(cosine, x), sine, y)
+            tangent = cross(axis, outward)
+            offset = minus(middle, shifted(centre, circle.size, outward))
+            offset = shifted(offset, -dot(offset, d), d)
+            slope = -circle.size * (1.0 - dot(d, tangent) ** 2) - dot(offset, outward)
+            step = dot(offset, tangent) / slope
+            self._angle -= step
+            if abs(step) < _SETTLED:
+                break
+        return shifted(centre, circle.size, outward), tangent, scaled(1.0 / circle.size, outward)
