@@ -8,7 +8,7 @@ the points, lines and faces that are extreme along the contact's normal.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import mujoco
@@ -73,7 +73,7 @@ class _Search:
         found = self._touching((core, face_b) for core in a.points() if face_b is not None)
         found += self._touching((face_a, core) for core in b.points() if face_a is not None)
         corners = [held.point for _, held in found]
-        crossings = self._touching((one, other) for one in a.lines(False) for other in list(b.lines(False)))
+        crossings = self._touching(self._crossing())
         found += [
             (feature, held)
             for feature, held in crossings
@@ -102,6 +102,11 @@ class _Search:
     def of_tips(self) -> list[Pairing]:
         """The corner on a corner that touches, if one does."""
         return _most_inside(self._touching((one, other) for one in self._a.tips() for other in self._b.tips()))
+
+    def _crossing(self) -> Iterator[tuple[Core, Core]]:
+        others = list(self._b.edges(bounded=False))
+        for one in self._a.edges(bounded=False):
+            yield from ((one, other) for other in others if not self._parallel(one, other))
 
     def _parallel(self, one: Line, other: Line) -> bool:
         return math.hypot(*cross(self._a.direction(one), self._b.direction(other))) <= PARALLEL
