@@ -30,7 +30,7 @@ def viewer_topics() -> dict[str, tuple[str, str]]:
     about = {
         viewer.TRANSFORMS_TOPIC: (
             "`log.view_rate_hz`, 50 Hz unless the scenario says otherwise",
-            "pose of every moving body in the frame `world`; frames are named as the bodies, `robot/base`",
+            "pose of every body in the frame `world`; frames are named as the bodies, `robot/base`",
         ),
         viewer.SCENE_TOPIC: (
             "once, with the first frame",

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from io import BytesIO
+
 import mujoco
 import numpy as np
 import pytest
+from PIL import Image
 
 from ffsm_mj.hull import hull
 from ffsm_mj.present import plots
+from ffsm_mj.present.animation import gif
+from ffsm_mj.present.plots.motion import view_box
 from ffsm_mj.present.plots.panels import envelope, running_maximum
 from ffsm_mj.present.plots.silhouette import Plane, Silhouette
 from ffsm_mj.present.plots.subject import Subject
-from tests.scenes import HEAD, scene, two_balls
+from tests.scenes import HEAD, ball, scene, two_balls
 
 
 @pytest.fixture(scope="module")
@@ -165,3 +170,31 @@ def test_the_case_study_is_drawn_from_the_log(baseline):
     assert subject.named("wheel") == ["robot/wheel"]
     assert not subject.base_actuated
     np.testing.assert_allclose(subject.roots["robot"][0], [5.0, -1.75, 0.0], atol=1e-12)
+
+
+def test_a_fixed_body_is_drawn_where_it_stands(tmp_path, ffsm_run):
+    """In every pose and picture, in the colour of nobody, and within the picture."""
+    wall = f'<mujoco>{HEAD}<worldbody><geom name="wall" type="box" size="0.1 1 1"/></worldbody></mujoco>'
+    path = scene(
+        tmp_path,
+        ball("ball", joints="xy"),
+        {"wall": wall},
+        fixed={"wall": {"position_m": [1.0, 0.5, 0.0]}},
+        initial={"rates": {"robot/x": 1.0, "robot/y": 0.3}},
+        duration_s=0.5,
+    )
+    run = ffsm_run(path)
+    subject = Subject(run)
+    plane = subject.planes[0]
+    assert plane.names == ("x", "y")
+    for qpos in (run.qpos[0], run.qpos[-1]):
+        (shape,) = (each for each in subject.silhouette.outlines(qpos, plane) if each.tree == "world")
+        np.testing.assert_allclose(shape.points.min(axis=0), (0.9, -0.5), atol=1e-12)
+        np.testing.assert_allclose(shape.points.max(axis=0), (1.1, 1.5), atol=1e-12)
+    left, right, bottom, top = view_box(subject, plane, [0])
+    assert left < -0.1 < 1.1 < right
+    assert bottom < -0.5 < 1.5 < top
+    film, _ = gif(run)
+    picture = np.array(Image.open(BytesIO(film)).convert("RGB"), dtype=int)
+    grey = (np.ptp(picture, axis=2) <= 2) & (picture[:, :, 0] > 150) & (picture[:, :, 0] < 225)
+    assert grey.mean() > 0.06  # the wall; without it 0.02, the grid

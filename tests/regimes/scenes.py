@@ -11,13 +11,13 @@ ARM = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoin
   mass="0"/></body></body></worldbody><actuator><motor name="elbow" joint="elbow"/></actuator></mujoco>"""
 
 
-def spring(folder, stiffness=100.0, step=1e-3, **changes):
-    """A ball of 2 kg runs onto one of 3 kg, off centre, and is pushed back by a spring."""
+def spring(folder, stiffness=100.0, step=1e-3, others=None, **changes):
+    """A ball of 2 kg runs onto one of 3 kg, off centre, and is pushed back by a spring; with other objects, if any."""
     folder.mkdir(exist_ok=True)
     return scene(
         folder,
         ball("ball", mass=2.0),
-        {"target": ball("target", mass=3.0)},
+        {"target": ball("target", mass=3.0), **(others or {})},
         **{
             "duration_s": 0.8,
             "time_step_s": step,

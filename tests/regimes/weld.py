@@ -17,6 +17,7 @@ from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Effect, Regime
 from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix, momentum_matrix
+from ffsm_mj.model.fixed import place
 from ffsm_mj.model.source import load_spec
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.columns import Columns
@@ -232,7 +233,7 @@ def _held_model(scene, pair, tree):
                 setattr(spec.option, option, getattr(system.mj.opt, option))
         thing = specs.pop(tree.name)
         for name, spec in specs.items():
-            whole.attach(spec, prefix=f"{name}/", frame=whole.worldbody.add_frame())
+            whole.attach(spec, prefix=f"{name}/", frame=place(whole, name, system.files[name].pose))
         body = thing.worldbody.first_body()
         for joint in body.joints:
             thing.delete(joint)

@@ -1,0 +1,191 @@
+"""Objects that are fixed to the world: how they are read, where they stand, and what of them is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import mujoco
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.errors import InputError
+from ffsm_mj.log.model import compile_log
+from tests.scenes import HEAD, ball, scene
+
+PORT = f"""<mujoco>{HEAD}
+<worldbody>
+  <geom name="plate" type="box" size="1 1 0.1"/>
+  <body name="post" pos="0 0 0.5">
+    <geom name="post" size="0.2" mass="7"/>
+    <body name="tip" pos="0 0 0.3" euler="0 90 0"><geom name="tip" type="box" size="0.01 0.02 0.03"/></body>
+  </body>
+</worldbody>
+</mujoco>"""
+
+
+def docking(folder, port=PORT, pose=None, **scenario):
+    return scene(
+        folder,
+        ball("ball"),
+        {"port": port},
+        fixed={"port": pose or {}},
+        **{"duration_s": 0.02, "initial": {"joints": {"robot/free": [0, 0, 9, 1, 0, 0, 0]}}, **scenario},
+    )
+
+
+def faults(path):
+    with pytest.raises(InputError) as caught:
+        prepare(path)
+    return list(caught.value.lines)
+
+
+def test_it_stands_where_its_pose_says(tmp_path):
+    """Every body of the file in the frame of its world, at the pose; the quaternion's length is made 1."""
+    turn = np.array((0.8, 0.0, 0.6, 0.0))
+    path = docking(tmp_path, pose={"position_m": [1.0, -2.0, 3.0], "quaternion": [*(turn * 1.0005)]})
+    system = prepare(path).system
+    (port,) = system.fixed
+    assert (port.name, port.root, system.objects) == ("port", port.bodies[0], ())
+    assert [system.mj.body(body).name for body in port.bodies] == ["port/world", "port/post", "port/tip"]
+    alone = mujoco.MjModel.from_xml_string(PORT)
+    there, here = mujoco.MjData(system.mj), mujoco.MjData(alone)
+    mujoco.mj_forward(system.mj, there)
+    mujoco.mj_forward(alone, here)
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, turn)
+    for name in ("plate", "post", "tip"):
+        at = there.geom(f"port/{name}")
+        np.testing.assert_allclose(at.xpos, rotation.reshape(3, 3) @ here.geom(name).xpos + (1.0, -2.0, 3.0), atol=1e-15)
+        turned = rotation.reshape(3, 3) @ here.geom(name).xmat.reshape(3, 3)
+        np.testing.assert_allclose(at.xmat.reshape(3, 3), turned, atol=1e-15)
+    # Nobody's sums have its mass in them.
+    assert system.mj.body_subtreemass[0] == system.mj.body_mass.sum() == 1.0
+
+
+def test_check_tells_what_is_fixed(tmp_path):
+    assert "  port: fixed, bodies 3" in prepare(docking(tmp_path)).describe()
+
+
+def test_it_runs_again_from_its_folder_and_its_log_alone(tmp_path):
+    path = docking(
+        tmp_path,
+        pose={"position_m": [0.3, 0.2, -0.7], "quaternion": [0.8004, 0.0, 0.6, 0.0]},
+        impact_pairs=[{"geoms": ["port/post", "ball"], "restitution": 0.5}],
+        initial={"joints": {"robot/free": [1.3, 0.2, -0.5, 1, 0, 0, 0]}, "rates": {"robot/free": [-1.0, 0, 0, 0, 0, 0]}},
+        duration_s=0.4,
+    )
+    run = ffsm_mj.run(path, out=tmp_path / "out")
+    assert len(run.impacts) == 1
+    (tmp_path / "port.xml").unlink()
+    again = ffsm_mj.run(tmp_path / "out" / "scenario.yaml")
+    np.testing.assert_array_equal(again.log.rows, run.log.rows)
+    logged = compile_log(ffsm_mj.load_run(tmp_path / "out").log)
+    for name in ("body_pos", "body_quat", "body_mass", "geom_pos"):
+        np.testing.assert_array_equal(
+            getattr(logged.mj, name), getattr(prepare(tmp_path / "out" / "scenario.yaml").system.mj, name)
+        )
+    assert [each.name for each in logged.fixed] == ["port"]
+
+
+def test_a_log_with_a_pose_that_is_none_is_refused(tmp_path):
+    run = ffsm_mj.run(docking(tmp_path, pose={"position_m": [0, 0, 1]}))
+    text = run.log.header.scenario_yaml
+    for wrong in ("[0.0, 0.0]", "[0.0, .nan, 0.0]", "nowhere"):
+        changed = text.replace("position_m: [0.0, 0.0, 1.0]", f"position_m: {wrong}")
+        assert changed != text
+        with pytest.raises(InputError, match="pose"):
+            compile_log(dataclasses.replace(run.log, header=dataclasses.replace(run.log.header, scenario_yaml=changed)))
+
+
+@pytest.mark.parametrize(
+    ("inside", "line"),
+    [
+        ('<joint name="hinge"/>', "port.xml:5: joint 'hinge' moves what is fixed; remove it, or write 'fixed: false'"),
+        ("<freejoint/>", "port.xml:5: joint 'post_joint' moves what is fixed; remove it, or write 'fixed: false'"),
+    ],
+)
+def test_a_joint_is_refused_with_file_and_line(tmp_path, inside, line):
+    port = PORT.replace('<geom name="post"', f'{inside}<geom name="post"')
+    assert faults(docking(tmp_path, port)) == [f"{tmp_path}/{line}"]
+
+
+def test_an_actuator_is_refused_with_file_and_line(tmp_path):
+    port = PORT.replace('<geom name="post"', '<site name="nozzle"/><geom name="post"').replace(
+        "</worldbody>", '</worldbody>\n<actuator><motor name="jet" site="nozzle" gear="1 0 0 0 0 0"/></actuator>'
+    )
+    assert faults(docking(tmp_path, port)) == [
+        f"{tmp_path}/port.xml:9: actuator 'jet' drives what is fixed; remove it, or write 'fixed: false'"
+    ]
+
+
+def test_a_urdf_is_fixed_as_it_is(tmp_path):
+    """Where it floats it is given a free joint; here nothing moves it."""
+    urdf = """<robot name="rig"><link name="rig"><collision><geometry><box size="1 1 1"/></geometry></collision></link>
+      <link name="arm"/><joint name="bolt" type="fixed"><parent link="rig"/><child link="arm"/></joint></robot>"""
+    path = docking(tmp_path)
+    (tmp_path / "rig.urdf").write_text(urdf)
+    system = prepare(path, {"objects.port.mjcf": "rig.urdf"}).system
+    assert [joint.name for joint in system.joints.values()] == ["robot/free"]
+    assert len(system.fixed[0].bodies) == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"fixed": False, "pose": {}}, "objects.port.pose: only with 'fixed: true'"),
+        (
+            {"pose": {"quaternion": [1, 0, 0, 0.2]}},
+            "pose.quaternion: the quaternion (w, x, y, z) must have length 1, it has 1.0198",
+        ),
+        ({"pose": {"quaternion": [0, 0, 0, 0]}}, "must have length 1, it has 0"),
+        ({"pose": {"position_m": [1, 2]}}, "objects.port.pose.position_m:"),
+        ({"pose": {"position_m": [1, 2, 1e12]}}, "objects.port.pose.position_m"),
+        ({"pose": {"position": [1, 2, 3]}}, "unknown key (did you mean 'position_m'?); allowed: position_m, quaternion"),
+        ({"fixed": "yes"}, "objects.port.fixed: should be a valid boolean"),
+    ],
+)
+def test_what_is_wrong_with_a_pose_is_told_with_its_place(tmp_path, changes, words):
+    path = docking(tmp_path)
+    data = json.loads(path.read_text())
+    data["objects"]["port"] = {"mjcf": "port.xml", "fixed": True} | changes
+    path.write_text(json.dumps(data, indent=1))
+    (line,) = faults(path)
+    assert line.startswith(f"{path}:")
+    assert words in line
+
+
+def test_pairs_need_one_side_that_moves(tmp_path):
+    system = prepare(docking(tmp_path)).system
+    with pytest.raises(LookupError, match="both fixed"):
+        ContactPair(system, "pair", "port/plate", "port/tip", 1.0)
+    pair = ContactPair(system, "pair", "port/plate", "ball", 1.0)
+    data = mujoco.MjData(system.mj)
+    data.qvel[:3] = (0.0, 0.0, -1.0)
+    mujoco.mj_forward(system.mj, data)
+    # 1 kg: |v| <= sqrt(2 T), and the ball turns about its centre, 0.1 m from its surface: I = 0.4 m r^2.
+    spin = 0.1 / np.sqrt(0.4 * 0.1**2)
+    assert pair.reach_per_root_energy(system.mj, data) == pytest.approx(1.0 + spin, rel=1e-12)
+    assert pair.closing_bound(data) == pytest.approx(1.1)
+
+
+def test_a_fixture_of_a_model_that_floats_is_no_side_of_a_pair(tmp_path):
+    """What stands in the world of another model's file is not said to be fixed: it is named, and what to do."""
+    rock = ball("rock").replace(
+        "<worldbody>", '<worldbody><body name="stand"><geom name="stand" size="0.1" pos="5 0 0"/></body>'
+    )
+    path = scene(tmp_path, ball("ball"), {"rock": rock}, impact_pairs=[{"geoms": ["ball", "rock/stand"]}])
+    (line,) = faults(path)
+    assert "geom 'rock/stand' is fixed to the world: let it be of an object with 'fixed: true'" in line
+
+
+def test_its_contacts_are_reported_or_ignored_by_its_name(tmp_path):
+    """Resting inside the plate at the start: told, unless its name is in ignored_pairs."""
+    inside = {"joints": {"robot/free": [0, 0, 0, 1, 0, 0, 0]}}
+    run = ffsm_mj.run(docking(tmp_path, initial=inside))
+    assert [record.geoms for record in run.unhandled_contacts] == [("port/plate", "robot/ball")]
+    ignored = [{"pair": ["robot", "port"], "reason": "they are one"}]
+    assert not ffsm_mj.run(docking(tmp_path, initial=inside, ignored_pairs=ignored)).unhandled_contacts
