@@ -19,6 +19,7 @@ COMMANDS = {
     "view": "open a run in the Rerun viewer",
     "reproduce": "run the paper's case study and write every printed number beside ours",
     "schema": "print the JSON Schema of scenario files",
+    "new": "write a scenario, and a model around a robot's file, to start from",
     "new-law": "write a package with a control law of your own to start from",
     "completion": "print the script by which a shell completes commands, options and scenarios",
 }
@@ -84,6 +85,7 @@ def parser() -> argparse.ArgumentParser:
     _describe_analyze(parsers["analyze"])
     _describe_export(parsers["export"])
     _describe_view(parsers["view"])
+    _describe_new(parsers["new"])
     law = parsers["new-law"]
     law.add_argument("name", help="its kind, and the name of its folder and module: lower-case letters, digits, underscores")
     law.add_argument("--out", metavar="DIR", default=".", help="folder to make it in (default: here)")
@@ -144,6 +146,29 @@ def _describe_export(export: argparse.ArgumentParser) -> None:
         "--speed", type=_positive, metavar="X", help="times real time (default: so that it lasts 12 s at most)"
     )
     export.add_argument("--out", metavar="FILE", help="where to write (default: beside the log)")
+
+
+def _describe_new(new: argparse.ArgumentParser) -> None:
+    new.add_argument("name", metavar="scenario", help="its name, and that of its files: letters, digits, '.', '_' and '-'")
+    new.add_argument("--robot", metavar="FILE", required=True, help="MJCF or URDF of an arm, or of a robot that floats")
+    new.add_argument(
+        "--base-mass",
+        type=_positive,
+        metavar="KG",
+        help="mass of the base that an arm is put on (default: five times its own)",
+    )
+    new.add_argument(
+        "--root", metavar="BODY", default="", help="body that the robot hangs on, where the file has several trees"
+    )
+    new.add_argument("--tip", metavar="NAME", default="", help="site or body at the arm's end (default: found)")
+    new.add_argument(
+        "--package-path",
+        metavar="DIR",
+        action="append",
+        default=[],
+        help="folder of the packages of a URDF's package://NAME/..., after those above it; may be repeated",
+    )
+    new.add_argument("--out", metavar="DIR", default=".", help="folder to write to (default: here)")
 
 
 def _describe_view(view: argparse.ArgumentParser) -> None:

@@ -238,6 +238,28 @@ def _schema(_: argparse.Namespace, output: Output) -> int:
     return OK
 
 
+def _new(options: argparse.Namespace, output: Output) -> int:
+    from ffsm_mj.starters.robot import Asked, write_scenario
+
+    packages = tuple(map(Path, options.package_path))
+    with progress() as shown:
+        shown.stage(f"compile {options.robot}")
+        lines = write_scenario(
+            Asked(
+                name=options.name,
+                robot=Path(options.robot),
+                out=Path(options.out),
+                base_mass=options.base_mass,
+                root=options.root,
+                tip=options.tip,
+                packages=packages,
+            )
+        )
+    for line in lines:
+        output.say(line)
+    return OK
+
+
 def _new_law(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.scenario.loading import controller_kinds
     from ffsm_mj.starters.law import write_law
@@ -265,6 +287,7 @@ _COMMANDS: dict[str | None, Callable[[argparse.Namespace, Output], int]] = {
     "view": _view,
     "reproduce": _reproduce,
     "schema": _schema,
+    "new": _new,
     "new-law": _new_law,
     "completion": _completion,
 }

@@ -15,6 +15,9 @@ import mujoco
 
 from ffsm_mj.model.files import ModelFiles
 
+_IDLE = ("Attaching a spec with an empty prefix", "Child model has pending keyframes")
+"""How warnings begin of what is never done here: a model is not saved, and nothing begins at a keyframe."""
+
 
 class _Here(local):
     """Who collects in this thread, the latest last."""
@@ -79,7 +82,8 @@ def told(warned: Mapping[str, Sequence[str]], files: Mapping[str, ModelFiles]) -
     for name, model in files.items():
         for text in dict.fromkeys(" ".join(text.split()).replace(f"{name}/", "") for text in warned[name]):
             known.add(text)
-            yield f"{model.place}: MuJoCo: {text}"
+            if not text.startswith(_IDLE):
+                yield f"{model.place}: MuJoCo: {text}"
     for text in dict.fromkeys(" ".join(text.split()) for text in warned[""]):
-        if not any(text.replace(f"{name}/", "") in known for name in files):
+        if not text.startswith(_IDLE) and not any(text.replace(f"{name}/", "") in known for name in files):
             yield f"MuJoCo: {text}"

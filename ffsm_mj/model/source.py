@@ -29,10 +29,7 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
     Raises:
         InputError: MuJoCo cannot parse it.
     """
-    try:
-        spec = mujoco.MjSpec.from_file(_mounted(files, vfs), vfs=vfs)
-    except REFUSALS as error:
-        raise InputError(mujoco_line(files, error)) from error
+    spec = parse_spec(files, vfs)
     for mesh in spec.meshes:  # with it, MuJoCo looks for the last part of the name alone
         mesh.file = mesh.file.removeprefix(SCHEME)
     if spec.strippath:
@@ -41,6 +38,18 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
         _complete_urdf(spec, floats=files.pose is None)
     _name_all(spec)
     return spec
+
+
+def parse_spec(files: ModelFiles, vfs: Any) -> Any:
+    """Parse an MJCF or URDF, and add nothing to it; see :func:`load_spec`.
+
+    Raises:
+        InputError: MuJoCo cannot parse it.
+    """
+    try:
+        return mujoco.MjSpec.from_file(_mounted(files, vfs), vfs=vfs)
+    except REFUSALS as error:
+        raise InputError(mujoco_line(files, error)) from error
 
 
 def _mounted(files: ModelFiles, vfs: Any) -> str:

@@ -17,9 +17,10 @@ FILES = dict(re.findall(r"`([\w.]+)`[^`\n]*:\n\n```(?:xml|yaml)\n(.*?)```", PAGE
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    assert set(FILES) == {"crab.xml", "rock.xml", "crab.yaml", "otto.urdf", "otto.yaml"}
+    assert set(FILES) == {"crab.xml", "rock.xml", "crab.yaml", "otto.urdf", "otto.yaml", "lab.xml"}
     for name, text in FILES.items():
-        (tmp_path / name).write_text(text)
+        if name != "lab.xml":  # which a command of the page writes
+            (tmp_path / name).write_text(text)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -79,3 +80,18 @@ def test_what_a_urdf_tells_another_simulator_is_no_plugin_of_mujoco(folder, arou
     assert prepared.system.mj.nplugin == 0
     (folder / "otto.urdf").write_text(FILES["otto.urdf"])
     assert ffsm_mj.prepare("otto.yaml").system.mj.nbody == prepared.system.mj.nbody
+
+
+def test_the_recipe_for_a_published_arm(folder, capsys):
+    """The page's commands, in their order; what it shows of their files is what they write."""
+    commands = re.search(r"```\n(ffsm new .*?)```", PAGE, flags=re.DOTALL)[1].splitlines()
+    assert [line.split()[:2] for line in commands] == [["ffsm", "new"], ["ffsm", "check"], ["ffsm", "run"]]
+    for line in commands:
+        assert main(line.split()[1:]) == 0
+    capsys.readouterr()
+    assert (folder / "lab.xml").read_text() == FILES["lab.xml"]
+    (shown,) = re.findall(r"```yaml\n(  sites: .*?)```", PAGE, flags=re.DOTALL)
+    assert shown in (folder / "lab.yaml").read_text()
+    run = ffsm_mj.load_run("logs/latest")
+    assert [record.geoms[1] for record in run.impacts] == ["ball/ball"]
+    assert all(law.holds for law in run.laws())

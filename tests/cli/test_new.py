@@ -1,0 +1,252 @@
+"""A scenario around a robot's file: what is written runs as it stands, and nothing is written over or left behind."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.cli.main import main
+from tests.model.test_model_files import TETRA
+from tests.scenes import ARM
+
+SERVO_ARM = """<mujoco model="vendor"><compiler angle="radian"/><option integrator="implicitfast"/>
+  <default><joint damping="1" frictionloss="0.1"/></default>
+  <worldbody><light pos="0 0 3"/><geom name="floor" type="plane" size="1 1 1"/>
+    <body name="pedestal"><geom type="cylinder" size="0.1 0.1" mass="4"/>
+      <body name="upper" pos="0 0 0.15"><joint name="lift" axis="0 1 0" range="-1 1"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.4" size="0.04" mass="2"/>
+        <body name="fore" pos="0 0 0.4"><joint name="bend" axis="0 1 0" range="0.5 2.5"/>
+          <geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.03" mass="1"/>
+          <body name="left" pos="0.03 0 0.35"><geom size="0.02" mass="0.05"/><joint name="left" type="slide"/></body>
+          <body name="right" pos="-0.03 0 0.35"><geom size="0.02" mass="0.05"/><joint name="right" type="slide"/></body>
+        </body></body></body></worldbody>
+  <equality><joint joint1="left" joint2="right" polycoef="0 -1 0 0 0"/></equality>
+  <actuator><general name="lift" joint="lift" biastype="affine" gainprm="90" biasprm="0 -90 -9" forcerange="-50 50"/>
+    <position name="bend" joint="bend" kp="40" ctrlrange="0.5 2.5"/><motor name="left" joint="left"/></actuator>
+  <keyframe><key name="home" qpos="0.4 1.2 0 0" ctrl="0.4 1.2 0"/></keyframe></mujoco>"""
+"""What a published arm's MJCF is like: servos, damping, a coupled gripper, a keyframe, a floor of its own."""
+
+URDF = """<robot name="vendor">
+  <link name="foot"><inertial><mass value="3"/><inertia ixx=".02" ixy="0" ixz="0" iyy=".02" iyz="0" izz=".02"/></inertial>
+    <collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision></link>
+  <joint name="swing" type="revolute"><parent link="foot"/><child link="boom"/><origin xyz="0 0 0.1"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="20" velocity="1"/><dynamics damping="0.5"/></joint>
+  <link name="boom"><inertial><origin xyz="0 0 0.2"/><mass value="1"/>
+      <inertia ixx=".02" ixy="0" ixz="0" iyy=".02" iyz="0" izz=".001"/></inertial>
+    <collision><origin xyz="0 0 0.2"/><geometry>{shape}</geometry></collision></link>
+  <joint name="flange" type="fixed"><parent link="boom"/><child link="tool0"/><origin xyz="0 0 0.45"/></joint>
+  <link name="tool0"/></robot>"""
+ROD = '<cylinder radius="0.03" length="0.4"/>'
+TWO = ARM.replace("</worldbody>", "<body name='other'><joint/><geom size='1'/></body></worldbody>")
+
+
+@pytest.fixture
+def vendor(tmp_path, monkeypatch):
+    """Writes a robot's file, in a folder beside the one that the commands are given in; returns its path from there."""
+    (tmp_path / "vendor").mkdir()
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+
+    def written(name, text):
+        (tmp_path / "vendor" / name).write_text(text)
+        return f"../vendor/{name}"
+
+    return written
+
+
+def refused(capfd, *arguments):
+    """The one line that a command is refused with."""
+    assert main(["new", *arguments]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    return line
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "stripped"),
+    [
+        ("servos.xml", SERVO_ARM, ["damping", "frictionloss", "equalities", "servos"]),
+        ("rod.urdf", URDF.format(shape=ROD), ["damping"]),
+        ("floating.xml", ARM, []),
+    ],
+)
+def test_what_is_written_runs_as_it_stands(vendor, name, text, stripped, capfd):
+    """Check, run and analyze are content, and the ball is where it was said to be a second after the start.
+
+    Its place is written to 1e-6 m and found to 1e-6 m, its speed is 0.05 m/s or more: 1e-4 s is enough.
+    """
+    path = vendor(name, text)
+    assert main(["new", "my", "--robot", path]) == 0
+    said = capfd.readouterr().out
+    assert "files in .: my.yaml, my.xml, my_ball.xml" in said
+    assert f"taken out of the robot: {', '.join(stripped) or 'nothing'}\n" in said
+    assert main(["check", "my.yaml"]) == 0
+    told = capfd.readouterr().out
+    assert "conservative: nothing in the models breaks it" in told
+    assert "unstable" not in told
+    assert main(["run", "my.yaml", "--no-rerun", "--out", "out"]) == 0
+    assert main(["analyze", "out"]) == 0
+    run = ffsm_mj.load_run("out")
+    assert run.impacts[0].time_s == pytest.approx(1.0, abs=1e-4)
+    assert run.unhandled_contacts == ()
+    assert run.tip_error()[0] < 1e-3  # the tip begins at its target, which is written to 1e-4 m
+    assert ffsm_mj.prepare("my.yaml").scenario.robot.strip == tuple(stripped)
+    assert Path(path).read_text() == text
+    shutil.rmtree("../vendor")
+    assert np.array_equal(ffsm_mj.run("out").log.rows, run.log.rows)  # the run folder needs the vendor's file no more
+
+
+def test_an_arm_gets_a_base_motors_and_a_tip(vendor):
+    """A cube of the mass that is asked for, with the inertia of a cube; motors with the limits that the file states."""
+    vendor("servos.xml", SERVO_ARM)
+    assert main(["new", "my", "--robot", "../vendor/servos.xml", "--base-mass", "120"]) == 0
+    system = ffsm_mj.prepare("my.yaml").system
+    model, bus = system.mj, system.mj.body("robot/bus")
+    edge = 2.0 * model.geom("robot/bus_hull").size[0]
+    assert bus.mass[0] == 120.0
+    np.testing.assert_allclose(bus.inertia, 120.0 * edge**2 / 6.0, rtol=5e-4)  # written to four digits
+    assert system.robot.root == bus.id
+    assert model.body("robot/pedestal").parentid[0] == bus.id
+    assert not [name for name in system.names("geom") if "floor" in name]
+    assert set(system.names("actuator")) == {f"robot/{name}" for name in ("lift_motor", "bend_motor", "left", "right_motor")}
+    np.testing.assert_array_equal(model.actuator("robot/lift_motor").ctrlrange, [-50.0, 50.0])
+    assert not model.actuator("robot/bend_motor").ctrllimited[0]
+    scenario = ffsm_mj.prepare("my.yaml").scenario
+    assert scenario.initial.joints["lift"] == 0.4  # of the keyframe
+    site = model.site("robot/tip")
+    assert model.body(site.bodyid[0]).name == "robot/fore"  # the hand, not one of its two fingers
+    np.testing.assert_allclose(site.pos, [0.0, 0.0, 0.33], atol=1e-4)  # where the capsule ends: 0.3 and its radius
+
+
+def test_the_effort_that_a_urdf_states_limits_its_motor(vendor):
+    vendor("rod.urdf", URDF.format(shape=ROD))
+    assert main(["new", "my", "--robot", "../vendor/rod.urdf"]) == 0
+    model = ffsm_mj.prepare("my.yaml").system.mj
+    np.testing.assert_array_equal(model.actuator("robot/swing_motor").ctrlrange, [-20.0, 20.0])
+    assert model.body(model.site("robot/tip").bodyid[0]).name == "robot/tool0"
+    assert model.body("robot/foot").mass[0] == 3.0  # the root link keeps its mass
+
+
+def test_a_robot_that_floats_gets_no_base(vendor, capfd):
+    vendor("floating.xml", ARM)
+    assert main(["new", "my", "--robot", "../vendor/floating.xml"]) == 0
+    assert "base: none is added, the robot floats already\n" in capfd.readouterr().out
+    system = ffsm_mj.prepare("my.yaml").system
+    assert system.mj.body(system.robot.root).name == "robot/base"
+    assert [joint.kind for joint in system.robot.joints] == ["free", "hinge", "hinge"]
+    line = refused(capfd, "it", "--robot", "../vendor/floating.xml", "--base-mass", "5")
+    assert line == "new: --base-mass: ../vendor/floating.xml floats already, no base is added; leave it out"
+
+
+@pytest.mark.parametrize(("tip", "body"), [("centre", "robot/lower"), ("upper", "robot/upper")])
+def test_the_tip_may_be_named(vendor, tip, body):
+    """A site of the file, or a body; and the ball comes to it."""
+    vendor("arm.xml", ARM.replace('<geom name="tip"', '<site name="centre" pos="0.2 0 0"/><geom name="tip"'))
+    assert main(["new", "my", "--robot", "../vendor/arm.xml", "--tip", tip]) == 0
+    prepared = ffsm_mj.prepare("my.yaml")
+    model = prepared.system.mj
+    assert model.body(model.site(prepared.assemble().task.tip_site).bodyid[0]).name == body
+    assert prepared.run().impacts
+
+
+def test_meshes_of_packages_are_found(vendor, tmp_path, capfd):
+    """Named by --package-path where they do not lie above the model; the scenario says so too."""
+    path = vendor("mesh.urdf", URDF.format(shape='<mesh filename="package://rods/rod.obj" scale="0.3 0.3 0.3"/>'))
+    assert "no folder 'rods' above the model or in 'package_paths'" in refused(capfd, "my", "--robot", path)
+    (tmp_path / "shelf" / "rods").mkdir(parents=True)
+    (tmp_path / "shelf" / "rods" / "rod.obj").write_text(TETRA.format(x=1))
+    assert main(["new", "my", "--robot", path, "--package-path", "../shelf"]) == 0
+    run = ffsm_mj.run("my.yaml")
+    assert run.impacts
+    assert all(law.holds for law in run.laws())
+
+
+@pytest.mark.parametrize("there", ["my.yaml", "my.xml", "my_ball.xml"])
+def test_nothing_is_written_over(vendor, there, tmp_path, capfd):
+    vendor("floating.xml", ARM)
+    (tmp_path / "work" / there).write_text("mine")
+    line = refused(capfd, "my.yaml", "--robot", "../vendor/floating.xml")
+    assert line == f"new: {there} exists; nothing is written over it"
+    assert [path.name for path in (tmp_path / "work").iterdir()] == [there]
+    assert (tmp_path / "work" / there).read_text() == "mine"
+
+
+GRAVCOMP = SERVO_ARM.replace('<body name="fore"', '<body name="fore" gravcomp="1"')
+STATUE = "<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>"
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "said"),
+    [
+        (None, [], "../vendor/robot.xml: no such model file"),
+        (STATUE, [], "../vendor/robot.xml: a robot is a tree of moving bodies; no joint was found"),
+        (TWO, [], "a robot is one tree of moving bodies; found 2 (base, other): name the robot's with --root"),
+        (TWO, ["--root", "othr"], "new: --root: unknown root of a tree 'othr' (did you mean 'other'?); allowed: "),
+        (SERVO_ARM, ["--tip", "hand"], "new: --tip: unknown site or body 'hand'; allowed: bus, fore, left, pe"),
+        (SERVO_ARM.replace("<body name=", "<bdy name=", 1), [], "malformed XML"),
+        (GRAVCOMP, [], "body 'fore' has gravcomp"),
+        (SERVO_ARM, ["--base-mass", "-2"], "ffsm new: argument --base-mass: -2 is not a positive number"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_told_in_a_line(vendor, tmp_path, text, options, said, capfd):
+    """And nothing is left of it."""
+    if text is not None:
+        vendor("robot.xml", text)
+    assert said in refused(capfd, "my", "--robot", "../vendor/robot.xml", *options)
+    assert not any((tmp_path / "work").iterdir())
+
+
+@pytest.mark.parametrize("name", ["a/b", "", ".hidden", "my arm", "../my"])
+def test_names_that_cannot_be(vendor, name, capfd):
+    vendor("floating.xml", ARM)
+    assert "is no name of a scenario" in refused(capfd, name, "--robot", "../vendor/floating.xml")
+
+
+def test_a_tree_of_several_may_be_chosen(vendor):
+    """The other one stays behind."""
+    vendor("two.xml", TWO)
+    assert main(["new", "my", "--robot", "../vendor/two.xml", "--root", "base"]) == 0
+    names = ffsm_mj.prepare("my.yaml").system.names("body")
+    assert "robot/lower" in names
+    assert "robot/other" not in names
+
+
+def test_names_that_the_file_has_are_left_to_it(vendor):
+    """A base, a tip and motors beside a body "bus", a site "tip" and an actuator "lift_motor" of the vendor's."""
+    text = SERVO_ARM.replace('name="pedestal"', 'name="bus"').replace('<motor name="left"', '<motor name="lift_motor"')
+    vendor("arm.xml", text.replace('<body name="upper"', '<site name="tip"/><body name="upper"'))
+    assert main(["new", "my", "--robot", "../vendor/arm.xml"]) == 0
+    prepared = ffsm_mj.prepare("my.yaml")
+    assert {"robot/bus", "robot/bus_2"} <= set(prepared.system.names("body"))
+    assert {"robot/lift_motor", "robot/lift_motor_2"} <= set(prepared.system.names("actuator"))
+    assert prepared.scenario.task.tip == "new_tip"
+
+
+def test_what_mujoco_warns_of_saving_is_not_told(vendor):
+    """Names stay the vendor's, which MuJoCo warns of for models that are saved; a conflict of options it does tell."""
+    vendor("servos.xml", SERVO_ARM)
+    assert main(["new", "my", "--robot", "../vendor/servos.xml"]) == 0
+    told = [note for note in ffsm_mj.prepare("my.yaml").system.notes if "MuJoCo" in note]
+    assert len(told) == 1
+    assert "Attach conflict" in told[0]
+
+
+def test_the_ball_flies_back(vendor):
+    """It is light against what it meets, so that it does not come again and again."""
+    vendor("rod.urdf", URDF.format(shape=ROD))
+    assert main(["new", "my", "--robot", "../vendor/rod.urdf"]) == 0
+    run = ffsm_mj.run("my.yaml")
+    before, after = (np.array(each["ball/free"][:3]) for each in (run.impacts[0].qvel_before, run.impacts[0].qvel_after))
+    assert before @ after < 0.0
+    assert len(run.impacts) == 1
+
+
+def test_another_folder_may_be_written_to(vendor, capfd):
+    """Paths in the files are relative to it."""
+    path = vendor("servos.xml", SERVO_ARM)
+    assert main(["new", "my", "--robot", path, "--out", "deep/er"]) == 0
+    assert "use it: ffsm check deep/er/my.yaml && ffsm run deep/er/my.yaml\n" in capfd.readouterr().out
+    assert ffsm_mj.prepare("deep/er/my.yaml").scenario.robot.asset_folders == ("../../../vendor",)
