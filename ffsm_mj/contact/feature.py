@@ -13,19 +13,24 @@ from typing import Any
 
 import mujoco
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.carrier import Vector, cross, dot
-from ffsm_mj.contact.cores import Circle, Core, Line
+from ffsm_mj.contact.cores import Circle, Core, Curve, Line
+from ffsm_mj.contact.flat_outline import FlatOutline
 from ffsm_mj.contact.held import EDGE_M, Feature, Held, Pairing
 from ffsm_mj.contact.joining import join
 from ffsm_mj.contact.outline import Outline
 from ffsm_mj.contact.pairs import ContactPair, Proximity
+from ffsm_mj.contact.round_outline import CylinderOutline, EllipsoidOutline
 from ffsm_mj.contact.shape import PARALLEL
 
 __all__ = ["EDGE_M", "Feature", "Held", "features", "lasting_fault"]
 
 _TOUCH_M = 1e-9
 """Features whose gap is larger than this, and than the pair's, do not touch."""
-_ROUND = {int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder", int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): "ellipsoid"}
+_CYLINDER, _ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
+_ROUND = {_CYLINDER: "cylinder", _ELLIPSOID: "ellipsoid"}
+_OUTLINES: dict[int, type[Outline]] = {_CYLINDER: CylinderOutline, _ELLIPSOID: EllipsoidOutline}
 
 
 def lasting_fault(model: Any, geom_a: int, geom_b: int) -> str:
@@ -49,10 +54,15 @@ def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple
         Features with a gap of 1e-9 m at most, or of the pair's where that is larger, and inside their bounds by -EDGE_M / 2
         at least. A face on a face has several; none where only vertices or edges meet vertices or parallel edges.
     """
-    a = Outline(model, data, model.geom(pair.geom_a).id, near.normal)
-    b = Outline(model, data, model.geom(pair.geom_b).id, -near.normal)
+    a = _outline(model, data, model.geom(pair.geom_a).id, near.normal)
+    b = _outline(model, data, model.geom(pair.geom_b).id, -near.normal)
     search = _Search(a, b, data, near)
     return tuple(search.on_faces() or search.between_lines() or search.on_lines() or search.of_tips())
+
+
+def _outline(model: Any, data: Any, geom: int, outward: FloatArray) -> Outline:
+    kind = int(model.geom_type[geom])
+    return _OUTLINES.get(kind, FlatOutline)(model, data, geom, outward)
 
 
 class _Search:
@@ -84,8 +94,8 @@ class _Search:
     def between_lines(self) -> list[Pairing]:
         """Lines that cross; of lines side by side the ends of what they share."""
         found = []
-        for one in self._a.edges():
-            for other in self._b.edges():
+        for one in self._a.edges(bounded=True):
+            for other in self._b.edges(bounded=True):
                 if self._parallel(one, other):
                     found += self._touching((one, end) for end in other.ends)
                     found += self._touching((end, other) for end in one.ends)
@@ -95,8 +105,8 @@ class _Search:
 
     def on_lines(self) -> list[Pairing]:
         """The corner on a line that touches, if one does."""
-        found = self._touching((one, other) for one in self._a.tips() for other in self._b.lines())
-        found += self._touching((one, other) for one in self._a.lines() for other in self._b.tips())
+        found = self._touching((one, other) for one in self._a.tips() for other in self._b.curves(bounded=True))
+        found += self._touching((one, other) for one in self._a.curves(bounded=True) for other in self._b.tips())
         return _most_inside(found)
 
     def of_tips(self) -> list[Pairing]:
@@ -104,11 +114,19 @@ class _Search:
         return _most_inside(self._touching((one, other) for one in self._a.tips() for other in self._b.tips()))
 
     def _crossing(self) -> Iterator[tuple[Core, Core]]:
-        others = list(self._b.edges(bounded=False))
-        for one in self._a.edges(bounded=False):
-            yield from ((one, other) for other in others if not self._parallel(one, other))
+        """Lines that are not parallel, and the places where lines enter and leave a rim."""
+        a, b = self._a, self._b
+        others = list(b.curves(bounded=False))
+        for one in a.curves(bounded=False):
+            for other in others:
+                if isinstance(one, Circle) and isinstance(other, Line):
+                    yield from ((circle, other) for circle in a.met(one, b.centre(other), b.direction(other)))
+                elif isinstance(one, Line) and isinstance(other, Circle):
+                    yield from ((one, circle) for circle in b.met(other, a.centre(one), a.direction(one)))
+                elif not self._parallel(one, other):
+                    yield one, other
 
-    def _parallel(self, one: Line, other: Line) -> bool:
+    def _parallel(self, one: Curve, other: Curve) -> bool:
         return math.hypot(*cross(self._a.direction(one), self._b.direction(other))) <= PARALLEL
 
     def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[Pairing, Held]]:

@@ -1,0 +1,131 @@
+"""Outlines of what is made of points, lines and faces: spheres, capsules, boxes and meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.carrier import Vector
+from ffsm_mj.contact.cores import Core, Face, Line, Point
+from ffsm_mj.contact.outline import Outline
+from ffsm_mj.contact.shape import PARALLEL, Shape
+from ffsm_mj.hull import hull
+
+_SAME_M, _STRAIGHT = 1e-12, 1e-9
+"""Corners no farther apart than the first are one; one that hardly turns is none (as in :mod:`.manifold`)."""
+_SINGLE = 2e-7
+"""Vertices of meshes are known to this share of its size."""
+_NO_CONE = np.empty((0, 3))
+_SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+
+_SPHERE, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+_BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
+_NAMES = {_SPHERE: "sphere", _CAPSULE: "end"}
+
+
+class FlatOutline(Outline):
+    """Of a polytope with a radius about it."""
+
+    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray) -> None:
+        """Look at a geom along a unit vector that points out of it; positions and velocities in ``data`` current."""
+        super().__init__(model, data, geom, outward)
+        self._model, self._geom, self._kind = model, geom, int(model.geom_type[geom])
+        self._name = _NAMES.get(self._kind, "vertex")
+        self._radius = self._size[0] if self._kind in _NAMES else 0.0
+        self.vague = _SINGLE * float(model.geom_rbound[geom]) if self._kind == _MESH else 0.0
+        self._corners = self._ordered(Shape(model, data, geom).extreme(outward, PARALLEL) - self._radius * outward)
+        self.flat = len(self._corners) > 2
+
+    def _ordered(self, points: FloatArray) -> FloatArray:
+        """The corners of what points span across the normal, in order around it."""
+        if len(points) < 3:
+            return points
+        u = np.linalg.svd(self._outward[None])[2][1]
+        flat = points @ np.stack((u, np.cross(self._outward, u))).T
+        corners = hull(flat, merge=_SAME_M, straight=_STRAIGHT)
+        return np.asarray(points[[int(np.argmin(np.abs(flat - corner).sum(axis=1))) for corner in corners]])
+
+    def points(self) -> list[Core]:
+        """Its corners."""
+        return [self._point(corner, _NO_CONE) for corner in self._corners]
+
+    def tips(self) -> list[Core]:
+        """Its corners, bounded by all other points of the geom."""
+        return [self._point(corner, self._towards(self._all() - corner)) for corner in self._corners]
+
+    def edges(self, *, bounded: bool) -> Iterator[Line]:
+        """The one between two corners, or those around a face."""
+        count = len(self._corners)
+        for k in range(count if count > 2 else count - 1):
+            yield self._line(self._corners[k], self._corners[(k + 1) % count], bounded)
+
+    def face(self) -> Face | None:
+        """The polygon of its corners, if there are more than two."""
+        if not self.flat:
+            return None
+        corners, normal = self._corners, self._normal()
+        sides = []
+        for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            inwards = np.cross(normal, end - start)
+            inwards /= np.linalg.norm(inwards)
+            sides.append((self._turned(inwards), float(inwards @ (start - self._motion.origin))))
+        return Face("face", self._carrier, self._place(corners.mean(axis=0)), self._turned(normal), tuple(sides))
+
+    def _normal(self) -> FloatArray:
+        """Of a box its axis, of a mesh that of the plane that is nearest to its corners."""
+        if self._kind == _BOX:
+            axis = self._rotation[:, int(np.argmax(np.abs(self._outward @ self._rotation)))]
+        else:
+            axis = np.linalg.svd(self._corners - self._corners.mean(axis=0))[2][2]
+        return np.asarray(axis if axis @ self._outward > 0.0 else -axis)
+
+    def _point(self, point: FloatArray, cone: FloatArray) -> Point:
+        return Point(self._name, self._carrier, self._place(point), self._radius, cone)
+
+    def _towards(self, offsets: FloatArray) -> FloatArray:
+        """Unit directions in the body's axes, (k, 3)."""
+        lengths = np.linalg.norm(offsets, axis=1)
+        kept = lengths > _SAME_M
+        rotation = np.array(self._motion.axes).reshape(3, 3)
+        return np.asarray(offsets[kept] / lengths[kept, None] @ rotation)
+
+    def _line(self, start: FloatArray, end: FloatArray, bounded: bool) -> Line:
+        span = end - start
+        length = float(np.linalg.norm(span))
+        wedge = self._wedge(start, span / length) if bounded else ()
+        cone = np.array(wedge).reshape(-1, 3)
+        ends = (self._point(start, cone), self._point(end, cone))
+        name, centre = "side" if self._radius > 0.0 else "edge", self._place(0.5 * (start + end))
+        return Line(name, self._carrier, centre, self._turned(span / length), 0.5 * length, self._radius, wedge, ends)
+
+    def _wedge(self, start: FloatArray, direction: FloatArray) -> tuple[Vector, ...]:
+        """Directions across an edge into its two faces: the outermost of those to all other points."""
+        across = self._all() - start
+        across -= np.outer(across @ direction, direction)
+        lengths = np.linalg.norm(across, axis=1)
+        kept = lengths > max(_SAME_M, self.vague)
+        if not kept.any():
+            return ()
+        across = across[kept] / lengths[kept, None]
+        middle = across.mean(axis=0)
+        turned = np.arctan2(across @ np.cross(direction, middle), across @ middle)
+        return self._turned(across[np.argmin(turned)]), self._turned(across[np.argmax(turned)])
+
+    def _all(self) -> FloatArray:
+        """All points of a polytope, both of a capsule's axis, (n, 3) in the world."""
+        model, size = self._model, self._size
+        if self._kind == _BOX:
+            local = _SIGNS * size
+        elif self._kind == _CAPSULE:
+            local = np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]])
+        elif self._kind == _MESH:
+            mesh = int(model.geom_dataid[self._geom])
+            first = int(model.mesh_vertadr[mesh])
+            local = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64)
+        else:
+            local = np.zeros((1, 3))
+        return np.asarray(self._position + local @ self._rotation.T)

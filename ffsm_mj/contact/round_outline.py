@@ -1,0 +1,98 @@
+"""Outlines of what is round: cylinders and ellipsoids."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.carrier import Vector, dot, minus, shifted, unit
+from ffsm_mj.contact.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
+from ffsm_mj.contact.outline import Outline
+from ffsm_mj.contact.shape import PARALLEL, Shape
+
+
+class EllipsoidOutline(Outline):
+    """Of an ellipsoid: the same all around."""
+
+    def tips(self) -> list[Core]:
+        """The whole of it."""
+        (a, b, c), (x, y, z) = self._size, (self._turned(axis) for axis in self._rotation.T)
+        return [Ellipsoid("ellipsoid", self._carrier, self._place(self._position), (x, y, z), (a * a, b * b, c * c))]
+
+    def edges(self, *, bounded: bool) -> Iterator[Line]:  # noqa: ARG002
+        """None."""
+        yield from ()
+
+
+class CylinderOutline(Outline):
+    """Of a cylinder: its side, a cap, or the rim between them."""
+
+    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray) -> None:
+        """Look at a geom along a unit vector that points out of it; positions and velocities in ``data`` current."""
+        super().__init__(model, data, geom, outward)
+        axis: FloatArray = self._rotation[:, 2]
+        up = float(outward @ axis)
+        across = outward - up * axis
+        self._radius, self._half = self._size[0], self._size[1]
+        self._side = abs(up) <= PARALLEL
+        self.flat = float(np.linalg.norm(across)) <= PARALLEL
+        self._axis = axis if up > 0.0 else -axis
+        self._start = self._rotation[:, 0] if self.flat else across / np.linalg.norm(across)
+        self._rim_points = Shape(model, data, geom).extreme(outward, PARALLEL) if self.flat else None
+
+    def points(self) -> list[Core]:
+        """The rims, or points around that of a cap."""
+        if self._rim_points is None:
+            return self.tips()
+        none = np.empty((0, 3))
+        return [Point("rim", self._carrier, self._place(point), 0.0, none) for point in self._rim_points]
+
+    def tips(self) -> list[Core]:
+        """The rim, or those of both ends of the side."""
+        if self.flat:
+            return []
+        return [*self._rims()] if self._side else [self._rim(self._axis)]
+
+    def edges(self, *, bounded: bool) -> Iterator[Line]:  # noqa: ARG002
+        """The side: its axis with the radius about it."""
+        if self._side:
+            centre, axis = self._place(self._position), self._turned(self._axis)
+            yield Line("side", self._carrier, centre, axis, self._half, self._radius, (), self._rims())
+
+    def curves(self, *, bounded: bool) -> Iterator[Curve]:
+        """The side, or the rim around a cap."""
+        if self.flat:
+            yield self._rim(self._axis)
+        yield from self.edges(bounded=bounded)
+
+    def face(self) -> Face | None:
+        """The cap."""
+        if not self.flat:
+            return None
+        centre = self._place(self._position + self._half * self._axis)
+        return Face("cap", self._carrier, centre, self._turned(self._axis), (), self._radius)
+
+    def met(self, circle: Circle, centre: Vector, direction: Vector) -> Iterator[Circle]:
+        """A circle from where a line (world) enters and leaves it, seen along its axis; nothing where it passes it by."""
+        axis = self._motion.turned(circle.axis)
+        offset = minus(centre, self.centre(circle))
+        offset = shifted(offset, -dot(offset, axis), axis)
+        along = shifted(direction, -dot(direction, axis), axis)
+        square, half = dot(along, along), dot(offset, along)
+        under = half * half - square * (dot(offset, offset) - circle.size**2)
+        if under > 0.0:
+            for root in (math.sqrt(under), -math.sqrt(under)):
+                towards = unit(shifted(offset, (root - half) / square, along))
+                yield replace(circle, start=self._motion.local(towards))
+
+    def _rims(self) -> tuple[Circle, Circle]:
+        return self._rim(self._axis), self._rim(-self._axis)
+
+    def _rim(self, axis: FloatArray) -> Circle:
+        centre = self._place(self._position + self._half * axis)
+        return Circle("rim", self._carrier, centre, self._turned(axis), self._turned(self._start), self._radius)
