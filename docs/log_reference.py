@@ -74,7 +74,10 @@ def reference() -> Iterator[str]:
     yield CONTENT
     yield f"## {form.SAMPLE_TOPIC}\n"
     yield f"`{form.SAMPLE_SCHEMA}`, one per control tick: a message per group, every field a double and always present.\n"
-    yield "Here for `baseline`; other models have their own joints, actuators and controllers in the same places.\n"
+    yield (
+        "Here for `baseline`; other models have their own joints, actuators and controllers in the same places, and with\n"
+        "fixed bodies six columns each of `ledger.fixed_on_robot_...` and `ledger.fixed_on_objects_...`: impulses of those.\n"
+    )
     for group, fields_of_group in samples().items():
         yield f"### {group}: {GROUPS[group]}\n"
         yield table(("field", "unit", "meaning"), fields_of_group)

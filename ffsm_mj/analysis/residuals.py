@@ -19,6 +19,9 @@ from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout, momentum_keys
 STRETCH_STEPS = 100_000
 """Steps over which a residual may change by what a law allows; then it is counted anew."""
 
+# Accounts that are there where the scene has fixed bodies.
+_FIXED = ("fixed_on_robot", "fixed_on_objects")
+
 
 def stretch_s(facts: Mapping[str, str]) -> float:
     """Length of a stretch in s; infinite where the log does not tell its step."""
@@ -32,10 +35,10 @@ class Accounts:
         """Find them."""
         self._party, self._free = party, free_components(facts, party)
         self._momenta = {p: layout.places(momentum_keys(p)) for p in PARTIES}
+        fixed = _FIXED if f"ledger.{_FIXED[0]}_{COMPONENTS[0]}" in layout.index else ()
         self._external, self._contact, *self._fixed = (
             layout.places(f"ledger.{account}_{component}" for component in COMPONENTS)
-            for account in ("external", "contact", "fixed_on_robot", "fixed_on_objects")
-            if f"ledger.{account}_{COMPONENTS[0]}" in layout.index
+            for account in ("external", "contact", *fixed)
         )
         self._energy, self._work = layout.index[f"energy.{party}_J"], layout.index["ledger.work_J"]
         self._gained = layout.index[f"ledger.{party}_impact_energy_J"]
