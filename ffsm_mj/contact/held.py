@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -83,19 +84,19 @@ class Pairing:
         rate: float,
         normal: Vector,
         points: tuple[Vector, Vector],
-        terms: tuple[float, ...],
+        terms: Sequence[float],
         inside: float,
     ) -> Held:
-        """Of the normal from the first core to the second, and a point on each core."""
+        """Of the normal from the first core to the second, and the material point of each, the second over the contact."""
         gap = core_gap - self._radius
-        (x, y, z), (p, q, r), (u, v, w) = normal, *points
-        level = self._first_radius + 0.5 * gap
-        # A face's points are the other's centre: what counts is the foot, the core's gap away from the second point.
-        level -= core_gap
+        (x, y, z), (here, there) = normal, points
+        u, v, w = there
+        # From the second point back to the first core, and out of it to the middle between the surfaces.
+        level = self._first_radius + 0.5 * gap - core_gap
         point = np.array((u + level * x, v + level * y, w + level * z))
-        first, second = np.array((p, q, r)), np.array((u, v, w))
-        bend = math.fsum(terms)
-        scale = max(map(abs, terms))
+        second = np.array(there)
+        first = second if here is there else np.array(here)
+        bend, scale = math.fsum(terms), max(map(abs, terms))
         if self._swapped:
             return Held(gap, rate, np.array((-x, -y, -z)), point, second, first, bend, scale, inside)
-        return Held(gap, rate, np.array((x, y, z)), point, first, second, bend, scale, inside)
+        return Held(gap, rate, np.array(normal), point, first, second, bend, scale, inside)

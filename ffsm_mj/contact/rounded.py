@@ -6,16 +6,15 @@ With the radii of curvature K at the extreme point along n, that point slides ov
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.carrier import Motion, Vector, cross, dot, minus, scaled, shifted
+from ffsm_mj.contact.carrier import Motion, Vector, cross, dot, minus, scaled, shifted, unit
 from ffsm_mj.contact.cores import Circle, Ellipsoid, Face, Line, Point
 from ffsm_mj.contact.held import Held, Pairing
 
-_TURNS = 100
+_TURNS, _SETTLED = 100, 1e-12
+"""Newton's steps, as a share: each leaves about its square."""
 
 
 class RoundOnFace(Pairing):
@@ -52,7 +51,7 @@ class OnEllipsoid(Pairing):
         self._ellipsoid, self._other = ellipsoid, other
 
     def at(self, data: Any) -> Held:
-        """The normal turns so that n . d = 0 along a line, and across it so that the contact points stay opposite."""
+        """The normal turns so that n . d stays 0 along a line, and across it so that the contact points stay opposite."""
         core, other = self._ellipsoid, self._other
         first, second = core.carrier.motion(data), other.carrier.motion(data)
         arm = second.turned(other.centre)
@@ -64,7 +63,11 @@ class OnEllipsoid(Pairing):
         gap = dot(normal, minus(anchor, here))
         there = shifted(here, gap, normal)
         w = minus(second.velocity_at(minus(there, second.origin)), first.velocity_at(foot))
-        terms = self._terms(first, second, normal, direction, gap, w)
+        turn = 0.0 if direction is None else dot(normal, cross(second.omega, direction))
+        turning, slide = self._turning(first, normal, direction, turn, gap, w)
+        terms = [dot(turning, w), -dot(normal, cross(first.omega, slide))]
+        if direction is not None:
+            terms.append(turn * dot(direction, shifted(minus(slide, w), gap, turning)))
         # A sharp vertex or edge touches the surface itself: its bounds are told by the normal, over the ellipsoid's size.
         offset = scaled(-gap - math.sqrt(min(core.squares)), normal)
         if isinstance(other, Point):
@@ -76,46 +79,69 @@ class OnEllipsoid(Pairing):
     def _normal(self, motion: Motion, anchor: Vector, direction: Vector | None) -> Vector:
         """Outward normal of the ellipsoid towards a point, or towards a line: seen along it the ellipsoid is an ellipse."""
         core = self._ellipsoid
-        axes = np.array([motion.turned(axis) for axis in core.axes]).T
-        squares = (axes * core.squares) @ axes.T
-        view = np.eye(3) if direction is None else np.linalg.svd(np.array([direction]))[2][1:].T
-        reach, principal = np.linalg.eigh(view.T @ squares @ view)
-        basis = view @ principal
-        centre = shifted(motion.origin, 1.0, motion.turned(core.centre))
-        seen = np.array(minus(anchor, centre)) @ basis
-        normal = basis @ (seen / (reach + _root(reach, seen)))
-        x, y, z = (normal / np.linalg.norm(normal)).tolist()
-        return x, y, z
+        axes = [motion.turned(axis) for axis in core.axes]
+        offset = minus(anchor, shifted(motion.origin, 1.0, motion.turned(core.centre)))
+        seen = list(zip(axes, core.squares, strict=True)) if direction is None else _ellipse(axes, core.squares, direction)
+        places = [dot(axis, offset) for axis, _ in seen]
+        root = _root([square for _, square in seen], places)
+        normal = (0.0, 0.0, 0.0)
+        for (axis, square), place in zip(seen, places, strict=True):
+            normal = shifted(normal, place / (square + root), axis)
+        return unit(normal)
 
-    def _terms(
-        self, first: Motion, second: Motion, normal: Vector, direction: Vector | None, gap: float, w: Vector
-    ) -> tuple[float, ...]:
-        n, relative = np.array(normal), np.array(w)
-        own = np.array(cross(first.omega, normal))
-        bent = np.array([self._ellipsoid.bent(first, normal, axis) for axis in _AXES])
-        fixed, along = np.zeros(3), np.array(direction or (0.0, 0.0, 0.0))
-        turn = 0.0 if direction is None else dot(normal, cross(second.omega, direction))
-        fixed = -turn * along
-        tangents = np.linalg.svd(np.stack((n, along)))[2][1 if direction is None else 2 :]
-        stiff = bent + gap * np.eye(3)
-        right = tangents @ (relative + bent @ own - stiff @ fixed)
-        turning = fixed + np.linalg.solve(tangents @ stiff @ tangents.T, right) @ tangents
-        slide = bent @ (turning - own)
-        slide_along = float(along @ (gap * turning - relative + slide))
-        rolled = float(n @ np.cross(np.array(first.omega), slide))
-        return float(turning @ relative), slide_along * turn, -rolled
+    def _turning(
+        self, first: Motion, normal: Vector, direction: Vector | None, turn: float, gap: float, w: Vector
+    ) -> tuple[Vector, Vector]:
+        """Rate of the normal, and how the contact point slides over the ellipsoid."""
+        core, own = self._ellipsoid, cross(first.omega, normal)
+        fixed = (0.0, 0.0, 0.0) if direction is None else scaled(-turn, direction)
+        one = cross(normal, direction or _across(normal))
+        bent = core.bent(first, normal, one)
+        stiff, right = dot(one, bent) + gap, dot(one, w) + dot(bent, minus(own, fixed))
+        if direction is not None:
+            turning = shifted(fixed, right / stiff, one)
+        else:
+            other = cross(normal, one)
+            bent_other = core.bent(first, normal, other)
+            stiff_other, right_other = dot(other, bent_other) + gap, dot(other, w) + dot(bent_other, own)
+            mixed = dot(one, bent_other)
+            whole = stiff * stiff_other - mixed * mixed
+            turning = scaled((right * stiff_other - right_other * mixed) / whole, one)
+            turning = shifted(turning, (right_other * stiff - right * mixed) / whole, other)
+        return turning, core.bent(first, normal, minus(turning, own))
 
 
-_AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+def _across(vector: Vector) -> Vector:
+    """A unit vector square to a unit vector."""
+    x, y, z = vector
+    return unit((0.0, z, -y) if abs(x) < 0.6 else (-z, 0.0, x))
 
 
-def _root(squares: FloatArray, point: FloatArray) -> float:
-    """The l > -min(squares) with sum of squares point^2 / (squares + l)^2 = 1: convex there, Newton's method is safe."""
-    root = 0.0
+def _ellipse(axes: Sequence[Vector], squares: Vector, direction: Vector) -> list[tuple[Vector, float]]:
+    """Axes of an ellipsoid as it is seen along a unit vector, and the squares of its semi-axes along them."""
+    x = _across(direction)
+    y = cross(direction, x)
+    xx, yy, xy = (
+        math.fsum(square * dot(axis, u) * dot(axis, v) for axis, square in zip(axes, squares, strict=True))
+        for u, v in ((x, x), (y, y), (x, y))
+    )
+    mean, reach = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    long = shifted(scaled(math.cos(angle), x), math.sin(angle), y)
+    return [(long, mean + reach), (cross(direction, long), mean - reach)]
+
+
+def _root(squares: Sequence[float], places: Sequence[float]) -> float:
+    """The l > -min(squares) with sum of squares places^2 / (squares + l)^2 = 1: convex there, Newton's method is safe."""
+    root, least = 0.0, _SETTLED * max(squares)
     for _ in range(_TURNS):
-        share = squares * point**2 / (squares + root) ** 2
-        value, slope = float(share.sum()) - 1.0, -2.0 * float((share / (squares + root)).sum())
+        value, slope = -1.0, 0.0
+        for square, place in zip(squares, places, strict=True):
+            over = 1.0 / (square + root)
+            share = square * (place * over) ** 2
+            value += share
+            slope -= 2.0 * share * over
         before, root = root, root - value / slope
-        if math.isclose(root, before, rel_tol=1e-15, abs_tol=1e-17 * float(squares.max())):
+        if math.isclose(root, before, rel_tol=_SETTLED, abs_tol=least):
             break
     return root
