@@ -76,7 +76,7 @@ def reference() -> Iterator[str]:
     yield f"`{form.SAMPLE_SCHEMA}`, one per control tick: a message per group, every field a double and always present.\n"
     yield (
         "Here for `baseline`; other models have their own joints, actuators and controllers in the same places, and with\n"
-        "fixed bodies six columns each of `ledger.fixed_on_robot_...` and `ledger.fixed_on_objects_...`: impulses of those.\n"
+        "fixed bodies six columns each of `ledger.fixed_on_robot_...` and `ledger.fixed_on_objects_...`: their impulses.\n"
     )
     for group, fields_of_group in samples().items():
         yield f"### {group}: {GROUPS[group]}\n"
