@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from PIL import Image
 from rerun.chunk import RrdReader
@@ -104,3 +105,25 @@ def _moves(film: Path) -> bool:
 def _is_shipped(file: str, content: bytes, folders: list[Path]) -> bool:
     """Whether a file of this name and these bytes lies in the vendor's folders."""
     return any(path.read_bytes() == content for folder in folders for path in folder.rglob(Path(file).name))
+
+
+def test_pinocchio_reads_the_same_robot_from_the_vendors_file(tmp_path, capfd):
+    """UR5: kinetic energy and momenta of every sample, before and after the impact, by another engine from the URDF itself."""
+    ffsm(capfd, "run", write_scenario("ur5", tmp_path), "--out", tmp_path / "out", "--no-rerun")
+    run, robot = ffsm_mj.load_run(tmp_path / "out"), ffsm_mj.prepare(tmp_path / "out").system.robot
+    model = pin.buildModelFromUrdf(str(tmp_path / "ur5_robot.urdf"), pin.JointModelFreeFlyer())
+    data = model.createData()
+    hinges = [joint.name.removeprefix("robot/") for joint in robot.joints[1:]]
+    assert list(model.names[2:]) == hinges
+    assert len(run.impacts) >= 1
+    momenta = run.momentum("robot")
+    for i, (qpos, qvel) in enumerate(zip(run.qpos, run.qvel, strict=True)):
+        q, v = qpos[: model.nq].copy(), qvel[: model.nv].copy()
+        q[3:7] = qpos[[4, 5, 6, 3]]  # the scalar of a quaternion is last there
+        v[:3] = pin.Quaternion(q[3:7]).matrix().T @ qvel[:3]  # and the velocity of a free body in its own axes
+        energy = pin.computeKineticEnergy(model, data, q, v)
+        momentum = pin.computeCentroidalMomentum(model, data, q, v)
+        about_origin = momentum.angular + np.cross(pin.centerOfMass(model, data, q), momentum.linear)
+        # Some hundred products of size 1 or less, each rounded to 1e-16, and principal axes of the inertias to as much.
+        assert energy == pytest.approx(run["energy.robot_J"][i], rel=1e-12, abs=1e-13)
+        np.testing.assert_allclose(np.concatenate((momentum.linear, about_origin)), momenta[i], rtol=0, atol=1e-13)
