@@ -108,7 +108,7 @@ def _is_shipped(file: str, content: bytes, folders: list[Path]) -> bool:
 
 
 def test_pinocchio_reads_the_same_robot_from_the_vendors_file(tmp_path, capfd):
-    """UR5: kinetic energy and momenta of every sample, before and after the impact, by another engine from the URDF itself."""
+    """UR5: energy and momenta of every sample, before and after the impact, by another engine from the URDF itself."""
     ffsm(capfd, "run", write_scenario("ur5", tmp_path), "--out", tmp_path / "out", "--no-rerun")
     run, robot = ffsm_mj.load_run(tmp_path / "out"), ffsm_mj.prepare(tmp_path / "out").system.robot
     model = pin.buildModelFromUrdf(str(tmp_path / "ur5_robot.urdf"), pin.JointModelFreeFlyer())
