@@ -29,7 +29,7 @@ __all__ = ["EDGE_M", "Feature", "Held", "features", "lasting_fault"]
 _TOUCH_M = 1e-9
 """Features whose gap is larger than this, and than the pair's, do not touch."""
 _CYLINDER, _ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
-_ROUND = {_CYLINDER: "cylinder", _ELLIPSOID: "ellipsoid"}
+_ROUND = {_CYLINDER: "a cylinder", _ELLIPSOID: "an ellipsoid"}
 _OUTLINES: dict[int, type[Outline]] = {_CYLINDER: CylinderOutline, _ELLIPSOID: EllipsoidOutline}
 
 
@@ -38,7 +38,7 @@ def lasting_fault(model: Any, geom_a: int, geom_b: int) -> str:
     kinds = [_ROUND.get(int(model.geom_type[geom])) for geom in (geom_a, geom_b)]
     if None in kinds:
         return ""
-    return f"a {kinds[0]} on a {kinds[1]} cannot stay in contact: one of the two must be a sphere, capsule, box or mesh"
+    return f"{kinds[0]} on {kinds[1]} cannot stay in contact: one of the two must be a sphere, a capsule, a box or a mesh"
 
 
 def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple[Feature, ...]:

@@ -6,15 +6,26 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact.feature import features
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact.feature import features, lasting_fault
 from ffsm_mj.contact.pairs import ContactPair
 from tests.contact.test_geometry import SHAPES, shape
-from tests.scenes import compile_paths
+from tests.scenes import HEAD, compile_paths, scene
 
 _STEP = 1e-4
+HOLD = [(a, b) for a in SHAPES for b in SHAPES if not {a, b} <= {"cylinder", "ellipsoid"}]
+FLAT = ("sphere", "capsule", "box")
+
+CHAIN = """<mujoco>{head}<worldbody><body name="base"><freejoint name="free"/>
+  <inertial pos="0.1 0 0" mass="2" diaginertia="0.2 0.1 0.3"/>
+  <body name="arm" pos="0.1 0 0.1"><joint name="one" axis="0 0.6 0.8"/>
+  <inertial pos="0 0.1 0" mass="1" diaginertia="0.1 0.1 0.1"/>
+  <body name="hand" pos="0.2 0.1 0"><joint name="two" axis="1 0 0" pos="0 0.1 0"/>
+  <inertial pos="0 0 0.1" mass="0.5" diaginertia="0.1 0.1 0.1"/>
+  <geom name="g" {geom} pos="0.1 0.05 0" quat="0.8 0.6 0 0" mass="0"/></body></body></body></worldbody></mujoco>"""
 
 
-def bodies(folder, robot, other):
+def pair_of(folder, robot, other):
     """(pair, model, data) of the geoms g of two models."""
     (folder / "robot.xml").write_text(robot)
     (folder / "other.xml").write_text(other)
@@ -22,19 +33,30 @@ def bodies(folder, robot, other):
     return ContactPair(system, "pair", "robot/g", "other/g", 0.5), system.mj, mujoco.MjData(system.mj)
 
 
-def touching(pair, model, data, rng):
-    """Turn both bodies at random and bring them together to rounding; returns the proximity."""
-    quaternions = rng.normal(size=(2, 4))
-    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
-    data.qpos[:] = [0, 0, 0, *quaternions[0], 1, *rng.uniform(-0.1, 0.1, 2), *quaternions[1]]
-    data.qvel[:] = rng.uniform(-1, 1, model.nv)
+def turn_at_random(qpos, rng):
+    qpos[:] = [0, 0, 0, *rng.normal(size=4)]
+    qpos[3:] /= np.linalg.norm(qpos[3:])
+
+
+def meet(pair, model, data, mover):
+    """Move the free body at an address along x until the pair touches to rounding; returns the proximity."""
     for _ in range(60):
         mujoco.mj_forward(model, data)
         near = pair.proximity(model, data)
         if abs(near.gap) < 1e-13:
             return near
-        data.qpos[7] -= near.gap / max(0.2, near.normal[0])
+        sign = 1.0 if mover else -1.0  # the first body is the robot's, and the normal points away from it
+        data.qpos[mover] -= sign * near.gap / max(0.2, near.normal[0])
     pytest.fail("the shapes were not brought together")
+
+
+def touching(pair, model, data, rng):
+    """Turn two free bodies at random and bring them together."""
+    turn_at_random(data.qpos[:7], rng)
+    turn_at_random(data.qpos[7:], rng)
+    data.qpos[7:10] = [1, *rng.uniform(-0.1, 0.1, 2)]
+    data.qvel[:] = rng.uniform(-1, 1, model.nv)
+    return meet(pair, model, data, 7)
 
 
 def acceleration(model, data, body, point):
@@ -50,6 +72,11 @@ def second_rate(pair, model, data, held):
     return float(held.normal @ (there - here)) + held.bend
 
 
+def moved(model, data):
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+
+
 def derivatives(model, data, feature):
     """Rate and second rate of the frozen gap along the motion with the accelerations in ``data``, and their errors.
 
@@ -60,8 +87,7 @@ def derivatives(model, data, feature):
     def at(time):
         data.qpos[:], data.qvel[:] = start, velocity + time * data.qacc
         mujoco.mj_integratePos(model, data.qpos, velocity + 0.5 * time * data.qacc, time)
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
+        moved(model, data)
         return np.array(feature.at(data)[:2])
 
     first, second, fourth = ((at(k * _STEP) - at(-k * _STEP)) / (2.0 * k * _STEP) for k in (1, 2, 4))
@@ -70,17 +96,21 @@ def derivatives(model, data, feature):
     return found, np.abs((4.0 * second - fourth) / 3.0 - found)
 
 
-HOLD = [(a, b) for a in SHAPES for b in SHAPES if not {a, b} <= {"cylinder", "ellipsoid"}]
+def check_motion(pair, model, data, feature):
+    """The rates are those of the gap: rounding of the differences is 1e-16 / h, 1e-12, and 1e-9 of the terms leaves room."""
+    held = feature.at(data)
+    (rate, second), error = derivatives(model, data, feature)
+    assert held.rate == pytest.approx(rate, abs=1e-9 + error[0])
+    found = second_rate(pair, model, data, held)
+    assert found == pytest.approx(second, abs=1e-9 * (1.0 + held.scale) + error[1])
+    return found
 
 
 @pytest.mark.parametrize(("a", "b"), HOLD)
-def test_gap_rate_and_second_rate_are_exact(tmp_path, rng, a, b):
-    """Rounding of the differences is 1e-16 / h, 1e-12: 1e-9 of the terms leaves room; their own error counts where more.
-
-    Against the second rate of the pair itself both are closed forms: 1e-12 of the terms.
-    """
-    pair, model, data = bodies(tmp_path, shape(a), shape(b))
-    for _ in range(8):
+def test_a_feature_is_the_pair_where_it_touches(tmp_path, rng, a, b):
+    """Gap, normal, point, rate and second rate are the pair's own, both closed forms: 1e-12 of the terms."""
+    pair, model, data = pair_of(tmp_path, shape(a), shape(b))
+    for _ in range(6):
         near = touching(pair, model, data, rng)
         data.qacc[:] = rng.uniform(-1, 1, model.nv)
         expected = pair.second_rate(model, data, near, near.points[0])
@@ -91,8 +121,89 @@ def test_gap_rate_and_second_rate_are_exact(tmp_path, rng, a, b):
         np.testing.assert_allclose(held.point, near.points[0], rtol=0, atol=1e-12)
         np.testing.assert_allclose(held.normal, near.normal, rtol=0, atol=1e-12)
         assert held.inside >= -1e-12
-        found = second_rate(pair, model, data, held)
+        found = check_motion(pair, model, data, feature)
         assert found == pytest.approx(expected.value, abs=1e-12 * (1.0 + expected.scale))
-        (rate, second), error = derivatives(model, data, feature)
-        assert held.rate == pytest.approx(rate, abs=1e-9 + error[0])
-        assert found == pytest.approx(second, abs=1e-9 * (1.0 + held.scale) + error[1])
+        data.qvel[:] *= 3.0
+        moved(model, data)
+        faster = feature.at(data)
+        assert (faster.rate, faster.bend) == pytest.approx(
+            (3.0 * held.rate, 9.0 * held.bend), abs=1e-12 * (1.0 + held.scale)
+        )
+
+
+@pytest.mark.parametrize(("a", "b"), HOLD)
+def test_a_frozen_feature_is_smooth_beyond_its_bounds(tmp_path, rng, a, b):
+    """It is the same function after both bodies have moved and turned by far more than a step, in touch or not."""
+    pair, model, data = pair_of(tmp_path, shape(a), shape(b))
+    outside = 0
+    for _ in range(6):
+        near = touching(pair, model, data, rng)
+        (feature,) = features(pair, model, data, near)
+        # Not deep into an ellipsoid: the nearest point of its surface is smooth to its radii of curvature only.
+        data.qpos[7:10] += 0.03 * near.normal + rng.uniform(-0.03, 0.03, 3)
+        mujoco.mj_integratePos(model, data.qpos, rng.uniform(-0.1, 0.1, 12), 1.0)
+        data.qacc[:] = rng.uniform(-1, 1, model.nv)
+        moved(model, data)
+        outside += feature.at(data).inside < 0.0
+        check_motion(pair, model, data, feature)
+    assert outside or {a, b} & {"sphere", "ellipsoid"}  # else the test has not left a feature
+
+
+@pytest.mark.parametrize("geom", ["sphere", "capsule", "box", "cylinder"])
+@pytest.mark.parametrize("other", ["sphere", "capsule", "box"])
+def test_features_of_a_chain_and_of_a_fixed_body(tmp_path, rng, geom, other):
+    """Bodies of one tree share its centre of mass; a fixed body has no velocity and no acceleration."""
+    robot = CHAIN.format(head=HEAD, geom=SHAPES[geom])
+    still = shape(other).replace('<freejoint name="free"/>', "")
+    pairs = [{"robot_geom": "robot/g", "object_geom": name} for name in ("other/g", "wall/g")]
+    far = {"position_m": [6.0, 0.0, 0.0], "quaternion": [0.8, 0.0, 0.6, 0.0]}
+    path = scene(tmp_path, robot, {"other": shape(other), "wall": still}, fixed={"wall": far}, impact_pairs=pairs)
+    assembly = prepare(path).assemble()
+    model, data = assembly.system.mj, assembly.data
+    for pair, mover in zip(assembly.pairs, (9, 0), strict=True):
+        for _ in range(2):
+            turn_at_random(data.qpos[:7], rng)
+            data.qpos[7:9] = rng.uniform(-1, 1, 2)
+            turn_at_random(data.qpos[9:], rng)
+            data.qpos[9], data.qpos[0] = 2.0, 0.0 if mover else 4.0
+            data.qvel[:] = rng.uniform(-1, 1, model.nv)
+            mujoco.mj_kinematics(model, data)
+            aside = np.subtract(*(data.geom(name).xpos for name in pair.geoms)) + rng.uniform(-0.05, 0.05, 3)
+            data.qpos[mover + 1 : mover + 3] += (1.0 if mover else -1.0) * aside[1:]
+            near = meet(pair, model, data, mover)
+            data.qacc[:] = rng.uniform(-1, 1, model.nv)
+            expected = pair.second_rate(model, data, near, near.points[0])
+            (feature,) = features(pair, model, data, near)
+            found = check_motion(pair, model, data, feature)
+            assert found == pytest.approx(expected.value, abs=1e-11 * (1.0 + expected.scale))
+            assert feature.at(data).rate == pytest.approx(near.rate, abs=1e-11)
+
+
+@pytest.mark.parametrize(("a", "b"), [(a, b) for a in FLAT for b in FLAT])
+def test_the_gap_is_the_distance_while_inside(tmp_path, rng, a, b):
+    """Apart along the normal MuJoCo's own distance is exact for these shapes; 1e-12 m is rounding."""
+    pair, model, data = pair_of(tmp_path, shape(a), shape(b))
+    apart = 1e-3
+    compared = 0
+    for _ in range(12):
+        near = touching(pair, model, data, rng)
+        (feature,) = features(pair, model, data, near)
+        data.qpos[7:10] += apart * near.normal + rng.uniform(-1e-4, 1e-4, 3)
+        moved(model, data)
+        held = feature.at(data)
+        if held.inside > 2.0 * apart:  # of two sharp features another might be nearer by now
+            compared += 1
+            assert held.gap == pytest.approx(pair.gap(model, data, 1.0), abs=1e-12)
+    assert compared > 4
+
+
+def test_which_pairs_cannot_last(tmp_path):
+    both = shape("cylinder").replace("</body>", f'<geom name="h" {SHAPES["ellipsoid"]}/><geom name="s" size="1"/></body>', 1)
+    (tmp_path / "model.xml").write_text(both)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    cylinder, ellipsoid, sphere = (model.geom(name).id for name in "ghs")
+    assert "cylinder on an ellipsoid" in lasting_fault(model, cylinder, ellipsoid)
+    assert "ellipsoid on a cylinder" in lasting_fault(model, ellipsoid, cylinder)
+    assert lasting_fault(model, cylinder, cylinder)
+    assert not lasting_fault(model, cylinder, sphere)
+    assert not lasting_fault(model, sphere, ellipsoid)
