@@ -10,7 +10,7 @@ import shtab
 from ffsm_mj.cli.command_line import parser
 from ffsm_mj.scenario.shipped import scenario_names
 
-_FOLDERS = ("--out", "--plots")
+_PLACES = ("--out", "--plots", "--robot", "--package-path")
 # shtab lets bash treat as file names what a function with "file" in its name offers: folders get their slash.
 _SCENARIO = {"bash": "_ffsm_scenario_or_file", "zsh": "_ffsm_scenario_or_file", "fish": "(_ffsm_scenario_or_file)"}
 _FUNCTIONS = {
@@ -55,5 +55,5 @@ def _say_what_it_takes(option: argparse.Action) -> None:
         option.complete = _SCENARIO  # type: ignore[attr-defined]
     elif option.dest in ("run", "runs"):
         option.complete = shtab.FILE  # type: ignore[attr-defined]
-    elif set(option.option_strings) & set(_FOLDERS):
+    elif set(option.option_strings) & set(_PLACES):
         option.complete = shtab.FILE if option.metavar == "FILE" else shtab.DIRECTORY  # type: ignore[attr-defined]

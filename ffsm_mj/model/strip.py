@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 
 import mujoco
 
-Strippable = Literal["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons", "servos"]
+Strippable = Literal["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons", "servos", "gravcomp"]
 STRIPPABLE: tuple[str, ...] = get_args(Strippable)
 _SHOWN = 6
 
@@ -22,7 +22,8 @@ def strip(spec: Any, what: Iterable[str]) -> list[str]:
         spec: The model; all its elements have names.
         what: ``damping``, ``frictionloss`` and ``stiffness`` of joints and tendons (a ``springdamper`` goes with either of
             its two), ``limits`` of their ranges, ``equalities``, ``tendons`` with the actuators, sensors and equalities
-            that need them, and ``servos``: the actuators that are no plain motors, with the sensors that need them.
+            that need them, ``servos``: the actuators that are no plain motors, with the sensors that need them, and
+            ``gravcomp`` of bodies.
 
     Returns:
         What was taken out, a phrase for each kind that the model had: ``damping of 2 joints (elbow, wrist)``.
@@ -35,6 +36,9 @@ def strip(spec: Any, what: Iterable[str]) -> list[str]:
             taken += _deleted(spec, "equality constraint", list(spec.equalities))
         elif word == "tendons":
             taken += _without_tendons(spec)
+        elif word == "gravcomp":
+            names = [body.name for body in spec.bodies if _weightless(body)]
+            taken += [f"gravcomp of {_counted('link', names)}"] if names else []
         elif word == "servos":
             taken += _without_actuators(spec, [each for each in spec.actuators if not _is_motor(each)])
         else:
@@ -61,6 +65,12 @@ def _cleared(element: Any, word: str) -> bool:
     if springdamper is not None and springdamper.any():
         springdamper[:] = 0.0
         had = True
+    return had
+
+
+def _weightless(body: Any) -> bool:
+    """Whether a body was held against gravity, which it is no more."""
+    had, body.gravcomp = bool(body.gravcomp), 0.0
     return had
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import mujoco
@@ -169,20 +170,22 @@ def _ray(model: Any, data: Any, geom: int, start: FloatArray, direction: FloatAr
     return float(mujoco.mju_rayGeom(position, turn, size, start, direction, kind, None))
 
 
-def hand_geoms(system: System, tip: Tip) -> list[int]:
-    """Geoms that may touch, of the link that the tip is on and of all beyond it; of the link before where it has none."""
+def solid_geoms(system: System) -> list[int]:
+    """Geoms of the robot that may touch something; all where the file says so of none."""
     model = system.mj
-    solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]] or range(model.ngeom)
-    link = int(model.body_weldid[tip.body])
-    for body in _ancestors(model, link):
-        found = [
-            g
-            for g in solid
-            if model.geom_bodyid[g] in system.robot.bodies and body in _ancestors(model, int(model.geom_bodyid[g]))
-        ]
-        if found:
-            return found
-    return []
+    own = [g for g in range(model.ngeom) if model.geom_bodyid[g] in system.robot.bodies]
+    return [g for g in own if model.geom_contype[g] or model.geom_conaffinity[g]] or own
+
+
+def hand_geoms(system: System, tip: Tip) -> Iterator[list[int]]:
+    """Solid geoms of the link that the tip is on and of all beyond it, then with those of each link before."""
+    model, last = system.mj, 0
+    solid = solid_geoms(system)
+    for body in _ancestors(model, int(model.body_weldid[tip.body])):
+        found = [g for g in solid if body in _ancestors(model, int(model.geom_bodyid[g]))]
+        if len(found) > last:
+            yield found
+        last = len(found)
 
 
 def find_encounter(system: System, data: Any, place: FloatArray, geoms: list[int], pairs: list[ContactPair]) -> Encounter:
@@ -201,14 +204,14 @@ def find_encounter(system: System, data: Any, place: FloatArray, geoms: list[int
     model = system.mj
     aim = min((data.geom_xpos[g] for g in geoms), key=lambda centre: float(np.linalg.norm(centre - place)))
     outwards = place - data.subtree_com[system.robot.root]
-    # Along the last link, away from the robot, then along the axes of the world.
-    ways = [place - aim, outwards, *np.eye(3), *-np.eye(3)]
+    # Along the last link, away from the robot, then along the axes of the world and between them.
+    ways = [place - aim, outwards, *sorted(product((-1.0, 0.0, 1.0), repeat=3), key=np.count_nonzero)]
     ball = system.objects[0].joints[0].qpos.start
     reach = 2.0 * float(max(np.linalg.norm(data.geom_xpos[g] - aim) + model.geom_rbound[g] for g in range(model.ngeom - 1)))
     for way in ways:
         if (length := float(np.linalg.norm(way))) < 1e-6:
             continue
-        direction, left = way / length, reach + float(model.geom_rbound[model.ngeom - 1])
+        direction, left = np.asarray(way) / length, reach + float(model.geom_rbound[model.ngeom - 1])
         for _ in range(_MOST_MARCHES):
             data.qpos[ball : ball + 3] = aim + left * direction
             mujoco.mj_kinematics(model, data)

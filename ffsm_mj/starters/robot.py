@@ -21,7 +21,17 @@ from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.system import System, compile_system
-from ffsm_mj.starters.pose import Encounter, Tip, felt_mass, find_encounter, find_tip, hand_geoms, posed, starting_pose
+from ffsm_mj.starters.pose import (
+    Encounter,
+    Tip,
+    felt_mass,
+    find_encounter,
+    find_tip,
+    hand_geoms,
+    posed,
+    solid_geoms,
+    starting_pose,
+)
 from ffsm_mj.starters.robot_text import Base, Hit, ball_text, model_text, rounded, scenario_text
 from ffsm_mj.starters.vendor import needed_strips, read_vendor
 
@@ -122,6 +132,8 @@ def _taken_back(*paths: Path) -> Iterator[None]:
 def _hit(files: ModelFiles, ball: Path, wanted: str) -> Hit:
     """Compile the robot, then robot and ball, by the conservative rules of a run, and work out how they meet."""
     system = compile_system(files, {}, time_step_s=TIME_STEP_S)
+    if not solid_geoms(system):
+        raise InputError(f"{files.place}: the robot has no geom that a ball could touch")
     pose = starting_pose(system)
     data = posed(system, pose)
     centre = data.subtree_com[system.robot.root]
@@ -132,8 +144,10 @@ def _hit(files: ModelFiles, ball: Path, wanted: str) -> Hit:
     data = posed(system, pose)
     tip = find_tip(system, data, wanted)
     place = data.xpos[tip.body] + data.xmat[tip.body].reshape(3, 3) @ tip.local
-    geoms = hand_geoms(system, tip)
-    met = find_encounter(system, data, place, geoms, _pairs_with_ball(system))
+    hand, *before = hand_geoms(system, tip)
+    base = [g for g in solid_geoms(system) if system.mj.geom_bodyid[g] == system.robot.root]
+    geoms = sorted({*(before[0] if before else hand), *base})  # a ball that bounces may come to these
+    met = find_encounter(system, data, place, hand, _pairs_with_ball(system))
     data = posed(system, pose)
     ball.write_text(ball_text(radius, rounded(_BALL_PER_FELT * felt_mass(system, data, met), 1)), encoding="utf-8")
     kp, kd = _gains(system, data)
@@ -142,11 +156,10 @@ def _hit(files: ModelFiles, ball: Path, wanted: str) -> Hit:
 
 def _pairs_with_ball(system: System) -> list[ContactPair]:
     """The ball with each geom of the robot that may touch it, and whose distance is exact."""
-    model, pairs = system.mj, []
-    solid = [g for g in range(model.ngeom - 1) if model.geom_contype[g] or model.geom_conaffinity[g]]
-    for g in solid or range(model.ngeom - 1):
+    pairs = []
+    for g in solid_geoms(system):
         try:
-            pairs.append(ContactPair(system, str(g), model.geom(g).name, "ball/ball", 1.0))
+            pairs.append(ContactPair(system, str(g), system.mj.geom(g).name, "ball/ball", 1.0))
         except LookupError:
             continue
     return pairs

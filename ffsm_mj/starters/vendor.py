@@ -17,7 +17,7 @@ from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.source import load_spec, parse_spec
 from ffsm_mj.model.strip import strip
 
-_NEEDED = ("damping", "frictionloss", "stiffness", "equalities", "servos")
+_NEEDED = ("damping", "frictionloss", "stiffness", "equalities", "servos", "gravcomp")
 """What of it ``strip`` takes out is refused in a conservative scenario; what else it takes out does nothing there."""
 
 

@@ -72,6 +72,8 @@ def test_bash_completes_scenarios_and_places(complete):
     assert complete("ffsm", "analyze", "--plots", "m") == ["my runs"]
     assert complete("ffsm", "run", "baseline", "--out", "m") == ["my runs"]
     assert complete("ffsm", "export", "--csv", "--out", "mi") == ["mine.yaml"]
+    assert complete("ffsm", "new", "arm", "--robot", "mi") == ["mine.yaml"]
+    assert complete("ffsm", "new", "arm", "--package-path", "m") == ["my runs"]
 
 
 def test_another_shell_is_refused(capsys):

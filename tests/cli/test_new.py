@@ -19,7 +19,7 @@ SERVO_ARM = """<mujoco model="vendor"><compiler angle="radian"/><option integrat
     <body name="pedestal"><geom type="cylinder" size="0.1 0.1" mass="4"/>
       <body name="upper" pos="0 0 0.15"><joint name="lift" axis="0 1 0" range="-1 1"/>
         <geom type="capsule" fromto="0 0 0 0 0 0.4" size="0.04" mass="2"/>
-        <body name="fore" pos="0 0 0.4"><joint name="bend" axis="0 1 0" range="0.5 2.5"/>
+        <body name="fore" gravcomp="1" pos="0 0 0.4"><joint name="bend" axis="0 1 0" range="0.5 2.5"/>
           <geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.03" mass="1"/>
           <body name="left" pos="0.03 0 0.35"><geom size="0.02" mass="0.05"/><joint name="left" type="slide"/></body>
           <body name="right" pos="-0.03 0 0.35"><geom size="0.02" mass="0.05"/><joint name="right" type="slide"/></body>
@@ -68,7 +68,7 @@ def refused(capfd, *arguments):
 @pytest.mark.parametrize(
     ("name", "text", "stripped"),
     [
-        ("servos.xml", SERVO_ARM, ["damping", "frictionloss", "equalities", "servos"]),
+        ("servos.xml", SERVO_ARM, ["damping", "frictionloss", "equalities", "servos", "gravcomp"]),
         ("rod.urdf", URDF.format(shape=ROD), ["damping"]),
         ("floating.xml", ARM, []),
     ],
@@ -174,7 +174,8 @@ def test_nothing_is_written_over(vendor, there, tmp_path, capfd):
     assert (tmp_path / "work" / there).read_text() == "mine"
 
 
-GRAVCOMP = SERVO_ARM.replace('<body name="fore"', '<body name="fore" gravcomp="1"')
+MASS = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+GHOST = f"<mujoco><worldbody><body><freejoint/>{MASS}<body><joint/>{MASS}</body></body></worldbody></mujoco>"
 STATUE = "<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>"
 
 
@@ -187,7 +188,7 @@ STATUE = "<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>"
         (TWO, ["--root", "othr"], "new: --root: unknown root of a tree 'othr' (did you mean 'other'?); allowed: "),
         (SERVO_ARM, ["--tip", "hand"], "new: --tip: unknown site or body 'hand'; allowed: bus, fore, left, pe"),
         (SERVO_ARM.replace("<body name=", "<bdy name=", 1), [], "malformed XML"),
-        (GRAVCOMP, [], "body 'fore' has gravcomp"),
+        (GHOST, [], "my.xml: the robot has no geom that a ball could touch"),
         (SERVO_ARM, ["--base-mass", "-2"], "ffsm new: argument --base-mass: -2 is not a positive number"),
     ],
 )  # fmt: skip

@@ -114,3 +114,15 @@ def test_other_words_are_refused_with_what_is_allowed(tmp_path):
     path, changes = moving(tmp_path, ["damping", "gravity"])
     with pytest.raises(InputError, match=r"robot\.strip.*'damping'.*'tendons'.*gravity"):
         ffsm_mj.prepare(path, changes)
+
+
+def test_what_holds_a_body_against_gravity_is_taken_out(tmp_path):
+    """Refused by name with the cure; with it the body weighs nothing, as all do here."""
+    path, changes = moving(tmp_path, [])
+    held = ARM.replace('<body name="lower"', '<body name="lower" gravcomp="1"')
+    (tmp_path / "robot.xml").write_text(held)
+    with pytest.raises(InputError, match=r"body 'lower' has gravcomp; remove it, or let 'strip' of the scenario"):
+        ffsm_mj.prepare(path, changes)
+    system = ffsm_mj.prepare(path, changes | {"robot.strip": ["gravcomp"]}).system
+    assert system.notes == ("taken out of robot: gravcomp of 1 link (lower)",)
+    assert not system.mj.body_gravcomp.any()
