@@ -85,7 +85,7 @@ def write_scenario(asked: Asked) -> list[str]:
         )
     scenario, model, ball = (asked.out / f"{name}{end}" for end in (".yaml", ".xml", "_ball.xml"))
     for path in (scenario, model, ball):
-        if path.exists():
+        if os.path.lexists(path):  # a link that leads nowhere is written through, too
             raise InputError(f"new: {path} exists; nothing is written over it")
     vendor = read_vendor(asked.robot, asked.packages, asked.root)
     if vendor.floats and asked.base_mass is not None:
@@ -147,22 +147,12 @@ def _hit(files: ModelFiles, ball: Path, wanted: str) -> Hit:
     hand, *before = hand_geoms(system, tip)
     base = [g for g in solid_geoms(system) if system.mj.geom_bodyid[g] == system.robot.root]
     geoms = sorted({*(before[0] if before else hand), *base})  # a ball that bounces may come to these
-    met = find_encounter(system, data, place, hand, _pairs_with_ball(system))
+    pairs = [ContactPair(system, str(g), system.mj.geom(g).name, "ball/ball", 1.0) for g in solid_geoms(system)]
+    met = find_encounter(system, data, place, hand, pairs)
     data = posed(system, pose)
     ball.write_text(ball_text(radius, rounded(_BALL_PER_FELT * felt_mass(system, data, met), 1)), encoding="utf-8")
     kp, kd = _gains(system, data)
     return _told(system, pose, tip, place, geoms, met, kp, kd)
-
-
-def _pairs_with_ball(system: System) -> list[ContactPair]:
-    """The ball with each geom of the robot that may touch it, and whose distance is exact."""
-    pairs = []
-    for g in solid_geoms(system):
-        try:
-            pairs.append(ContactPair(system, str(g), system.mj.geom(g).name, "ball/ball", 1.0))
-        except LookupError:
-            continue
-    return pairs
 
 
 def _gains(system: System, data: Any) -> tuple[list[float], list[float]]:

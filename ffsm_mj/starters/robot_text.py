@@ -148,7 +148,7 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], hit: Hit, places:
     lines = [
         f"# {robot} and a ball that meets its tip after a second. Change what you like:",
         f"# 'ffsm check {name}.yaml' says what is wrong, the user guide what every key means.",
-        f"name: {name}",
+        f"name: {_word(name)}",
         "duration_s: 4.0",
         "time_step_s: 0.001",
         "control_period_s: 0.005",

@@ -251,3 +251,17 @@ def test_another_folder_may_be_written_to(vendor, capfd):
     assert main(["new", "my", "--robot", path, "--out", "deep/er"]) == 0
     assert "use it: ffsm check deep/er/my.yaml && ffsm run deep/er/my.yaml\n" in capfd.readouterr().out
     assert ffsm_mj.prepare("deep/er/my.yaml").scenario.robot.asset_folders == ("../../../vendor",)
+
+
+def test_a_name_may_look_like_a_number(vendor):
+    """YAML would make one of it."""
+    vendor("floating.xml", ARM)
+    assert main(["new", "2024", "--robot", "../vendor/floating.xml"]) == 0
+    assert ffsm_mj.prepare("2024.yaml").scenario.name == "2024"
+
+
+def test_a_link_that_leads_nowhere_is_not_written_through(vendor, tmp_path, capfd):
+    path = vendor("floating.xml", ARM)
+    (tmp_path / "work" / "my.yaml").symlink_to(tmp_path / "elsewhere.yaml")
+    assert refused(capfd, "my", "--robot", path) == "new: my.yaml exists; nothing is written over it"
+    assert not (tmp_path / "elsewhere.yaml").exists()
