@@ -43,14 +43,19 @@ def place(scene: Any, name: str, pose: Pose | None) -> Any:
 
 
 def moving_parts(scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[str]:
-    """A fault for each joint of a fixed model, and for each actuator: it has nothing to drive.
+    """A fault for each joint and mocap body of a fixed model, and for each actuator: it has nothing to drive.
 
     Args:
         scene: Specification with all models attached.
         files: Files of each model by its prefix.
     """
     places = Places(scene, files)
-    for kind, elements, does in (("joint", scene.joints, "moves"), ("actuator", scene.actuators, "drives")):
+    mocap = [body for body in scene.bodies if body.mocap]
+    for kind, elements, does in (
+        ("joint", scene.joints, "moves"),
+        ("body", mocap, "(mocap) moves"),
+        ("actuator", scene.actuators, "drives"),
+    ):
         for element in elements:
             name = element.name.partition("/")[0]
             if name in files and files[name].pose is not None:

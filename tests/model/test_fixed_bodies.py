@@ -113,6 +113,12 @@ def test_a_joint_is_refused_with_file_and_line(tmp_path, inside, line):
     assert faults(docking(tmp_path, port)) == [f"{tmp_path}/{line}"]
 
 
+def test_a_body_that_is_moved_by_hand_is_refused_with_file_and_line(tmp_path):
+    port = PORT.replace('<body name="post"', '<body name="hand" mocap="true"/><body name="post"')
+    line = "port.xml:4: body 'hand' (mocap) moves what is fixed; remove it, or write 'fixed: false'"
+    assert faults(docking(tmp_path, port)) == [f"{tmp_path}/{line}"]
+
+
 def test_an_actuator_is_refused_with_file_and_line(tmp_path):
     port = PORT.replace('<geom name="post"', '<site name="nozzle"/><geom name="post"').replace(
         "</worldbody>", '</worldbody>\n<actuator><motor name="jet" site="nozzle" gear="1 0 0 0 0 0"/></actuator>'

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.present.plots.silhouette import Outline, Plane
+from ffsm_mj.present.plots.silhouette import WORLD, Outline, Plane
 from ffsm_mj.present.plots.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH_IN, YELLOW
 from ffsm_mj.present.plots.subject import Subject
 from ffsm_mj.records.facts import logged_task
@@ -61,12 +61,20 @@ def strobe_rows(subject: Subject) -> list[int]:
 
 
 def view_box(subject: Subject, plane: Plane, rows: Sequence[int]) -> tuple[float, float, float, float]:
-    """Least and greatest coordinates of everything that is drawn, with a margin: (left, right, bottom, top) in m."""
-    points = [shape.points for row in rows for shape in subject.silhouette.outlines(subject.run.qpos[row], plane)]
+    """Least and greatest coordinates of what moves, with a margin: (left, right, bottom, top) in m.
+
+    What stands still is in it too, but a floor or a wall does not make it more than twice as large.
+    """
+    shapes = [shape for row in rows for shape in subject.silhouette.outlines(subject.run.qpos[row], plane)]
+    points = [shape.points for shape in shapes if shape.tree != WORLD]
     points += [path[:, plane.axes] for path in subject.roots.values()]
     if subject.tip is not None:
         points.append(subject.tip[:, plane.axes])
     everything = np.vstack(points)
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    room = 0.5 * float(np.max(high - low))
+    still = [np.clip(shape.points, low - room, high + room) for shape in shapes if shape.tree == WORLD]
+    everything = np.vstack((low, high, *still))
     low, high = everything.min(axis=0), everything.max(axis=0)
     margin = 0.04 * float(np.max(high - low))
     return low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin

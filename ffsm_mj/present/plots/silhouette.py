@@ -17,6 +17,8 @@ _TURN = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 _CIRCLE = np.stack((np.cos(_TURN), np.sin(_TURN)))
 _MOST_VERTICES = 2000
 """Of a mesh with more vertices those that stick out farthest are drawn."""
+WORLD = "world"
+"""Whose the outlines of what stands still are."""
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
@@ -45,7 +47,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class Outline:
-    """Polygon of one geom, (n, 2) in m, its tree and its own lightness from 0 to 1."""
+    """Polygon of one geom, (n, 2) in m, its tree (``WORLD``: it stands still) and its own lightness from 0 to 1."""
 
     points: FloatArray
     tree: str
@@ -80,7 +82,7 @@ class Silhouette:
             if flat is not None:
                 depth = float(centre @ plane.towards)
                 lightness = _lightness(colour_of(self._system.mj, geom))
-                shape = Outline(flat + centre[plane.axes], tree.name if tree else "world", lightness)
+                shape = Outline(flat + centre[plane.axes], tree.name if tree else WORLD, lightness)
                 found.append((depth, shape))
         return [shape for _, shape in sorted(found, key=lambda pair: pair[0])]
 
