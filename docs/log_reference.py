@@ -111,7 +111,8 @@ def samples() -> dict[str, list[tuple[str, str, str]]]:
 
 def record(record_type: type) -> Iterator[tuple[str, str, str, str]]:
     """Fields of an event, their meaning from its docstring."""
-    text = (record_type.__doc__ or "").split("Attributes:")[1]
+    told = next(each.__doc__ for each in record_type.__mro__ if "Attributes:" in (each.__doc__ or ""))
+    text = told.split("Attributes:")[1]
     meaning = dict(re.findall(r"^ {8}(\w+): (.*)$", text, flags=re.MULTILINE))
     hints = get_type_hints(record_type)
     for field in fields(record_type):

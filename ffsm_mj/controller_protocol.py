@@ -108,12 +108,15 @@ class Observation(NamedTuple):
     Attributes:
         time_s: Simulation time in s.
         data: MuJoCo data with all derived quantities current; read only.
-        events: Records of what has just happened at contacts (impacts and others), empty at a regular tick.
+        events: Records of what has happened at contacts since it was asked last: an impact just now, contacts that began or
+            ended since.
+        at_tick: This is a regular control tick, not an impact between two.
     """
 
     time_s: float
     data: Any
     events: tuple[Any, ...] = ()
+    at_tick: bool = True
 
 
 @dataclass(frozen=True)

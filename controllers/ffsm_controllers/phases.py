@@ -98,11 +98,10 @@ class PhaseMachine:
     def _ended(self, observation: Observation) -> str:
         """Why the current phase is over, or nothing."""
         phase = self.phases[self.phase_index]
-        if observation.events:
-            ends = phase.ending is not None and any(isinstance(event, phase.ending) for event in observation.events)
-            return phase.until if ends else ""
+        if phase.ending is not None and any(isinstance(event, phase.ending) for event in observation.events):
+            return phase.until
         elapsed = observation.time_s - self._start_s
-        if phase.duration_s is not None and elapsed >= phase.duration_s - _TIME_TOLERANCE_S:
+        if observation.at_tick and phase.duration_s is not None and elapsed >= phase.duration_s - _TIME_TOLERANCE_S:
             return "time"
         return ""
 

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from ffsm_mj.contact.unhandled import UNHANDLED_CONTACT
 from ffsm_mj.impact.kind import IMPACT
+from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.records.kinds import register
 from ffsm_mj.records.run_kinds import OUTCOME, PHASE
 
-IN_EVERY_RUN = (IMPACT, UNHANDLED_CONTACT, PHASE, OUTCOME)
+IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, OUTCOME)
 
 for kind in IN_EVERY_RUN:
     register(kind)

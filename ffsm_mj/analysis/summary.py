@@ -61,7 +61,11 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
 
 def _records(log: RunLog, end_s: float) -> dict[str, list[dict[str, Any]]]:
     """A list for each kind of record; a phase lasts until the next one begins, which its own record cannot tell."""
-    lists = {kind.plural: [kind.summary(record) for record in log.records.get(kind.plural, ())] for kind in log.kinds}
+    lists = {
+        kind.plural: [kind.summary(record) for record in log.records.get(kind.plural, ())]
+        for kind in log.kinds
+        if kind.summarised
+    }
     ends = [phase.start_s for phase in log.phases[1:]] + [end_s] * bool(log.phases)
     for phase, end in zip(lists.get("phases", ()), ends, strict=True):
         phase["end_s"] = end

@@ -27,25 +27,30 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.facts import free_components, is_conservative
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import OVERLAP, PARTIES, Layout, momentum_keys
+from ffsm_mj.records.signals import FORCE_RESIDUAL, OVERLAP, PARTIES, Layout, momentum_keys
 
 DEFAULT_TOLERANCE = 1e-9
 """A law holds when its residual stays below this times (1 + scale), in SI units."""
 DEEPEST_M = 1e-9
 """How deep an impact pair may overlap, m."""
+FORCE_TOLERANCE = 1e-8
+"""How far contact forces may be from those that the state asks for, times (1 N + force)."""
 
 RELATIVE_LAWS = (
     *("energy", "linear momentum", "angular momentum", "momentum two ways"),
     *("impact energy", "impact restitution"),
 )
 """Laws with a tolerance against a scale; the impact's only where something was hit."""
-LAW_NAMES = (*RELATIVE_LAWS, "no penetration")
-"""All that is checked. The last one where the log tells the depth; its tolerance is a depth in m."""
+LAW_NAMES = (*RELATIVE_LAWS, "no penetration", "contact complementarity")
+"""All that is checked. No penetration where the log tells the depth; its tolerance is a depth in m. The last one where a
+contact lasts."""
 
 Tolerance = float | Mapping[str, float]
 """One tolerance for all relative laws, or some laws' own by name; those not named keep the default."""
 
-_OVERLAP = f"ledger.{OVERLAP}"
+_OVERLAP, _RESIDUAL = f"ledger.{OVERLAP}", f"ledger.{FORCE_RESIDUAL}"
+_OWN = {"no penetration": DEEPEST_M, "contact complementarity": FORCE_TOLERANCE}
+"""Tolerances of laws that are no share of anything conserved."""
 _AXES = ("P_x", "P_y", "P_z", "L_x", "L_y", "L_z")
 _MEASURES = {
     "energy": ("J", ("T",)),
@@ -53,6 +58,7 @@ _MEASURES = {
     "angular momentum": ("N m s", _AXES[3:]),
     "momentum two ways": ("SI", _AXES),
     "no penetration": ("m", ("gap",)),
+    "contact complementarity": ("N", ("force",)),
 }
 
 
@@ -101,6 +107,8 @@ class Audit:
         self._bodies, self._matrix = (layout.places(momentum_keys(way)) for way in ("robot", "robot_by_mass_matrix"))
         self._free, self._two_ways = free_components(facts, "robot"), Peak()
         self._overlap, self._deepest = layout.index.get(_OVERLAP), Peak()
+        self._residual, self._complementarity = layout.index.get(_RESIDUAL), Peak()
+        self._forces = layout.places(key.removesuffix("_mode") + "_force_N" for key in layout.keys if key.endswith("_mode"))
         self._time, self.samples = layout.time, 0
 
     def rows(self, block: FloatArray) -> None:
@@ -118,6 +126,9 @@ class Audit:
                 self._two_ways.add(times, difference, linear + angular)
         if self._overlap is not None:
             self._deepest.add(times, block[:, [self._overlap]], np.zeros(len(block)))
+        if self._residual is not None and len(self._forces):
+            forces = block[:, self._forces].max(axis=1)
+            self._complementarity.add(times, block[:, [self._residual]], forces)
 
     def laws(self, impacts: Sequence[ImpactRecord], tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
         """Every law that the run should obey, with its worst residual; none without rows.
@@ -140,6 +151,8 @@ class Audit:
             laws.append(_law("momentum two ways", "robot", self._two_ways, allowed))
         if self._overlap is not None:
             laws.append(_law("no penetration", "total", self._deepest, allowed))
+        if self._complementarity.scale > 0.0 or self._complementarity.size > 0.0:
+            laws.append(_law("contact complementarity", "total", self._complementarity, allowed))
         return (*laws, *_impact_laws(impacts, allowed))
 
 
@@ -168,11 +181,11 @@ def audit(log: RunLog) -> Audit:
 
 def _tolerances(tolerance: Tolerance) -> dict[str, float]:
     if not isinstance(tolerance, Mapping):
-        return dict.fromkeys(RELATIVE_LAWS, tolerance) | {"no penetration": DEEPEST_M}
+        return dict.fromkeys(RELATIVE_LAWS, tolerance) | _OWN
     for name in tolerance:
         if name not in LAW_NAMES:
             raise KeyError(f"no law is called {name!r}; there are {', '.join(LAW_NAMES)}")
-    return dict.fromkeys(LAW_NAMES, DEFAULT_TOLERANCE) | {"no penetration": DEEPEST_M} | dict(tolerance)
+    return dict.fromkeys(LAW_NAMES, DEFAULT_TOLERANCE) | _OWN | dict(tolerance)
 
 
 def _law(name: str, party: str, worst: Peak, allowed: Mapping[str, float], drift: float | None = None) -> Law:
@@ -186,7 +199,8 @@ def _impact_laws(impacts: Sequence[ImpactRecord], allowed: Mapping[str, float]) 
     """What every impact must obey whatever law of contact made it.
 
     The work of frictionless impulses is the sum of impulse (separation - approach) / 2, exactly; the accounts of energy take
-    its change as given, so it is checked here. One contact alone separates at e times its approach.
+    its change as given, so it is checked here. One contact alone separates at e times its approach, with the e that
+    the record says was used.
     """
     events = [list(contacts) for _, contacts in groupby(impacts, key=lambda record: record.event)]
     if not events:
@@ -203,7 +217,7 @@ def _impact_laws(impacts: Sequence[ImpactRecord], allowed: Mapping[str, float]) 
     ]
     alone = [event[0] for event in events if len(event) == 1]
     if alone:
-        misses = [(c, abs(c.separation_speed_m_s - c.restitution * c.approach_speed_m_s)) for c in alone]
+        misses = [(c, abs(c.separation_speed_m_s - c.restitution_used * c.approach_speed_m_s)) for c in alone]
         scale = max(c.approach_speed_m_s for c in alone)
         laws.append(_worst_impact("impact restitution", "m/s", misses, scale, allowed))
     return laws

@@ -23,6 +23,7 @@ from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.controller_protocol import ControllerContext, Task
 from ffsm_mj.errors import Fault, ScenarioFaults, described
+from ffsm_mj.lasting.refusals import refusal
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.sites import AddedSite
@@ -96,8 +97,9 @@ def assemble(
         ignored = ignored_pairs(scenario, system, pairs)
         refuse_undetectable(system, data, pairs)
         scene = Scene(system, data)
-        regimes = (impacts_of(scenario, scene, pairs), *declared_regimes(scenario, scene))
-        course = Course(Motion(system.mj, data), regimes)
+        regimes = (*impacts_of(scenario, scene, pairs), *declared_regimes(scenario, scene))
+        course = Course(motion := Motion(system.mj, data), regimes)
+        course.take_up(motion)
         actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
         controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s), laws)
@@ -201,3 +203,10 @@ def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
     watch.look(0.0)
     for record in watch.finish(0.0):
         yield record.geoms[0], record.geoms[1]
+
+
+def refused_rest(assembly: Assembly) -> Iterator[str]:
+    """Impact pairs that end the run where they come to rest, and why."""
+    for pair in assembly.pairs:
+        if pair.restitution < 1.0 and (why := refusal(assembly.system.mj, pair)):
+            yield f"the run ends where pair {pair.name!r} comes to rest: {why}"

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from ffsm_mj.contact.feature import lasting_fault
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
@@ -26,7 +27,11 @@ def impact_pairs(scenario: Scenario, system: System) -> tuple[ContactPair, ...]:
         if wrong:
             continue
         try:
-            pairs.append(ContactPair(system, config.name, *config.sides, config.restitution))
+            pair = ContactPair(system, config.name, *config.sides, config.restitution)
+            # An elastic pair never comes to rest.
+            if config.restitution < 1.0 and (fault := lasting_fault(system.mj, *pair.ids)):
+                faults.append(Fault(f"{pair}: {fault}; or let restitution be 1", ("impact_pairs", i)))
+            pairs.append(pair)
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("impact_pairs", i)))
     if faults:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ffsm_mj.assembly.assemble import Assembly, assemble, compile_scenario, unwatched_overlaps
+from ffsm_mj.assembly.assemble import Assembly, assemble, compile_scenario, refused_rest, unwatched_overlaps
 from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
@@ -146,5 +146,5 @@ class Prepared:
         ]
         lines += [f"note: {note}" for note in system.notes]
         lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
-        lines += [f"note: {told}" for told in unstable_damping(assembly)]
+        lines += [f"note: {told}" for told in (*unstable_damping(assembly), *refused_rest(assembly))]
         return lines

@@ -1,4 +1,4 @@
-"""The contact regimes of a run: the impact first, then those that the scenario declares."""
+"""The contact regimes of a run: the impact first, what lasts after it, then those that the scenario declares."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from ffsm_mj.contact.regimes import Regime, Scene, regime_of
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.impact.regime import ImpactRules, Impacts
 from ffsm_mj.impact.resting import RestRule
+from ffsm_mj.lasting.regime import Lasting
 from ffsm_mj.scenario.scenario import Scenario
 
 
-def impacts_of(scenario: Scenario, scene: Scene, pairs: tuple[ContactPair, ...]) -> Impacts:
-    """The impact regime of a scenario."""
+def impacts_of(scenario: Scenario, scene: Scene, pairs: tuple[ContactPair, ...]) -> tuple[Impacts, Lasting]:
+    """The impact regime of a scenario, and what holds the pairs that it leaves closed."""
     interval = scenario.impact.rest_interval_s
     rules = ImpactRules(
         law=scenario.impact.law,
@@ -19,7 +20,8 @@ def impacts_of(scenario: Scenario, scene: Scene, pairs: tuple[ContactPair, ...])
         max_impacts=scenario.impact.max_impacts,
         stop_on_impact=scenario.stop_on_impact,
     )
-    return Impacts(scene, pairs, rules)
+    impacts = Impacts(scene, pairs, rules)
+    return impacts, Lasting(scene, impacts)
 
 
 def declared_regimes(scenario: Scenario, scene: Scene) -> tuple[Regime, ...]:

@@ -38,6 +38,15 @@ class Course:
             regime.motion = motion
         self.restart()
 
+    def take_up(self, system: Motion) -> None:
+        """Begin at the state in ``data`` with what the regimes' columns say of it.
+
+        Args:
+            system: What moves unless a regime says otherwise.
+        """
+        moving = [motion for regime in self.regimes if (motion := regime.take_up()) is not None]
+        self.bind(moving[0] if moving else system)
+
     def interrupt_by(self, poll: Callable[[], None]) -> None:
         """Have something called before every move along a path; what it raises ends :meth:`advance`."""
         self._poll = self.motion.path.poll = poll
@@ -45,7 +54,8 @@ class Course:
     def restart(self) -> None:
         """Look again after something changed at one instant: velocities, who is active, what moves."""
         self._active = [regime for regime in self.regimes if regime.active]
-        self.motion.push_with([regime.push for regime in self._active if regime.pushes])
+        pushing = sorted((regime for regime in self._active if regime.pushes), key=lambda regime: regime.answers)
+        self.motion.push_with([regime.push for regime in pushing])
         for regime in self.regimes:
             regime.restart()
         self.motion.flight.clear(self._horizon())

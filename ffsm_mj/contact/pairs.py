@@ -103,6 +103,7 @@ class ContactPair:
         self.name, self.geom_a, self.geom_b = name, model.geom(self._g1).name, model.geom(self._g2).name
         self.body_a, self.body_b = int(model.geom_bodyid[self._g1]), int(model.geom_bodyid[self._g2])
         self.geom_ids = frozenset((self._g1, self._g2))
+        self._kinds = {int(model.geom_type[g]) for g in self.geom_ids}
         self._check(system)
         on_robot = [body in system.robot.bodies for body in (self.body_a, self.body_b)]
         self.robot_on_object = on_robot == [True, False]
@@ -130,6 +131,15 @@ class ContactPair:
     def geoms(self) -> tuple[str, str]:
         """Full names of a and b."""
         return self.geom_a, self.geom_b
+
+    @property
+    def ids(self) -> tuple[int, int]:
+        """Ids of geoms a and b."""
+        return self._g1, self._g2
+
+    def is_of(self, kind: mujoco.mjtGeom) -> bool:
+        """Whether one of the geoms is of a kind."""
+        return int(kind) in self._kinds
 
     def __str__(self) -> str:
         """Both geoms, for messages."""

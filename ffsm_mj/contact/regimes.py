@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import entry_points
-from typing import Any, ClassVar, NamedTuple, final
+from typing import Any, ClassVar, NamedTuple
 
 import mujoco
 
@@ -53,12 +53,14 @@ class Effect(NamedTuple):
         booking: For the ledger; None where nothing was exchanged.
         motion: What moves from here on; None: as before.
         end: The run ends here, and how; the controller is asked once more only where it is completed.
+        asks: The controller is asked at once; else it hears of the records when it is asked next.
     """
 
     records: tuple[Any, ...]
     booking: Booking | None = None
     motion: Motion | None = None
     end: RunEnded | None = None
+    asks: bool = True
 
 
 class Regime:
@@ -77,6 +79,7 @@ class Regime:
         watched: Pairs of geom ids that it takes care of; others are reported when they overlap.
         active: It acts on the motion: its steps are booked.
         pushes: While it is active, its wrenches take part in the stages of each step.
+        answers: Its push depends on the forces of the others: it is asked after them.
         horizon: Way (:class:`~ffsm_mj.motion.flight.Flight`) since the last restart before which nothing can happen.
         scene: What it was built for.
         motion: What moves now.
@@ -90,6 +93,7 @@ class Regime:
     watched: frozenset[frozenset[int]] = frozenset()
     active = False
     pushes: ClassVar[bool] = True
+    answers: ClassVar[bool] = False
     horizon = math.inf
     motion: Motion
 
@@ -163,9 +167,8 @@ class Regime:
         """The contacts that it acts on now, for a person."""
         return self.kind
 
-    @final
     def push(self, data: Any) -> None:
-        """Add its wrenches to ``data.qfrc_applied``, ``data`` being that of what moves."""
+        """Add its wrenches to ``data.qfrc_applied``, ``data`` being that of what moves; all others have been added."""
         motion = self.motion
         for body, point, force, torque in self.wrenches(self.scene.data):
             mujoco.mj_applyFT(motion.model, data, force, torque, point, motion.bodies[body], data.qfrc_applied)

@@ -10,7 +10,8 @@ from ffsm_mj.records.kinds import Mark, RecordKind
 
 
 def _sentence(record: ImpactRecord) -> str:
-    pair = f"{' on '.join(record.geoms)}, e = {record.restitution:g}"
+    rests = ", comes to rest" if record.restitution_used == 0.0 < record.restitution else ""
+    pair = f"{' on '.join(record.geoms)}, e = {record.restitution:g}{rests}"
     speeds = f"approach {record.approach_speed_m_s:.4g} m/s, separation {record.separation_speed_m_s:.4g} m/s"
     return f"impact of {record.pair}: {record.impulse_N_s:.5g} N s, {pair}, {speeds}"
 
@@ -30,6 +31,9 @@ def _summary(record: ImpactRecord) -> dict[str, Any]:
         "normal": list(record.normal),
         "manifold": record.manifold,
         "restitution": record.restitution,
+        "restitution_used": record.restitution_used,
+        "dropped_gap_m": record.dropped_gap_m,
+        "dropped_flights_s": record.dropped_flights_s,
         "approach_speed_m_s": record.approach_speed_m_s,
         "separation_speed_m_s": record.separation_speed_m_s,
         "impulse_N_s": record.impulse_N_s,
@@ -55,7 +59,10 @@ _COLUMNS = {
     "object_geom": ("", "geom b where the robot touches an object, else empty"),
     "manifold": ("", "point, edge or face"),
     "law": ("", "contact law that made the result"),
-    "restitution": ("", "coefficient of restitution"),
+    "restitution": ("", "coefficient of restitution of the pair"),
+    "restitution_used": ("", "the one that made the result: 0 where the contact comes to rest"),
+    "dropped_gap_m": ("m", "where it comes to rest: the highest gap of the flights that it would have made yet"),
+    "dropped_flights_s": ("s", "how long those would have lasted in all"),
     "point_{xyz}_m": ("m", "contact point, world frame"),
     "normal_{xyz}": ("", "normal from a to b, world frame"),
     "approach_speed_m_s": ("m/s", "normal speed of approach before"),

@@ -9,7 +9,9 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.manifold import manifold_name
+from ffsm_mj.contact.regimes import Instant
 from ffsm_mj.impact.resolution import Impact
+from ffsm_mj.impact.resting import Settled
 from ffsm_mj.impact.touching import Touching, touching_points
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
@@ -60,18 +62,20 @@ def impact_records(
     system: System,
     data: Any,
     touching: Touching,
-    impact: Impact,
+    met: Settled,
     energies: FloatArray,
     event: int,
-    step: int,
-    time_s: float,
+    instant: Instant,
 ) -> tuple[ImpactRecord, ...]:
     """What the log says of an impact: one record per contact."""
 
     def by_party(values: Any) -> dict[str, tuple[float, ...]]:
         return {party: (float(value),) for party, value in zip(("total", "robot", "objects"), values, strict=True)}
 
+    impact, used = met.impact, met.used.tolist()
     change = impact.momentum_change
+    stated = [pair.restitution for pair, _, _ in touching_points(touching)]
+    dropped = [_dropped(*each) for each in zip(met.speeds.tolist(), met.pressing.tolist(), stated, strict=True)]
     records = []
     for i, (pair, near, point) in enumerate(touching_points(touching)):
         vector = impact.impulses[i] * near.normal
@@ -79,8 +83,8 @@ def impact_records(
         records.append(
             ImpactRecord(
                 event=event,
-                time_s=time_s,
-                step=step,
+                time_s=instant.time_s,
+                step=instant.step,
                 pair=pair.name,
                 geoms=pair.geoms,
                 robot_geom=pair.geom_a if pair.robot_on_object else "",
@@ -91,6 +95,9 @@ def impact_records(
                 law=impact.law,
                 jammed=int(impact.jammed),
                 restitution=pair.restitution,
+                restitution_used=used[i],
+                dropped_gap_m=dropped[i][0],
+                dropped_flights_s=dropped[i][1],
                 approach_speed_m_s=float(impact.approach_speeds[i]),
                 separation_speed_m_s=float(impact.separation_speeds[i]),
                 impulse_N_s=float(impact.impulses[i]),
@@ -109,3 +116,11 @@ def impact_records(
             )
         )
     return tuple(records)
+
+
+def _dropped(speed: float, pressing: float, restitution: float) -> tuple[float, float]:
+    """What a contact that comes to rest would have flown yet: the highest gap in m, and for how long in all in s."""
+    if speed <= 0.0 or pressing <= 0.0:
+        return 0.0, 0.0
+    left = 2.0 * speed / (pressing * (1.0 - restitution)) if restitution < 1.0 else 0.0
+    return 0.5 * speed**2 / pressing, left

@@ -15,7 +15,7 @@ from ffsm_mj.contact.regimes import Effect, Instant, Scene
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact.record import impact_records, impulses_between, party_energies
 from ffsm_mj.impact.resolution import Contact, Impact, resolve
-from ffsm_mj.impact.resting import RestRule, lasting_contact
+from ffsm_mj.impact.resting import RestRule, Settled, settled
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.impact.touching import Touching, touching_points
 from ffsm_mj.model.dynamics import momentum_matrix
@@ -51,31 +51,39 @@ class Impacts(Detector):
         """Resolve all contacts at this instant at once.
 
         Raises:
-            RunEnded: A contact is not supported, or would last.
+            RunEnded: A contact is not supported, or would last and cannot.
         """
         system, data, time_s = self.scene.system, self.scene.data, instant.time_s
         touching = self.contacts()
         try:
-            impact = self.resolve(touching)
+            met = self.resolve(touching)
         except (UnsupportedContactError, ValueError) as error:
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"at t = {time_s:.6g} s: {error} ({self.names()})") from error
-        self._refuse_lasting(touching, impact, time_s)
+        self._refuse_rest(touching, met, time_s)
         if not any(near.approaches for _, near in touching):
-            return None  # a root at rounding level: what comes next decides
-        impact = self.apply(touching, impact)
+            self.closing.close(touching)  # a root at rounding level, or closed and still: what comes next decides
+            return None
+        impact = self.apply(touching, met.impact)
         energies = party_energies(system, data, impact)
-        records = impact_records(system, data, touching, impact, energies, self._impacts, instant.step, time_s)
+        met = replace(met, impact=impact)
+        records = impact_records(system, data, touching, met, energies, self._impacts, instant)
+        self.closing.close(touching)
         self._impacts += 1
         return Effect(records, self.booking(energies, impact), end=self._end())
 
-    def resolve(self, touching: Touching) -> Impact:
-        """The impact in the coordinates of what moves."""
-        bodies = self.motion.bodies
-        contacts = [
-            Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal, pair.restitution)
-            for pair, near, point in touching_points(touching)
-        ]
-        return resolve(self.motion.model, self.motion.data, contacts, self._rules.law)
+    def resolve(self, touching: Touching) -> Settled:
+        """The impact in the coordinates of what moves, plastic where a contact comes to rest."""
+        bodies, model, data = self.motion.bodies, self.motion.model, self.motion.data
+        points = touching_points(touching)
+
+        def with_restitution(e: FloatArray) -> Impact:
+            contacts = [
+                Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal, float(each))
+                for (pair, near, point), each in zip(points, e, strict=True)
+            ]
+            return resolve(model, data, contacts, self._rules.law)
+
+        return settled(self.scene.system.mj, self.scene.data, touching, self._rules.rest, with_restitution)
 
     def apply(self, touching: Touching, impact: Impact) -> Impact:
         """Give what moves its velocities after; returns the impact in the coordinates of the system."""
@@ -119,13 +127,9 @@ class Impacts(Detector):
             return RunEnded(Outcome.EVENT_LIMIT, f"{self._impacts} impacts; raise impact.max_impacts to go on")
         return None
 
-    def _refuse_lasting(self, touching: Touching, impact: Impact, time_s: float) -> None:
-        """End the run where a contact lasts: it would not fly, or for less than the scenario's rest interval."""
-        rule = self._rules.rest
-        lasting = lasting_contact(self.scene.system.mj, self.scene.data, touching, impact, rule)
-        if lasting is None:
-            return
-        flight = f"its next flight would last {2.0 * lasting.speed / lasting.pressing:.3g} s"
-        why = f"pressed at {lasting.pressing:.3g} m/s^2, {flight} (impact.rest_interval_s: {rule.interval_s:g} s)"
-        message = f"{lasting.pair} stays in contact from t = {time_s:.6g} s: {why}; contact that lasts is not modelled"
-        raise RunEnded(Outcome.LASTING_CONTACT, message)
+    def _refuse_rest(self, touching: Touching, met: Settled, time_s: float) -> None:
+        """End the run where a pair comes to rest, pressed, that nobody can hold."""
+        for (pair, _, _), used, b in zip(touching_points(touching), met.used.tolist(), met.pressing.tolist(), strict=True):
+            if used == 0.0 and b > 0.0 and (why := self.closing.refusal(pair)):
+                message = f"{pair} would stay in contact from t = {time_s:.6g} s, pressed at {b:.3g} m/s^2: {why}"
+                raise RunEnded(Outcome.UNSUPPORTED_CONTACT, message)

@@ -1,4 +1,4 @@
-"""Which contacts would last: rule (10), the next flight is shorter than a time that the scenario states.
+"""Which contacts come to rest: rule (10), the next flight is shorter than a time that the scenario states.
 
 At an impact the accelerations of the gaps follow from the velocities that a plastic impact of all touching contacts would
 leave and from the efforts held. Where they press, contact forces lambda >= 0 answer so that no gap accelerates inwards;
@@ -8,7 +8,7 @@ A contact that separates at u flies for 2 u / b.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,43 +36,60 @@ class RestRule:
     interval_s: float
     speed_m_s: float
 
-    def flight_is_none(self, speed: float, pressing: float) -> bool:
-        """Whether a contact that separates at a speed and is pressed at an acceleration does not fly."""
-        return speed < max(self.speed_m_s, 0.5 * pressing * self.interval_s)
+    def least_speeds(self, pressing: FloatArray) -> FloatArray:
+        """Contacts pressed at these accelerations that separate slower do not fly, m/s, (k,)."""
+        return np.maximum(self.speed_m_s, 0.5 * self.interval_s * pressing)
 
 
 @dataclass(frozen=True)
-class Lasting:
-    """A contact that would last: its pair, the speed at which it would separate in m/s, how it is pressed in m/s^2."""
+class Settled:
+    """An impact, and which of its contacts come to rest in it.
 
-    pair: ContactPair
-    speed: float
-    pressing: float
+    Attributes:
+        impact: Resolved.
+        used: Coefficient of restitution of each contact that made it so: 0 where one comes to rest, (k,).
+        pressing: The b of each, m/s^2, (k,).
+        speeds: Speed at which each would have separated had it not come to rest, m/s, (k,); 0 where it flies on.
+    """
+
+    impact: Impact
+    used: FloatArray
+    pressing: FloatArray
+    speeds: FloatArray
 
 
-def lasting_contact(model: Any, data: Any, touching: Touching, impact: Impact, rule: RestRule) -> Lasting | None:
-    """The contact of an impact that lasts, the one that is pressed most where there are several; None where all fly on.
+def settled(
+    model: Any, data: Any, touching: Touching, rule: RestRule, resolve_with: Callable[[FloatArray], Impact]
+) -> Settled:
+    """Resolve an impact, plastic where a contact would fly for too short a time.
 
-    An elastic contact never comes to rest, except where it does not even approach.
+    A contact with e = 1 never comes to rest, except where it does not even approach; one that rests may let others rest.
 
     Args:
         model: MuJoCo model.
         data: Its data at the impact, before it, with the efforts held.
         touching: Pairs in contact.
-        impact: The impact of all their points, resolved.
         rule: What counts as lasting.
+        resolve_with: Resolves the impact of all their points with a coefficient of restitution for each.
     """
     points = touching_points(touching)
-    speeds = impact.separation_speeds.tolist()
-    if not any(pair.restitution < 1.0 or speed <= near.still for (pair, near, _), speed in zip(points, speeds, strict=True)):
-        return None
+    used = np.array([pair.restitution for pair, _, _ in points])
+    impact = resolve_with(used)
+    still = np.array([near.still for _, near, _ in points])
+    stated, speeds, pressing = used, np.zeros(len(points)), np.zeros(len(points))
+    if np.all((stated >= 1.0) & (impact.separation_speeds > still)):
+        return Settled(impact, used, pressing, speeds)
     pressing = _pressing(model, data, points, impact)
-    found = None
-    for (pair, near, _), b, speed in zip(points, pressing.tolist(), speeds, strict=True):
-        still = speed <= near.still
-        if b > 0.0 and (still or (pair.restitution < 1.0 and rule.flight_is_none(speed, b))):
-            found = Lasting(pair, 0.0 if still else speed, b) if found is None or b > found.pressing else found
-    return found
+    for _ in points:
+        after = impact.separation_speeds
+        rests = (after <= still) | ((stated < 1.0) & (after < rule.least_speeds(pressing)))
+        rests &= (pressing > 0.0) & (used > 0.0)
+        if not rests.any():
+            break
+        speeds = np.where(rests, np.maximum(after, 0.0), speeds)
+        used = np.where(rests, 0.0, used)
+        impact = resolve_with(used)
+    return Settled(impact, used, pressing, speeds)
 
 
 def _pressing(

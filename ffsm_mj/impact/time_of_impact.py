@@ -16,6 +16,7 @@ import numpy as np
 from ffsm_mj.contact.pairs import FAR, ContactPair, Proximity
 from ffsm_mj.contact.regimes import Regime, Scene
 from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.impact.closing import Closing, NothingCloses
 from ffsm_mj.impact.first_touch import first_touch
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import OVERLAP, Signal
@@ -49,6 +50,8 @@ class Detector(Regime):
     apart is looked at again only when it could have come near.
 
     Attributes:
+        pairs: Those that it watches.
+        closing: Takes over those that stay closed.
         columns: Deepest overlap of any pair at the ends of (sub-)steps since the sample before.
     """
 
@@ -56,9 +59,10 @@ class Detector(Regime):
         """Watch pairs by the state of a scene."""
         super().__init__(None, scene)
         model, data = self._model, self._data = scene.system.mj, scene.data
-        self._pairs = tuple(pairs)
-        self._reach = [pair.reach_per_root_energy(model, data) for pair in self._pairs]
-        self.watched = frozenset(pair.geom_ids for pair in self._pairs)
+        self.pairs = tuple(pairs)
+        self.closing: Closing = NothingCloses()
+        self._reach = [pair.reach_per_root_energy(model, data) for pair in self.pairs]
+        self.watched = frozenset(pair.geom_ids for pair in self.pairs)
         # What was seen in this step, by pair and time; at the start of the next one what was seen at the end of it.
         self._seen: dict[tuple[int, float], Proximity] = {}
         self._deepest, self._told = 0.0, np.zeros(1)
@@ -71,10 +75,10 @@ class Detector(Regime):
         self._look_ahead()
 
     def _look_ahead(self) -> None:
-        # How far the flight must go before each pair can have touched.
+        # How far the flight must go before each pair can have touched; held ones have no touch to come.
         self._safe = [
-            (pair.gap(self._model, self._data, FAR) - _NEAR) / reach
-            for pair, reach in zip(self._pairs, self._reach, strict=True)
+            math.inf if self.closing.holds(pair) else (pair.gap(self._model, self._data, FAR) - _NEAR) / reach
+            for pair, reach in zip(self.pairs, self._reach, strict=True)
         ]
         self.horizon = min(self._safe, default=math.inf)
 
@@ -84,7 +88,7 @@ class Detector(Regime):
         before = flight.way - flight.last
         if before > 0.0:
             self._seen.clear()  # it tells of an earlier step
-        for i, (pair, reach) in enumerate(zip(self._pairs, self._reach, strict=True)):
+        for i, (pair, reach) in enumerate(zip(self.pairs, self._reach, strict=True)):
             if flight.way < self._safe[i]:
                 continue
             apart = pair.gap(self._model, self._data, FAR) - _NEAR
@@ -117,7 +121,7 @@ class Detector(Regime):
     def contacts(self) -> list[tuple[ContactPair, Proximity]]:
         """All pairs in contact at the state in ``data``."""
         model, data = self._model, self._data
-        close = [pair for pair in self._pairs if pair.gap(model, data, _LOOK) <= _NEAR]
+        close = [pair for pair in self.pairs if pair.gap(model, data, _LOOK) <= _NEAR]
         near = [(pair, pair.proximity(model, data)) for pair in close]
         return [(pair, proximity) for pair, proximity in near if proximity.gap <= GAP_TOLERANCE]
 
@@ -127,9 +131,13 @@ class Detector(Regime):
         Args:
             time: Since the start of the step, where what was seen in it may be used.
         """
-        for i, pair in enumerate(self._pairs):
-            if pair.gap(self._model, self._data, _LOOK) <= _NEAR:
-                self._deepest = max(self._deepest, -self._look(i, time).gap)
+        for i, pair in enumerate(self.pairs):
+            if not self.closing.holds(pair) and pair.gap(self._model, self._data, _LOOK) <= _NEAR:
+                self.deepen(-self._look(i, time).gap)
+
+    def deepen(self, depth: float) -> None:
+        """Keep account of an overlap, m, of a pair that somebody else looks after."""
+        self._deepest = max(self._deepest, depth)
 
     def _tell(self, _: float) -> None:
         self._told[0], self._deepest = self._deepest, 0.0
@@ -137,19 +145,19 @@ class Detector(Regime):
     def _look(self, i: int, time: float | None) -> Proximity:
         """A pair at the state in ``data``; looked at once where the time since the start of the step is known."""
         if time is None:
-            return self._pairs[i].proximity(self._model, self._data)
+            return self.pairs[i].proximity(self._model, self._data)
         if (i, time) not in self._seen:
             if len(self._seen) >= _MOST_LOOKS:
                 raise UnsupportedContactError(
-                    f"the gap of {self._pairs[i]} changes too often within a step to follow; try a shorter one"
+                    f"the gap of {self.pairs[i]} changes too often within a step to follow; try a shorter one"
                 )
-            self._seen[i, time] = self._pairs[i].proximity(self._model, self._data)
+            self._seen[i, time] = self.pairs[i].proximity(self._model, self._data)
         return self._seen[i, time]
 
     def _edge(self, time: float) -> _Edge:
         model, data = self._model, self._data
-        bounds = tuple(pair.closing_bound(data) for pair in self._pairs)
-        gaps = tuple(pair.gap(model, data, FAR) for pair in self._pairs)
+        bounds = tuple(pair.closing_bound(data) for pair in self.pairs)
+        gaps = tuple(pair.gap(model, data, FAR) for pair in self.pairs)
         return _Edge(time, gaps, bounds)
 
     def due(self) -> bool:
@@ -166,7 +174,7 @@ class Detector(Regime):
 
     def _touch_of(self, i: int, start: float, end: float) -> float | None:
         """First touch of one pair on a stretch where its gap is simple."""
-        pair, model, data = self._pairs[i], self._model, self._data
+        pair, model, data = self.pairs[i], self._model, self._data
 
         def at(time: float) -> Proximity:
             self.motion.path.move_to(time)
@@ -178,11 +186,13 @@ class Detector(Regime):
         """Earliest touch in an interval, halving it until each pair that may touch moves simply."""
         span = b.time - a.time
         open_pairs = [
-            i for i in range(len(self._pairs)) if a.gaps[i] + b.gaps[i] - 2.0 * _NEAR <= max(a.bounds[i], b.bounds[i]) * span
+            i
+            for i, pair in enumerate(self.pairs)
+            if a.gaps[i] + b.gaps[i] - 2.0 * _NEAR <= max(a.bounds[i], b.bounds[i]) * span and not self.closing.holds(pair)
         ]
         if not open_pairs:
             return None
-        simple = all(max(a.bounds[i], b.bounds[i]) * span <= self._pairs[i].size for i in open_pairs)
+        simple = all(max(a.bounds[i], b.bounds[i]) * span <= self.pairs[i].size for i in open_pairs)
         if simple or depth >= _MAX_HALVINGS:
             touches = [t for t in (self._touch_of(i, a.time, b.time) for i in open_pairs) if t is not None]
             return min(touches, default=None)

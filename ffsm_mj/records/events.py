@@ -17,7 +17,6 @@ class Outcome(StrEnum):
     COMPLETED = "completed"
     DIVERGED = "diverged"
     EVENT_LIMIT = "event_limit"
-    LASTING_CONTACT = "lasting_contact"
     UNSUPPORTED_CONTACT = "unsupported_contact"
     CONTROLLER_FAILED = "controller_failed"
     WRITE_FAILED = "write_failed"
@@ -33,7 +32,6 @@ _SENTENCES = {
     Outcome.COMPLETED: "the run reached its end",
     Outcome.DIVERGED: "the motion diverged",
     Outcome.EVENT_LIMIT: "the scenario's limit on the number of impacts was reached",
-    Outcome.LASTING_CONTACT: "a contact became lasting, which the impact law does not model",
     Outcome.UNSUPPORTED_CONTACT: "a contact cannot be resolved exactly",
     Outcome.CONTROLLER_FAILED: "the controller failed",
     Outcome.WRITE_FAILED: "the log could not be written",
@@ -67,6 +65,9 @@ class ImpactRecord:
         law: Impact law that made the result.
         jammed: 1 where bodies were squeezed without clearance: no elastic answer exists and energy was lost.
         restitution: Coefficient of restitution of the pair.
+        restitution_used: The one that made the result: 0 where the contact comes to rest and lasts.
+        dropped_gap_m: Where it comes to rest, the highest gap of the flights that it would have made yet; else 0.
+        dropped_flights_s: How long those would have lasted in all: so much too early it rests; else 0.
         approach_speed_m_s: Speed of approach along the normal before.
         separation_speed_m_s: Speed of separation along the normal after.
         impulse_N_s: Impulse on b, along the normal.
@@ -99,6 +100,9 @@ class ImpactRecord:
     law: str
     jammed: int
     restitution: float
+    restitution_used: float
+    dropped_gap_m: float
+    dropped_flights_s: float
     approach_speed_m_s: float
     separation_speed_m_s: float
     impulse_N_s: float

@@ -73,6 +73,7 @@ class RecordKind:
         time: When one is logged, s.
         sentence: What happened, in one line.
         summary: Its entry in ``summary.json``.
+        summarised: Whether ``summary.json`` lists each one; where not, somebody else sums them up.
         columns: Unit and meaning of the columns of its table. ``impulse_N_s`` is the field of that name, ``point_{xyz}_m``
             one column for each value of the field ``point_m``.
         lengths: How many values a field holds, ``point_m``, or the entry of a mapping, ``energy_before_J.total``.
@@ -89,6 +90,7 @@ class RecordKind:
     time: Callable[[Any], float]
     sentence: Callable[[Any], str]
     summary: Callable[[Any], dict[str, Any]] = all_fields
+    summarised: bool = True
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     lengths: Mapping[str, int] = field(default_factory=dict)
     marks: Callable[[Any], Sequence[Mark]] | None = None

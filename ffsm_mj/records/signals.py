@@ -41,6 +41,8 @@ TIP_RATE = ("state.tip_vx_m_s", "state.tip_vy_m_s", "state.tip_vz_m_s")
 """Columns of its velocity."""
 OVERLAP = "deepest_overlap_m"
 """Signal of the ledger that tells of penetration."""
+FORCE_RESIDUAL = "contact_force_residual_N"
+"""Signal of the ledger that tells how far contact forces are from those that the state asks for."""
 
 _COORDINATES = {
     "free": ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"),

@@ -50,6 +50,11 @@ class Encounter:
         return int(self.records[0].step)
 
 
+def _order(event: Encounter) -> tuple[int, float, bool, int]:
+    """In time; at one instant an impact first, then as they are numbered."""
+    return event.step, event.time_s, event.kind != "impact", int(getattr(event.records[0], "event", 0))
+
+
 class Encounters:
     """The events of a log.
 
@@ -71,7 +76,7 @@ class Encounters:
         """
         self._system, self._step_s, self._found, self._fault_of = system, step_s, found, fault_of
         met = [event for kind in log.event_kinds for event in self._of_kind(kind, log)]
-        self.pending = sorted(met, key=lambda event: (event.step, event.time_s))
+        self.pending = sorted(met, key=_order)
 
     def _of_kind(self, kind: RecordKind, log: RunLog) -> Iterator[Encounter]:
         records = log.records.get(kind.plural, ())

@@ -8,7 +8,7 @@ import numpy as np
 
 from ffsm_mj.analysis.agreement import Agreement
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.regimes import Scene
+from ffsm_mj.contact.regimes import Instant, Scene
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact.record import impact_records, party_energies
 from ffsm_mj.impact.regime import Impacts
@@ -52,9 +52,13 @@ class ImpactCheck:
         system, data = self._scene.system, self._scene.data
         try:
             touching = self._impacts.contacts()
-            impact = self._impacts.apply(touching, self._impacts.resolve(touching))
-            energies = party_energies(system, data, impact)
-            return impact_records(system, data, touching, impact, energies, event.number, event.step, event.time_s)
+            met = self._impacts.resolve(touching)
+            met = replace(met, impact=self._impacts.apply(touching, met.impact))
+            energies = party_energies(system, data, met.impact)
+            instant = Instant(event.time_s, event.step)
+            records = impact_records(system, data, touching, met, energies, event.number, instant)
+            self._impacts.closing.close(touching)
+            return records
         except (UnsupportedContactError, ValueError, ArithmeticError):
             return ()
 

@@ -24,13 +24,16 @@ from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.plant.state import StateReport
 from ffsm_mj.records.columns import Columns, Row, same_names
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import Layout, coordinate_keys, rate_keys
+from ffsm_mj.records.signals import FORCE_RESIDUAL, Layout, coordinate_keys, rate_keys
+from ffsm_mj.recount.contact_check import ContactCheck
 from ffsm_mj.recount.encounters import Encounter, Encounters
 from ffsm_mj.recount.impact_check import ImpactCheck
 from ffsm_mj.recount.regime_check import RegimeCheck
 from ffsm_mj.recount.scene import LogScene
 from ffsm_mj.simulation.rows import RowWriter
 
+_NO_TIME = 1e-15
+"""Of the time since the start: an event that is this little later than the state before is at it, as at a control tick."""
 _HUGE = 1e10
 """MuJoCo takes no larger number for a state."""
 
@@ -65,8 +68,8 @@ class Retrace:
         self._period_s = self._step_s * self._steps
         mujoco.mj_forward(model, self._data)
         self._scene, self._free = Scene(scene.system, self._data), Motion(model, self._data)
-        self._impacts = impacts_of(scenario, self._scene, scene.pairs)
-        self._course = Course(self._free, (self._impacts, *declared_regimes(scenario, self._scene)))
+        self._impacts, lasting = impacts_of(scenario, self._scene, scene.pairs)
+        self._course = Course(self._free, (self._impacts, lasting, *declared_regimes(scenario, self._scene)))
         self._ledger = Ledger(scene.system, self._data, self._free.momentum, notes=BLOCK_ROWS)
         self.free = self._ledger.free
         self._actuation, self._command = scene.actuation, Command.off(int(model.nu))
@@ -97,7 +100,10 @@ class Retrace:
         self._resume = [(part.resume, layout.places(s.key for s in part.signals)) for part in known if part.resume]
         joints, self._layout = scene.system.joints.values(), layout
         self._state = layout.places((*coordinate_keys(joints), *rate_keys(joints)))
-        self._known = np.setdiff1d(np.arange(len(layout.keys)), np.concatenate((self._told, self._state)))
+        self._residual = layout.index[f"ledger.{FORCE_RESIDUAL}"]
+        apart = np.concatenate((self._told, self._state, [self._residual]))
+        self._known = np.setdiff1d(np.arange(len(layout.keys)), apart)
+        self._contacts = ContactCheck(self._scene, self._impacts.pairs, layout)
         self._energy, self._mass = layout.index["energy.total_J"], float(self._model.body_mass.sum())
 
     def take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
@@ -163,6 +169,7 @@ class Retrace:
         self._data.ctrl[:] = lines.ctrl[line]
         self._telling[:] = lines.rows[line, self._told]
         self._rows.fill(line, time)
+        self._again[line, self._residual] = self._contacts.residual(lines.rows[line])
         self._tick = None if tick == BETWEEN else tick
 
     def _seat(self, line: int, tick: int, time_s: float) -> None:
@@ -172,11 +179,10 @@ class Retrace:
         self._events.skip_to(tick * self._steps)
         for resume, places in self._resume:
             resume(lines.rows[line, places] if tick else np.zeros(len(places)))
+        self._course.take_up(self._free)
         if not tick:
             self._decide(line, time_s)
             return
-        moving = [motion for regime in self._course.regimes if (motion := regime.take_up()) is not None]
-        self._course.bind(moving[0] if moving else self._free)
         self._actuation.hold(lines.applied[line], self._data, time_s)
         self._actuation.table[:, 0] = lines.asked[line]
 
@@ -201,7 +207,8 @@ class Retrace:
         self._left = self._step_s
         for event in self._events.within(step):
             left = (step + 1) * self._step_s - event.time_s
-            self._meet(event, self._arrive(self._left - left, event.state))
+            flown = self._left - left
+            self._meet(event, self._arrive(flown if flown > _NO_TIME * event.time_s else 0.0, event.state))
             self._left = left
             if event.time_s == until_s:
                 return True

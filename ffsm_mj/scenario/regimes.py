@@ -48,9 +48,9 @@ def _checked(given: Any) -> StrictModel:
 
 
 def endings(configs: tuple[Any, ...]) -> tuple[str, ...]:
-    """What may end a phase: impacts, and the records of declared regimes."""
+    """What may end a phase: impacts, contacts that begin or end, and the records of declared regimes."""
     named = (kind.name for config in configs for kind in regime_of(config.kind).records)
-    return ("impact", *named)
+    return ("impact", "contact_begins", "contact_ends", *named)
 
 
 def fault_of_ending(until: str | None, configs: tuple[Any, ...]) -> str:

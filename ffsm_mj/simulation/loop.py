@@ -16,7 +16,7 @@ from typing import Any
 import mujoco
 
 from ffsm_mj.contact.course import Course
-from ffsm_mj.contact.regimes import Instant, Regime
+from ffsm_mj.contact.regimes import Effect, Instant, Regime
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.controller_protocol import Command, Observation, TaskController
 from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at, unknown_name
@@ -71,6 +71,7 @@ class Simulation:
         self._command = Command.off(int(plant.system.mj.nu))
         self._done = _Progress()
         self._warnings: list[str] = []
+        self._unheard: tuple[Any, ...] = ()
 
     def run(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> OutcomeRecord:
         """Simulate to the end, or to what ends the run before.
@@ -128,7 +129,7 @@ class Simulation:
         try:
             for tick in range(settings.ticks):
                 now = tick * period
-                self._decide(Observation(now, data))
+                self._decide(Observation(now, data, self._unheard))
                 self._record(now)
                 report(now)
                 poll()
@@ -147,6 +148,7 @@ class Simulation:
     def _ask(self, observation: Observation) -> None:
         """Ask the controller and hold what the plant makes of its command."""
         self._command.clear()
+        self._unheard = ()
         try:
             self._controller.control(observation, self._command)
             self._plant.actuation.apply(self._command, observation.data, observation.time_s)
@@ -188,7 +190,8 @@ class Simulation:
             except UnsupportedContactError as error:
                 raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
             elapsed = left if event is None else event[0]
-            plant.ledger.close(elapsed)
+            if elapsed > 0.0:
+                plant.ledger.close(elapsed)
             for booking in plant.course.bookings(elapsed):
                 plant.ledger.book(*booking)
             plant.actuation.elapse(elapsed)
@@ -225,16 +228,20 @@ class Simulation:
             plant.course.bind(effect.motion)
         if effect.booking is not None:
             plant.ledger.book(*effect.booking)
-        self._after_event(Observation(time_s, plant.data, effect.records), effect.end)
+        self._after_event(effect, time_s)
 
-    def _after_event(self, observation: Observation, end: RunEnded | None) -> None:
+    def _after_event(self, effect: Effect, time_s: float) -> None:
         """Ask the controller at once, and record the event with the efforts that act from there on."""
+        end, events = effect.end, (*self._unheard, *effect.records)
+        observation = Observation(time_s, self._plant.data, events, at_tick=False)
         try:
-            if end is None or end.outcome == Outcome.COMPLETED:
+            if not effect.asks:
+                self._unheard = events
+            elif end is None or end.outcome == Outcome.COMPLETED:
                 self._ask(observation)
         finally:
             efforts = self._plant.actuation.by_name()
-            for record in observation.events:
+            for record in effect.records:
                 self._recorder.event(replace(record, efforts_after=efforts))
         self._report_phases()
         if end is not None:

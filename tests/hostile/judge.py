@@ -8,7 +8,7 @@ from tests.hostile.cases import Case
 
 _CODES = (0, 1, 2, 3, 4, 130)
 _NOISE = re.compile(r"Traceback|Warning\b|WARNING|Fatal Python error|Timeout \(|Exception ignored|^Error", re.MULTILINE)
-_OUTCOMES = "diverged|event_limit|lasting_contact|unsupported_contact|controller_failed|write_failed|violated"
+_OUTCOMES = "diverged|event_limit|unsupported_contact|controller_failed|write_failed|violated"
 
 
 def complaint(case: Case, command: tuple[str, ...], code: int, stderr: str) -> str:

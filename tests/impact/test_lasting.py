@@ -1,4 +1,4 @@
-"""Contact that would last ends the run at the instant that rule (10) says, never by stalling, never with an overlap."""
+"""A contact comes to rest at the instant that rule (10) says, and is held from there: no stall, no overlap."""
 
 from __future__ import annotations
 
@@ -55,19 +55,23 @@ def check(run, *, fine=True):
 
 @pytest.mark.parametrize("step", [1e-3, 5e-3, 1e-2])
 @pytest.mark.parametrize("restitution", [0.0, 0.1, 0.5, 0.7, 0.9])
-def test_a_pressed_ball_ends_the_run_when_its_flight_is_shorter_than_a_step(tmp_path, restitution, step):
+def test_a_pressed_ball_comes_to_rest_when_its_flight_is_shorter_than_a_step(tmp_path, restitution, step):
     """It falls s = 1e-4 m with b = 15 m/s^2 and flies for 2 e^k sqrt(2 s / b) after hit k; one below a step is none.
 
     The spring gives way by 1e-3 m of 1 m until the end, and the reaction of the target is in b: 2 % in the flight.
     """
     run = ffsm_mj.run(pressed(tmp_path, restitution, step))
-    assert run.outcome == "lasting_contact"
-    assert "robot/ball - target/target stays in contact" in run.message
+    assert run.outcome == "completed"
+    (begins,) = run.records["contact_beginnings"]
     fall = np.sqrt(2e-4 / 15.0)
     flights = 2.0 * restitution ** np.arange(1, 60) * fall
     hits = int(np.argmax(flights < step))
-    assert len(run.impacts) == hits
-    assert run.summary()["duration_s"] == pytest.approx(fall + flights[:hits].sum(), rel=0.02)
+    assert len(run.impacts) == hits + 1
+    assert [impact.restitution_used for impact in run.impacts] == [restitution] * hits + [0.0]
+    assert begins.time_s == run.impacts[-1].time_s == pytest.approx(fall + flights[:hits].sum(), rel=0.02)
+    # What is left out: flights shorter than a step, a geometric series, and their heights.
+    assert run.impacts[-1].dropped_flights_s <= step / (1.0 - restitution)
+    assert run.impacts[-1].dropped_gap_m <= 15.0 * step**2 / 8.0
     check(run)
 
 
@@ -100,33 +104,41 @@ def test_the_limit_of_a_bouncing_ball(tmp_path):
     fall = np.sqrt(2.0 / 9.81)
     limit = fall * (1.0 + 0.9) / (1.0 - 0.9)
     run = ffsm_mj.run(bouncing(tmp_path, 0.9))
-    assert run.outcome == "lasting_contact"
-    assert limit - 0.001 / (1.0 - 0.9) < run.summary()["duration_s"] < limit
+    assert run.outcome == "completed"
+    (begins,) = run.records["contact_beginnings"]
+    assert limit - 0.001 / (1.0 - 0.9) < begins.time_s < limit
+    assert begins.time_s + run.impacts[-1].dropped_flights_s == pytest.approx(limit, abs=1e-6)
     assert run["ledger.deepest_overlap_m"].max() <= PENETRATION_M
+    # It rests and stays.
+    assert not run.records["contact_endings"]
+    assert run["contact.ball_floor_floor_force_z_N"][-1] == pytest.approx(-9.81, abs=1e-6)
     # Without the rule it comes to rest by rounding: gaps of 1e-14 m end flights of sqrt(8e-14 / g) = 1e-7 s.
     run = ffsm_mj.run(bouncing(tmp_path, 0.9, rest_interval_s=0.0))
-    assert run.outcome == "lasting_contact"
-    assert run.summary()["duration_s"] == pytest.approx(limit, abs=1e-5)
+    assert run.records["contact_beginnings"][0].time_s == pytest.approx(limit, abs=1e-5)
     assert len(run.impacts) > 120
 
 
 def test_rest_speed_ends_flights_too(tmp_path):
     """E |u| < v: the first hit is at sqrt(2 s b) = 0.055 m/s."""
     run = ffsm_mj.run(pressed(tmp_path, 0.5, impact={"rest_interval_s": 0.0, "rest_speed_m_s": 0.03}))
-    assert (run.outcome, len(run.impacts)) == ("lasting_contact", 0)
+    assert (run.outcome, len(run.impacts)) == ("completed", 1)
     run = ffsm_mj.run(pressed(tmp_path, 0.5, impact={"rest_interval_s": 0.0, "rest_speed_m_s": 0.02}))
-    assert (run.outcome, len(run.impacts)) == ("lasting_contact", 1)
+    assert (run.outcome, len(run.impacts)) == ("completed", 2)
 
 
 def test_a_pair_at_rest_that_a_motor_begins_to_press(tmp_path):
-    """Plastic, no force: they travel together, which is no lasting contact; an effort that jumps at a tick makes it one."""
+    """Plastic, no force: they travel together; an effort that jumps at a tick is felt by both at once."""
     coast = {"name": "coast", "for_s": 0.5, "controller": {"kind": "off"}}
     push = {"name": "push", "until": "end"}
     push["controller"] = {"kind": "pd", "joints": ["robot/x"], "kp": 1.0, "kd": 0.0, "target": [5.0]}
     run = ffsm_mj.run(two_balls(tmp_path, gap=0.1, restitution=0.0, phases=[coast, push]))
-    assert run.outcome == "lasting_contact"
+    assert run.outcome == "completed"
     assert len(run.impacts) == 1
-    assert run.summary()["duration_s"] == pytest.approx(0.5, abs=1e-9)
+    force = run["contact.ball_target_target_force_N"]
+    assert np.all(force[run.time < 0.5 - 1e-9] == 0.0)
+    # Of 2 and 3 kg: three fifths of what the motor gives go to the other.
+    pushed = run["actuators.robot_push_x_applied_N"]
+    assert force[run.time >= 0.5] == pytest.approx(0.6 * pushed[run.time >= 0.5], rel=1e-9)
     check(run)
 
 
@@ -137,7 +149,7 @@ def test_plastic_and_free_goes_on(tmp_path):
     check(run)
 
 
-def jaws(folder, restitution, *, kp, speed=0.0, shape='type="box" size="0.02 0.1 0.1" euler="0 0 90"'):
+def jaws(folder, restitution, *, kp, speed=0.0, duration_s=1.0, shape='type="box" size="0.02 0.1 0.1" euler="0 0 90"'):
     """Two jaws on slides of a free base close on a free cube between them."""
 
     def jaw(name, y):
@@ -152,6 +164,7 @@ def jaws(folder, restitution, *, kp, speed=0.0, shape='type="box" size="0.02 0.1
         folder,
         robot,
         {"cube": box("cube", mass=2.0, half=(0.1, 0.1, 0.1))},
+        duration_s=duration_s,
         initial={"rates": {"left": speed, "right": -1.3 * speed}},
         impact_pairs=[
             {"robot_geom": name, "object_geom": "cube/cube", "restitution": restitution} for name in ("left", "right")
@@ -161,9 +174,10 @@ def jaws(folder, restitution, *, kp, speed=0.0, shape='type="box" size="0.02 0.1
 
 
 def test_two_jaws_grip_and_hold(tmp_path):
-    """Four corners of each jaw, redundant: e = 0 ends at the first touch that is pressed."""
-    run = ffsm_mj.run(jaws(tmp_path, 0.0, kp=30.0))
-    assert run.outcome == "lasting_contact"
+    """Four corners of each jaw, redundant: the cube does not move, and each side bears the force of its motor."""
+    run = ffsm_mj.run(jaws(tmp_path, 0.0, kp=30.0, duration_s=0.4))
+    assert run.outcome == "completed"
+    assert {begins.pair for begins in run.records["contact_beginnings"]} == {"left-cube/cube", "right-cube/cube"}
     check(run)
 
 
@@ -318,7 +332,7 @@ def _never_stalls(folder, drawn):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(StepPath, "move_to", counted)
         run = simulate(parts)
-    assert run.outcome in ("completed", "lasting_contact", "event_limit"), run.message
+    assert run.outcome in ("completed", "event_limit"), run.message
     if run.outcome == "completed":
         assert run.time[-1] == pytest.approx(0.02)
     touches = len({impact.event for impact in run.impacts}) + 1

@@ -95,7 +95,8 @@ def test_summary_has_the_contracted_keys(baseline):
         *("conservative", "impacts", "unhandled_contacts", "phases", "tip", "controller", "conservation", "versions"),
     ]
     assert list(summary["impacts"][0]) == [
-        *("event", "time_s", "pair", "geoms", "robot_geom", "object_geom", "point_m", "normal", "manifold", "restitution"),
+        *("event", "time_s", "pair", "geoms", "robot_geom", "object_geom", "point_m", "normal", "manifold"),
+        *("restitution", "restitution_used", "dropped_gap_m", "dropped_flights_s"),
         *("approach_speed_m_s", "separation_speed_m_s", "impulse_N_s", "angular_impulse_N_m_s"),
         *("qvel_before", "qvel_after", "energy_change_J", "linear_momentum_change_N_s", "angular_momentum_change_N_m_s"),
     ]

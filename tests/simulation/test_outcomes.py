@@ -128,20 +128,6 @@ def test_event_limit(tmp_path):
     assert "raise impact.max_impacts" in run.message
 
 
-def test_lasting_contact(tmp_path):
-    """A held force pushes the ball onto a heavy one: ever shorter bounces, never silently; see test_lasting."""
-    push = {"kind": "pd", "joints": ["robot/x"], "kp": 50.0, "kd": 0.0, "target": [1.0]}
-    path = two_balls(
-        tmp_path,
-        restitution=0.5,
-        initial={"joints": {"target/x": 0.2001}, "rates": {}},
-        phases=[{"name": "push", "until": "end", "controller": push}],
-    )
-    run = run_and_read(path, tmp_path)
-    assert run.outcome == "lasting_contact"
-    assert "contact that lasts is not modelled" in run.message
-
-
 def test_unsupported_contact(tmp_path):
     """Newton's law does not cover face on face with a corner that leaves: the run ends rather than guess."""
     path = scene(

@@ -1,0 +1,1 @@
+"""Contact that lasts: pushing, resting, sliding, held exactly by the accelerations of its gaps."""

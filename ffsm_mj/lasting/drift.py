@@ -1,0 +1,59 @@
+"""Keeps closed gaps closed against what rounding and the order of the integrator leave, and books what that costs."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.exchange import Booking
+from ffsm_mj.contact.regimes import Scene
+from ffsm_mj.lasting.closed import Closed
+from ffsm_mj.lasting.exchange import Shares, wrenches
+from ffsm_mj.lasting.projection import needs_projection, project
+from ffsm_mj.lasting.rows import rows
+from ffsm_mj.model.dynamics import free_components, momentum_matrix
+
+
+class Drift:
+    """Takes drift out of the closed contacts of a scene."""
+
+    def __init__(self, scene: Scene, closed: Closed) -> None:
+        """Find what the joints leave free."""
+        self._scene, self._closed = scene, closed
+        self._free = np.all([free_components(scene.system, tree) for tree in scene.system.trees], axis=0)
+
+    def taken_out(self, done: Booking | None) -> Booking | None:
+        """Project the state in ``data`` where that is needed.
+
+        Args:
+            done: What was exchanged before.
+
+        Returns:
+            The same, and what the projection gave to the parties.
+        """
+        closed, system, data = self._closed, self._scene.system, self._scene.data
+        here = closed.decide().rows if closed.touches else None
+        if here is None or not needs_projection(here):
+            return done
+        touches, motion = closed.touches, closed.motion
+        outside = np.any(Shares.of(system, touches).outside != 0.0, axis=0)
+        taken = wrenches(here, np.ones(len(touches)))[outside]
+        before = self._accounts()
+        project(motion.model, motion.data, lambda: rows(motion, data, touches), self._free, taken)
+        motion.path.arrived()
+        motion.flight.account(0.0)  # its energy and momentum are those of other velocities
+        energy, impulse = (after - then for after, then in zip(self._accounts(), before, strict=True))
+        # Where a fixed body bears a part it is booked as if the robot had: 1e-11 m of drift are at stake.
+        gave = Booking(energy, impulse)
+        return gave if done is None else Booking(done.energy_J + energy, done.impulse + impulse, done.outside)
+
+    def _accounts(self) -> tuple[FloatArray, FloatArray]:
+        """Kinetic energies of (total, robot, objects), and the momentum of the objects."""
+        system, data = self._scene.system, self._scene.data
+        momentum = np.empty(system.mj.nv)
+        mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
+        robot = system.robot.dofs
+        total, own = 0.5 * float(momentum @ data.qvel), 0.5 * float(momentum[robot] @ data.qvel[robot])
+        of_objects = (momentum_matrix(system.mj, data, tree.root) @ data.qvel for tree in system.objects)
+        return np.array((total, own, total - own)), sum(of_objects, np.zeros(6))

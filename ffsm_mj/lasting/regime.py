@@ -1,0 +1,200 @@
+"""Contact that lasts as a regime: what is closed stays closed while it is pressed, and opens where it would be pulled.
+
+While pairs are closed, each stage of a step answers all other forces with those of the contacts, gap'' = 0 for the features
+that press. Which press is decided where a step begins; a step ends early where that would change, where a contact leaves its
+feature, or where a pair touches at another point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from scipy.optimize import brentq
+
+from ffsm_mj.contact.exchange import Booking
+from ffsm_mj.contact.pairs import ContactPair, Proximity
+from ffsm_mj.contact.regimes import Effect, Instant, Regime, Scene
+from ffsm_mj.impact.regime import Impacts
+from ffsm_mj.impact.touching import Touching
+from ffsm_mj.lasting.closed import Closed, closed_and_still, held_stillness, stillness, switched_stillness
+from ffsm_mj.lasting.drift import Drift
+from ffsm_mj.lasting.exchange import Shares, booked
+from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
+from ffsm_mj.lasting.refusals import refusal
+from ffsm_mj.lasting.report import Report
+from ffsm_mj.records.kinds import RecordKind
+
+_INSTANT_S = 1e-13
+"""An event is known this well within its step."""
+_NEAR = 1e-6
+
+
+class Lasting(Regime):
+    """Holds the pairs that impacts leave closed; see :class:`~ffsm_mj.contact.regimes.Regime`."""
+
+    kind = "contact"
+    records = (CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES)
+    answers = True
+
+    def __init__(self, scene: Scene, impacts: Impacts) -> None:
+        """Take over what impacts leave closed."""
+        super().__init__(None, scene)
+        self._impacts, self._closed = impacts, Closed(scene)
+        impacts.closing = self
+        self._begun: list[ContactPair] = []
+        self._report = Report(scene, impacts.pairs, self._closed)
+        self._drift = Drift(scene, self._closed)
+        self.columns = self._report.columns
+        self._events = 0
+
+    def restart(self) -> None:
+        """Something changed at one instant: nothing that was decided holds any more."""
+        self._closed.motion = self.motion
+        self._closed.stages.clear()
+
+    def holds(self, pair: ContactPair) -> bool:
+        """Whether a pair is closed; see :class:`~ffsm_mj.impact.closing.Closing`."""
+        return pair in self._closed.by_pair
+
+    def close(self, touching: Touching) -> None:
+        """Hold what is closed and still of the pairs in contact, at the velocities in ``data``."""
+        approach = max((-near.rate for _, near in touching), default=0.0)
+        for pair, _ in touching:
+            near = pair.proximity(self.scene.system.mj, self.scene.data)
+            self._take(pair, near, stillness(near, max(approach, 0.0)))
+        self._settle()
+
+    def refusal(self, pair: ContactPair) -> str:
+        """Why a pair cannot be held; empty where it can."""
+        return refusal(self.scene.system.mj, pair)
+
+    def _take(self, pair: ContactPair, near: Proximity, still: float) -> None:
+        if closed_and_still(near, still) and not self.refusal(pair):
+            self._closed.take(pair, near, still)
+        elif self.holds(pair):
+            self._closed.by_pair[pair] = ()
+
+    def _settle(self) -> None:
+        """Be active while anything is closed; a pair that has been told of is kept until its end is told."""
+        for pair in [pair for pair, touches in self._closed.by_pair.items() if not touches and pair not in self._begun]:
+            del self._closed.by_pair[pair]
+        self.active = bool(self._closed.by_pair)
+        self.horizon = -math.inf if self.active else math.inf
+        if not self.active:
+            self._closed.pressing = ()
+
+    def take_up(self) -> None:
+        """Find what is closed and still at the state in ``data``; it has been told of where the columns say so."""
+        data, model = self.scene.data, self.scene.system.mj
+        self._closed.by_pair.clear()
+        self._begun = self._report.told()
+        for pair in self._impacts.pairs:
+            if pair.gap(model, data, 1.0) <= _NEAR:
+                near = pair.proximity(model, data)
+                self._take(pair, near, held_stillness(near) if pair in self._begun else near.still)
+        self._settle()
+
+    def due(self) -> bool:
+        """Whether something begins, ends or changes at the state in ``data``, under the efforts that act from here on."""
+        return self.active and bool(self._news() or self._closed.deeper())
+
+    def begin_step(self) -> None:
+        """A (sub-)step begins: hold what presses."""
+        self._closed.press()
+        self._closed.stages.clear()
+
+    def is_clear(self) -> bool:
+        """Whether what is held is what presses at the end of the step too, and nothing else has happened."""
+        return not self.active or self._closed.slack() >= 0.0
+
+    def first_event(self, duration_s: float) -> float | None:
+        """When that first ceased, a little late: so that the state there tells what has changed."""
+        path = self.motion.path
+
+        def slack(time_s: float) -> float:
+            if time_s <= 0.0:
+                return 1.0  # what is held was decided there
+            path.move_to(time_s)
+            return self._closed.slack()
+
+        if slack(duration_s) >= 0.0:
+            return None
+        root = float(brentq(slack, 0.0, duration_s, xtol=_INSTANT_S, rtol=8.9e-16))
+        late = _INSTANT_S
+        while root < duration_s and slack(root) >= 0.0:
+            root, late = min(root + late, duration_s), 2.0 * late
+        return root
+
+    def push(self, data: Any) -> None:
+        """The forces of the contacts; see :class:`~ffsm_mj.contact.regimes.Regime`."""
+        self._closed.push(data)
+
+    def end_step(self, duration_s: float) -> Booking | None:
+        """What the contacts exchanged, and the drift that was taken out of them."""
+        closed, system = self._closed, self.scene.system
+        done = None
+        if closed.pressing:
+            stages = closed.stages[-5:-1]  # the last one is that of the end, where the next step begins
+            done = booked(stages, duration_s, system.robot.dofs, Shares.of(system, closed.pressing))
+            self._report.book(stages, duration_s)
+        self._impacts.deepen(-min((at.gap for at in closed.decide().rows.held), default=0.0))
+        return self._drift.taken_out(done)
+
+    def act(self, instant: Instant) -> Effect | None:
+        """Tell of what begins, ends or changes; a touch at another point is an impact."""
+        if self._closed.deeper():
+            return self._impacts.act(instant)
+        news = self._news() or self._pressed_inside_a_step()
+        if news is None:
+            return None
+        (kind, pairs), qvel = news, self.scene.system.by_joint(self.scene.data.qvel)
+        before, places = self._report.before(pairs), self._report.places(pairs)
+        booking = None
+        if kind is CONTACT_BEGINS:
+            self._begun += pairs
+            booking = self._drift.taken_out(None)
+        elif kind is CONTACT_ENDS:
+            for pair in pairs:
+                self._begun.remove(pair)
+                del self._closed.by_pair[pair]
+        else:
+            self._change(pairs)
+            booking = self._drift.taken_out(None)
+        self._settle()
+        places |= self._report.places([pair for pair in pairs if self.holds(pair)])
+        records = self._report.records(kind, places, before, instant, self._events, qvel)
+        self._events += 1
+        return Effect(records, booking, asks=False)
+
+    def _news(self) -> tuple[RecordKind, list[ContactPair]] | None:
+        """What there is to tell of at the state in ``data`` under the efforts in it, one kind at a time."""
+        closed = self._closed
+        begins = [pair for pair in closed.by_pair if pair not in self._begun]
+        if begins:
+            return CONTACT_BEGINS, begins
+        leaving = closed.leaving()
+        ends = [pair for pair, touches in closed.by_pair.items() if leaving.issuperset(touches)]
+        if ends:
+            return CONTACT_ENDS, ends
+        changes = [*closed.beyond_an_edge(), *(touch.pair for touch in leaving)]
+        return (CONTACT_CHANGES, list(dict.fromkeys(changes))) if changes else None
+
+    def _pressed_inside_a_step(self) -> tuple[RecordKind, list[ContactPair]] | None:
+        """Pairs that were closed without force when the step began, and press at the state in ``data``."""
+        decision = self._closed.decide() if self._closed.touches else None
+        if decision is None:
+            return None
+        presses = [decision.touches[i].pair for i in decision.pressing if decision.touches[i] not in self._closed.pressing]
+        return (CONTACT_CHANGES, list(dict.fromkeys(presses))) if presses else None
+
+    def _change(self, pairs: Sequence[ContactPair]) -> None:
+        """Let go of the points that open, and find anew by which features a pair touches that has left one."""
+        closed, leaving = self._closed, self._closed.leaving()
+        for pair in pairs:
+            if leaving.isdisjoint(closed.by_pair[pair]):
+                near = pair.proximity(self.scene.system.mj, self.scene.data)
+                closed.take(pair, near, switched_stillness(near))
+            else:
+                closed.by_pair[pair] = tuple(touch for touch in closed.by_pair[pair] if touch not in leaving)

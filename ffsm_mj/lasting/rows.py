@@ -1,0 +1,73 @@
+"""The gaps of touching features as functions of the motion: gap' = J qdot and gap'' = J qddot + gamma, at one state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.feature import Feature, Held
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.motion.motion import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A pair, and one feature by which it touches."""
+
+    pair: ContactPair
+    feature: Feature
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Touches at one state, in the coordinates of what moves.
+
+    Attributes:
+        held: Where they are.
+        J: Rate of each gap by generalised velocity, (k, nv).
+        gamma: What of each gap'' is not J qddot, m/s^2, (k,).
+        response: J M^-1, (k, nv).
+        G: What a force at one contact does to the gap'' of another, J M^-1 J^T, 1/kg, (k, k).
+        scale: Largest of the terms that gamma is the sum of, m/s^2, (k,).
+    """
+
+    held: tuple[Held, ...]
+    J: FloatArray
+    gamma: FloatArray
+    response: FloatArray
+    G: FloatArray
+    scale: FloatArray
+
+
+def rows(motion: Motion, data: Any, touches: Sequence[Touch]) -> Rows:
+    """Rows of some touches.
+
+    Args:
+        motion: What moves; positions and velocities current, the mass matrix factored.
+        data: The data of the system that is logged, at the same state.
+        touches: Pairs and features.
+    """
+    model, moving, bodies = motion.model, motion.data, motion.bodies
+    k, nv = len(touches), model.nv
+    J, gamma = np.empty((k, nv)), np.empty(k)
+    # Of b, then of a; rates of the same.
+    jacobians = np.empty((4, 3, nv))
+    of_b, of_a, rate_b, rate_a = jacobians
+    held = tuple(touch.feature.at(data) for touch in touches)
+    for i, (touch, here) in enumerate(zip(touches, held, strict=True)):
+        a, b = bodies[touch.pair.body_a], bodies[touch.pair.body_b]
+        mujoco.mj_jac(model, moving, of_b, None, here.point, b)
+        mujoco.mj_jac(model, moving, of_a, None, here.point, a)
+        mujoco.mj_jacDot(model, moving, rate_b, None, here.point_b, b)
+        mujoco.mj_jacDot(model, moving, rate_a, None, here.point_a, a)
+        J[i] = here.normal.dot(of_b - of_a)
+        gamma[i] = here.normal.dot(rate_b - rate_a).dot(moving.qvel) + here.bend
+    response = np.empty_like(J)
+    mujoco.mj_solveM(model, moving, response, J)
+    scale = np.maximum(np.abs(gamma), [here.scale for here in held])
+    return Rows(held, J, gamma, response, response.dot(J.T), scale)
