@@ -101,8 +101,8 @@ class Retrace:
         joints, self._layout = scene.system.joints.values(), layout
         self._state = layout.places((*coordinate_keys(joints), *rate_keys(joints)))
         self._residual = layout.index[f"ledger.{FORCE_RESIDUAL}"]
-        apart = np.concatenate((self._told, self._state, [self._residual]))
-        self._known = np.setdiff1d(np.arange(len(layout.keys)), apart)
+        self._forces_apart = np.zeros(BLOCK_ROWS)
+        self._known = np.setdiff1d(np.arange(len(layout.keys)), np.concatenate((self._told, self._state)))
         self._contacts = ContactCheck(self._scene, self._impacts.pairs, layout)
         self._energy, self._mass = layout.index["energy.total_J"], float(self._model.body_mass.sum())
 
@@ -140,10 +140,11 @@ class Retrace:
                 continue
             self._complete(line)
             self._tick, self._noted = None, line + 1
-            self._again[line] = self._flown[line] = np.nan
+            self._again[line] = self._flown[line] = self._forces_apart[line] = np.nan
         self._complete(len(block))
         again = self._again[: len(block)].copy()
         self._compare(block, again, self._flown[: len(block)])
+        again[:, self._residual] = self._forces_apart[: len(block)]  # what the law is judged by
         return again
 
     def _complete(self, line: int) -> None:
@@ -169,7 +170,7 @@ class Retrace:
         self._data.ctrl[:] = lines.ctrl[line]
         self._telling[:] = lines.rows[line, self._told]
         self._rows.fill(line, time)
-        self._again[line, self._residual] = self._contacts.residual(lines.rows[line])
+        self._forces_apart[line] = self._contacts.residual(lines.rows[line])
         self._tick = None if tick == BETWEEN else tick
 
     def _seat(self, line: int, tick: int, time_s: float) -> None:
