@@ -147,7 +147,18 @@ class ContactPair:
 
     def gap(self, model: Any, data: Any, limit: float) -> float:
         """Signed distance in m, negative when overlapping; ``limit`` where it is larger than that."""
-        return float(mujoco.mj_geomDistance(model, data, self._g1, self._g2, limit, None))
+        return self._distance(model, data, limit)
+
+    def _distance(self, model: Any, data: Any, limit: float) -> float:
+        """The query, and its witnesses in ``_fromto`` where it is below ``limit``.
+
+        Of faces that just touch it gives, once in some hundred poses, centimetres of distance with witnesses at one point.
+        """
+        distance = float(mujoco.mj_geomDistance(model, data, self._g1, self._g2, limit, self._fromto))
+        if 0.0 < distance < limit:
+            x, y, z, u, v, w = self._fromto.tolist()
+            return min(distance, math.hypot(u - x, v - y, w - z))
+        return distance
 
     def closing_bound(self, data: Any) -> float:
         """Speed in m/s that the gap cannot change faster than: centres apart, plus spins times bounding radii."""
@@ -229,8 +240,7 @@ class ContactPair:
 
     def _estimate(self, model: Any, data: Any) -> FloatArray:
         """A direction to start from: the last normal, the witnesses when clearly apart, else the centres."""
-        distance = mujoco.mj_geomDistance(model, data, self._g1, self._g2, FAR, self._fromto)
-        if distance > 1e-6:
+        if self._distance(model, data, FAR) > 1e-6:
             return _direction(self._fromto)
         if self._normal is not None:
             return self._normal

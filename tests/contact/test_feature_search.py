@@ -1,0 +1,246 @@
+"""Which features a touch has: by name and number, once each, and handed over where one ends and the next begins."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import mujoco
+import numpy as np
+import pytest
+
+from ffsm_mj.contact.feature import EDGE_M, features
+from tests.contact.test_feature import pair_of
+from tests.scenes import HEAD
+
+BOX, LONG = 'type="box" size="0.1 0.15 0.2"', 'type="box" size="0.02 0.02 0.1"'
+CAPSULE, CYLINDER = 'type="capsule" size="0.05 0.1"', 'type="cylinder" size="0.05 0.1"'
+BALL, EGG, MESH = 'type="sphere" size="0.05"', 'type="ellipsoid" size="0.1 0.08 0.05"', 'type="mesh" mesh="cube"'
+CUBE = " ".join(f"{x} {y} {z}" for x in (-0.1, 0.1) for y in (-0.15, 0.15) for z in (-0.2, 0.2))
+UPRIGHT, FALLEN, TURNED = (1, 0, 0, 0), (1, 1, 0, 0), (math.cos(math.pi / 12), 0, 0, math.sin(math.pi / 12))
+_DIAGONAL = 0.05 * math.sqrt(0.5)
+_ON_EDGE = (math.sqrt(0.5), 0.5, 0.5, 0)  # its long axis level, turned about it by 45 degrees
+
+TOUCHES = {
+    "boxes flush, corner on corner": (BOX, BOX, (0, 0, 0.4), UPRIGHT, {"vertex on face": 8}),
+    "boxes flush, shifted": (BOX, BOX, (0.05, 0.05, 0.4), UPRIGHT, {"vertex on face": 2, "edge on edge": 2}),
+    "boxes flush, shifted along an edge": (BOX, BOX, (0.05, 0, 0.4), UPRIGHT, {"vertex on face": 4}),
+    "boxes flush, turned by 30 degrees": (BOX, BOX, (0, 0, 0.4), TURNED, {"edge on edge": 8}),
+    "boxes flush, turned and shifted": (BOX, BOX, (0.05, 0.05, 0.4), TURNED, {"vertex on face": 2, "edge on edge": 4}),
+    "a small box on a box": (BOX, LONG, (0, 0, 0.3), TURNED, {"vertex on face": 4}),
+    "a box on its edge": (BOX, LONG, (0, 0, 0.2 + 0.02 * math.sqrt(2)), _ON_EDGE, {"vertex on face": 2}),
+    "a capsule on its side": (BOX, CAPSULE, (0, 0, 0.25), FALLEN, {"end on face": 2}),
+    "a capsule over the edge": (BOX, CAPSULE, (0, 0.1, 0.25), FALLEN, {"end on face": 1, "side on edge": 1}),
+    "a capsule along the edge": (
+        BOX,
+        CAPSULE,
+        (0.1 + _DIAGONAL, 0.1, 0.2 + _DIAGONAL),
+        FALLEN,
+        {"end on edge": 1, "vertex on side": 1},
+    ),
+    "capsules side by side": (CAPSULE, CAPSULE, (0.1, 0, 0.05), UPRIGHT, {"end on side": 2}),
+    "capsules side by side, ends level": (CAPSULE, CAPSULE, (0.1, 0, 0), UPRIGHT, {"end on side": 4}),
+    "capsules crossed": (CAPSULE, CAPSULE, (0.1, 0, 0.05), FALLEN, {"side on side": 1}),
+    "a ball on a face": (BOX, BALL, (0.02, 0.01, 0.25), UPRIGHT, {"sphere on face": 1}),
+    "a cylinder standing": (BOX, CYLINDER, (0, 0, 0.3), UPRIGHT, {"rim on face": 8}),
+    "a cylinder standing over the edge": (BOX, CYLINDER, (0.11, 0, 0.3), UPRIGHT, {"rim on face": 3, "edge on rim": 2}),
+    "a cylinder standing on the corner": (
+        BOX,
+        CYLINDER,
+        (0.11, 0.16, 0.3),
+        UPRIGHT,
+        {"vertex on cap": 1, "rim on face": 1, "edge on rim": 2},
+    ),
+    "a cylinder on its side": (BOX, CYLINDER, (0, 0, 0.25), FALLEN, {"rim on face": 2}),
+    "a cylinder on its side over the edge": (BOX, CYLINDER, (0, 0.1, 0.25), FALLEN, {"rim on face": 1, "side on edge": 1}),
+    "a cylinder along the edge": (
+        BOX,
+        CYLINDER,
+        (0.1 + _DIAGONAL, 0.1, 0.2 + _DIAGONAL),
+        FALLEN,
+        {"edge on rim": 1, "vertex on side": 1},
+    ),
+    "a box inside a cap": (CYLINDER, LONG, (0.01, 0, 0.2), UPRIGHT, {"vertex on cap": 4}),
+    "a box over the rim of a cap": (
+        CYLINDER,
+        LONG,
+        (0.05, 0, 0.2),
+        UPRIGHT,
+        {"vertex on cap": 2, "rim on face": 1, "edge on rim": 2},
+    ),
+    "a capsule across a cap": (CYLINDER, CAPSULE, (0.02, 0, 0.15), FALLEN, {"side on rim": 2}),
+    "a capsule over a cap": (CYLINDER, CAPSULE, (0.02, 0.1, 0.15), FALLEN, {"end on cap": 1, "side on rim": 1}),
+    "a capsule beside a cylinder": (CYLINDER, CAPSULE, (0.1, 0, 0.05), UPRIGHT, {"end on side": 1, "side on rim": 1}),
+    "a box on an ellipsoid": (EGG, BOX, (0.01, 0.02, 0.25), UPRIGHT, {"ellipsoid on face": 1}),
+}
+
+
+def body(geom):
+    asset = f'<asset><mesh name="cube" vertex="{CUBE}"/></asset>' if "mesh" in geom else ""
+    return f"""<mujoco>{HEAD}{asset}<worldbody><body name="b"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/><geom name="g" {geom} mass="0"/>
+      </body></worldbody></mujoco>"""
+
+
+def placed(folder, a, b, position, turn, rng):
+    """(pair, model, data) of b at a pose in a's axes, both somewhere and somehow in space, moving."""
+    pair, model, data = pair_of(folder, body(a), body(b))
+    place(data, position, turn, rng)
+    data.qvel[:] = rng.uniform(-1, 1, 12)
+    mujoco.mj_forward(model, data)
+    return pair, model, data
+
+
+def place(data, position, turn, rng):
+    whole = rng.normal(size=4)
+    whole /= np.linalg.norm(whole)
+    origin = rng.uniform(-0.5, 0.5, 3)
+    offset, both = np.zeros(3), np.zeros(4)
+    mujoco.mju_rotVecQuat(offset, np.array(position, float), whole)
+    mujoco.mju_mulQuat(both, whole, np.array(turn, float) / np.linalg.norm(turn))
+    data.qpos[:] = [*origin, *whole, *(origin + offset), *both]
+
+
+@pytest.mark.parametrize("case", TOUCHES)
+def test_what_touches(tmp_path, rng, case):
+    """Names and numbers, from both sides; each is closed and, where the faces are flush, along one normal."""
+    a, b, position, turn, expected = TOUCHES[case]
+    pair, model, data = placed(tmp_path, a, b, position, turn, rng)
+    check(pair, model, data, expected)
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, np.array(turn, float) / np.linalg.norm(turn))
+    back = -matrix.reshape(3, 3).T @ position
+    pair, model, data = placed(tmp_path, b, a, back, (turn[0], -turn[1], -turn[2], -turn[3]), rng)
+    check(pair, model, data, expected)
+
+
+def check(pair, model, data, expected):
+    near = pair.proximity(model, data)
+    found = features(pair, model, data, near)
+    assert Counter(feature.name for feature in found) == expected
+    for held in (feature.at(data) for feature in found):
+        assert abs(held.gap) <= 1e-15 + abs(near.gap)
+        assert held.inside >= -1e-15
+        np.testing.assert_allclose(held.normal, near.normal, rtol=0, atol=1e-12)
+    points = {tuple(np.round(feature.at(data).point, 12)) for feature in found}
+    assert len(points) > 1 or len(found) == 1
+
+
+CUBES = [name for name, touch in TOUCHES.items() if touch[0] == BOX and "cylinder" not in name]
+
+
+@pytest.mark.parametrize("case", CUBES)
+def test_a_mesh_cube_is_a_box(tmp_path, rng, case):
+    """To its single precision: all its features have the gap and the normal that the pair has there."""
+    _, b, position, turn, expected = TOUCHES[case]
+    pair, model, data = placed(tmp_path, MESH, MESH if b == BOX else b, position, turn, rng)
+    near = pair.proximity(model, data)
+    assert 1e-10 < abs(near.gap) < 2e-8  # 0.2 m in single precision is 3e-9 m longer
+    found = features(pair, model, data, near)
+    assert Counter(feature.name for feature in found) == expected
+    for held in (feature.at(data) for feature in found):
+        assert held.gap == pytest.approx(near.gap, abs=1e-15)
+        if held.normal @ near.normal < 1.0 - 1e-13:
+            assert expected.keys() & {"vertex on side", "end on edge"}  # not flush: a face has no part in it
+
+
+def test_the_manifold_of_two_boxes_is_their_overlap(tmp_path, rng):
+    """The points of the features are the corners of the intersection of both faces, each once."""
+    for _ in range(10):
+        angle, (x, y) = rng.uniform(0, 1), rng.uniform(-0.15, 0.15, 2)
+        pair, model, data = placed(tmp_path, BOX, BOX, (x, y, 0.4), (math.cos(angle), 0, 0, math.sin(angle)), rng)
+        near = pair.proximity(model, data)
+        points = np.array([feature.at(data).point for feature in features(pair, model, data, near)])
+        apart = np.linalg.norm(points[:, None] - near.points, axis=2)
+        assert len(points) == len(near.points)
+        assert apart.min(axis=0).max() < 1e-12
+        assert apart.min(axis=1).max() < 1e-12
+
+
+def over_edge(folder, offset, corner):
+    """A ball on a box, its centre beyond an edge (or a corner) of the top by an offset: (pair, model, data)."""
+    radius, half = 0.05, np.array([0.1, 0.15, 0.2])
+    beyond = np.array([offset, offset if corner else -0.1])
+    over = float(np.linalg.norm(np.maximum(beyond, 0.0)))
+    position = [*(half[:2] + beyond), half[2] + math.sqrt(radius**2 - over**2)]
+    return placed(folder, BOX, BALL, position, UPRIGHT, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("corner", [False, True])
+@pytest.mark.parametrize(
+    ("offset", "expected"), [(-1e-3, 0), (-1e-9, 0), (-3e-10, 0), (3e-10, 0), (1e-9, 1), (1e-3, 1), (0.02, 1)]
+)
+def test_a_ball_is_handed_over_at_the_edge(tmp_path, offset, expected, corner):
+    """One feature at a time: the face to half of EDGE_M beyond its side, from there the edge or the vertex."""
+    pair, model, data = over_edge(tmp_path, offset, corner)
+    (feature,) = features(pair, model, data, pair.proximity(model, data))
+    names = ("sphere on face", "sphere on vertex" if corner else "sphere on edge")
+    assert feature.name == names[expected]
+    # The foot's way past the edge: of the edge's own bounds the one towards the face is the offset of the ball's centre.
+    assert feature.at(data).inside == pytest.approx(offset if expected else -offset, abs=1e-15)
+
+
+def test_a_feature_ends_where_the_foot_leaves_it(tmp_path):
+    """Frozen, the face's gap beyond its edge stays that of the plane; and the edge's over the face that of its line."""
+    pair, model, data = over_edge(tmp_path, -0.01, corner=False)
+    (face,) = features(pair, model, data, pair.proximity(model, data))
+    normal = face.at(data).normal
+    outwards = data.geom("robot/g").xmat.reshape(3, 3)[:, 0]
+    data.qpos[7:10] += 0.03 * outwards
+    mujoco.mj_forward(model, data)
+    held = face.at(data)
+    assert held.inside == pytest.approx(-0.02, abs=1e-15)
+    assert held.gap == pytest.approx(0.0, abs=1e-15)
+    np.testing.assert_allclose(held.normal, normal, rtol=0, atol=1e-15)
+    data.qpos[7:10] -= (0.05 - math.sqrt(0.05**2 - 0.02**2)) * normal
+    mujoco.mj_forward(model, data)
+    (edge,) = features(pair, model, data, pair.proximity(model, data))
+    assert edge.at(data).inside == pytest.approx(0.02, abs=1e-15)
+    data.qpos[7:10] -= 0.03 * outwards
+    mujoco.mj_forward(model, data)
+    held = edge.at(data)
+    assert held.inside == pytest.approx(-0.01, abs=1e-15)
+    assert held.gap == pytest.approx(math.hypot(0.01, math.sqrt(0.05**2 - 0.02**2)) - 0.05, abs=1e-15)
+
+
+@pytest.mark.parametrize("beyond", [-0.02, 0.02])
+def test_an_edge_ends_at_its_end(tmp_path, rng, beyond):
+    """A capsule across the vertical edge of a box, above or below its upper end."""
+    position = (0.1 + _DIAGONAL, 0.15 + _DIAGONAL, 0.2 + beyond)
+    across = (math.cos(math.pi / 8), 0, 0, math.sin(math.pi / 8))  # its axis level, square to the diagonal
+    level = np.zeros(4)
+    mujoco.mju_mulQuat(level, np.array(across), np.array([1.0, 1.0, 0.0, 0.0]) / math.sqrt(2))
+    pair, model, data = placed(tmp_path, BOX, CAPSULE, (*position[:2], 0.1), level, rng)
+    (feature,) = features(pair, model, data, pair.proximity(model, data))
+    assert feature.name == "side on edge"
+    assert feature.at(data).inside == pytest.approx(0.1, abs=1e-12)
+    data.qpos[7:10] += (0.1 + beyond) * data.geom("robot/g").xmat.reshape(3, 3)[:, 2]
+    mujoco.mj_forward(model, data)
+    assert feature.at(data).inside == pytest.approx(-beyond, abs=1e-12)
+    assert feature.at(data).gap == pytest.approx(0.0, abs=1e-15)
+
+
+def test_half_of_the_tolerance_is_for_taking_up(tmp_path):
+    """What has been left is not taken up again at the same place: else an event would repeat itself."""
+    pair, model, data = over_edge(tmp_path, 1.01 * EDGE_M, corner=False)
+    (feature,) = features(pair, model, data, pair.proximity(model, data))
+    assert feature.name == "sphere on edge"
+    assert feature.at(data).inside > 0.0
+
+
+def test_a_query_that_is_wrong_at_touch_is_not_believed(tmp_path):
+    """In some poses MuJoCo's distance of two flush boxes is 0.002 to 0.017 m, between witnesses that are one point."""
+    _, _, position, turn, expected = TOUCHES["a small box on a box"]
+    _, model, data = pair_of(tmp_path, body(BOX), body(LONG))
+    wrong = []
+    for seed in range(500):
+        place(data, position, turn, np.random.default_rng(seed))
+        mujoco.mj_kinematics(model, data)
+        if mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None) > 1e-3:
+            wrong.append(seed)
+    assert wrong
+    for seed in wrong:
+        pair, model, data = placed(tmp_path, BOX, LONG, position, turn, np.random.default_rng(seed))
+        assert abs(pair.gap(model, data, 1.0)) < 1e-15
+        near = pair.proximity(model, data)
+        assert Counter(feature.name for feature in features(pair, model, data, near)) == expected
