@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ffsm_mj.analysis.contacts import Contacts, contact_records
 from ffsm_mj.analysis.residuals import norms
 from ffsm_mj.analysis.verdicts import Audit
 from ffsm_mj.arrays import FloatArray
@@ -53,6 +54,7 @@ class Digest:
 
     Attributes:
         audit: The laws.
+        contacts: Contacts that last.
         tip: The tip; None without a task.
         samples: Rows so far.
         end_s: Time of the last of them, 0 without any.
@@ -62,6 +64,7 @@ class Digest:
         """Nothing was told yet."""
         self._layout = header.layout
         self.audit = Audit(header.layout, header.facts)
+        self.contacts = Contacts(header.layout)
         task = logged_task(header.facts)
         self.tip = TipDigest(task) if task is not None else None
         self.samples, self.end_s = 0, 0.0
@@ -70,6 +73,7 @@ class Digest:
         """Take the next rows."""
         self.samples, self.end_s = self.samples + len(block), float(block[-1, self._layout.time])
         self.audit.rows(block)
+        self.contacts.rows(block)
         if self.tip is not None:
             self.tip.rows(block, self._layout)
 
@@ -77,6 +81,8 @@ class Digest:
 def digest(log: RunLog) -> Digest:
     """Go through the rows of a log."""
     found = Digest(log.header)
+    for record in contact_records(log):
+        found.contacts.event(record)
     for block in log.blocks():
         found.rows(block)
     return found
@@ -100,7 +106,8 @@ class DigestSink:
         self.digest.rows(block)
 
     def event(self, event: Event) -> None:
-        """Nothing to do: events are few, and kept."""
+        """Take what is told of contacts; all other events are few, and kept."""
+        self.digest.contacts.event(event)
 
     def flush(self) -> None:
         """Nothing to do: memory does not survive a kill."""

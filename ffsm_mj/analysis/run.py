@@ -12,6 +12,7 @@ import numpy as np
 
 import ffsm_mj.analysis.every_run  # noqa: F401 (registers the kinds of records of every run)
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
+from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.digest import Digest, digest
 from ffsm_mj.analysis.summary import summarise, tip_error
 from ffsm_mj.analysis.tables import Table, table
@@ -130,6 +131,11 @@ class Run:
         return self.log.impacts
 
     @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Contacts that lasted, each from its beginning to its end."""
+        return self.digest.contacts.told()
+
+    @property
     def phases(self) -> tuple[PhaseRecord, ...]:
         """Beginnings of the phases."""
         return self.log.phases
@@ -189,7 +195,7 @@ class Run:
         return self._given or digest(self.log)
 
     def table(self, name: str = "samples") -> Table:
-        """A table of named columns with units: ``samples``, ``laws``, or the records of a kind, as ``impacts``.
+        """A table of named columns with units: ``samples``, ``contacts``, ``laws``, or records of a kind, as ``impacts``.
 
         Raises:
             KeyError: No such table.

@@ -11,6 +11,7 @@ from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.analysis.verdicts import Audit
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.facts import is_conservative, logged_task
+from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.run_log import RunLog
 
 SCHEMA_VERSION = 2
@@ -45,7 +46,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
         "wall_s": wall,
         "real_time_factor": end / wall if wall else 0.0,
         "conservative": is_conservative(log.header.facts),
-        **_records(log, end),
+        **_records(log, digest, end),
         "tip": tip_summary(digest.tip),
         "controller": {
             "ticks": outcome.controller_ticks if outcome else 0,
@@ -59,8 +60,9 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
     }
 
 
-def _records(log: RunLog, end_s: float) -> dict[str, list[dict[str, Any]]]:
-    """A list for each kind of record; a phase lasts until the next one begins, which its own record cannot tell."""
+def _records(log: RunLog, digest: Digest, end_s: float) -> dict[str, list[dict[str, Any]]]:
+    """A list for each kind of record, and of contacts; when a phase ends, the next one's beginning tells."""
+    contacts = {"contacts": [all_fields(contact) for contact in digest.contacts.told()]}
     lists = {
         kind.plural: [kind.summary(record) for record in log.records.get(kind.plural, ())]
         for kind in log.kinds
@@ -69,7 +71,7 @@ def _records(log: RunLog, end_s: float) -> dict[str, list[dict[str, Any]]]:
     ends = [phase.start_s for phase in log.phases[1:]] + [end_s] * bool(log.phases)
     for phase, end in zip(lists.get("phases", ()), ends, strict=True):
         phase["end_s"] = end
-    return lists
+    return {"impacts": lists.pop("impacts"), **contacts, **lists}
 
 
 def tip_summary(tip: TipDigest | None) -> dict[str, Any] | None:

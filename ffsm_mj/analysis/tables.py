@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
+from math import nan
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ffsm_mj.analysis.contacts import COLUMNS as _CONTACT_COLUMNS
+from ffsm_mj.analysis.contacts import Contact
+from ffsm_mj.analysis.digest import digest
 from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Tolerance, check_laws
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import MissingPackageError, unknown_name
@@ -73,8 +77,8 @@ def _package(name: str, purpose: str) -> Any:
 
 
 def table_names(log: RunLog) -> tuple[str, ...]:
-    """Names of the tables of a run: its samples, one table for each kind of record that it may have, and the laws."""
-    return "samples", *(kind.plural for kind in log.kinds), "laws"
+    """Names of the tables of a run: its samples, one table for each kind of record that it may have, contacts and laws."""
+    return "samples", *(kind.plural for kind in log.kinds), "contacts", "laws"
 
 
 def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> Table:
@@ -87,10 +91,17 @@ def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> T
         return samples(log.header.layout, np.asarray(log.rows[:]))
     if name == "laws":
         return _of_columns(name, _LAW_COLUMNS, check_laws(log, tolerance))
+    if name == "contacts":
+        return _of_columns(name, _CONTACT_COLUMNS, [_ended(contact) for contact in digest(log).contacts.told()])
     for kind in log.kinds:
         if kind.plural == name:
             return _of_columns(name, kind.columns, log.records.get(name, ()))
     raise KeyError(unknown_name("table", name, table_names(log)))
+
+
+def _ended(contact: Contact) -> Contact:
+    """The same with a number for its end in any case."""
+    return replace(contact, end_s=nan) if contact.end_s is None else contact
 
 
 def samples(layout: Layout, rows: FloatArray) -> Table:

@@ -21,7 +21,7 @@ class Run(analysis.Run):
     """A run that shows itself: as the last value of a notebook's cell a table, its figures, a film of its motion."""
 
     def __repr__(self) -> str:
-        """Scenario, outcome, impacts, the law nearest to its limit, and the tip."""
+        """Scenario, outcome, impacts, contacts that lasted, the law nearest to its limit, and the tip."""
         return card_text(self)
 
     def _repr_html_(self) -> str:

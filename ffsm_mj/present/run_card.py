@@ -1,7 +1,7 @@
 """What a run came to at a glance: a line or two for a terminal, a small table for a notebook.
 
-It must be there at once. Laws and tip come from the run's digest, which a run has that was just simulated; of a log it
-is one pass over the rows, taken here only where they are few.
+It must be there at once. Laws, contacts and tip come from the run's digest, which a run has that was just simulated; of a
+log it is one pass over the rows, taken here only where they are few.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.summary import tip_summary
 from ffsm_mj.analysis.verdicts import Law
@@ -19,25 +20,33 @@ from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
 from ffsm_mj.present.text_report import what_is_missing
 from ffsm_mj.records.events import ImpactRecord
 
-_IMPACTS_SHOWN = 5
+_SHOWN = 5
 _LEFT = 'style="text-align:left"'
 
 
 def card_text(run: Run) -> str:
     """One line, and a second one where there is a tip."""
     hits = len({record.event for record in run.impacts})
-    line = f"<Run {run.name}: {_outcome(run)}; {_counted(hits, 'impact')}; {_laws(run)}"
+    lasting = _lasting(run)
+    counts = [_counted(hits, "impact"), *([_counted(len(lasting), "lasting contact")] if lasting else [])]
+    line = f"<Run {run.name}: {'; '.join((_outcome(run), *counts, _laws(run)))}"
     tip = _tip(run)
     return "\n  ".join(map(one_line, [line, f"tip {tip}"] if tip else [line])) + ">"
 
 
 def card_html(run: Run) -> str:
-    """A table of outcome, impacts, laws and tip; whatever a log says is text in it, never markup."""
-    rows = {"outcome": [_outcome(run)], "impacts": _impacts(run.impacts), "laws": [_laws(run)], "tip": [_tip(run)]}
+    """A table of outcome, impacts, contacts, laws and tip; whatever a log says is text in it, never markup."""
+    rows = {
+        "outcome": [_outcome(run)],
+        "impacts": _impacts(run.impacts),
+        "contacts": _contacts(_lasting(run)),
+        "laws": [_laws(run)],
+        "tip": [_tip(run)],
+    }
     body = "".join(
         f"<tr><th {_LEFT}>{head}</th><td {_LEFT}>{'<br>'.join(map(_escaped, lines))}</td></tr>"
         for head, lines in rows.items()
-        if lines[0]
+        if any(lines)
     )
     return f"<table><caption>{_escaped(run.name)}</caption>{body}</table>"
 
@@ -61,13 +70,27 @@ def _outcome(run: Run) -> str:
 def _impacts(records: tuple[ImpactRecord, ...]) -> list[str]:
     if not records:
         return ["none"]
-    lines = [f"{r.time_s:.6f} s: {r.geoms[0]} on {r.geoms[1]}, {r.impulse_N_s:.4g} N s" for r in records[:_IMPACTS_SHOWN]]
+    lines = [f"{r.time_s:.6f} s: {r.geoms[0]} on {r.geoms[1]}, {r.impulse_N_s:.4g} N s" for r in records[:_SHOWN]]
     more = len(records) - len(lines)
     return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines
 
 
+def _lasting(run: Run) -> tuple[Contact, ...]:
+    return run.contacts if _quick(run) else ()
+
+
+def _contacts(contacts: tuple[Contact, ...]) -> list[str]:
+    lines = []
+    for each in contacts[:_SHOWN]:
+        until = "to the end" if each.end_s is None else f"to {each.end_s:.6f} s"
+        force = f"{each.impulse_N_s:.4g} N s, up to {each.peak_force_N:.4g} N"
+        lines.append(f"{each.start_s:.6f} s {until}: {each.geoms[0]} on {each.geoms[1]}, {force}")
+    more = len(contacts) - len(lines)
+    return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines
+
+
 def _quick(run: Run) -> bool:
-    """Whether laws and tip are known, or so few rows away that nobody waits for them."""
+    """Whether laws, contacts and tip are known, or so few rows away that nobody waits for them."""
     try:
         if run.digested or 8 * len(run.log.rows) * len(run.keys) <= KEPT_BYTES:
             with np.errstate(all="ignore"):  # a log may hold any double

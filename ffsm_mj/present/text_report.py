@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ffsm_mj.analysis.agreement import Difference
+from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.recounted import Recount
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.verdicts import Law, Tolerance
@@ -14,6 +15,7 @@ from ffsm_mj.present.json_text import json_text
 from ffsm_mj.present.record_lines import record_lines
 from ffsm_mj.records.events import ImpactRecord
 
+_MOST_CONTACTS = 20
 _STEP_HINT = (
     "\n  what RK4 itself leaves falls with the fourth power of the step: try half the time_step_s, or state what you accept"
     " with 'ffsm analyze --tolerance'"
@@ -34,8 +36,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def run_report(run: Run) -> str:
     """Outcome, impacts, tip and conservation of a finished run."""
-    parts = [headline(run), impact_table(run.impacts), *record_lines(run)]
-    parts += [*_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
+    parts = [headline(run), impact_table(run.impacts), contact_table(run.contacts), *record_lines(run)]
+    parts += [*_phase_lines(run), *_tip_lines(run), *_unhandled_lines(run)]
     laws = run.laws()
     if run.conservative or laws:
         parts.append(conservation_table(laws) + ("" if all(law.holds for law in laws) else _STEP_HINT))
@@ -103,7 +105,31 @@ def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
     )
 
 
-def _has_own_name(record: ImpactRecord) -> bool:
+def contact_table(contacts: Sequence[Contact]) -> str:
+    """One row per contact that lasted, the first few; empty without any."""
+    if not contacts:
+        return ""
+    named = any(map(_has_own_name, contacts))
+    pair = ("pair",) if named else ()
+    head = ("contact", "from s", "to s", *pair, "geom a", "geom b", "impulse N s", "peak N", "at s")
+    rows = (
+        (
+            str(number),
+            f"{contact.start_s:.6f}",
+            "" if contact.end_s is None else f"{contact.end_s:.6f}",
+            *((contact.pair,) if named else ()),
+            *contact.geoms,
+            f"{contact.impulse_N_s:.6f}",
+            f"{contact.peak_force_N:.6g}",
+            f"{contact.peak_force_s:.6f}",
+        )
+        for number, contact in enumerate(contacts[:_MOST_CONTACTS], 1)
+    )
+    more = len(contacts) - _MOST_CONTACTS
+    return table(head, rows) + (f"\n  and {more} more: ffsm export --csv --table contacts" if more > 0 else "")
+
+
+def _has_own_name(record: ImpactRecord | Contact) -> bool:
     """Whether its pair is called otherwise than by its geoms, which stand beside it."""
     a, b = ({name, name.rsplit("/", 1)[-1]} for name in record.geoms)
     return record.pair not in {f"{one}-{other}" for one in a for other in b}
@@ -149,7 +175,7 @@ def _tip_lines(run: Run) -> list[str]:
     return [f"tip to ({target}) m: {closest}, {last}"]
 
 
-def _contact_lines(run: Run) -> list[str]:
+def _unhandled_lines(run: Run) -> list[str]:
     if not run.unhandled_contacts:
         return []
     head = ("unhandled contact", "and", "from s", "to s", "depth m")
@@ -164,8 +190,9 @@ def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
     """What ``ffsm analyze`` prints: everything recomputed from the states in the log."""
     damage = damage_of(run, again)
     impacts = impact_table(run.impacts, whole=run.complete and not damage)
-    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts, *record_lines(run)]
-    parts += [*_phase_lines(run), *_tip_lines(run), *_contact_lines(run)]
+    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts]
+    parts += [contact_table(run.contacts), *record_lines(run)]
+    parts += [*_phase_lines(run), *_tip_lines(run), *_unhandled_lines(run)]
     laws = again.laws(tolerance)
     if run.conservative or laws:
         parts.append(conservation_table(laws))

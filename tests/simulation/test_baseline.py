@@ -92,7 +92,8 @@ def test_summary_has_the_contracted_keys(baseline):
     summary = baseline.summary()
     assert list(summary) == [
         *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "wall_s", "real_time_factor"),
-        *("conservative", "impacts", "unhandled_contacts", "phases", "tip", "controller", "conservation", "versions"),
+        *("conservative", "impacts", "contacts", "unhandled_contacts", "phases", "tip", "controller", "conservation"),
+        "versions",
     ]
     assert list(summary["impacts"][0]) == [
         *("event", "time_s", "pair", "geoms", "robot_geom", "object_geom", "point_m", "normal", "manifold"),

@@ -1,0 +1,125 @@
+"""Contacts that last: from rows and records, in whatever order they are told; against the momentum that they moved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.analysis.contacts import Contacts
+from ffsm_mj.lasting.record import ContactBegins, ContactChanges, ContactEnds
+from ffsm_mj.present.text_report import contact_table, run_report
+from ffsm_mj.records.signals import Layout, Signal
+from tests.scenes import two_balls
+
+
+def pushed_twice(folder, **scenario):
+    """A motor of 6 N presses a ball of 2 kg, plastic, on one of 3 kg, lets go, catches up, and presses to the end."""
+    force = {"kind": "pd", "joints": ["robot/x"], "kp": 6.0, "kd": 0.0}
+    return two_balls(
+        folder,
+        restitution=0.0,
+        gap=0.01,
+        **{
+            "duration_s": 0.4,
+            "phases": [
+                {"name": "push", "until": "contact_begins", "controller": {**force, "target": [1.0]}},
+                {"name": "press", "for_s": 0.1, "controller": {**force, "target": [2.0]}},
+                {"name": "back", "for_s": 0.05, "controller": {**force, "target": [-1.0]}},
+                {"name": "again", "until": "end", "controller": {**force, "target": [4.0]}},
+            ],
+            **scenario,
+        },
+    )
+
+
+def test_a_contact_moves_the_momentum_that_it_says_and_its_peak_is_that_of_the_samples(tmp_path):
+    """Only contacts push the target: the impulse is 3 kg times its change of velocity, but for 1e-9 of RK4."""
+    run = ffsm_mj.run(pushed_twice(tmp_path), out=tmp_path / "out", rerun=False)
+    first, second = run.contacts
+    assert (first.pair, first.geoms) == ("ball-target/target", ("robot/ball", "target/target"))
+    assert first.start_s == run.impacts[0].time_s
+    assert first.end_s == run.records["contact_endings"][0].time_s
+    assert second.end_s is None
+    for contact, ended in ((first, run.records["contact_endings"][0].qvel_after["target/x"][0]), (second, None)):
+        begun = next(b for b in run.records["contact_beginnings"] if b.time_s == contact.start_s).qvel_after["target/x"][0]
+        last = run["state.v_target_x_m_s"][-1] if ended is None else ended
+        assert contact.impulse_N_s == pytest.approx(3.0 * (last - begun), abs=1e-9)
+        inside = (run.time >= contact.start_s) & (run.time <= (contact.end_s or np.inf))
+        highest = run["contact.ball_target_target_force_N"][inside].max()
+        assert contact.peak_force_N >= highest > 1.0
+        assert contact.peak_force_N == pytest.approx(highest, rel=1e-3)  # the entry's own force is of the instant before
+        assert contact.start_s <= contact.peak_force_s <= (contact.end_s or np.inf)
+    log = ffsm_mj.load_run(tmp_path / "out")
+    assert log.contacts == run.contacts
+    assert run.summary()["contacts"] == log.summary()["contacts"]
+    assert list(run.summary()["contacts"][0]) == [
+        *("pair", "geoms", "start_s", "end_s", "impulse_N_s", "peak_force_N", "peak_force_s")
+    ]
+    table = log.table("contacts")
+    assert table.columns["geoms_a"].tolist() == ["robot/ball"] * 2
+    np.testing.assert_array_equal(table.columns["end_s"], [first.end_s, np.nan])
+    told = run_report(run)
+    assert contact_table(run.contacts) in told
+    assert f"{first.impulse_N_s:.6f}" in told
+    assert "2 lasting contacts" in repr(run)
+    assert "to the end: robot/ball on target/target" in run._repr_html_()
+
+
+LAYOUT = Layout(
+    (
+        Signal("state", "time_s", "s", ""),
+        Signal("contact", "a_b_force_N", "N", ""),
+        Signal("contact", "a_b_impulse_N_s", "N s", ""),
+    )
+)
+STATE = {"step": 0, "mode": "m", "points": 1, "qpos": (), "qvel_before": {}, "qvel_after": {}}
+
+
+def record(kind, event, time_s, before, after, impulse):
+    return kind(
+        event=event,
+        time_s=time_s,
+        pair="a-b",
+        geoms=("a", "b"),
+        point_m=(0.0, 0.0, 0.0),
+        normal=(1.0, 0.0, 0.0),
+        force_before_N=before,
+        force_after_N=after,
+        impulse_N_s=impulse,
+        **STATE,
+    )
+
+
+def test_two_contacts_between_two_samples_are_told_apart_however_rows_and_records_come():
+    """Only the second one reaches a sample after 0.1 s; the change between two samples is the peak of the first."""
+    rows = np.array([[0.0, 5.0, 0.5], [0.1, 2.0, 0.6], [0.2, 4.0, 0.9]])
+    records = [
+        record(ContactBegins, 0, 0.05, 0.0, 1.0, 0.5),
+        record(ContactChanges, 1, 0.12, 2.5, 3.0, 0.7),
+        record(ContactEnds, 2, 0.15, 0.0, 0.0, 0.75),
+        record(ContactBegins, 3, 0.16, 0.0, 2.0, 0.75),
+    ]
+    first, live = Contacts(LAYOUT), Contacts(LAYOUT)
+    for each in records:
+        first.event(each)
+    for row in rows:
+        first.rows(row[None])
+    live.rows(rows[:1])
+    live.event(records[0])
+    live.rows(rows[1:2])
+    for each in records[1:]:
+        live.event(each)
+    live.rows(rows[2:])
+    assert first.told() == live.told()
+    one, other = first.told()
+    assert (one.start_s, one.end_s, one.peak_force_N, one.peak_force_s) == (0.05, 0.15, 3.0, 0.12)
+    assert one.impulse_N_s == pytest.approx(0.25, abs=1e-15)
+    assert (other.start_s, other.end_s, other.peak_force_N, other.peak_force_s) == (0.16, None, 4.0, 0.2)
+    assert other.impulse_N_s == pytest.approx(0.15, abs=1e-15)
+
+
+def test_of_a_contact_whose_beginning_is_lost_nothing_is_made_up():
+    contacts = Contacts(LAYOUT)
+    contacts.event(record(ContactEnds, 2, 0.15, 0.0, 0.0, 0.75))
+    assert contacts.told() == ()
