@@ -32,11 +32,13 @@ from ffsm_mj.model.dynamics import (
     subtree_momenta,
 )
 from ffsm_mj.model.system import Joint, System, Tree
+from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, Report
 from ffsm_mj.records.signals import Signal, identifier
 
 __all__ = [
+    "ActiveContact",
     "Columns",
     "Command",
     "Controller",
@@ -111,12 +113,14 @@ class Observation(NamedTuple):
         events: Records of what has happened at contacts since it was asked last: an impact just now, contacts that began or
             ended since.
         at_tick: This is a regular control tick, not an impact between two.
+        contacts: Closed pairs with their forces, under the efforts held until now; empty where nothing is closed.
     """
 
     time_s: float
     data: Any
     events: tuple[Any, ...] = ()
     at_tick: bool = True
+    contacts: tuple[ActiveContact, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.regimes import Regime
 from ffsm_mj.motion.motion import Motion
+from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 
 
@@ -71,6 +72,10 @@ class Course:
     def columns(self) -> list[Columns]:
         """What all regimes report."""
         return [columns for regime in self.regimes for columns in regime.columns]
+
+    def contacts(self) -> tuple[ActiveContact, ...]:
+        """What is closed at the state in ``data``, under the efforts in it."""
+        return tuple(contact for regime in self._active for contact in regime.contacts()) if self._active else ()
 
     @property
     def kinetic_energy_J(self) -> float:

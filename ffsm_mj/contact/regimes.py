@@ -22,6 +22,7 @@ from ffsm_mj.errors import described, unknown_name
 from ffsm_mj.model.system import System
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records import kinds
+from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.kinds import RecordKind
@@ -162,6 +163,10 @@ class Regime:
             What moves from here on; None: the system itself.
         """
         return None
+
+    def contacts(self) -> tuple[ActiveContact, ...]:
+        """What it holds closed, with the forces under the efforts in ``data``: control laws see them; asked while active."""
+        return ()
 
     def names(self) -> str:
         """The contacts that it acts on now, for a person."""

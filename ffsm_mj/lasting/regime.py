@@ -24,6 +24,7 @@ from ffsm_mj.lasting.exchange import Shares, booked
 from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.lasting.refusals import refusal
 from ffsm_mj.lasting.report import Report
+from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.kinds import RecordKind
 
 _INSTANT_S = 1e-13
@@ -141,6 +142,10 @@ class Lasting(Regime):
             self._report.book(stages, duration_s)
         self._impacts.deepen(-min((at.gap for at in closed.decide().rows.held), default=0.0))
         return self._drift.taken_out(done)
+
+    def contacts(self) -> tuple[ActiveContact, ...]:
+        """The closed pairs, as control laws see them."""
+        return self._report.active()
 
     def act(self, instant: Instant) -> Effect | None:
         """Tell of what begins, ends or changes; a touch at another point is an impact."""

@@ -14,6 +14,7 @@ from ffsm_mj.contact.regimes import Instant, Scene
 from ffsm_mj.lasting.closed import Closed
 from ffsm_mj.lasting.exchange import WEIGHTS, Stage
 from ffsm_mj.lasting.rows import Rows, Touch
+from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import FORCE_RESIDUAL, Signal, identifier
@@ -73,6 +74,9 @@ class Resultant(NamedTuple):
 def resultant(touches: Sequence[Touch], rows: Rows, forces: FloatArray, pair: ContactPair) -> Resultant:
     """Sum over the touches of one pair."""
     mine = [i for i, touch in enumerate(touches) if touch.pair is pair]
+    if len(mine) == 1:  # by far the most, and asked in every stage
+        only, here = mine[0], rows.held[mine[0]]
+        return Resultant(forces[only] * here.normal, here.point, here.normal, 1, touches[only].feature.name)
     normals, points = (np.array([getattr(rows.held[i], name) for i in mine]).reshape(-1, 3) for name in ("normal", "point"))
     pushed = forces[mine]
     total = float(pushed.sum())
@@ -139,6 +143,11 @@ class Report:
                     row[6:9] = found.centre
                     again = resultant(decision.touches, decision.rows, held, pair).force
                     self._residual[0] = max(self._residual[0], math.dist(found.force, again))
+
+    def active(self) -> tuple[ActiveContact, ...]:
+        """The closed pairs at the state in ``data`` under the efforts in it, as control laws see them."""
+        found = self.places([pair for pair, touches in self._closed.by_pair.items() if touches])
+        return tuple(ActiveContact(pair.name, at.force, at.centre.copy(), at.normal.copy()) for pair, at in found.items())
 
     def book(self, stages: Sequence[Stage], duration_s: float) -> None:
         """Integrate the resultant forces over a step."""

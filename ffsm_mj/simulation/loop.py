@@ -129,7 +129,7 @@ class Simulation:
         try:
             for tick in range(settings.ticks):
                 now = tick * period
-                self._decide(Observation(now, data, self._unheard))
+                self._decide(Observation(now, data, self._unheard, contacts=self._plant.course.contacts()))
                 self._record(now)
                 report(now)
                 poll()
@@ -233,7 +233,8 @@ class Simulation:
     def _after_event(self, effect: Effect, time_s: float) -> None:
         """Ask the controller at once, and record the event with the efforts that act from there on."""
         end, events = effect.end, (*self._unheard, *effect.records)
-        observation = Observation(time_s, self._plant.data, events, at_tick=False)
+        contacts = self._plant.course.contacts() if effect.asks else ()
+        observation = Observation(time_s, self._plant.data, events, at_tick=False, contacts=contacts)
         try:
             if not effect.asks:
                 self._unheard = events
