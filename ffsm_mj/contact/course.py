@@ -75,7 +75,7 @@ class Course:
 
     def contacts(self) -> tuple[ActiveContact, ...]:
         """What is closed at the state in ``data``, under the efforts in it."""
-        return tuple(contact for regime in self._active for contact in regime.contacts()) if self._active else ()
+        return tuple(contact for regime in self._active for contact in regime.active_contacts()) if self._active else ()
 
     @property
     def kinetic_energy_J(self) -> float:

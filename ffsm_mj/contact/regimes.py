@@ -164,7 +164,7 @@ class Regime:
         """
         return None
 
-    def contacts(self) -> tuple[ActiveContact, ...]:
+    def active_contacts(self) -> tuple[ActiveContact, ...]:
         """What it holds closed, with the forces under the efforts in ``data``: control laws see them; asked while active."""
         return ()
 

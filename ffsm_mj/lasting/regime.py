@@ -143,7 +143,7 @@ class Lasting(Regime):
         self._impacts.deepen(-min((at.gap for at in closed.decide().rows.held), default=0.0))
         return self._drift.taken_out(done)
 
-    def contacts(self) -> tuple[ActiveContact, ...]:
+    def active_contacts(self) -> tuple[ActiveContact, ...]:
         """The closed pairs, as control laws see them."""
         return self._report.active()
 
