@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_controllers.indices import compact
+from ffsm_controllers.settled import TIME_TOLERANCE_S, Settled
 from ffsm_mj.controller_protocol import (
     Columns,
     Command,
@@ -23,9 +24,6 @@ from ffsm_mj.controller_protocol import (
     Summarises,
 )
 
-# Ticks are exact multiples of the period up to rounding of the product.
-_TIME_TOLERANCE_S = 1e-9
-
 
 @dataclass(frozen=True)
 class Phase:
@@ -35,8 +33,10 @@ class Phase:
         name: Name in the scenario.
         kind: Kind of its controller.
         controller: What drives the robot in it.
-        until: What ends it after its start, for people: ``impact``, or a record of another contact regime; empty: nothing.
+        until: What ends it after its start, for people: ``impact``, a record of another contact regime, ``settled``; empty:
+            nothing.
         ending: Class of the records that do.
+        settled: Says when the tip has settled, which ends it; None where that does not.
         duration_s: It ends at the first control tick at or after this time since its start; None: no such end.
     """
 
@@ -45,6 +45,7 @@ class Phase:
     controller: Controller
     until: str = ""
     ending: type | None = None
+    settled: Settled | None = None
     duration_s: float | None = None
 
 
@@ -100,8 +101,10 @@ class PhaseMachine:
         phase = self.phases[self.phase_index]
         if phase.ending is not None and any(isinstance(event, phase.ending) for event in observation.events):
             return phase.until
+        if phase.settled is not None and phase.settled.look(observation):
+            return phase.until
         elapsed = observation.time_s - self._start_s
-        if observation.at_tick and phase.duration_s is not None and elapsed >= phase.duration_s - _TIME_TOLERANCE_S:
+        if observation.at_tick and phase.duration_s is not None and elapsed >= phase.duration_s - TIME_TOLERANCE_S:
             return "time"
         return ""
 
@@ -111,6 +114,8 @@ class PhaseMachine:
         self._live_index[0], self._start_s = index, observation.time_s
         self.telemetry.fill(np.nan)
         self._begun.append(PhaseRecord(index, phase.name, phase.kind, observation.time_s, reason))
+        if phase.settled is not None:
+            phase.settled.begin(observation)
         phase.controller.start(observation)
 
     def drain_phases(self) -> list[PhaseRecord]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from ffsm_controllers import kinds
 from ffsm_controllers.phases import Phase, PhaseMachine
+from ffsm_controllers.settled import Settled
 
 from ffsm_mj.assembly.column_faults import refuse_same_names, refuse_telemetry
 from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
@@ -35,7 +36,7 @@ from ffsm_mj.plant.state import StateReport
 from ffsm_mj.records.columns import Row
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import kind_named
-from ffsm_mj.scenario.scenario import Scenario, located
+from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 
 _AXES = {"x": 0, "y": 1, "z": 2}
@@ -188,13 +189,22 @@ def _controller(scenario: Scenario, context: ControllerContext, laws: Mapping[st
         except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is a fault of this phase)
             faults.append(Fault(f"the controller cannot be made ({described(error)})", ("phases", i, "controller", "kind")))
             continue
-        until = config.until if config.until not in (None, "end") else ""
-        ending = ImpactRecord if until == "impact" else kind_named(until).record if until else None
-        phases.append(Phase(config.name, kind, controller, until, ending, config.for_s))
+        phases.append(_phase(config, controller, context))
     if faults:
         raise ScenarioFaults(faults)
     refuse_telemetry(phases)
     return PhaseMachine(phases)
+
+
+def _phase(config: PhaseConfig, controller: Any, context: ControllerContext) -> Phase:
+    """A phase with what ends it."""
+    until = config.until if config.until not in (None, "end") else ""
+    ending, settled = None, None
+    if config.settled is not None and context.task is not None:
+        settled = Settled(config.settled, context.system, context.task)
+    elif until:
+        ending = ImpactRecord if until == "impact" else kind_named(until).record
+    return Phase(config.name, config.controller.kind, controller, until, ending, settled, config.for_s)
 
 
 def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:

@@ -130,7 +130,7 @@ class PhaseRecord:
         name: Name of the phase.
         controller: Kind of its controller.
         start_s: When it begins.
-        reason: Why: ``start``, ``impact`` or ``time``.
+        reason: Why: ``start``, ``time``, ``settled``, or the name of the record that ended the one before, as ``impact``.
     """
 
     index: int

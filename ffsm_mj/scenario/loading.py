@@ -94,6 +94,8 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
             faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
         if fault := fault_of_ending(phase.until, scenario.regimes):
             faults.append(Fault(fault, ("phases", i, "until")))
+        if phase.until == "settled" and scenario.task is None:
+            faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, "until")))
         if phase.until == "impact" and not scenario.impact_pairs:
             faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
     for i, phase in enumerate(scenario.phases[:-1]):

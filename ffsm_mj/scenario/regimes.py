@@ -55,5 +55,5 @@ def endings(configs: tuple[Any, ...]) -> tuple[str, ...]:
 
 def fault_of_ending(until: str | None, configs: tuple[Any, ...]) -> str:
     """What is wrong with a phase's ``until``, or nothing."""
-    allowed = (*endings(configs), "end")
+    allowed = (*endings(configs), "settled", "end")
     return "" if until is None or until in allowed else unknown_name("end of a phase", until, allowed)

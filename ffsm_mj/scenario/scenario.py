@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 from ffsm_controllers import kinds
+from ffsm_controllers.settled import SettledConfig
 from pydantic import (
     ConfigDict,
     Field,
@@ -177,11 +178,14 @@ class IgnoredPairConfig(StrictModel):
 
 
 class PhaseConfig(StrictModel):
-    """A phase of the task: it ends at the first impact, after a time, at the earlier of the two, or with the run."""
+    """A phase of the task: it ends at an event, once the tip has settled, after a time, at the first of these, or with the run."""
 
     name: Name
     until: Name | None = None
-    """``impact``: the first impact after its start, or a record of a declared regime by its name; ``end``: of the run."""
+    """``impact``, ``contact_begins``, ``contact_ends`` or a record of a declared regime: the first one after its start;
+    ``settled``: see there; ``end``: of the run."""
+    settled: SettledConfig | None = None
+    """With ``until: settled``: the phase ends once the tip has been near its target and slow for a time."""
     for_s: PositiveFloat | None = None
     """Duration in s; it ends at the first control tick at or after that, with ``until: impact`` at an impact before it."""
     controller: SerializeAsAny[ControllerConfig]
@@ -190,7 +194,11 @@ class PhaseConfig(StrictModel):
     @model_validator(mode="after")
     def _has_an_end(self) -> PhaseConfig:
         if self.until is None and self.for_s is None:
-            raise ValueError("a phase needs 'until' (impact, end) or 'for_s', or 'until: impact' and 'for_s'")
+            raise ValueError("a phase needs 'until' (impact, settled, end, ...) or 'for_s', or an event and 'for_s'")
+        if self.until == "settled" and self.settled is None:
+            raise ValueError("'until: settled' needs 'settled: {error_m: ..., speed_m_s: ..., for_s: ...}'")
+        if self.until != "settled" and self.settled is not None:
+            raise ValueError("'settled' has no effect without 'until: settled'; leave it out")
         if self.until == "end" and self.for_s is not None:
             raise ValueError("'for_s' has no effect with 'until: end'; leave one of them out")
         return self

@@ -11,8 +11,9 @@ from ffsm_controllers.phases import Phase, PhaseMachine
 
 import ffsm_mj
 from ffsm_mj.controller_protocol import Command, Observation
+from ffsm_mj.errors import InputError
 from ffsm_mj.records.signals import Signal
-from tests.scenes import two_balls
+from tests.scenes import ball, scene, two_balls
 
 
 class Recorder:
@@ -87,6 +88,53 @@ def test_the_first_of_impact_and_time_ends_a_phase_and_the_next_one_says_which(t
     phase = ffsm_mj.run(path).phases[1]
     assert (phase.name, phase.reason) == ("after", reason)
     assert phase.start_s == pytest.approx(start_s, abs=1e-9)
+
+
+def spring(folder, kd, for_s=None, **scenario):
+    """A ball of 2 kg on a spring of 8 N/m, 1 m from where it belongs, and what says that it is there."""
+    settled = {"error_m": 0.05, "speed_m_s": 0.2, "for_s": 0.5}
+    spring = {"kind": "pd", "joints": ["robot/x"], "kp": 8.0, "kd": kd, "target": [0.0]}
+    ends = {"until": "settled", "settled": settled} | ({"for_s": for_s} if for_s else {})
+    return scene(
+        folder,
+        ball("ball", mass=2.0, joints="xy"),
+        {},
+        **{
+            "duration_s": 15.0,
+            "control_period_s": 0.01,
+            "time_step_s": 0.01,
+            "initial": {"joints": {"x": 1.0}},
+            "task": {"tip": "centre", "axes": ["x", "y"], "target_m": [0.0, 0.0]},
+            "phases": [
+                {"name": "go", **ends, "controller": spring},
+                {"name": "rest", "until": "end", "controller": {"kind": "off"}},
+            ],
+            **scenario,
+        },
+    )
+
+
+@pytest.mark.parametrize("kd", [8.0, 1.6])
+def test_a_phase_ends_once_the_tip_has_been_near_and_slow_for_its_time(tmp_path, kd):
+    """At the first tick that has nothing but such ticks in the half second before it; with 1.6 N s/m it swings."""
+    run = ffsm_mj.run(spring(tmp_path, kd))
+    within = (run.tip_error() <= 0.05) & (np.linalg.norm(run.tip_velocity[:, :2], axis=1) <= 0.2)
+    if kd < 8.0:
+        assert np.count_nonzero(np.diff(within.astype(int)) == 1) > 1  # it is there and leaves again
+    done = next(i for i in range(50, len(within)) if within[i - 50 : i + 1].all())
+    phase = run.phases[1]
+    assert (phase.name, phase.reason) == ("rest", "settled")
+    assert phase.start_s == pytest.approx(run.time[done], abs=1e-9)
+
+
+def test_the_time_of_a_phase_that_does_not_settle_is_up(tmp_path):
+    phase = ffsm_mj.run(spring(tmp_path, 0.0, for_s=3.0)).phases[1]
+    assert (phase.start_s, phase.reason) == (pytest.approx(3.0), "time")
+
+
+def test_a_phase_settles_only_where_there_is_a_task(tmp_path):
+    with pytest.raises(InputError, match=r"phases\.0\.until: nothing settles: the scenario has no task"):
+        ffsm_mj.run(spring(tmp_path, 8.0, task=None))
 
 
 def test_telemetry_of_other_phases_is_nan():
