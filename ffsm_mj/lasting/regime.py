@@ -11,8 +11,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from scipy.optimize import brentq
-
 from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact.regimes import Effect, Instant, Regime, Scene
@@ -122,6 +120,8 @@ class Lasting(Regime):
 
         if slack(duration_s) >= 0.0:
             return None
+        from scipy.optimize import brentq  # a second to import, for runs in which a contact lasts
+
         root = float(brentq(slack, 0.0, duration_s, xtol=_INSTANT_S, rtol=8.9e-16))
         late = _INSTANT_S
         while root < duration_s and slack(root) >= 0.0:

@@ -178,7 +178,7 @@ class IgnoredPairConfig(StrictModel):
 
 
 class PhaseConfig(StrictModel):
-    """A phase of the task: it ends at an event, once the tip has settled, after a time, at the first of these, or with the run."""
+    """A phase of the task: it ends at an event, once the tip has settled, after a time (what is first), or with the run."""
 
     name: Name
     until: Name | None = None

@@ -93,9 +93,9 @@ def test_export_writes_beside_the_log(tmp_path, capsys):
     assert main(["export", "a", "--parquet", "--table", "impacts"]) == 0
     out = capsys.readouterr().out
     assert "a/samples.csv: 101 rows of" in out
-    assert "a/impacts.parquet: 0 rows of 26 columns" in out
+    assert "a/impacts.parquet: 0 rows of 29 columns" in out
     assert main(["export", "a", "--csv", "--table", "tables"]) == 2
-    assert "unknown table 'tables' (did you mean 'samples'?); allowed: impacts, laws" in capsys.readouterr().err
+    assert "unknown table 'tables' (did you mean 'samples'?); allowed: contact_beginnings, " in capsys.readouterr().err
 
 
 def test_a_run_that_fails_exits_3(tmp_path, capsys):
