@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.feature import EDGE_M, features
+from ffsm_mj.contact.feature import EDGE_M, Feature, Held, features
 from ffsm_mj.contact.pairs import REST_RATE, ContactPair, Proximity
 from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
@@ -27,6 +28,8 @@ _OPENS = 10.0
 """A gap opens, or a force ceases to push, where a second rate is so many times its rounding."""
 _OTHER_POINT_M = 2e-10
 """A pair that is deeper than this touches at another point than those that are held."""
+_LIFT_M, _SLOW_M_S = 1e-11, 1e-3
+"""What would not lift off further than this counts as closed; nothing that separates faster is asked."""
 _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 """Geoms that touch anything convex at one point only."""
 
@@ -97,6 +100,29 @@ class Closed:
         """
         found = [Touch(pair, feature) for feature in features(pair, self._model, self._scene.data, near)]
         self.by_pair[pair] = tuple(touch for touch in found if abs(touch.feature.at(self._scene.data).rate) <= still)
+
+    def keep_down(self, pairs: Sequence[tuple[ContactPair, Proximity]]) -> None:
+        """Hold too what of some pairs separates so slowly, pressed as it is, that its gap would not become ``_LIFT_M``.
+
+        A block that rocks from corner to corner would do so for ever, at heights that no number tells from zero.
+        """
+        model, data, held = self._model, self._scene.data, self.touches
+        found = [Touch(pair, feature) for pair, near in pairs for feature in features(pair, model, data, near)]
+        slow = [
+            (touch, at) for touch in found if 0.0 < (at := touch.feature.at(data)).rate <= _SLOW_M_S and not self._has(at)
+        ]
+        if not slow:
+            return
+        _, problem = self._problem((*held, *(touch for touch, _ in slow)))
+        pressing = problem.eased(problem.pushed())[len(held) :]
+        for (touch, at), b in zip(slow, pressing.tolist(), strict=True):
+            if at.rate**2 <= 2.0 * b * _LIFT_M:
+                self.by_pair[touch.pair] = (*self.by_pair.get(touch.pair, ()), touch)
+
+    def _has(self, at: Held) -> bool:
+        """Whether a touch at this place is held already."""
+        data = self._scene.data
+        return any(math.dist(touch.feature.at(data).point, at.point) < EDGE_M for touch in self.touches)
 
     def push(self, data: Any) -> None:
         """Add the forces of the pressing contacts to ``data.qfrc_applied``, which holds all other pushes."""
@@ -169,7 +195,8 @@ class Closed:
 
     def _others_clear(self) -> float:
         """The least gap of any point of the closed pairs, and a little."""
-        key = self.motion.data.qpos.tobytes(), len(self.by_pair)
+        data = self.motion.data
+        key = data.qpos.tobytes(), data.qvel.tobytes(), len(self.by_pair)
         if self._deepest is None or self._deepest[0] != key:
             gaps = (self._gap_of_all_points(pair) for pair in self.by_pair if many_points(pair))
             self._deepest = key, min(gaps, default=math.inf) + _OTHER_POINT_M
@@ -179,11 +206,20 @@ class Closed:
         """Whether a closed pair touches at another point than those that are held."""
         return self._others_clear() < 0.0
 
+    def landed(self) -> list[Feature]:
+        """The features, at other points than those that are held, by which closed pairs overlap."""
+        model, data = self._model, self._scene.data
+        found = (features(pair, model, data, pair.proximity(model, data)) for pair in self.by_pair if many_points(pair))
+        return [feature for each in found for feature in each if feature.at(data).gap < -0.5 * _OTHER_POINT_M]
+
     def _gap_of_all_points(self, pair: ContactPair) -> float:
-        """Gap of a pair, m; exact where it is below zero by more than MuJoCo's rounding."""
+        """Gap of a pair, m; exact where it is below zero by more than MuJoCo's rounding, zero where it opens from there."""
         data = self._scene.data
         gap = pair.gap(self._model, data, 1.0)
-        return gap if gap > -0.5 * _OTHER_POINT_M else pair.proximity(self._model, data).gap
+        if gap > -0.5 * _OTHER_POINT_M:
+            return gap
+        near = pair.proximity(self._model, data)
+        return near.gap if near.approaches else max(near.gap, 0.0)
 
     def beyond_an_edge(self) -> list[ContactPair]:
         """Pairs of which a contact is outside its feature."""

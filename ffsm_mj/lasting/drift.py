@@ -15,6 +15,11 @@ from ffsm_mj.lasting.rows import rows
 from ffsm_mj.model.dynamics import free_components, momentum_matrix
 
 
+def added(one: Booking | None, other: Booking) -> Booking:
+    """What two bookings come to."""
+    return other if one is None else Booking(*(a + b for a, b in zip(one, other, strict=True)))
+
+
 class Drift:
     """Takes drift out of the closed contacts of a scene."""
 
@@ -45,8 +50,7 @@ class Drift:
         motion.flight.account(0.0)  # its energy and momentum are those of other velocities
         energy, impulse = (after - then for after, then in zip(self._accounts(), before, strict=True))
         # Where a fixed body bears a part it is booked as if the robot had: 1e-11 m of drift are at stake.
-        gave = Booking(energy, impulse)
-        return gave if done is None else Booking(done.energy_J + energy, done.impulse + impulse, done.outside)
+        return added(done, Booking(energy, impulse))
 
     def _accounts(self) -> tuple[FloatArray, FloatArray]:
         """Kinetic energies of (total, robot, objects), and the momentum of the objects."""

@@ -8,7 +8,7 @@ feature, or where a pair touches at another point.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ffsm_mj.contact.exchange import Booking
@@ -17,7 +17,7 @@ from ffsm_mj.contact.regimes import Effect, Instant, Regime, Scene
 from ffsm_mj.impact.regime import Impacts
 from ffsm_mj.impact.touching import Touching
 from ffsm_mj.lasting.closed import Closed, closed_and_still, held_stillness, stillness, switched_stillness
-from ffsm_mj.lasting.drift import Drift
+from ffsm_mj.lasting.drift import Drift, added
 from ffsm_mj.lasting.exchange import Shares, booked
 from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.lasting.refusals import refusal
@@ -28,6 +28,8 @@ from ffsm_mj.records.kinds import RecordKind
 _INSTANT_S = 1e-13
 """An event is known this well within its step."""
 _NEAR = 1e-6
+_PARTS = tuple(0.5**k for k in range(1, 20))
+"""Of a step, where a point that begins it at a gap of rounding may have left for a while."""
 
 
 class Lasting(Regime):
@@ -47,6 +49,8 @@ class Lasting(Regime):
         self._drift = Drift(scene, self._closed)
         self.columns = self._report.columns
         self._events = 0
+        self._landing = False
+        self._stopped: Booking | None = None
 
     def restart(self) -> None:
         """Something changed at one instant: nothing that was decided holds any more."""
@@ -60,9 +64,10 @@ class Lasting(Regime):
     def close(self, touching: Touching) -> None:
         """Hold what is closed and still of the pairs in contact, at the velocities in ``data``."""
         approach = max((-near.rate for _, near in touching), default=0.0)
-        for pair, _ in touching:
-            near = pair.proximity(self.scene.system.mj, self.scene.data)
+        now = [(pair, pair.proximity(self.scene.system.mj, self.scene.data)) for pair, _ in touching]
+        for pair, near in now:
             self._take(pair, near, stillness(near, max(approach, 0.0)))
+        self._closed.keep_down([(pair, near) for pair, near in now if not self.refusal(pair)])
         self._settle()
 
     def refusal(self, pair: ContactPair) -> str:
@@ -100,7 +105,8 @@ class Lasting(Regime):
         return self.active and bool(self._news() or self._closed.deeper())
 
     def begin_step(self) -> None:
-        """A (sub-)step begins: hold what presses."""
+        """A (sub-)step begins: stop what is closed and not quite still, and hold what presses."""
+        self._stopped = self._drift.taken_out(None)
         self._closed.press()
         self._closed.stages.clear()
 
@@ -120,12 +126,32 @@ class Lasting(Regime):
 
         if slack(duration_s) >= 0.0:
             return None
+        changed = self._just_after(slack, 0.0, duration_s)
+        path.move_to(changed)
+        self._landing = self._closed.deeper()
+        return self._landing_time(changed) if self._landing else changed
+
+    def _landing_time(self, seen_s: float) -> float:
+        """When the points of closed pairs that overlap by now touched, not a depth later: depth is height, and energy."""
+        landed, data, path = self._closed.landed(), self.scene.data, self.motion.path
+
+        def gap(time_s: float) -> float:
+            path.move_to(time_s)
+            return min(feature.at(data).gap for feature in landed)
+
+        if not landed:
+            return seen_s
+        above = next((part * seen_s for part in (0.0, *_PARTS) if gap(part * seen_s) > 0.0), seen_s)
+        return self._just_after(gap, above, seen_s) if above < seen_s else seen_s
+
+    @staticmethod
+    def _just_after(f: Callable[[float], float], start_s: float, end_s: float) -> float:
+        """Where a function first falls below zero between two times, from the side where it has."""
         from scipy.optimize import brentq  # a second to import, for runs in which a contact lasts
 
-        root = float(brentq(slack, 0.0, duration_s, xtol=_INSTANT_S, rtol=8.9e-16))
-        late = _INSTANT_S
-        while root < duration_s and slack(root) >= 0.0:
-            root, late = min(root + late, duration_s), 2.0 * late
+        root, late = float(brentq(f, start_s, end_s, xtol=_INSTANT_S, rtol=8.9e-16)), _INSTANT_S
+        while root < end_s and f(root) >= 0.0:
+            root, late = min(root + late, end_s), 2.0 * late
         return root
 
     def push(self, data: Any) -> None:
@@ -135,10 +161,10 @@ class Lasting(Regime):
     def end_step(self, duration_s: float) -> Booking | None:
         """What the contacts exchanged, and the drift that was taken out of them."""
         closed, system = self._closed, self.scene.system
-        done = None
+        done = self._stopped
         if closed.pressing:
             stages = closed.stages[-5:-1]  # the last one is that of the end, where the next step begins
-            done = booked(stages, duration_s, system.robot.dofs, Shares.of(system, closed.pressing))
+            done = added(done, booked(stages, duration_s, system.robot.dofs, Shares.of(system, closed.pressing)))
             self._report.book(stages, duration_s)
         self._impacts.deepen(-min((at.gap for at in closed.decide().rows.held), default=0.0))
         return self._drift.taken_out(done)
@@ -149,7 +175,8 @@ class Lasting(Regime):
 
     def act(self, instant: Instant) -> Effect | None:
         """Tell of what begins, ends or changes; a touch at another point is an impact."""
-        if self._closed.deeper():
+        if self._landing or self._closed.deeper():
+            self._landing = False
             return self._impacts.act(instant)
         news = self._news() or self._pressed_inside_a_step()
         if news is None:
