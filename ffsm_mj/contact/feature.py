@@ -133,6 +133,8 @@ class _Search:
         """Those of some pairs of cores, of a and of b, that touch."""
         found = []
         for one, other in cores:
+            if isinstance(one, Line | Circle) and isinstance(other, Line | Circle) and self._parallel(one, other):
+                continue
             feature = join(one, other, self._sense(one, other))
             if feature is None:
                 continue

@@ -62,6 +62,7 @@ class Impacts(Detector):
         self._refuse_rest(touching, met, time_s)
         if not any(near.approaches for _, near in touching):
             self.closing.close(touching)  # a root at rounding level, or closed and still: what comes next decides
+            self._refuse_corners(touching, met, time_s)
             return None
         impact = self.apply(touching, met.impact)
         energies = party_energies(system, data, impact)
@@ -126,6 +127,13 @@ class Impacts(Detector):
         if self._impacts >= self._rules.max_impacts:
             return RunEnded(Outcome.EVENT_LIMIT, f"{self._impacts} impacts; raise impact.max_impacts to go on")
         return None
+
+    def _refuse_corners(self, touching: Touching, met: Settled, time_s: float) -> None:
+        """End the run where a pair that is pressed at rest has no normal of its own: it would be asked again for ever."""
+        for (pair, _, _), b in zip(touching_points(touching), met.pressing.tolist(), strict=True):
+            if b > 0.0 and not self.closing.holds(pair):
+                message = f"{pair} would stay in contact from t = {time_s:.6g} s by a corner on a corner or on an edge"
+                raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}, which have no normal of their own")
 
     def _refuse_rest(self, touching: Touching, met: Settled, time_s: float) -> None:
         """End the run where a pair comes to rest, pressed, that nobody can hold."""

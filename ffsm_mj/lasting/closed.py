@@ -24,6 +24,8 @@ _STILL = 1e-9
 """What an impact leaves separating slower than this share of its approach is still; so much of an impact is rounding."""
 _LEAST_RADIUS_M = 1e-4
 """Of what is round and slides over an edge, m."""
+_DRIFT_M = 1e-9
+"""A step that lets a closed gap drift further than this is cut there, and the drift taken out."""
 _OPENS = 10.0
 """A gap opens, or a force ceases to push, where a second rate is so many times its rounding."""
 _OTHER_POINT_M = 2e-10
@@ -172,14 +174,15 @@ class Closed:
     def slack(self) -> float:
         """How far the state in ``data`` is from where something changes; below zero where something has.
 
-        What presses still pushes and the rest stays at rest, every contact is within its feature, and no pair touches at
-        another point.
+        What presses still pushes and the rest stays at rest, every contact is within its feature, no gap has drifted off,
+        and no pair touches at another point.
         """
         if not self.touches:
             return math.inf
         decision = self.decide()
         inside = min(here.inside for here in decision.rows.held) + EDGE_M
-        return min(inside, self._others_clear(), self._accelerations_hold(decision))
+        drift = max(abs(here.gap) for here in decision.rows.held)
+        return min(inside, _DRIFT_M - drift, self._others_clear(), self._accelerations_hold(decision))
 
     def _accelerations_hold(self, decision: Decision) -> float:
         """Whether the contacts that are held are those that press, up to forces that redundant contacts may share anew."""
@@ -221,13 +224,17 @@ class Closed:
         near = pair.proximity(self._model, data)
         return near.gap if near.approaches else max(near.gap, 0.0)
 
-    def beyond_an_edge(self) -> list[ContactPair]:
-        """Pairs of which a contact is outside its feature."""
+    def adrift(self) -> list[ContactPair]:
+        """Pairs of which a contact is outside its feature, or has drifted off."""
         if not self.touches:
             return []
         here = self.decide()
-        beyond = [touch.pair for touch, at in zip(here.touches, here.rows.held, strict=True) if at.inside < -EDGE_M]
+        beyond = [touch.pair for touch, at in zip(here.touches, here.rows.held, strict=True) if self._adrift(at)]
         return list(dict.fromkeys(beyond))
+
+    @staticmethod
+    def _adrift(at: Held) -> bool:
+        return at.inside < -EDGE_M or abs(at.gap) > _DRIFT_M
 
 
 def many_points(pair: ContactPair) -> bool:

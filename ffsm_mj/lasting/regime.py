@@ -64,10 +64,11 @@ class Lasting(Regime):
     def close(self, touching: Touching) -> None:
         """Hold what is closed and still of the pairs in contact, at the velocities in ``data``."""
         approach = max((-near.rate for _, near in touching), default=0.0)
+        held = set(self._closed.by_pair)
         now = [(pair, pair.proximity(self.scene.system.mj, self.scene.data)) for pair, _ in touching]
         for pair, near in now:
             self._take(pair, near, stillness(near, max(approach, 0.0)))
-        self._closed.keep_down([(pair, near) for pair, near in now if not self.refusal(pair)])
+        self._closed.keep_down([(pair, near) for pair, near in now if pair in held])
         self._settle()
 
     def refusal(self, pair: ContactPair) -> str:
@@ -192,8 +193,8 @@ class Lasting(Regime):
                 self._begun.remove(pair)
                 del self._closed.by_pair[pair]
         else:
-            self._change(pairs)
             booking = self._drift.taken_out(None)
+            self._change(pairs)
         self._settle()
         places |= self._report.places([pair for pair in pairs if self.holds(pair)])
         records = self._report.records(kind, places, before, instant, self._events, qvel)
@@ -210,7 +211,7 @@ class Lasting(Regime):
         ends = [pair for pair, touches in closed.by_pair.items() if leaving.issuperset(touches)]
         if ends:
             return CONTACT_ENDS, ends
-        changes = [*closed.beyond_an_edge(), *(touch.pair for touch in leaving)]
+        changes = [*closed.adrift(), *(touch.pair for touch in leaving)]
         return (CONTACT_CHANGES, list(dict.fromkeys(changes))) if changes else None
 
     def _pressed_inside_a_step(self) -> tuple[RecordKind, list[ContactPair]] | None:
