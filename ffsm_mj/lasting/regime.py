@@ -23,10 +23,12 @@ from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.lasting.refusals import refusal
 from ffsm_mj.lasting.report import Report
 from ffsm_mj.records.active_contact import ActiveContact
+from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.records.kinds import RecordKind
 
 _INSTANT_S = 1e-13
 """An event is known this well within its step."""
+_OTHER_MODEL = "another model than that of the scenario moves, as where an object is gripped"
 _NEAR = 1e-6
 _PARTS = tuple(0.5**k for k in range(1, 20))
 """Of a step, where a point that begins it at a gap of rounding may have left for a while."""
@@ -73,6 +75,8 @@ class Lasting(Regime):
 
     def refusal(self, pair: ContactPair) -> str:
         """Why a pair cannot be held; empty where it can."""
+        if self.motion.data is not self.scene.data:
+            return _OTHER_MODEL
         return refusal(self.scene.system.mj, pair)
 
     def _take(self, pair: ContactPair, near: Proximity, still: float) -> None:
@@ -106,7 +110,13 @@ class Lasting(Regime):
         return self.active and bool(self._news() or self._closed.deeper())
 
     def begin_step(self) -> None:
-        """A (sub-)step begins: stop what is closed and not quite still, and hold what presses."""
+        """A (sub-)step begins: stop what is closed and not quite still, and hold what presses.
+
+        Raises:
+            RunEnded: Another model moves from here on.
+        """
+        if self.motion.data is not self.scene.data:
+            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{self.names()} cannot stay in contact: {_OTHER_MODEL}")
         self._stopped = self._drift.taken_out(None)
         self._closed.press()
         self._closed.stages.clear()
@@ -154,6 +164,10 @@ class Lasting(Regime):
         while root < end_s and f(root) >= 0.0:
             root, late = min(root + late, end_s), 2.0 * late
         return root
+
+    def names(self) -> str:
+        """The pairs that are closed."""
+        return "; ".join(str(pair) for pair in self._closed.by_pair)
 
     def push(self, data: Any) -> None:
         """The forces of the contacts; see :class:`~ffsm_mj.contact.regimes.Regime`."""

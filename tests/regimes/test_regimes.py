@@ -6,6 +6,7 @@ import math
 import re
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from ffsm_controllers.off import Off
@@ -13,6 +14,7 @@ from ffsm_controllers.off import Off
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
+from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.recount import recount
 from tests.regimes import scenes
@@ -165,3 +167,16 @@ def test_what_a_regime_imports_is_on_its_page():
     for file in ("spring.py", "weld.py"):
         used = set(re.findall(r"^from (ffsm_mj[a-z_.]*) import", (Path(__file__).parent / file).read_text(), re.MULTILINE))
         assert {module for module in used if not any(module == n or module.startswith(f"{n}.") for n in named)} == set()
+
+
+def test_a_contact_does_not_last_while_another_model_moves(tmp_path):
+    """Its forces would go through the grip: neither begins such a contact, nor does one that has begun go on."""
+    parts = prepare(
+        scenes.capture(tmp_path, impact_pairs=[{"robot_geom": "hand", "object_geom": "target/target"}])
+    ).assemble()
+    (pair,), lasting = parts.pairs, parts.course.regimes[1]
+    assert lasting.refusal(pair) == ""
+    parts.course.bind(Motion(parts.system.mj, mujoco.MjData(parts.system.mj)))
+    assert "another model" in lasting.refusal(pair)
+    with pytest.raises(RunEnded, match="another model"):
+        lasting.begin_step()
