@@ -118,6 +118,41 @@ def test_the_limit_of_a_bouncing_ball(tmp_path):
     assert len(run.impacts) > 120
 
 
+def crate_on_a_slab(folder, **scenario):
+    """A crate, tilted by 2.3 degrees about x, falls 15 cm under gravity; an edge lands, and 1.3 ms later the other."""
+    gravity = '<option gravity="0 0 -9.81"/>'
+    crate = f"""<mujoco>{gravity}<worldbody><body name="crate">
+      <inertial pos="0 0 0" mass="10" diaginertia="0.3333 0.3333 0.5333"/><freejoint name="free"/>
+      <geom name="crate" type="box" size="0.4 0.4 0.2" mass="0"/></body></worldbody></mujoco>"""
+    slab = f'<mujoco>{gravity}<worldbody><geom name="slab" type="box" pos="0 0 -0.1" size="1 1 0.1"/></worldbody></mujoco>'
+    afar = ball("afar", joints="z").replace(HEAD, gravity).replace('<body name="afar">', '<body name="afar" gravcomp="1">')
+    return scene(
+        folder,
+        afar,
+        {"crate": crate, "slab": slab},
+        fixed={"slab": {}},
+        **{
+            "conservative": False,
+            "time_step_s": 0.002,
+            "control_period_s": 0.002,
+            "initial": {"joints": {"robot/z": 5.0, "crate/free": [0.0, 0.0, 0.35, 0.9998, 0.02, 0.0, 0.0]}},
+            "impact_pairs": [{"geoms": ["crate/crate", "slab/slab"], "restitution": 0.3}],
+            **scenario,
+        },
+    )
+
+
+def test_points_that_land_beside_held_ones_are_held_too(tmp_path):
+    """They land 2e-10 m deep, and stay so deep until the step ends: not a touch without end at that instant."""
+    run = ffsm_mj.run(crate_on_a_slab(tmp_path, duration_s=0.22))
+    assert run.outcome == "completed"
+    (begins,) = run.records["contact_beginnings"]
+    assert begins.points == 2
+    assert run["contact.crate_crate_slab_slab_points"][-1] == 4
+    assert run["contact.crate_crate_slab_slab_force_z_N"][-1] == pytest.approx(-98.1, abs=1e-9)
+    check(run)
+
+
 def test_rest_speed_ends_flights_too(tmp_path):
     """E |u| < v: the first hit is at sqrt(2 s b) = 0.055 m/s."""
     run = ffsm_mj.run(pressed(tmp_path, 0.5, impact={"rest_interval_s": 0.0, "rest_speed_m_s": 0.03}))
