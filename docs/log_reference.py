@@ -37,6 +37,11 @@ def viewer_topics() -> dict[str, tuple[str, str]]:
             "the visible geoms of each body as primitives or triangles, fixed in the body's frame; "
             "a cross at the task's target",
         ),
+        viewer.FORCES_TOPIC: (
+            "at every frame while a contact presses, and at the one after",
+            "an arrow for every pair that presses, from the centre of pressure along the force on its second geom; "
+            "1 m is 1 N between 0.3 and 1.5 m; each message replaces all earlier ones",
+        ),
         viewer.PLUMES_TOPIC: (
             "when the set of firing thrusters changes, looked at once per frame",
             "a cone at every site thruster that fires; each message replaces all earlier ones",

@@ -12,21 +12,26 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, MissingPackageError, OutputLostError
+from ffsm_mj.log.contact_forces import ForceColumns, force_columns
 from ffsm_mj.present.output_place import usable_file, writing
 from ffsm_mj.present.plots.motion import draw_plane, polygons, tree_colours, view_box
-from ffsm_mj.present.plots.style import BLACK, YELLOW, publication
+from ffsm_mj.present.plots.silhouette import Plane
+from ffsm_mj.present.plots.style import BLACK, GREEN, YELLOW, publication
 from ffsm_mj.present.plots.subject import Subject
 
 _LONGEST_S = 12.0
 _SPEEDS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
 _SIZE_PX = (960, 720)
 _FLASH_S = 0.5
+_ARROW = 0.12
+"""Length of the arrow of a force, of the height of the picture."""
 _LAST_PICTURE_S = 1.5
 _MOST_PICTURES = 6000
 
@@ -141,7 +146,7 @@ def _pictures(subject: Subject, times: Any, speed: float) -> Iterator[Any]:
     trails = {name: axes.plot([], [], color=c, linewidth=1.2, zorder=20)[0] for name, c in tree_colours(subject).items()}
     trails["tip"] = axes.plot([], [], color=BLACK, linewidth=1.4, zorder=22)[0]
     star = axes.plot([], [], "*", markersize=16, markerfacecolor=YELLOW, markeredgecolor=BLACK, zorder=31)[0]
-    marks = run.log.marks()
+    marks, forces = run.log.marks(), force_columns(run.log.header.layout)
     paths = subject.roots | ({"tip": subject.tip} if subject.tip is not None else {})
     for row in rows:
         time = float(run.time[row])
@@ -152,11 +157,25 @@ def _pictures(subject: Subject, times: Any, speed: float) -> Iterator[Any]:
         for name, path in paths.items():
             trails[name].set_data(*path[past][:, plane.axes].T)
         hits = [np.array(mark.point_m)[plane.axes] for _, at, mark in marks if 0.0 <= time - at <= _FLASH_S * speed]
+        pushes = axes.add_collection(_arrows(forces, np.asarray(run.log.rows[row : row + 1]), plane, box), autolim=False)
         star.set_data(*np.array(hits).reshape(-1, 2).T)
         axes.set_title(f"{_caption(run, time)}   ({speed:g}x)", loc="left")
         canvas.draw()
         yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
         shapes.remove()
+        pushes.remove()
+
+
+def _arrows(forces: list[ForceColumns], row: FloatArray, plane: Plane, box: tuple[float, float, float, float]) -> Any:
+    """Lines that end with a head where contacts press, along the force on the second geom; all of one length."""
+    length, drawn = _ARROW * (box[3] - box[2]), []
+    for pair in forces:
+        if pair.pressing(row)[0]:
+            end, push = row[0, pair.centre][plane.axes], row[0, pair.vector][plane.axes]
+            along = length * push / max(float(np.hypot(*push)), 1e-300)
+            across = 0.2 * np.array([-along[1], along[0]])
+            drawn += [[end - along, end], [end - 0.3 * along + across, end, end - 0.3 * along - across]]
+    return LineCollection(drawn, colors=GREEN, linewidths=2.2, zorder=30)
 
 
 def _figure_size(box: tuple[float, float, float, float]) -> tuple[float, float]:

@@ -33,8 +33,8 @@ class Run(analysis.Run):
         """Figures of the run, those of ``ffsm analyze --plots``, by name; a notebook's cell shows them.
 
         Args:
-            names: Only these: ``motion``, ``base``, ``joints``, ``tip``, ``torques``, ``inputs``, ``momenta``, ``energies``,
-                ``conservation``; all that the run has when empty.
+            names: Only these: ``motion``, ``base``, ``joints``, ``tip``, ``torques``, ``inputs``, ``contacts``, ``momenta``,
+                ``energies``, ``conservation``; all that the run has when empty.
 
         Raises:
             InputError: The run has no samples, or its models do not compile any more.

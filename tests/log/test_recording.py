@@ -45,9 +45,9 @@ def read(path):
     return {key: sorted(rows, key=lambda row: row[0]) for key, rows in data.items()}
 
 
-def entities(path):
-    """Entity paths in a recording, as Rerun's own tool lists them."""
-    command = [sys.executable, "-m", "rerun", "rrd", "print", "-v", str(path)]
+def entities(path, detail="-v"):
+    """Entity paths in a recording, as Rerun's own tool lists them; with ``-vvv`` all that it holds."""
+    command = [sys.executable, "-m", "rerun", "rrd", "print", detail, str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return done.stdout
 

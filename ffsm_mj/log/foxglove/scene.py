@@ -1,4 +1,4 @@
-"""What Foxglove and Lichtblick draw, as ``foxglove.SceneUpdate``: bodies, the target, marks of records and plumes.
+"""What Foxglove and Lichtblick draw, as ``foxglove.SceneUpdate``: bodies, the target, marks of records, forces and plumes.
 
 Bodies are sent once, fixed to frames that ``foxglove.FrameTransforms`` moves. A viewer that jumps in time asks for the last
 message of a topic, so each message states all that its topic shows from then on.
@@ -27,7 +27,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.kinds import Mark
 
 _ARROW_LENGTH_M = (0.3, 1.5)
-_YELLOW, _FLAME = (0.94, 0.89, 0.26, 1.0), (0.9, 0.62, 0.1, 0.7)
+_YELLOW, _FLAME, _GREEN = (0.94, 0.89, 0.26, 1.0), (0.9, 0.62, 0.1, 0.7), (0.0, 0.62, 0.45, 1.0)
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -82,7 +82,9 @@ def marks_update(marks: Sequence[tuple[str, Mark]], time_ns: int) -> SceneUpdate
     return update
 
 
-def _add_arrow(entity: Any, point: FloatArray, along: FloatArray, magnitude: float) -> float:
+def _add_arrow(
+    entity: Any, point: FloatArray, along: FloatArray, magnitude: float, rgba: tuple[float, ...] = _YELLOW
+) -> float:
     """An arrow that begins at a point; returns its length, m."""
     length = float(np.clip(magnitude, *_ARROW_LENGTH_M))
     head = min(0.12, 0.4 * length)
@@ -92,9 +94,25 @@ def _add_arrow(entity: Any, point: FloatArray, along: FloatArray, magnitude: flo
         shaft_diameter=0.05,
         head_length=head,
         head_diameter=0.1,
-        color=_colour(_YELLOW),
+        color=_colour(rgba),
     )
     return length
+
+
+def forces_update(forces: Sequence[tuple[str, FloatArray, FloatArray]], time_ns: int) -> SceneUpdate:
+    """An arrow for every pair that presses, and none for the others: from the centre of pressure along the force.
+
+    Args:
+        forces: Name of each pair, force on its second geom in N, and where that acts in m, world axes.
+        time_ns: When.
+    """
+    update = SceneUpdate()
+    update.deletions.add(type=SceneEntityDeletion.ALL, timestamp=timestamp(time_ns))
+    for name, force, point in forces:
+        size = float(np.linalg.norm(force))
+        if size > 0.0:
+            _add_arrow(_entity(update, name, ROOT_FRAME, time_ns), point, force / size, size, _GREEN)
+    return update
 
 
 def plumes_update(system: System, firing: list[tuple[int, int]], time_ns: int) -> SceneUpdate:

@@ -1,4 +1,4 @@
-"""The topics of ``run.mcap`` that viewers draw without set-up: frames, scene, marks of records, plumes and text."""
+"""The topics of ``run.mcap`` that viewers draw without set-up: frames, scene, marks of records, forces, plumes and text."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.contact_forces import force_columns
 from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies, shapes_by_body
 from ffsm_mj.log.foxglove.messages import TransformsCodec, timestamp
 from ffsm_mj.log.foxglove.outline import outline_cloud
-from ffsm_mj.log.foxglove.scene import bodies_update, frame_id, marks_update, plumes_update
+from ffsm_mj.log.foxglove.scene import bodies_update, forces_update, frame_id, marks_update, plumes_update
 from ffsm_mj.log.instants import Instants, marks_topic
 from ffsm_mj.log.wire import nanoseconds
 from ffsm_mj.model.system import System
@@ -30,6 +31,7 @@ from ffsm_mj.records.signals import effort_key
 TRANSFORMS_TOPIC = "/tf"
 SCENE_TOPIC = "/scene"
 PLUMES_TOPIC = "/scene/plumes"
+FORCES_TOPIC = "/scene/contacts"
 OUTLINE_TOPIC = "/outline"
 LOG_TOPIC = "/log"
 
@@ -40,6 +42,7 @@ def viewer_topics(kinds: Sequence[RecordKind]) -> dict[str, Any]:
         TRANSFORMS_TOPIC: FrameTransforms,
         SCENE_TOPIC: SceneUpdate,
         **{marks_topic(kind): SceneUpdate for kind in kinds if kind.marks is not None},
+        FORCES_TOPIC: SceneUpdate,
         PLUMES_TOPIC: SceneUpdate,
         LOG_TOPIC: Log,
     }
@@ -66,7 +69,7 @@ class ViewerTopics:
         self._drawn = shapes_by_body(system)
         self._firing: list[tuple[int, int]] = []
         self._instants = Instants()
-        self._begun = False
+        self._begun = self._pressing = False
 
     @property
     def topics(self) -> dict[str, Any]:
@@ -79,11 +82,12 @@ class ViewerTopics:
         self._kinds = kinds_of(header.kinds)
         self._target = task.point_m if task is not None else None
         self._picker = FramePicker(self._system, header.layout, self._view_rate_hz)
+        self._forces = force_columns(header.layout)
         names = self._system.names("actuator")
         self._efforts = header.layout.places(effort_key(header.layout, names[i], "applied") for i in self._thrusters)
 
     def rows(self, block: FloatArray) -> Iterator[Packet]:
-        """Frames of a block, with the scene after the first of them, and plumes where they change."""
+        """Frames of a block, the scene after the first of them, forces while any press, plumes where they change."""
         frames = self._picker.pick(block)
         if frames is None:
             return
@@ -94,6 +98,7 @@ class ViewerTopics:
             first = int(times[0])
             yield _packet(SCENE_TOPIC, first, bodies_update(self._system, self._drawn, self._target, first))
             yield from self._outlines(first)
+        yield from self._arrows(frames, times)
         if self._thrusters:
             yield from self._plumes(frames, times)
 
@@ -101,6 +106,16 @@ class ViewerTopics:
         for body, drawn in self._drawn.items():
             frame = frame_id(self._system, body)
             yield _packet(outline_topic(self._system, body), time_ns, outline_cloud(drawn, frame, time_ns))
+
+    def _arrows(self, frames: Frames, times: npt.NDArray[np.int64]) -> Iterator[Packet]:
+        """Forces of the contacts that press, and once nothing where they cease to."""
+        rows, pressing = frames.rows, [pair.pressing(frames.rows) for pair in self._forces]
+        for i in range(len(rows)) if self._pressing or any(map(np.any, pressing)) else ():
+            at = [pair for pair, presses in zip(self._forces, pressing, strict=True) if presses[i]]
+            if at or self._pressing:
+                forces = [(pair.pair, rows[i, pair.vector], rows[i, pair.centre]) for pair in at]
+                yield _packet(FORCES_TOPIC, int(times[i]), forces_update(forces, int(times[i])))
+            self._pressing = bool(at)
 
     def _plumes(self, frames: Frames, times: npt.NDArray[np.int64]) -> Iterator[Packet]:
         signs = np.sign(frames.rows[:, self._efforts]).astype(int)

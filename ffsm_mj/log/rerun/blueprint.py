@@ -8,7 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.rerun.plots import BASE, JOINTS, Plot
+from ffsm_mj.log.rerun.plots import BASE, FORCES, JOINTS, Plot
 
 TIMELINE = "sim_time"
 _LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
@@ -16,7 +16,14 @@ _QUIET = rrb.PlotLegend(visible=False)
 
 
 def blueprint(
-    low: FloatArray, high: FloatArray, plots: Sequence[Plot], trails: Iterable[str], *, tip: bool, following: bool
+    low: FloatArray,
+    high: FloatArray,
+    plots: Sequence[Plot],
+    trails: Iterable[str],
+    *,
+    tip: bool,
+    forces: bool,
+    following: bool,
 ) -> rrb.Blueprint:
     """Layout of a recording.
 
@@ -26,6 +33,7 @@ def blueprint(
         plots: What is plotted.
         trails: Names of the trails.
         tip: Whether there is a tip error to plot.
+        forces: Whether there are forces of contacts to plot.
         following: Open at the latest time and follow it, instead of playing from the start.
     """
     scene = rrb.Spatial3DView(
@@ -52,7 +60,9 @@ def blueprint(
     )
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, below, row_shares=[7, 2]), rrb.Tabs(*_tabs(plots, tip=tip)), column_shares=[11, 9]
+            rrb.Vertical(scene, below, row_shares=[7, 2]),
+            rrb.Tabs(*_tabs(plots, tip=tip, forces=forces)),
+            column_shares=[11, 9],
         ),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following" if following else "playing"),
         rrb.BlueprintPanel(state="collapsed"),
@@ -73,7 +83,7 @@ def _event_columns() -> rrb.TextLogColumns:
     return rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["body"])
 
 
-def _tabs(plots: Sequence[Plot], *, tip: bool) -> list[rrb.Container | rrb.View]:
+def _tabs(plots: Sequence[Plot], *, tip: bool, forces: bool) -> list[rrb.Container | rrb.View]:
     entities = {plot.entity for plot in plots}
     story: list[rrb.View] = []
     if tip:
@@ -82,6 +92,8 @@ def _tabs(plots: Sequence[Plot], *, tip: bool) -> list[rrb.Container | rrb.View]
     for kind, title in (("linear", "Linear momentum [N s]"), ("angular", "Angular momentum [N m s]")):
         if any(entity.startswith(f"plots/{kind}_momentum") for entity in entities):
             story.append(_series(f"plots/{kind}_momentum", title, _LEGEND))
+    if forces:
+        story.append(_series(FORCES, "Contact force [N]", _LEGEND))
     joints, base = _effort_views(plots, JOINTS), _effort_views(plots, BASE)
     if len(joints) <= 4:  # as many as stay readable beside the rest
         story += joints

@@ -24,6 +24,8 @@ _OF_PARTY = {
 }
 JOINTS, BASE = "plots/joints", "plots/base"
 """Entities above the efforts of the joints' motors, and of thrusters and ideal base torques."""
+FORCES = "plots/contact_forces"
+"""Entity above the forces of contacts that last."""
 
 
 @dataclass(frozen=True)

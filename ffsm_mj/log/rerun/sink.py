@@ -18,6 +18,7 @@ from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies
 from ffsm_mj.log.instants import SHOWN_S, Instants
 from ffsm_mj.log.rerun.blueprint import TIMELINE, blueprint
+from ffsm_mj.log.rerun.forces import ARROW_M, Forces
 from ffsm_mj.log.rerun.plots import ORANGE, SKY, VERMILION, YELLOW, plots, thrusters
 from ffsm_mj.log.rerun.plumes import Switching, plume_vectors
 from ffsm_mj.log.rerun.scene import body_path, log_shapes
@@ -28,8 +29,6 @@ from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import Mark, kind_of
 from ffsm_mj.records.signals import TIP, identifier
 
-# Drawn lengths of the arrow of a mark, m.
-_SHORTEST_M, _LONGEST_M = 0.4, 1.5
 _FLAME = (255, 170, 60, 200)
 
 
@@ -67,6 +66,7 @@ class RerunSink:
             lines = rr.SeriesLines(names=plot.names, colors=plot.colours, widths=[1.5] * len(plot.names))
             self._recording.log(plot.entity, lines, static=True)
         self._thrusters = thrusters(layout, self._system)
+        self._forces = Forces(self._recording, layout)
         self._switching = Switching(layout.time, {name: thruster.applied for name, thruster in self._thrusters.items()})
         self._fired: set[str] = set()
         self._trail_colours()
@@ -120,7 +120,7 @@ class RerunSink:
             self._pending.append(frames)
 
     def flush(self) -> None:
-        """Send the frames kept: poses, trails, plots, plumes."""
+        """Send the frames kept: poses, trails, plots, plumes, forces."""
         if not self._pending:
             return
         parts, self._pending = self._pending, []
@@ -140,6 +140,8 @@ class RerunSink:
         self._trails(frames, index)
         self._plumes(frames, index)
         self._lines(frames, index)
+        if self._forces.send(frames, index) and not isinstance(self._output, str):
+            self._arrange(forces=True)
         self._clear_marks(float(frames.times[-1]))
 
     def _write(self) -> None:
@@ -161,10 +163,15 @@ class RerunSink:
     def _frame_scene(self, positions: FloatArray) -> None:
         bodies = positions[posed_bodies(self._system)]
         points = np.vstack((bodies, self._task.point_m[None])) if self._task is not None else bodies
-        low, high = points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
-        layout = blueprint(low, high, self._plots, self._colours, tip=self._task is not None, following=self._following)
-        self._recording.send_blueprint(layout)
+        self._box = points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
+        # A viewer that is watched keeps its layout: what may come has its place from the start.
+        self._arrange(forces=isinstance(self._output, str) and self._forces.possible)
         self._framed = True
+
+    def _arrange(self, *, forces: bool) -> None:
+        tip = self._task is not None
+        layout = blueprint(*self._box, self._plots, self._colours, tip=tip, forces=forces, following=self._following)
+        self._recording.send_blueprint(layout)
 
     def _trails(self, frames: Frames, index: Any) -> None:
         trails = {tree.name: frames.positions[:, tree.root] for tree in self._system.trees}
@@ -259,6 +266,6 @@ def _shape(mark: Mark) -> Any:
     along = np.array(mark.direction)
     if not along.any():
         return rr.Points3D.columns(positions=[mark.point_m], colors=[YELLOW], radii=[0.06], labels=[mark.text])
-    push = along * float(np.clip(mark.magnitude, _SHORTEST_M, _LONGEST_M))
+    push = along * float(np.clip(mark.magnitude, *ARROW_M))
     origins = [np.array(mark.point_m) - push]
     return rr.Arrows3D.columns(origins=origins, vectors=[push], colors=[YELLOW], radii=[0.04], labels=[mark.text])

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.present.output_place import usable_folder, writing
 from ffsm_mj.present.plots.compared import MOST_RUNS, comparison
+from ffsm_mj.present.plots.contacts import contacts
 from ffsm_mj.present.plots.motion import motion
 from ffsm_mj.present.plots.style import FORMATS, publication, write
 from ffsm_mj.present.plots.subject import Subject
@@ -29,7 +30,7 @@ def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
     """Every figure that a run can have, by name.
 
     ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (where a thruster or wheel
-    did anything), ``momenta``, ``energies``, ``conservation``.
+    did anything), ``contacts`` (where any lasted), ``momenta``, ``energies``, ``conservation``.
 
     Args:
         run: A run with at least one sample.
@@ -56,6 +57,7 @@ def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
     makers |= {"tip": tip} if run.summary()["tip"] is not None else {}
     makers |= {"torques": torques} if subject.named("motor") else {}
     makers |= {"inputs": inputs} if subject.base_actuated else {}
+    makers |= {"contacts": contacts} if run.contacts else {}
     makers |= {"momenta": momenta, "energies": energies, "conservation": conservation}
     return {name: partial(make, subject) for name, make in makers.items() if not names or name in names}
 

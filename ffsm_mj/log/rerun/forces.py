@@ -1,0 +1,65 @@
+"""Contacts that press in a recording: an arrow along the force on the second geom, and its size over time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from ffsm_mj.log.contact_forces import force_columns
+from ffsm_mj.log.drawing import Frames
+from ffsm_mj.log.rerun.plots import FORCES, GREEN, PURPLE, SKY, VERMILION, YELLOW
+from ffsm_mj.records.signals import Layout
+
+ARROW_M = (0.4, 1.5)
+"""Drawn lengths of an arrow, m; between them 1 m is 1 N, or 1 N s of an impulse."""
+_COLOURS = (GREEN, PURPLE, YELLOW, SKY, VERMILION)
+"""One for each pair, those of the lines among them."""
+
+
+class Forces:
+    """Sends the forces of pairs from the first time on that they press."""
+
+    def __init__(self, recording: rr.RecordingStream, layout: Layout) -> None:
+        """Nothing has pressed yet."""
+        self._recording, self._pairs = recording, force_columns(layout)
+        self._pressed: list[str] = []
+
+    @property
+    def possible(self) -> bool:
+        """Whether there is a pair that may last."""
+        return bool(self._pairs)
+
+    def send(self, frames: Frames, index: Any) -> bool:
+        """Send the arrows and sizes of some frames.
+
+        Returns:
+            Whether these are the first in which anything presses.
+        """
+        none_yet = not self._pressed
+        for pair in self._pairs:
+            pressing = pair.pressing(frames.rows)
+            if pair.pair not in self._pressed:
+                if not pressing.any():
+                    continue
+                self._begin(pair.pair)
+            sizes = frames.rows[:, pair.size]
+            shown = pressing & (sizes > 0.0)
+            lengths = np.clip(sizes, *ARROW_M) / np.where(shown, sizes, 1.0)
+            vectors = np.where(shown[:, None], lengths[:, None] * frames.rows[:, pair.vector], 0.0)
+            origins = np.where(shown[:, None], frames.rows[:, pair.centre] - vectors, 0.0)
+            self._columns(f"world/contacts/{pair.pair}", index, rr.Arrows3D.columns(origins=origins, vectors=vectors))
+            self._columns(f"{FORCES}/{pair.pair}", index, rr.Scalars.columns(scalars=sizes))
+        return none_yet and bool(self._pressed)
+
+    def _begin(self, pair: str) -> None:
+        colour = _COLOURS[len(self._pressed) % len(_COLOURS)]
+        self._pressed.append(pair)
+        look = rr.Arrows3D.from_fields(colors=[colour], radii=[0.03])
+        self._recording.log(f"world/contacts/{pair}", look, static=True)
+        line = rr.SeriesLines(names=[pair], colors=[colour], widths=[1.5])
+        self._recording.log(f"{FORCES}/{pair}", line, static=True)
+
+    def _columns(self, path: str, index: Any, columns: Any) -> None:
+        rr.send_columns(path, indexes=index, columns=columns, recording=self._recording)

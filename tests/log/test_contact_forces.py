@@ -1,0 +1,82 @@
+"""Contacts that press in the viewers: an arrow while they do, none before and after, and their force over time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.log.rerun.from_log import write_recording
+from tests.analysis.test_contacts import pushed_twice
+from tests.log.test_recording import entities, read
+from tests.log.test_viewer_topics import decoded
+from tests.scenes import two_balls
+
+KEY = "contact.ball_target_target"
+
+
+@pytest.fixture(scope="module")
+def pushed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pushed")
+    run = ffsm_mj.run(pushed_twice(folder), out=folder / "out", rerun=False)
+    return ffsm_mj.load_run(run.path)
+
+
+def frames(run):
+    """Rows that viewers get, every 20 ms, and which of them have a pair that presses."""
+    shown = np.arange(0, len(run.time), 20)
+    return shown, run[f"{KEY}_mode"][shown] == 2.0
+
+
+def test_foxglove_has_an_arrow_from_the_centre_of_pressure_in_every_frame_in_which_a_pair_presses(pushed):
+    shown, presses = frames(pushed)
+    updates = {round(time / 1e6): update for time, update in decoded(pushed.path)["/scene/contacts"]}
+    arrows = {time for time, update in updates.items() if update.entities}
+    assert arrows == {round(1e3 * t) for t in pushed.time[shown[presses]]}
+    cleared = {round(1e3 * t) for t in pushed.time[shown[1:][presses[:-1] & ~presses[1:]]]}
+    assert len(cleared) == 1
+    assert updates.keys() - arrows == cleared
+    assert all(len(update.deletions) == 1 for update in updates.values())
+    row = int(shown[presses][1])
+    ((arrow,),) = (entity.arrows for entity in updates[round(1e3 * pushed.time[row])].entities)
+    assert arrow.pose.position.x == pushed[f"{KEY}_centre_x_m"][row]
+    length = min(pushed[f"{KEY}_force_N"][row], 1.5)
+    assert arrow.shaft_length + arrow.head_length == pytest.approx(length)
+
+
+def test_rerun_has_arrows_that_end_there_the_force_as_a_line_and_a_view_of_it(pushed, tmp_path):
+    write_recording(pushed.log, tmp_path / "run.rrd")
+    data = {(entity, name.rsplit(":")[-1]): rows for (entity, name), rows in read(tmp_path / "run.rrd").items()}
+    shown, presses = frames(pushed)
+    forces = data["/plots/contact_forces/ball_target_target", "scalars"]
+    np.testing.assert_array_equal([value for _, (value,) in forces], pushed[f"{KEY}_force_N"][shown])
+    arrows = {
+        name: [value for _, value in data["/world/contacts/ball_target_target", name]] for name in ("origins", "vectors")
+    }
+    origins, vectors = (np.array(arrows[name]).reshape(-1, 3) for name in ("origins", "vectors"))
+    np.testing.assert_array_equal(np.any(vectors != 0.0, axis=1), presses)
+    ends = (origins + vectors)[presses]
+    np.testing.assert_allclose(ends[:, 0], pushed[f"{KEY}_centre_x_m"][shown[presses]], rtol=1e-6)  # float32
+    assert "Contact force [N]" in entities(tmp_path / "run.rrd", "-vvv")  # the layout that was sent last
+
+
+def test_where_no_contact_lasts_viewers_and_figures_have_nothing_of_it(tmp_path):
+    run = ffsm_mj.run(two_balls(tmp_path, duration_s=0.4), out=tmp_path / "out", rerun=False)
+    assert "/scene/contacts" not in decoded(run.path)
+    assert "contacts" not in run.plot()
+    write_recording(run.log, tmp_path / "run.rrd")
+    assert "ontact force" not in entities(tmp_path / "run.rrd", "-vvv")
+
+
+def test_the_figure_has_force_impulse_and_when_the_pair_was_closed(pushed):
+    """The thin line of the force is drawn through its greatest value, the bar of the second contact to the end."""
+    forces, closed, impulses = pushed.plot("contacts")["contacts"].axes
+    assert [axes.get_ylabel() for axes in (forces, closed, impulses)] == ["contact force, N", "closed", "impulse, N s"]
+    (line,) = (line for line in forces.lines if line.get_label() == "ball-target/target")
+    assert line.get_ydata().max() == pushed[f"{KEY}_force_N"].max()
+    (bars,) = closed.collections
+    spans = [path.get_extents() for path in bars.get_paths()]
+    ends = [contact.end_s or pushed.time[-1] for contact in pushed.contacts]
+    np.testing.assert_allclose(
+        [(span.x0, span.x1) for span in spans], [(c.start_s, e) for c, e in zip(pushed.contacts, ends, strict=True)]
+    )
