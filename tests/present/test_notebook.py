@@ -110,11 +110,11 @@ def test_names_and_messages_are_text_never_markup(tmp_path):
 def test_a_long_log_is_not_read_for_a_look(hit, monkeypatch):
     """Of rows above the limit nothing is read; what the run itself gathered is told whatever its length."""
     monkeypatch.setattr(run_card, "KEPT_BYTES", 8 * len(hit.keys) * 500)  # hit has 501 rows
-    fresh = ffsm_mj.load_run(hit.path)
+    fresh, known = ffsm_mj.load_run(hit.path), hit.digest
     monkeypatch.setattr(type(fresh.log), "blocks", lambda _: pytest.fail("the rows are read"))
     assert "1 impact; laws not judged yet: laws() reads the whole log>" in repr(fresh)
     assert "laws not judged yet" in fresh._repr_html_()
-    told = ffsm_mj.Run(fresh.log, fresh.path, hit.digest)
+    told = ffsm_mj.Run(fresh.log, fresh.path, known)
     assert "13 laws checked, all hold" in repr(told)
 
 
