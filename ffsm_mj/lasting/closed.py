@@ -24,7 +24,7 @@ _STILL = 1e-9
 """What an impact leaves separating slower than this share of its approach is still; so much of an impact is rounding."""
 _LEAST_RADIUS_M = 1e-4
 """Of what is round and slides over an edge, m."""
-_DRIFT_M = 1e-9
+_DRIFT_M = 5e-10
 """A step that lets a closed gap drift further than this is cut there, and the drift taken out."""
 _OPENS = 10.0
 """A gap opens, or a force ceases to push, where a second rate is so many times its rounding."""

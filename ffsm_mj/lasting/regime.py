@@ -8,7 +8,7 @@ feature, or where a pair touches at another point.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from ffsm_mj.contact.exchange import Booking
@@ -72,6 +72,11 @@ class Lasting(Regime):
             self._take(pair, near, stillness(near, max(approach, 0.0)))
         self._closed.keep_down([(pair, near) for pair, near in now if pair in held])
         self._settle()
+
+    def meet(self, names: Iterable[str]) -> None:
+        """Take up pairs of which a log tells something, where they are in contact and not held: no impact closed them."""
+        if set(names) - {pair.name for pair in self._closed.by_pair}:
+            self.close(self._impacts.contacts())
 
     def refusal(self, pair: ContactPair) -> str:
         """Why a pair cannot be held; empty where it can."""

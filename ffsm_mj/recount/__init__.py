@@ -2,7 +2,7 @@
 
 Nothing that the log says of energies, momenta, work, limits or impacts is taken over. Every sample is the start of a flight
 with the efforts that the log says acted, step by step as in the run: it must end at the next sample, or at the state before
-the next impact. The books are kept on the way by the ledger that keeps them in a run, with the logged states at both ends.
+the next impact. The books are kept on the way by the ledger that keeps them in a run; each flight begins at a logged state.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -55,6 +55,24 @@ def _order(event: Encounter) -> tuple[int, float, bool, int]:
     return event.step, event.time_s, event.kind != "impact", int(getattr(event.records[0], "event", 0))
 
 
+def _led_up_to(events: Sequence[Encounter]) -> list[Encounter]:
+    """The same; at one instant what leaves the state in which an impact happens goes before it: a feature that changes."""
+    out: list[Encounter] = []
+    for event in events:
+        place = len(out)
+        while place and event.kind != "impact" and _leads_to(event, out[place - 1]):
+            place -= 1
+        out.insert(place, event)
+    return out
+
+
+def _leads_to(event: Encounter, impact: Encounter) -> bool:
+    if impact.kind != "impact" or (event.step, event.time_s) != (impact.step, impact.time_s):
+        return False
+    after = event.state_after.tobytes()
+    return after == impact.state.tobytes() != impact.state_after.tobytes()
+
+
 class Encounters:
     """The events of a log.
 
@@ -76,7 +94,7 @@ class Encounters:
         """
         self._system, self._step_s, self._found, self._fault_of = system, step_s, found, fault_of
         met = [event for kind in log.event_kinds for event in self._of_kind(kind, log)]
-        self.pending = sorted(met, key=_order)
+        self.pending = _led_up_to(sorted(met, key=_order))
 
     def _of_kind(self, kind: RecordKind, log: RunLog) -> Iterator[Encounter]:
         records = log.records.get(kind.plural, ())

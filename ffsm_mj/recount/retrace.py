@@ -243,15 +243,12 @@ class Retrace:
             self._book(duration_s)
 
     def _arrive(self, duration_s: float, state: FloatArray) -> FloatArray:
-        """Fly to a logged state, which is what is booked; gives the state at the end of the flight."""
-        if duration_s > 0.0:
-            self._ledger.open()
-            self._course.fly(duration_s)
+        """Fly to a logged state; gives where the flight ended. It is booked to there, drift taken out of contacts."""
+        self._fly(duration_s)
         flown = np.concatenate((self._data.qpos, self._data.qvel))
         if flown.tobytes() != state.tobytes():
             self._put(state)
-        if duration_s > 0.0:
-            self._book(duration_s)
+            self._impacts.note_overlap()
         return flown
 
     def _book(self, duration_s: float) -> None:

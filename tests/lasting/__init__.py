@@ -1,0 +1,1 @@
+"""Proofs of contact that lasts: closed forms, other integrators, other libraries, random scenes, wrong code put in."""
