@@ -19,6 +19,8 @@ from ffsm_mj.present.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, WIDTH
 
 _SHADES = ("#F1F1F1", "#FFFFFF")
 _BUCKETS = 1200
+_AXES_IN = 4.0
+"""Width of axes beside a legend, about."""
 _LETTER_IN = 0.075
 """Width of a letter of a label, about."""
 _NAME_IN = 0.17
@@ -161,9 +163,21 @@ def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None
         _make_room_at_the_top(axes)
         axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
         words = dict.fromkeys(kind.name if len(times) == 1 else kind.plural for kind, *_ in marks)
-        start = (times[0] if len(times) < 4 else times[-1], 0.97)
         text = ", ".join(words).replace("_", " ")
-        axes.annotate(text, start, (4, 0), xycoords=across, textcoords="offset points", va="top", fontsize=7.5)
+        _tell_what(axes, text, times[0] if len(times) < 4 else times[-1])
+
+
+def _tell_what(axes: Axes, text: str, time: float) -> None:
+    """Say what marks are, to the right of a time where there is room, else up to the right end."""
+    across = blended_transform_factory(axes.transData, axes.transAxes)
+    look: dict[str, Any] = {"xycoords": across, "textcoords": "offset points", "va": "top", "fontsize": 7.5}
+    start, end = axes.get_xlim()
+    if (end - time) * _AXES_IN < (end - start) * _LETTER_IN * len(text):
+        axes.annotate(
+            text, (end, 0.97), (0, 0), ha="right", bbox={"fc": "white", "ec": "none", "pad": 1.0, "alpha": 0.8}, **look
+        )
+    else:
+        axes.annotate(text, (time, 0.97), (4, 0), **look)
 
 
 def _make_room_at_the_top(axes: Axes) -> None:
