@@ -14,9 +14,10 @@ contracts:
 	uv run lint-imports
 schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
-figures:     ## the pictures of docs/verified-result.md
+figures:     ## the pictures of docs/verified-result.md and docs/lasting-contact.md
 	uv run ffsm run baseline --no-rerun --force --out logs/figures
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline
+	uv run python docs/contact_force.py
 reproduce:   ## regenerate the reproduction report
 	uv run ffsm reproduce
 screenshots: ## the pictures of the Rerun viewer (a Vulkan driver is enough, e.g. mesa-vulkan-drivers)

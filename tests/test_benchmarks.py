@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.assembly.run import simulate
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 NAMES = [path.stem for path in sorted(BENCHMARKS.glob("*.py"))]
@@ -73,3 +74,14 @@ def test_generated_scenes_move_and_touch_nothing(benchmark):
         rates = [name for name in run.log.header.layout.keys if name.startswith("state.v_")]
         assert sum(bool(np.any(run[name])) for name in rates) > 6
         assert set(growth.measured(prepared, 1)) >= {"bare", "plain"}
+
+
+def test_what_presses_in_a_benchmark_presses_all_the_while(benchmark):
+    """And is free where it is said to be. A rod of 0.5 kg that is pushed with 1 N gives most of it to the box of 3 kg."""
+    lasting = benchmark("lasting")
+    for pad in lasting.PADS.values():
+        force = simulate(lasting.pressed(pad, away_m=0.0, duration_s=0.01).assemble())["contact.pad_box_box_force_N"]
+        assert force == pytest.approx(force[0], rel=1e-3)
+        assert 0.5 < force[0] < 1.0
+        free = simulate(lasting.pressed(pad, away_m=lasting.AWAY_M, duration_s=0.01).assemble())
+        assert not free["contact.pad_box_box_force_N"].any()

@@ -112,6 +112,8 @@ def test_the_log_reference_is_current():
         "docs/appendix-a.md",
         "docs/soft-contact.md",
         "docs/log-reference.md",
+        "docs/lasting-contact.md",
+        "docs/contact-regimes.md",
     ],
 )
 def test_links_lead_somewhere(page):

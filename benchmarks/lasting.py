@@ -1,0 +1,130 @@
+"""What contact that lasts costs: a whole run pressing all the while against the same run with nothing near.
+
+``uv run --extra fast python benchmarks/lasting.py`` prints microseconds of CPU time per control tick of 1 ms, in contact and
+free, with the same models and the same law; medians over interleaved repeats, ratios within each. The last row is two jaws
+with e = 0 that close on a cube and hold it, one second of it.
+"""
+
+# ruff: noqa: E402
+
+from __future__ import annotations
+
+from ffsm_mj.cli.main import one_blas_thread
+
+one_blas_thread()
+
+import argparse
+import json
+import statistics
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import twins
+from loops import in_memory
+from scenes import AWAY_M, HEAD
+
+from ffsm_mj.assembly.prepare import Prepared, prepare
+
+HALF_M, REACH_M, THICK_M = 0.2, 0.3, 0.05
+PUSH_N = 1.0
+FAR_M = 1e3
+GOAL = 6.0
+PADS = {
+    "sphere on box": f'type="sphere" size="{THICK_M}"',
+    "capsule on box, two points": f'type="capsule" size="{THICK_M} 0.1"',
+    "box on box, four points": f'type="box" size="{THICK_M} 0.1 0.1"',
+}
+BOX = f"""<mujoco>{HEAD}<worldbody><body name="box"><inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/>
+<freejoint name="free"/>
+<geom name="box" type="box" size="{HALF_M} {HALF_M} {HALF_M}" mass="0"/></body></worldbody></mujoco>"""
+
+
+def pusher(pad: str) -> str:
+    """MJCF of a base on a free joint whose rod, on a slide, ends in a pad."""
+    return f"""<mujoco>{HEAD}<worldbody><body name="bus"><freejoint name="base"/>
+    <inertial pos="0 0 0" mass="20" diaginertia="1 1 1"/><body name="rod" pos="{REACH_M} 0 0">
+    <inertial pos="0 0 0" mass="0.5" diaginertia="0.01 0.01 0.01"/><joint name="rod" type="slide" axis="1 0 0"/>
+    <geom name="pad" {pad} mass="0"/></body></body></worldbody>
+    <actuator><motor name="push" joint="rod"/></actuator></mujoco>"""
+
+
+def jaws() -> str:
+    """MJCF of a base on a free joint with two plates on slides, 0.4 m to either side."""
+
+    def jaw(name: str, y: float) -> str:
+        return f"""<body name="{name}" pos="0 {y} 0"><inertial pos="0 0 0" mass="0.5" diaginertia="0.01 0.01 0.01"/>
+        <joint name="{name}" type="slide" axis="0 1 0"/>
+        <geom name="{name}" type="box" size="0.1 0.02 0.1" mass="0"/></body>"""
+
+    return f"""<mujoco>{HEAD}<worldbody><body name="bus"><freejoint name="base"/>
+    <inertial pos="0 0 0" mass="5" diaginertia="1 1 1"/>{jaw("left", -0.4)}{jaw("right", 0.4)}</body></worldbody>
+    <actuator><motor name="ml" joint="left"/><motor name="mr" joint="right"/></actuator></mujoco>"""
+
+
+def pressed(pad: str, *, away_m: float, duration_s: float = 1.0) -> Prepared:
+    """A pad that is pushed with a constant force, at a box or, ``away_m`` from it, at nothing; plastic and at rest."""
+    law = {"kind": "pd", "joints": ["rod"], "kp": PUSH_N / FAR_M, "kd": 0.0, "target": [FAR_M]}
+    pairs = [{"robot_geom": "pad", "object_geom": "box/box", "restitution": 0.0}]
+    return _prepared(pusher(pad), pairs, law, [REACH_M + THICK_M + HALF_M + away_m, 0.0, 0.0], duration_s)
+
+
+def gripped(*, away_m: float, duration_s: float = 1.0) -> Prepared:
+    """Two plastic jaws that close on a cube between them, or where it is not."""
+    law = {"kind": "pd", "joints": ["left", "right"], "kp": 30.0, "kd": 0.5, "target": [0.3, -0.3]}
+    pairs = [{"robot_geom": name, "object_geom": "box/box", "restitution": 0.0} for name in ("left", "right")]
+    return _prepared(jaws(), pairs, law, [away_m, 0.0, 0.0], duration_s)
+
+
+def _prepared(
+    robot: str, pairs: list[dict[str, Any]], law: dict[str, Any], place: list[float], duration_s: float
+) -> Prepared:
+    scenario = {
+        "name": "lasting",
+        "duration_s": duration_s,
+        "time_step_s": 0.001,
+        "control_period_s": 0.001,
+        "robot": {"mjcf": "robot.xml"},
+        "objects": {"box": {"mjcf": "box.xml"}},
+        "initial": {"joints": {"box/free": [*place, 1.0, 0.0, 0.0, 0.0]}},
+        "impact_pairs": pairs,
+        "phases": [{"name": "push", "until": "end", "controller": law}],
+    }
+    with TemporaryDirectory() as folder:
+        for name, text in (("robot.xml", robot), ("box.xml", BOX)):
+            (Path(folder) / name).write_text(text)
+        path = Path(folder) / "scene.yaml"
+        path.write_text(json.dumps(scenario))  # JSON is YAML
+        return prepare(path)
+
+
+def measured(touching: Prepared, free: Prepared, repeats: int) -> dict[str, tuple[float, float, float]]:
+    """By way: microseconds per tick in contact and free, and their ratio; medians."""
+    ticks = touching.scenario.ticks
+    found = {}
+    for name, way in twins.ways().items():
+        rounds = [(way(partial(in_memory, touching)), way(partial(in_memory, free))) for _ in range(repeats)]
+        held, alone = (1e6 * statistics.median(side) / ticks for side in zip(*rounds, strict=True))
+        found[name] = held, alone, statistics.median(a / b for a, b in rounds)
+    return found
+
+
+def main() -> None:
+    """Run every case both ways, print its line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=5)
+    repeats = parser.parse_args().repeats
+    near = {name: partial(pressed, pad) for name, pad in PADS.items()}
+    cases = {**near, "two jaws grip a cube, e = 0": gripped}
+    measured(cases["sphere on box"](away_m=0.0, duration_s=0.1), cases["sphere on box"](away_m=AWAY_M, duration_s=0.1), 1)
+    print(
+        f"{'us per tick':32}{'way':>10}{'in contact':>12}{'free':>8}{'ratio':>8}   (goal for sphere on box, plain: {GOAL:g})"
+    )
+    for name, case in cases.items():
+        for way, (held, alone, ratio) in measured(case(away_m=0.0), case(away_m=AWAY_M), repeats).items():
+            print(f"{name:32}{way:>10}{held:>12.0f}{alone:>8.0f}{ratio:>8.1f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
