@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
@@ -224,17 +224,20 @@ class Closed:
         near = pair.proximity(self._model, data)
         return near.gap if near.approaches else max(near.gap, 0.0)
 
+    def beyond_an_edge(self) -> list[ContactPair]:
+        """Pairs of which a contact is outside its feature."""
+        return self._pairs_where(lambda at: at.inside < -EDGE_M)
+
     def adrift(self) -> list[ContactPair]:
-        """Pairs of which a contact is outside its feature, or has drifted off."""
+        """Pairs of which a gap has drifted as far as a step may let it."""
+        return self._pairs_where(lambda at: abs(at.gap) > 0.99 * _DRIFT_M)
+
+    def _pairs_where(self, holds: Callable[[Held], bool]) -> list[ContactPair]:
         if not self.touches:
             return []
         here = self.decide()
-        beyond = [touch.pair for touch, at in zip(here.touches, here.rows.held, strict=True) if self._adrift(at)]
+        beyond = [touch.pair for touch, at in zip(here.touches, here.rows.held, strict=True) if holds(at)]
         return list(dict.fromkeys(beyond))
-
-    @staticmethod
-    def _adrift(at: Held) -> bool:
-        return at.inside < -EDGE_M or abs(at.gap) > _DRIFT_M
 
 
 def many_points(pair: ContactPair) -> bool:

@@ -28,29 +28,26 @@ class Drift:
         self._scene, self._closed = scene, closed
         self._free = np.all([free_components(scene.system, tree) for tree in scene.system.trees], axis=0)
 
-    def taken_out(self, done: Booking | None) -> Booking | None:
-        """Project the state in ``data`` where that is needed.
-
-        Args:
-            done: What was exchanged before.
-
-        Returns:
-            The same, and what the projection gave to the parties.
-        """
+    def taken_out(self) -> Booking | None:
+        """Project the state in ``data`` where that is needed, as a step begins; says what that gave to the parties."""
         closed, system, data = self._closed, self._scene.system, self._scene.data
         here = closed.decide().rows if closed.touches else None
         if here is None or not needs_projection(here):
-            return done
+            return None
         touches, motion = closed.touches, closed.motion
         outside = np.any(Shares.of(system, touches).outside != 0.0, axis=0)
         taken = wrenches(here, np.ones(len(touches)))[outside]
-        before = self._accounts()
+        before, qpos = self._accounts(), data.qpos.copy()
         project(motion.model, motion.data, lambda: rows(motion, data, touches), self._free, taken)
         motion.path.arrived()
         motion.flight.account(0.0)  # its energy and momentum are those of other velocities
         energy, impulse = (after - then for after, then in zip(self._accounts(), before, strict=True))
         # Where a fixed body bears a part it is booked as if the robot had: 1e-11 m of drift are at stake.
-        return added(done, Booking(energy, impulse))
+        # The books of the joints take the way for work: it is none.
+        way = np.empty(system.mj.nv)
+        mujoco.mj_differentiatePos(system.mj, way, 1.0, qpos, data.qpos)
+        energy[:2] -= float(data.qfrc_actuator @ way)
+        return Booking(energy, impulse)
 
     def _accounts(self) -> tuple[FloatArray, FloatArray]:
         """Kinetic energies of (total, robot, objects), and the momentum of the objects."""

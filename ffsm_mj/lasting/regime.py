@@ -52,7 +52,7 @@ class Lasting(Regime):
         self.columns = self._report.columns
         self._events = 0
         self._landing = False
-        self._stopped: Booking | None = None
+        self._righted: Booking | None = None
 
     def restart(self) -> None:
         """Something changed at one instant: nothing that was decided holds any more."""
@@ -115,14 +115,14 @@ class Lasting(Regime):
         return self.active and bool(self._news() or self._closed.deeper())
 
     def begin_step(self) -> None:
-        """A (sub-)step begins: stop what is closed and not quite still, and hold what presses.
+        """A (sub-)step begins: take drift out of what is closed, and hold what presses.
 
         Raises:
             RunEnded: Another model moves from here on.
         """
         if self.motion.data is not self.scene.data:
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{self.names()} cannot stay in contact: {_OTHER_MODEL}")
-        self._stopped = self._drift.taken_out(None)
+        self._righted = self._drift.taken_out()
         self._closed.press()
         self._closed.stages.clear()
 
@@ -179,15 +179,15 @@ class Lasting(Regime):
         self._closed.push(data)
 
     def end_step(self, duration_s: float) -> Booking | None:
-        """What the contacts exchanged, and the drift that was taken out of them."""
+        """What the contacts exchanged, and what taking the drift out of them did as the step began."""
         closed, system = self._closed, self.scene.system
-        done = self._stopped
+        done = self._righted
         if closed.pressing:
             stages = closed.stages[-5:-1]  # the last one is that of the end, where the next step begins
             done = added(done, booked(stages, duration_s, system.robot.dofs, Shares.of(system, closed.pressing)))
             self._report.book(stages, duration_s)
         self._impacts.deepen(-min((at.gap for at in closed.decide().rows.held), default=0.0))
-        return self._drift.taken_out(done)
+        return done
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:
         """The closed pairs, as control laws see them."""
@@ -198,27 +198,24 @@ class Lasting(Regime):
         if self._landing or self._closed.deeper():
             self._landing = False
             return self._impacts.act(instant)
-        news = self._news() or self._pressed_inside_a_step()
+        news = self._news() or self._cut_inside_a_step()
         if news is None:
             return None
         (kind, pairs), qvel = news, self.scene.system.by_joint(self.scene.data.qvel)
         before, places = self._report.before(pairs), self._report.places(pairs)
-        booking = None
         if kind is CONTACT_BEGINS:
             self._begun += pairs
-            booking = self._drift.taken_out(None)
         elif kind is CONTACT_ENDS:
             for pair in pairs:
                 self._begun.remove(pair)
                 del self._closed.by_pair[pair]
         else:
-            booking = self._drift.taken_out(None)
             self._change(pairs)
         self._settle()
         places |= self._report.places([pair for pair in pairs if self.holds(pair)])
         records = self._report.records(kind, places, before, instant, self._events, qvel)
         self._events += 1
-        return Effect(records, booking, asks=False)
+        return Effect(records, asks=False)
 
     def _news(self) -> tuple[RecordKind, list[ContactPair]] | None:
         """What there is to tell of at the state in ``data`` under the efforts in it, one kind at a time."""
@@ -230,22 +227,24 @@ class Lasting(Regime):
         ends = [pair for pair, touches in closed.by_pair.items() if leaving.issuperset(touches)]
         if ends:
             return CONTACT_ENDS, ends
-        changes = [*closed.adrift(), *(touch.pair for touch in leaving)]
+        changes = [*closed.beyond_an_edge(), *(touch.pair for touch in leaving)]
         return (CONTACT_CHANGES, list(dict.fromkeys(changes))) if changes else None
 
-    def _pressed_inside_a_step(self) -> tuple[RecordKind, list[ContactPair]] | None:
-        """Pairs that were closed without force when the step began, and press at the state in ``data``."""
-        decision = self._closed.decide() if self._closed.touches else None
+    def _cut_inside_a_step(self) -> tuple[RecordKind, list[ContactPair]] | None:
+        """Pairs for which a step ended: closed without force as it began, they press by now, or they have drifted off."""
+        closed = self._closed
+        decision = closed.decide() if closed.touches else None
         if decision is None:
             return None
-        presses = [decision.touches[i].pair for i in decision.pressing if decision.touches[i] not in self._closed.pressing]
-        return (CONTACT_CHANGES, list(dict.fromkeys(presses))) if presses else None
+        presses = [decision.touches[i].pair for i in decision.pressing if decision.touches[i] not in closed.pressing]
+        pairs = list(dict.fromkeys([*presses, *closed.adrift()]))
+        return (CONTACT_CHANGES, pairs) if pairs else None
 
     def _change(self, pairs: Sequence[ContactPair]) -> None:
         """Let go of the points that open, and find anew by which features a pair touches that has left one."""
-        closed, leaving = self._closed, self._closed.leaving()
+        closed, leaving, beyond = self._closed, self._closed.leaving(), self._closed.beyond_an_edge()
         for pair in pairs:
-            if leaving.isdisjoint(closed.by_pair[pair]):
+            if pair in beyond:
                 near = pair.proximity(self.scene.system.mj, self.scene.data)
                 closed.take(pair, near, switched_stillness(near))
             else:
