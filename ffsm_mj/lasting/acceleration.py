@@ -11,6 +11,7 @@ problem, whose motion is unique even where contacts are redundant and their forc
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -30,7 +31,6 @@ class Acceleration:
 
     Attributes:
         free: gap'' without contact forces, m/s^2, (k,).
-        rounding: gap'' within this of zero is none, m/s^2, (k,).
     """
 
     def __init__(self, M: Callable[[], FloatArray], rows: Rows, force: FloatArray) -> None:
@@ -41,10 +41,14 @@ class Acceleration:
             rows: The contacts.
             force: All generalised forces but theirs, less the bias, (nv,).
         """
-        self._M, self._rows, self._G = M, rows, rows.G
-        terms = rows.response * force
-        self.free = terms.sum(axis=1) + rows.gamma
-        self.rounding = _LEAST + _SHARE * np.maximum(np.abs(terms).max(axis=1), rows.scale)
+        self._M, self._rows, self._G, self._force = M, rows, rows.G, force
+        self.free = rows.response.dot(force) + rows.gamma
+
+    @cached_property
+    def rounding(self) -> FloatArray:
+        """Gap'' within this of zero is none, m/s^2, (k,): a share of its largest term. No stage of a step asks for it."""
+        terms = np.abs(self._rows.response * self._force).max(axis=1)
+        return np.asarray(_LEAST + _SHARE * np.maximum(terms, self._rows.scale))
 
     def eased(self, forces: FloatArray) -> FloatArray:
         """What each of some forces takes off the closing of its own gap, m/s^2, (k,)."""

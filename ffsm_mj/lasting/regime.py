@@ -22,6 +22,7 @@ from ffsm_mj.lasting.exchange import Shares, booked
 from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.lasting.refusals import refusal
 from ffsm_mj.lasting.report import Report
+from ffsm_mj.lasting.rows import Touch
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.records.kinds import RecordKind
@@ -53,6 +54,7 @@ class Lasting(Regime):
         self._events = 0
         self._landing = False
         self._righted: Booking | None = None
+        self._shared: tuple[tuple[Touch, ...], Shares] | None = None
 
     def restart(self) -> None:
         """Something changed at one instant: nothing that was decided holds any more."""
@@ -184,7 +186,9 @@ class Lasting(Regime):
         done = self._righted
         if closed.pressing:
             stages = closed.stages[-5:-1]  # the last one is that of the end, where the next step begins
-            done = added(done, booked(stages, duration_s, system.robot.dofs, Shares.of(system, closed.pressing)))
+            if self._shared is None or self._shared[0] != closed.pressing:
+                self._shared = closed.pressing, Shares.of(system, closed.pressing)
+            done = added(done, booked(stages, duration_s, system.robot.dofs, self._shared[1]))
             self._report.book(stages, duration_s)
         self._impacts.deepen(-min((at.gap for at in closed.decide().rows.held), default=0.0))
         return done

@@ -33,7 +33,6 @@ class Rows:
         gamma: What of each gap'' is not J qddot, m/s^2, (k,).
         response: J M^-1, (k, nv).
         G: What a force at one contact does to the gap'' of another, J M^-1 J^T, 1/kg, (k, k).
-        scale: Largest of the terms that gamma is the sum of, m/s^2, (k,).
     """
 
     held: tuple[Held, ...]
@@ -41,7 +40,11 @@ class Rows:
     gamma: FloatArray
     response: FloatArray
     G: FloatArray
-    scale: FloatArray
+
+    @property
+    def scale(self) -> FloatArray:
+        """Largest of the terms that gamma is the sum of, m/s^2, (k,)."""
+        return np.maximum(np.abs(self.gamma), [here.scale for here in self.held])
 
 
 def rows(motion: Motion, data: Any, touches: Sequence[Touch]) -> Rows:
@@ -69,5 +72,4 @@ def rows(motion: Motion, data: Any, touches: Sequence[Touch]) -> Rows:
         gamma[i] = here.normal.dot(rate_b - rate_a).dot(moving.qvel) + here.bend
     response = np.empty_like(J)
     mujoco.mj_solveM(model, moving, response, J)
-    scale = np.maximum(np.abs(gamma), [here.scale for here in held])
-    return Rows(held, J, gamma, response, response.dot(J.T), scale)
+    return Rows(held, J, gamma, response, response.dot(J.T))
