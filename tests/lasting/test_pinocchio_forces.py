@@ -1,4 +1,4 @@
-"""Pinocchio as an independent oracle of held contacts: rows of its own frames, accelerations and forces of its own solver."""
+"""Pinocchio as an oracle of held contacts: rows of its own frames, accelerations and forces of its own solver."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def system(tmp_path_factory):
 
 
 def held_state(system, data, rng):
-    """Everything moves at random; the tip touches the ball's surface and a face of the box at chosen points, nothing else."""
+    """Everything moves at random; the tip touches the ball's surface and a face of the box at chosen points."""
     model = system.mj
     mujoco.mj_resetData(model, data)
     mujoco.mj_integratePos(model, data.qpos, rng.uniform(-2, 2, model.nv), 1.0)
@@ -54,7 +54,7 @@ def held_state(system, data, rng):
 def test_forces_and_accelerations_of_held_contacts(system, rng):
     """Sphere on sphere and sphere on face at once, 500 states: to 1e-10 of the largest acceleration and force.
 
-    Pinocchio gets J from its own frame Jacobians and gamma from its own accelerations at qddot = 0, to which only the turning
+    Pinocchio gets J from its own frame Jacobians and gamma from its own accelerations at qddot = 0; to them only the turning
     of the normals is added from its own velocities: no number of ours but the normals and points, which are geometry.
     """
     model = system.mj
@@ -81,7 +81,9 @@ def test_forces_and_accelerations_of_held_contacts(system, rng):
         theirs = pin.forwardDynamics(reference, other, q, v, tau, J, gamma, 0.0)
         forces = np.array(other.lambda_c)
         # Free joints: v = X qvel, so its rate is X qddot and the turning of the body axes, -omega x v.
-        np.testing.assert_allclose(_rates(model, X @ ours, data), theirs, rtol=0, atol=1e-10 * max(1.0, np.abs(theirs).max()))
+        np.testing.assert_allclose(
+            _rates(model, X @ ours, data), theirs, rtol=0, atol=1e-10 * max(1.0, np.abs(theirs).max())
+        )
         np.testing.assert_allclose(held, forces, rtol=0, atol=1e-10 * max(1.0, np.abs(forces).max()))
 
 
