@@ -65,7 +65,7 @@ def test_a_force_a_thousandth_too_large_is_noticed(tmp_path, monkeypatch):
 def test_a_forgotten_re_detection_is_noticed(tmp_path, monkeypatch):
     """The face goes on for ever: what is held beyond its edge touches nothing."""
     with monkeypatch.context() as wrong:
-        wrong.setattr(Closed, "adrift", lambda _: [])
+        wrong.setattr(Closed, "beyond_an_edge", lambda _: [])
         slack = Closed.slack
 
         def blind(self):
