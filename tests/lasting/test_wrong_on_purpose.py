@@ -8,6 +8,7 @@ import ffsm_mj
 from ffsm_mj.lasting.acceleration import Acceleration
 from ffsm_mj.lasting.closed import Closed
 from ffsm_mj.recount import recount
+from ffsm_mj.simulation import loop
 from tests.scenes import self_hit, two_balls
 
 PUSH = {"kind": "pd", "joints": ["robot/x"], "kp": 5.0, "kd": 0.0, "target": [3.0]}
@@ -47,6 +48,7 @@ def test_a_force_of_the_wrong_sign_is_noticed(tmp_path, monkeypatch):
     """It pulls the two into each other, and the run says so itself; its states say that the forces are not theirs."""
     held = Acceleration.held
     with monkeypatch.context() as wrong:
+        wrong.setattr(loop, "MOST_EVENTS_PER_STEP", 20)
         wrong.setattr(Acceleration, "held", lambda self, which: -held(self, which))
         run = ffsm_mj.run(pushed(tmp_path))
         assert faults(run)
@@ -56,6 +58,7 @@ def test_a_force_of_the_wrong_sign_is_noticed(tmp_path, monkeypatch):
 def test_a_force_a_thousandth_too_large_is_noticed(tmp_path, monkeypatch):
     held = Acceleration.held
     with monkeypatch.context() as wrong:
+        wrong.setattr(loop, "MOST_EVENTS_PER_STEP", 20)
         wrong.setattr(Acceleration, "held", lambda self, which: 1.001 * held(self, which))
         run = ffsm_mj.run(pushed(tmp_path))
     assert faults(run) | judged(run)
