@@ -22,6 +22,8 @@ from ffsm_mj.motion.motion import Motion
 
 _STILL = 1e-9
 """What an impact leaves separating slower than this share of its approach is still; so much of an impact is rounding."""
+_DRIFTING = 1e-6
+"""What is held changes its gap slower than this share of (1 m/s + the speeds of its bodies)."""
 _LEAST_RADIUS_M = 1e-4
 """Of what is round and slides over an edge, m."""
 _DRIFT_M = 5e-10
@@ -251,8 +253,8 @@ def stillness(near: Proximity, approach: float) -> float:
 
 
 def held_stillness(near: Proximity) -> float:
-    """The same for a pair that has been held: drift grows with the speeds of its bodies."""
-    return _STILL / REST_RATE * near.still
+    """The same for a pair that has been held: at the end of a long step its gap drifts until the next one begins."""
+    return _DRIFTING / REST_RATE * near.still
 
 
 def switched_stillness(near: Proximity) -> float:

@@ -60,8 +60,8 @@ def geom(rng, name, kind, size=0.1):
 def drawn(rng, folder, *, step=None, steps=40, kinds=("sphere", "capsule", "box")):
     """The first of some scenes whose pairs do not overlap at the start."""
     while True:
-        path = _drawn(rng, folder, step, steps, kinds)
         try:
+            path = _drawn(rng, folder, step, steps, kinds)
             prepare(path, controllers=LAWS)
         except InputError as error:
             assert "overlap" in str(error)  # noqa: PT017 (the only refusal that there may be)

@@ -17,13 +17,14 @@ OWN = ("no penetration", "impact energy", "impact restitution", "momentum two wa
 def wrong(path):
     """What is wrong with a run of a scene."""
     run, step = ffsm_mj.run(path, controllers=LAWS), json.loads(path.read_text())["time_step_s"]
-    found = [] if run.outcome in ("completed", "event_limit") else [f"{run.outcome}: {run.message}"]
+    good = run.outcome in ("completed", "event_limit") or "no normal of their own" in run.message
+    found = [] if good else [f"{run.outcome}: {run.message}"]
     if not np.all(np.diff(run.time) > 0.0):
         found.append("time stands still")
     # What RK4 leaves of the books grows with the fourth power of the step; spinning arms leave some at 1 ms without contact.
     left = 10.0 * max(1.0, (step / 1e-3) ** 4)
     again = recount(run.log)
-    for law in (*run.laws(), *(again.laws() if step <= 1e-3 else ())):
+    for law in (*run.laws(), *again.laws()):
         if law.residual > law.tolerance * (1.0 if law.name in OWN else left):
             found.append(str(law))
     # Longer steps are cut where drift is taken out; a recount flies through in one.
