@@ -8,7 +8,7 @@ polished on the geoms' support functions, which also give the gap to rounding.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -195,11 +195,21 @@ class ContactPair:
         normal = self._normal = polished(first, second, estimate)
         points = touching_set(first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL), normal)
         points = points if len(points) else witness[None]
+        rounding = _ROUNDING + 4.0 * _EPSILON * float(np.abs(points).max())
+        rates, still = self._rates(data, normal, points)
+        return Proximity(separation(first, second, normal), normal, points, rates, still, rounding)
+
+    def at_velocities(self, data: Any, near: Proximity) -> Proximity:
+        """The same proximity after velocities changed at one instant; those in ``data`` are current."""
+        rates, still = self._rates(data, near.normal, near.points)
+        return replace(near, rates=rates, still=still)
+
+    def _rates(self, data: Any, normal: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
+        """Rate of the gap at each point, and what of it is rounding."""
         here = self._velocity(data, self.body_a, self._root1, points)
         there = self._velocity(data, self.body_b, self._root2, points)
         still = REST_RATE * (1.0 + float(np.abs(here).max()) + float(np.abs(there).max()))
-        rounding = _ROUNDING + 4.0 * _EPSILON * float(np.abs(points).max())
-        return Proximity(separation(first, second, normal), normal, points, (there - here) @ normal, still, rounding)
+        return (there - here) @ normal, still
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
         """Second rate of the gap at one of the points of a proximity; accelerations in ``data`` must be current."""

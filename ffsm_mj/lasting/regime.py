@@ -69,7 +69,7 @@ class Lasting(Regime):
         """Hold what is closed and still of the pairs in contact, at the velocities in ``data``."""
         approach = max((-near.rate for _, near in touching), default=0.0)
         held = set(self._closed.by_pair)
-        now = [(pair, pair.proximity(self.scene.system.mj, self.scene.data)) for pair, _ in touching]
+        now = [(pair, pair.at_velocities(self.scene.data, near)) for pair, near in touching]
         for pair, near in now:
             self._take(pair, near, stillness(near, max(approach, 0.0)))
         self._closed.keep_down([(pair, near) for pair, near in now if pair in held])
