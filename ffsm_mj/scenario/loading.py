@@ -37,9 +37,22 @@ def load_scenario(
     Raises:
         InputError: One line per fault, with file, line and column.
     """
-    installed = kinds()
-    refuse_script_laws(laws, installed.classes)
+    refuse_script_laws(laws, kinds().classes)
     source = read_yaml(path, overrides)
+    return validated(source, laws), source
+
+
+def validated(source: YamlSource, laws: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
+    """The scenario that a source holds.
+
+    Args:
+        source: Its data, and where each key stands.
+        laws: Control laws of a script, classes by kind, none of them refused.
+
+    Raises:
+        InputError: One line per fault, with file, line and column.
+    """
+    installed = kinds()
     configs = [cls.Config for cls in installed.classes.values()] + [config_of(law, kind) for kind, law in laws.items()]
     model = model_with(Scenario, PhaseConfig, tuple(configs)) if laws else Scenario
     try:
@@ -56,7 +69,7 @@ def load_scenario(
     faults = _other_faults(scenario)
     if faults:
         raise located(ScenarioFaults(faults), source)
-    return scenario, source
+    return scenario
 
 
 def controller_kinds() -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
@@ -54,6 +55,17 @@ class YamlSource:
             return self.path.parent
         return self._root.find(path).place.path.parent
 
+    def overridden(self, overrides: Sequence[str]) -> YamlSource:
+        """The same data with further ``key.to.value=yaml`` overrides; nothing is read again.
+
+        Raises:
+            InputError: An override has no place in it.
+        """
+        source = YamlSource(self.path, deepcopy(self.data), self._root, dict(self._overrides))
+        for override in overrides:
+            _apply(source, override)
+        return source
+
 
 def read_yaml(path: Path, overrides: Sequence[str] = ()) -> YamlSource:
     """Read a scenario with what it extends, and apply ``key.to.value=yaml`` overrides.
@@ -63,11 +75,12 @@ def read_yaml(path: Path, overrides: Sequence[str] = ()) -> YamlSource:
     Raises:
         InputError: A file cannot be read or parsed, is no mapping, or an override has no place in it.
     """
-    root = read_inherited(path)
-    source = YamlSource(path, root.plain(), root)
-    for override in overrides:
-        _apply(source, override)
-    return source
+    return source_of(read_inherited(path), path).overridden(overrides)
+
+
+def source_of(root: Node, path: Path) -> YamlSource:
+    """The data of a tree that was read from a file."""
+    return YamlSource(path, root.plain(), root)
 
 
 def write_yaml(data: Any) -> str:
