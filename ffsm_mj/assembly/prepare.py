@@ -78,10 +78,24 @@ def prepare(
     return recipe
 
 
+def as_overrides(values: Mapping[str, Any]) -> list[str]:
+    """Values by dotted key as overrides of the command line."""
+    return [f"{key}={json.dumps(value)}" for key, value in values.items()]
+
+
 def _recipe(scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any], controllers: Mapping[str, Any]) -> Prepared:
     if isinstance(overrides, Mapping):
-        overrides = [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
+        overrides = as_overrides(overrides)
     config, source = load_scenario(scenario_path(scenario), overrides, controllers)
+    return recipe(config, source, controllers)
+
+
+def recipe(config: Scenario, source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({})) -> Prepared:
+    """Compile a scenario that was read; what is wrong with its parts is told when they are assembled.
+
+    Raises:
+        InputError: A model is wrong.
+    """
     system = compile_scenario(config, source)
     return Prepared(config, source, system, resolved_yaml(config, system), dict(controllers))
 

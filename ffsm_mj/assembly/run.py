@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
@@ -46,6 +46,8 @@ def simulate(
     with_rerun: bool = False,
     live: str | None = None,
     report: Callable[[float, float], None] | None = None,
+    columns: Collection[str] | None = None,
+    watchers: Sequence[Sink] = (),
 ) -> Run:
     """Run what was assembled, once: its parts are at the end of the run afterwards.
 
@@ -55,17 +57,20 @@ def simulate(
         with_rerun: Write ``run.rrd`` into the folder.
         live: ``host:port`` of a Rerun viewer to stream to.
         report: Told (simulation time, duration) in s as the run goes.
+        columns: What a run in memory keeps of its rows, beside the time; None: all.
+        watchers: Who else is told of rows and events as they come.
 
     Raises:
         InputError: The folder cannot be used, or there is no room for the run.
     """
     config, system, layout = assembly.scenario, assembly.system, assembly.row.layout
     clock = source_date()  # one that is malformed is refused before there is a folder
-    refuse_without_room(config.ticks, len(layout.signals), folder.path if folder is not None else None)
+    kept = len(layout.signals) if columns is None or folder is not None else 1 + len(columns)
+    refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
     files = {logged_name(model, n): data for model, each in system.files.items() for n, data in each.files.items()}
     header = RunHeader(config.name, assembly.scenario_yaml, layout, files, _facts(assembly), record_kinds(config))
-    memory, digested = MemorySink(keep_rows=folder is None), DigestSink()
-    sinks: list[Sink] = [memory, digested]
+    memory, digested = MemorySink(keep_rows=folder is None, columns=columns if folder is None else None), DigestSink()
+    sinks: list[Sink] = [memory, digested, *watchers]
     if folder is not None:
         sinks += folder.sinks(header, system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
     if live is not None:

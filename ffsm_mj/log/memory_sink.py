@@ -2,34 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.run_log import Rows, RunLog, run_log
+from ffsm_mj.records.signals import TIME, Layout
 
 
 @dataclass
 class MemorySink:
-    """Keeps every event, and every row where that is wanted."""
+    """Keeps every event, and rows where that is wanted.
+
+    Attributes:
+        keep_rows: Whether rows are kept.
+        columns: Which of their columns; the time always, None: all.
+    """
 
     keep_rows: bool = True
+    columns: Collection[str] | None = None
     header: RunHeader | None = None
     blocks: list[FloatArray] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     outcome: OutcomeRecord | None = None
+    _places: IntArray | None = None
 
     def open(self, header: RunHeader) -> None:
         """Begin a run."""
-        self.header = header
+        self.header, self._places = header, None
+        if self.columns is not None:
+            kept = [signal for signal in header.layout.signals if signal.key in self.columns or signal.key == TIME]
+            self.header = replace(header, layout=Layout(tuple(kept)))
+            self._places = header.layout.places(self.header.layout.keys)
 
     def rows(self, block: FloatArray) -> None:
         """Keep a copy of a block."""
         if self.keep_rows:
-            self.blocks.append(block.copy())
+            self.blocks.append(block.copy() if self._places is None else block[:, self._places])
 
     def event(self, event: Event) -> None:
         """Keep an event."""

@@ -1,0 +1,1 @@
+"""Campaigns: many dispersed runs of one scenario, resumable, in one table."""

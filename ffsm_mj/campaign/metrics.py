@@ -1,0 +1,176 @@
+"""Metrics: what of a run becomes a column of the campaign's table, by name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from functools import cache
+from importlib.metadata import entry_points
+from typing import Any
+
+from ffsm_mj.analysis.contacts import Contact
+from ffsm_mj.analysis.verdicts import LAW_NAMES, Law
+from ffsm_mj.campaign.effort import MEASURES
+from ffsm_mj.errors import described, unknown_name
+from ffsm_mj.present.run import Run
+from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
+
+GROUP = "ffsm_mj.metrics"
+"""Entry points of metrics of other packages: the name is the metric's, the object a function on a
+:class:`~ffsm_mj.present.run.Run`. Its attribute ``columns``, where it has one, names the columns that it needs: only those
+are kept while the run goes."""
+
+Scalar = float | int | str | bool | None
+Effort = Mapping[str, Mapping[str, float]]
+
+_DRIFTING = LAW_NAMES[:3]
+_ALWAYS = ("laws_hold", "drift", "deepest_overlap_m", *(f"laws.{name.replace(' ', '_')}" for name in LAW_NAMES))
+"""What is told of every run: whether every law holds; the worst drift of energy and momenta, over (1 + scale) each; the
+deepest overlap in m; the worst residual of each law, in its unit, null where it is not judged."""
+_TIP = ("min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s", "target_m")
+_SCALARS = ("outcome", "message", "duration_s", "steps", "conservative", "controller.ticks")
+_CONSERVATION = ("energy_residual_J", "linear_momentum_residual_N_s", "angular_momentum_residual_N_m_s")
+_LISTS: dict[str, Any] = {
+    "impacts": ImpactRecord,
+    "contacts": Contact,
+    "phases": PhaseRecord,
+    "unhandled_contacts": UnhandledContactRecord,
+}
+_ENDS = {"phases": ("end_s",)}
+
+
+def always(laws: Sequence[Law]) -> dict[str, Scalar]:
+    """What every row tells of the laws of its run."""
+    found: dict[str, Scalar] = dict.fromkeys(_ALWAYS)
+    found["laws_hold"] = all(law.holds for law in laws)
+    for law in laws:
+        key = f"laws.{law.name.replace(' ', '_')}"
+        worst = found[key]
+        found[key] = law.residual if not isinstance(worst, float) else max(worst, law.residual)
+        if law.name == "no penetration":
+            found["deepest_overlap_m"] = law.residual
+    drifts = [law.drift / law.tolerance * 1e-9 for law in laws if law.name in _DRIFTING]
+    found["drift"] = max(drifts) if drifts else None
+    return found
+
+
+def evaluated(run: Run, effort: Effort, names: Sequence[str]) -> dict[str, Scalar]:
+    """The metrics of a run, in the order asked for.
+
+    Args:
+        run: The run.
+        effort: What its actuators did, by actuator and measure.
+        names: Metrics.
+
+    Raises:
+        ValueError: What is asked for is no scalar of the run; the message says which.
+    """
+    summary = run.summary() | {"effort": effort}
+    told, plugins = always(run.laws()), plugged()
+    found: dict[str, Scalar] = {}
+    for name in names:
+        if name in told:
+            found[name] = told[name]
+        elif name in plugins:
+            found[name] = _scalar(name, plugins[name](run))
+        else:
+            found[name] = _scalar(name, _at(summary, name))
+    return told | found
+
+
+def _at(summary: Any, name: str) -> Any:
+    """What a dotted path leads to; None where the run has no such thing."""
+    for part in name.split("."):
+        if isinstance(summary, Mapping):
+            summary = summary.get(part)
+        elif isinstance(summary, list | tuple):
+            if part == "count":
+                return len(summary)
+            summary = summary[int(part)] if part.isdigit() and int(part) < len(summary) else None
+        else:
+            return None
+    return summary
+
+
+def _scalar(name: str, value: Any) -> Scalar:
+    """A number, text or flag as plain Python; None for a number that is not finite.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if hasattr(value, "item"):
+        value = value.item()  # of numpy
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    raise ValueError(f"metric {name!r} is no number, text or flag but a {type(value).__name__}")
+
+
+def columns_of(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Columns of rows that these metrics need; None: all, since one of them does not say."""
+    needed: list[str] = []
+    for name in names:
+        plugin = plugged().get(name)
+        if plugin is not None:
+            columns = getattr(plugin, "columns", None)
+            if columns is None:
+                return None
+            needed += columns
+    return tuple(dict.fromkeys(needed))
+
+
+@cache
+def plugged() -> dict[str, Callable[[Run], Any]]:
+    """Metrics of installed packages; one that cannot be loaded says so when it is used."""
+    return {point.name: _loaded(point) for point in entry_points(group=GROUP)}
+
+
+def _loaded(point: Any) -> Callable[[Run], Any]:
+    try:
+        return point.load()  # type: ignore[no-any-return]
+    except Exception as error:  # noqa: BLE001 (a plug-in may fail in any way)
+        why = described(error)
+
+        def broken(_: Run) -> Any:
+            raise ValueError(f"metric {point.name!r} of {point.value} cannot be loaded ({why})")
+
+        return broken
+
+
+def fault_of(name: str, actuators: Sequence[str]) -> str | None:
+    """Why a name is no metric; None where it may be one.
+
+    Args:
+        name: Metric.
+        actuators: Those of the scenario, as columns of a log name them.
+    """
+    head, _, rest = name.partition(".")
+    if head in _LISTS:
+        return _fault_in_list(head, rest)
+    if head == "effort":
+        actuator, _, measure = rest.rpartition(".")
+        if actuator in actuators and measure in MEASURES:
+            return None
+        return unknown_name("metric", name, [f"effort.{each}.{measure}" for each in actuators for measure in MEASURES])
+    if re.fullmatch(r"controller\.phases\.\d+\.reports\.\w+", name):
+        return None
+    known = [*_ALWAYS, *_SCALARS, *plugged()]
+    known += [f"tip.{key}" for key in _TIP[:4]] + [f"conservation.{key}" for key in _CONSERVATION]
+    known += [f"tip.target_m.{axis}" for axis in range(3)]
+    known += [f"{head}.count" for head in _LISTS]
+    return None if name in known else unknown_name("metric", name, known)
+
+
+def _fault_in_list(head: str, rest: str) -> str | None:
+    if rest == "count":
+        return None
+    number, _, key = rest.partition(".")
+    names = [*(each.name for each in fields(_LISTS[head])), *_ENDS.get(head, ())]
+    field, _, item = key.partition(".")
+    if not number.isdigit():
+        return f"{head} is a list: {head}.count, or {head}.0.KEY with a number and one of {', '.join(names)}"
+    if field not in names or (item and not re.fullmatch(r"[\w./-]+", item)):
+        return unknown_name(f"key of {head}", field, names)
+    return None

@@ -1,0 +1,173 @@
+"""One run of a campaign, where it is made: in a worker process, on a cluster, or here."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import platform
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from ffsm_mj.assembly.prepare import Prepared, as_overrides, recipe
+from ffsm_mj.assembly.run import simulate
+from ffsm_mj.campaign.effort import Effort
+from ffsm_mj.campaign.metrics import columns_of, evaluated
+from ffsm_mj.campaign.settings import row_versions
+from ffsm_mj.campaign.store import Row
+from ffsm_mj.errors import FfsmError, InputError, described, raised_at
+from ffsm_mj.scenario.loading import validated
+from ffsm_mj.scenario.source import YamlSource, read_yaml
+
+_GRACE_S = 5.0
+"""A run that does not end by itself so long after its time is up is stuck; its process is ended."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker must know to make runs of a campaign; it pickles.
+
+    Attributes:
+        scenario: The base scenario, every default written out, beside its models: where all workers can read it.
+        metrics: What is measured.
+        versions: Packages with which the campaign was begun.
+        timeout_s: Wall time that a run may take; 0: any.
+        laws: Control laws of a script, classes by kind.
+        own_process: Whether the process is the campaign's own, so that it may be ended where a run is stuck.
+    """
+
+    scenario: str
+    metrics: tuple[str, ...]
+    versions: Mapping[str, str]
+    timeout_s: float = 0.0
+    laws: Mapping[str, Any] = field(default_factory=dict)
+    own_process: bool = True
+
+
+class OtherVersionsError(FfsmError):
+    """A worker has other packages than those with which the campaign was begun."""
+
+
+class _TimeIsUpError(Exception):
+    """A run takes too long."""
+
+
+def probe(job: Job) -> str:
+    """Whether runs can be made here at all; returns the name of this machine.
+
+    Raises:
+        OtherVersionsError: There are other packages here.
+        InputError: The scenario cannot be read here.
+    """
+    here = row_versions()
+    for package, wanted in job.versions.items():
+        if here.get(package, "none") != wanted:
+            raise OtherVersionsError(
+                f"worker {platform.node()}: {package} {here.get(package, 'none')}, where the campaign has {wanted}"
+            )
+    _read(job.scenario)
+    return platform.node()
+
+
+def make_rows(job: Job, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> list[Row]:
+    """Make some runs, one after the other; those after an interrupted one are left out.
+
+    Args:
+        job: The campaign.
+        runs: Number and overrides of each.
+
+    Raises:
+        OtherVersionsError: There are other packages here.
+        InputError: The scenario cannot be read here.
+    """
+    _probed(job.scenario, tuple(sorted(job.versions.items())))
+    rows: list[Row] = []
+    for index, overrides in runs:
+        row = make_row(job, index, overrides)
+        if row.outcome == "interrupted":
+            break
+        rows.append(row)
+    return rows
+
+
+@lru_cache(maxsize=4)
+def _probed(scenario: str, versions: tuple[tuple[str, str], ...]) -> None:
+    probe(Job(scenario, (), dict(versions)))
+
+
+def make_row(job: Job, index: int, overrides: Mapping[str, Any]) -> Row:
+    """Make one run. Whatever goes wrong in it is a row, too."""
+    begun, used = time.perf_counter(), time.process_time()
+    try:
+        told = _run(job, overrides, begun)
+    except _TimeIsUpError:
+        told = {"outcome": "timeout", "message": f"took more than {job.timeout_s:g} s"}
+    except InputError as error:
+        told = {"outcome": "error", "message": f"InputError: {'; '.join(error.lines)}"}
+    except Exception as error:  # noqa: BLE001 (a law or a metric of somebody's may fail in any way)
+        told = {"outcome": "error", "message": described(error) + raised_at(error)}
+    wall, cpu = time.perf_counter() - begun, time.process_time() - used
+    return Row(index, cpu=processor(), wall_s=round(wall, 6), cpu_s=round(cpu, 6), **told)
+
+
+def _run(job: Job, overrides: Mapping[str, Any], begun: float) -> dict[str, Any]:
+    assembly = prepared_run(job.scenario, overrides, job.laws).assemble()
+    effort = Effort(assembly.system, assembly.actuation.keys)
+
+    def look(*_: float) -> None:
+        if job.timeout_s and time.perf_counter() - begun > job.timeout_s:
+            raise _TimeIsUpError
+
+    with _stopped_when_stuck(job):
+        run = simulate(assembly, columns=columns_of(job.metrics), watchers=(effort,), report=look)
+        metrics = evaluated(run, effort.told(), job.metrics)
+    phase = run.phases[-1].name if run.phases else ""
+    return {"outcome": run.outcome, "message": run.message, "phase": phase, "metrics": metrics}
+
+
+class _stopped_when_stuck:  # noqa: N801 (a context manager)
+    """Ends this process where a run in it is stuck: C code that does not come back hears no exception."""
+
+    def __init__(self, job: Job) -> None:
+        self._after = job.timeout_s + _GRACE_S if job.timeout_s and job.own_process else 0.0
+
+    def __enter__(self) -> None:
+        if self._after:
+            faulthandler.dump_traceback_later(self._after, exit=True, file=_nowhere())
+
+    def __exit__(self, *_: object) -> None:
+        if self._after:
+            faulthandler.cancel_dump_traceback_later()
+
+
+@cache
+def _nowhere() -> Any:
+    return Path(os.devnull).open("w", encoding="utf-8")
+
+
+def prepared_run(scenario: str, overrides: Mapping[str, Any], laws: Mapping[str, Any]) -> Prepared:
+    """A run of the campaign, made ready.
+
+    Raises:
+        InputError: The overrides or what they make of a model are wrong.
+    """
+    source = _read(scenario).overridden(as_overrides(overrides))
+    return recipe(validated(source, laws), source, laws)
+
+
+@lru_cache(maxsize=4)
+def _read(scenario: str) -> YamlSource:
+    return read_yaml(Path(scenario))
+
+
+@cache
+def processor() -> str:
+    """Model of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
