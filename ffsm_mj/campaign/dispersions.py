@@ -1,0 +1,135 @@
+"""What a campaign disperses: an entry of ``dispersions``, and the scalars that are drawn for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from ffsm_mj.campaign.distributions import Distribution
+from ffsm_mj.config import StrictModel
+
+Axis = Literal["random"] | tuple[float, float, float]
+_HEIGHT, _TURN = Distribution(uniform=(-1.0, 1.0)), Distribution(uniform=(0.0, 2.0 * math.pi))
+"""Height and azimuth: together uniform on the sphere, by Archimedes."""
+
+
+class Rotation(StrictModel):
+    """A turn of an attitude, since the four numbers of a quaternion cannot be drawn one by one."""
+
+    axis: Axis
+    """Axis in the axes that the quaternion turns into, the world's; any length; or ``random``, uniform on the sphere."""
+    angle: Distribution
+    """Angle, rad."""
+
+    @model_validator(mode="after")
+    def _an_axis(self) -> Rotation:
+        _refuse_zero("axis", self.axis)
+        return self
+
+
+class Vector(StrictModel):
+    """A vector as a direction times a magnitude."""
+
+    direction: Axis
+    """Direction in the vector's own axes, any length; or ``random``, uniform on the sphere."""
+    magnitude: Distribution
+    """Length, in the unit of the key."""
+
+    @model_validator(mode="after")
+    def _a_direction(self) -> Vector:
+        _refuse_zero("direction", self.direction)
+        return self
+
+
+class Spread(Distribution):
+    """A distribution of a number or of a vector."""
+
+    vector: Vector | None = None
+    """Three numbers as a direction times a magnitude."""
+
+
+class Dispersion(Spread):
+    """What happens to a key: it takes what is drawn, or that is a factor (``scale``) or an ``offset`` of its value."""
+
+    beside: ClassVar[tuple[str, ...]] = ("keys",)
+
+    keys: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], Field(min_length=1)] | None = None
+    """Keys that one draw applies to; left out: the entry's own name is the key."""
+    scale: Distribution | None = None
+    """A factor on the value that the key has."""
+    offset: Spread | None = None
+    """Added to the value that the key has."""
+    rotation: Rotation | None = None
+    """A turn of a quaternion, or of the attitude of a free joint, from where it is."""
+
+    @model_validator(mode="after")
+    def _around_something(self) -> Dispersion:
+        absolute = self.vector.magnitude if self.vector is not None else self
+        if absolute.mean_missing:
+            raise ValueError("needs a 'mean'; only a scale, an offset and an angle have one of their own")
+        return self
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A scalar that is drawn for each run.
+
+    Attributes:
+        name: Its column in the table.
+        distribution: What it is drawn from.
+        mean: Mean of a normal distribution that states none.
+    """
+
+    name: str
+    distribution: Distribution
+    mean: float | None = None
+
+
+Operation = Literal["value", "scale", "offset", "rotation", "vector", "vector_offset"]
+
+
+def operation(dispersion: Dispersion) -> Operation:
+    """What is done to the value of a key."""
+    if dispersion.offset is not None:
+        return "vector_offset" if dispersion.offset.vector is not None else "offset"
+    if dispersion.scale is not None:
+        return "scale"
+    if dispersion.rotation is not None:
+        return "rotation"
+    return "vector" if dispersion.vector is not None else "value"
+
+
+def axis_of(dispersion: Dispersion) -> Axis | None:
+    """Axis of a rotation or direction of a vector; None of a number."""
+    spread = dispersion.offset or dispersion
+    if dispersion.rotation is not None:
+        return dispersion.rotation.axis
+    return spread.vector.direction if spread.vector is not None else None
+
+
+def draws(name: str, dispersion: Dispersion) -> Iterator[Draw]:
+    """Scalars that an entry of ``dispersions`` draws: one, or with a random axis or direction three."""
+    how = operation(dispersion)
+    if dispersion.offset is not None and dispersion.offset.vector is None:
+        yield Draw(f"{name}.offset", dispersion.offset, 0.0)
+    elif dispersion.scale is not None:
+        yield Draw(f"{name}.scale", dispersion.scale, 1.0)
+    elif dispersion.rotation is not None:
+        yield Draw(f"{name}.angle_rad", dispersion.rotation.angle, 0.0)
+    elif vector := (dispersion.offset or dispersion).vector:
+        yield Draw(f"{name}.magnitude", vector.magnitude, 0.0)
+    else:
+        yield Draw(name, dispersion)
+    if axis_of(dispersion) == "random":
+        what = "axis" if how == "rotation" else "direction"
+        yield Draw(f"{name}.{what}_z", _HEIGHT)
+        yield Draw(f"{name}.{what}_azimuth_rad", _TURN)
+
+
+def _refuse_zero(key: str, axis: Axis) -> None:
+    if axis != "random" and not any(axis):
+        raise ValueError(f"{key} must not be zero")

@@ -1,0 +1,87 @@
+"""Rows of a design tried on the scenario: what is drawn is allowed, and is what the run will read."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.assembly.prepare import Prepared
+from ffsm_mj.campaign.design import Design
+from ffsm_mj.campaign.dispersions import Dispersion, draws
+from ffsm_mj.campaign.targets import Targets
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.scenario.loading import validated
+from ffsm_mj.scenario.source import YamlSource
+
+_ROUNDING = 1e-12
+"""A quaternion is made exact where a run reads it, every other number is taken as it is."""
+
+
+def refuse_wrong_rows(base: Prepared, design: Design, source: YamlSource, dispersions: Mapping[str, Dispersion]) -> None:
+    """Try the first run, and those with the least and the greatest of each parameter, or with each of its texts.
+
+    Raises:
+        InputError: The scenario refuses such a run's values, or does not have them once they are set.
+    """
+    owners = _owners(design, dispersions)
+    for run in extreme_rows(design):
+        values = design.overrides(run)
+        changes = {key: f"{key}={json.dumps(value)}" for key, value in values.items()}
+        try:
+            scenario = validated(base.source.overridden(list(changes.values())), base.laws)
+        except InputError as error:
+            raise InputError([_told(line, run, changes, owners, source) for line in error.lines]) from error
+        targets = Targets(scenario, base.system)
+        for key, value in values.items():
+            if message := _not_applied(targets, key, value):
+                raise InputError(source.line(Fault(f"run {run}: {message}", ("dispersions", owners[key]))))
+
+
+def extreme_rows(design: Design) -> list[int]:
+    """The first row, and by parameter the first with its least and its greatest number, or with each of its other values."""
+    found = {0}
+    for column in zip(*design.rows, strict=True):
+        if all(isinstance(value, int | float) and not isinstance(value, bool) for value in column):
+            found |= {int(np.argmin(column)), int(np.argmax(column))}
+        else:
+            found |= {column.index(value) for value in dict.fromkeys(column)}
+    return sorted(found)
+
+
+def _owners(design: Design, dispersions: Mapping[str, Dispersion]) -> dict[str, str]:
+    """By key of the scenario, the last entry that changes it."""
+    entry = [name for name, dispersion in dispersions.items() for _ in draws(name, dispersion)]
+    return {binding.key: entry[effect.columns[0]] for binding in design.bindings for effect in binding.effects}
+
+
+def _told(line: str, run: int, changes: Mapping[str, str], owners: Mapping[str, str], source: YamlSource) -> str:
+    """A fault of a run's scenario as one of the campaign file."""
+    for key, change in changes.items():
+        if line.startswith(prefix := f"-s {change}: "):
+            return source.line(Fault(f"run {run}: {line.removeprefix(prefix)}", ("dispersions", owners[key])))
+    return source.line(Fault(f"run {run}: {line}", ("dispersions",)))
+
+
+def _not_applied(targets: Targets, key: str, drawn: Any) -> str:
+    """What is wrong where a scenario does not have what it was to have, or nothing."""
+    try:
+        there = [target.value for target in targets.find(key)]
+    except LookupError as error:
+        return str(error.args[0])
+    except ScenarioFaults as error:
+        return error.faults[0].message
+    if len(there) == 1 and _same(there[0], drawn):
+        return ""
+    return f"{key} is {there[0] if len(there) == 1 else there} although {drawn} was drawn: the dispersion is not applied"
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, tuple | list) and isinstance(b, tuple | list):
+        return len(a) == len(b) and all(map(_same, a, b))
+    if isinstance(a, float) and isinstance(b, int | float):
+        return math.isclose(a, b, rel_tol=_ROUNDING, abs_tol=_ROUNDING)
+    return type(a) is type(b) and bool(a == b)

@@ -1,0 +1,44 @@
+"""Where campaign files are: by path, or by the name of one that comes with ffsm-mj."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.scenario.shipped import scenarios_dir
+from ffsm_mj.yaml.parser import read_node
+
+
+def campaigns_dir() -> Path:
+    """Folder of the shipped campaigns; the scenarios lie in the one above."""
+    return scenarios_dir() / "campaigns"
+
+
+def campaign_names() -> tuple[str, ...]:
+    """Names that ``ffsm campaign run NAME`` accepts, sorted."""
+    return tuple(sorted(path.stem for path in campaigns_dir().glob("*.yaml")))
+
+
+def campaign_path(campaign: str | Path) -> Path:
+    """Path of a campaign file given as a path or as the name of a shipped one.
+
+    Raises:
+        InputError: A word that is neither a file nor a shipped campaign.
+    """
+    text = str(campaign)
+    if os.path.exists(text) and text not in campaign_names():
+        return Path(campaign)
+    if text.endswith((".yaml", ".yml")) or "/" in text:
+        raise InputError(f"{text}: no such campaign file")
+    if text not in campaign_names():
+        raise InputError(f"{text}: no such file, and {unknown_name('shipped campaign', text, campaign_names())}")
+    return campaigns_dir() / f"{text}.yaml"
+
+
+def is_campaign(given: str | Path) -> bool:
+    """Whether a path or name means a campaign rather than a scenario."""
+    try:
+        return os.path.isfile(path := campaign_path(given)) and "campaign" in read_node(path).value
+    except InputError:
+        return False  # whoever reads it as a scenario tells what is wrong
