@@ -14,6 +14,7 @@ contracts:
 	uv run lint-imports
 schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
+	uv run ffsm schema --campaign > scenarios/ffsm-campaign.schema.json
 figures:     ## the pictures of docs/verified-result.md and docs/lasting-contact.md
 	uv run ffsm run baseline --no-rerun --force --out logs/figures
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline

@@ -23,7 +23,7 @@ def drawn(kind: str, n: int, seed: int, draws: Sequence[Draw], bindings: Sequenc
     return Design(kind, seed, n or len(points), names, tuple(zip(*values, strict=True)), tuple(bindings))
 
 
-def level_faults(config: CampaignFile) -> None:
+def refuse_levels(config: CampaignFile) -> None:
     """Refuse levels where none are asked for, the lack of them where they are, and designs without end.
 
     Raises:

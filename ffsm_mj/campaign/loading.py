@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -14,7 +16,8 @@ from ffsm_mj.campaign.bindings import bound
 from ffsm_mj.campaign.config import CampaignFile
 from ffsm_mj.campaign.design import Binding, Design
 from ffsm_mj.campaign.dispersions import Draw
-from ffsm_mj.campaign.drawing import columns, drawn, level_faults
+from ffsm_mj.campaign.drawing import columns, drawn, refuse_levels
+from ffsm_mj.campaign.metric_names import refuse_metrics
 from ffsm_mj.campaign.row_check import refuse_wrong_rows
 from ffsm_mj.campaign.sampler import EXTENDABLE
 from ffsm_mj.campaign.shipped import campaign_path
@@ -84,28 +87,44 @@ class Plan:
         return longer
 
 
-def load_campaign(campaign: str | Path, overrides: Sequence[str] = ()) -> Plan:
+def load_campaign(
+    campaign: str | Path, overrides: Sequence[str] = (), controllers: Mapping[str, Any] = MappingProxyType({})
+) -> Plan:
     """Read and validate a campaign; nothing is drawn.
 
     Args:
         campaign: A file, or the name of a shipped campaign.
         overrides: ``key=value`` each, of keys of the campaign file.
+        controllers: Control laws of the caller's own, see :func:`ffsm_mj.run`.
 
     Raises:
         InputError: One line per fault, with file, line and column.
     """
     path = campaign_path(campaign)
-    source = source_of(read_node(path), path).overridden(overrides)
+    return planned(source_of(read_node(path, "campaign"), path).overridden(overrides), controllers)
+
+
+def planned(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({})) -> Plan:
+    """Validate a campaign; nothing is drawn.
+
+    Args:
+        source: Its data, and where each key stands; what it names is relative to its file.
+        controllers: Control laws of the caller's own, see :func:`ffsm_mj.run`.
+
+    Raises:
+        InputError: One line per fault, with file, line and column.
+    """
     try:
         config = CampaignFile.model_validate(source.data)
     except ValidationError as error:
         raise InputError(source.lines(plain_faults(error, KindNames(CampaignFile, (), (), {})))) from error
     scenario = _base_path(config, source)
     changes = {key: f"{key}={json.dumps(value)}" for key, value in config.overrides.items()}
-    base = _base(scenario, changes, source)
+    base = _base(scenario, changes, source, controllers)
     try:
+        refuse_metrics(config, base.system)
+        refuse_levels(config)
         draws = columns(config.dispersions)
-        level_faults(config)
         bindings = bound(config.dispersions, Targets(base.scenario, base.system))
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
@@ -121,9 +140,9 @@ def _base_path(config: CampaignFile, source: YamlSource) -> Path:
         raise InputError([source.line(Fault(line, ("scenario",))) for line in error.lines]) from error
 
 
-def _base(scenario: Path, changes: dict[str, str], source: YamlSource) -> Prepared:
+def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, controllers: Mapping[str, Any]) -> Prepared:
     try:
-        return prepare(scenario, list(changes.values()))
+        return prepare(scenario, list(changes.values()), controllers=controllers)
     except InputError as error:
         lines = []
         for line in error.lines:

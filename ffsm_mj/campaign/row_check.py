@@ -34,7 +34,7 @@ def refuse_wrong_rows(base: Prepared, design: Design, source: YamlSource, disper
         try:
             scenario = validated(base.source.overridden(list(changes.values())), base.laws)
         except InputError as error:
-            raise InputError([_told(line, run, changes, owners, source) for line in error.lines]) from error
+            raise InputError(_told(error.lines[0], run, changes, owners, source)) from error
         targets = Targets(scenario, base.system)
         for key, value in values.items():
             if message := _not_applied(targets, key, value):

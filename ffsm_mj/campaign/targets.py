@@ -76,7 +76,7 @@ class Targets:
         elif isinstance(node, Mapping):
             for name in _named(parts, node, f"{here} is a mapping"):
                 yield from self._inside(node[name], parts[1:], (*path, name))
-        elif isinstance(node, tuple) and any(isinstance(item, BaseModel) for item in node):
+        elif isinstance(node, tuple) and (parts[:1] == (WILDCARD,) or any(isinstance(item, BaseModel) for item in node)):
             for position, rest in _items(node, parts, here):
                 yield from self._inside(node[position], rest, (*path, str(position)))
         else:

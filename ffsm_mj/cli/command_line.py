@@ -13,12 +13,12 @@ from ffsm_mj.present.frame_rate import MOST_FRAMES_PER_SECOND
 
 COMMANDS = {
     "run": "simulate a scenario and write its run folder",
-    "check": "validate a scenario without running it",
+    "check": "validate a scenario or a campaign without running it",
     "analyze": "verify conservation from the logs of runs alone",
     "export": "write a run's tables or an animation of its motion for other tools",
     "view": "open a run in the Rerun viewer",
     "reproduce": "run the paper's case study and write every printed number beside ours",
-    "schema": "print the JSON Schema of scenario files",
+    "schema": "print the JSON Schema of scenario files, or of campaign files",
     "new": "write a scenario, and a model around a robot's file, to start from",
     "new-law": "write a package with a control law of your own to start from",
     "completion": "print the script by which a shell completes commands, options and scenarios",
@@ -80,7 +80,9 @@ def parser() -> argparse.ArgumentParser:
         for name, text in COMMANDS.items()
     }
     _describe_run(parsers["run"])
-    parsers["check"].add_argument("scenario", help="a scenario file, a run folder, or the name of a shipped scenario")
+    parsers["check"].add_argument(
+        "scenario", help="a scenario file, a run folder, a campaign file, or the name of a shipped scenario or campaign"
+    )
     _add_overrides(parsers["check"])
     _describe_analyze(parsers["analyze"])
     _describe_export(parsers["export"])
@@ -97,6 +99,7 @@ def parser() -> argparse.ArgumentParser:
     again.add_argument(
         "--long", action="store_true", help="with --check: every run of the report, step sizes and long ones too"
     )
+    parsers["schema"].add_argument("--campaign", action="store_true", help="of campaign files")
     parsers["completion"].add_argument(
         "shell", choices=SHELLS, help='e.g. eval "$(ffsm completion bash)"; fish: ffsm completion fish | source'
     )

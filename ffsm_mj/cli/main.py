@@ -128,8 +128,17 @@ def _list(output: Output) -> int:
 
 def _check(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.assembly.prepare import prepare
+    from ffsm_mj.campaign.shipped import is_campaign
 
-    for line in prepare(options.scenario, options.overrides).describe():
+    if is_campaign(options.scenario):
+        from ffsm_mj.campaign.description import description
+        from ffsm_mj.campaign.loading import load_campaign
+
+        plan = load_campaign(options.scenario, options.overrides)
+        lines = description(plan, plan.design())
+    else:
+        lines = prepare(options.scenario, options.overrides).describe()
+    for line in lines:
         output.say(line)
     return OK
 
@@ -229,12 +238,13 @@ def _judged(folder: Path, stale: Sequence[str], output: Output) -> int:
     return VIOLATED if stale else OK
 
 
-def _schema(_: argparse.Namespace, output: Output) -> int:
+def _schema(options: argparse.Namespace, output: Output) -> int:
     import json
 
+    from ffsm_mj.campaign.schema import campaign_schema
     from ffsm_mj.scenario.schema import scenario_schema
 
-    output.say(json.dumps(scenario_schema(), indent=2))
+    output.say(json.dumps(campaign_schema() if options.campaign else scenario_schema(), indent=2))
     return OK
 
 

@@ -52,6 +52,7 @@ _PLAIN_WORDS = (
     ("Input should", "should"),
     ("String should match pattern", "must be written like"),
     ("Tuple should", "should"),
+    ("Dictionary should", "should"),
     (" after validation", ""),
     ("a valid dictionary or instance of", "a mapping of keys, see"),
     ("a valid dictionary", "a mapping of keys"),

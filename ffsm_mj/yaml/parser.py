@@ -43,8 +43,12 @@ class YamlFault(Exception):
         super().__init__(f"{place}: {problem}")
 
 
-def read_node(path: Path) -> Node:
+def read_node(path: Path, what: str = "scenario") -> Node:
     """Read a YAML 1.2 file.
+
+    Args:
+        path: The file.
+        what: What it is to be, for messages.
 
     Raises:
         InputError: The file cannot be read or parsed, or is no mapping.
@@ -55,13 +59,13 @@ def read_node(path: Path) -> Node:
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
     if len(content) > _MAX_BYTES:
-        raise InputError(f"{path}:1:1: more than {_MAX_BYTES >> 20} MB; a scenario has at most {MAX_CHARACTERS} characters")
+        raise InputError(f"{path}:1:1: more than {_MAX_BYTES >> 20} MB; a {what} has at most {MAX_CHARACTERS} characters")
     try:
         root = parse(_decoded(content, path), path)
     except YamlFault as fault:
         raise InputError(str(fault)) from fault
     if not isinstance(root.value, dict):
-        raise InputError(f"{path}:1:1: a scenario is a mapping of keys to values; see 'ffsm schema'")
+        raise InputError(f"{path}:1:1: a {what} is a mapping of keys to values; see 'ffsm schema'")
     return Node(root.value, Place(path))
 
 
