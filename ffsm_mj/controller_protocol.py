@@ -2,6 +2,7 @@
 
 A controller is called once per control period and at once at an impact. It sees the true state through MuJoCo's data and
 writes efforts for the actuators it drives; all others stay off. Limits are the plant's business, not the controller's.
+Model and data are the plant's own, or of what a scenario's ``controller_model`` lets it take the plant for.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import numpy as np
 from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.analysis.verdicts import Audit
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.records.facts import is_conservative, logged_task
+from ffsm_mj.records.facts import is_conservative, logged_models, logged_task
 from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.run_log import RunLog
 
@@ -56,6 +56,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
             ],
         },
         "conservation": _conservation(digest.audit),
+        **logged_models(log.header.facts),
         "versions": dict(outcome.versions) if outcome else {},
     }
 

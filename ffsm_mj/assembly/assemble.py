@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +11,7 @@ from ffsm_controllers import kinds
 from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_controllers.settled import Settled
 
+from ffsm_mj.assembly.belief import Belief, BelievingMachine
 from ffsm_mj.assembly.column_faults import refuse_same_names, refuse_telemetry
 from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
@@ -26,9 +25,8 @@ from ffsm_mj.controller_protocol import ControllerContext, Task
 from ffsm_mj.errors import Fault, ScenarioFaults, described
 from ffsm_mj.lasting.refusals import refusal
 from ffsm_mj.log.recorder import BLOCK_ROWS
-from ffsm_mj.model.files import read_model
-from ffsm_mj.model.sites import AddedSite
-from ffsm_mj.model.system import System, compile_system
+from ffsm_mj.model.properties import Change
+from ffsm_mj.model.system import System
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.plant.ledger import Ledger
@@ -51,6 +49,8 @@ class Assembly:
         scenario_yaml: The same as logs keep it.
         system: Robot and objects.
         data: Initial state, all derived quantities current.
+        seen: What the control laws are shown of it: the same, or the data of the model that they believe in.
+        believed: The scene that the control laws take it for; None: they know it.
         pairs: Impact pairs.
         known_pairs: Geom pairs that need no watching: those of the regimes, and ignored ones.
         course: What moves, and the contact regimes that watch it.
@@ -66,6 +66,8 @@ class Assembly:
     scenario_yaml: str
     system: System
     data: Any
+    seen: Any
+    believed: System | None
     pairs: tuple[ContactPair, ...]
     known_pairs: frozenset[frozenset[int]]
     course: Course
@@ -76,9 +78,21 @@ class Assembly:
     state: StateReport
     row: Row
 
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """Properties of bodies and geoms that the scenario gives, then those that its control laws believe in."""
+        known = {change.path for change in self.system.changes}
+        believed = self.believed.changes if self.believed is not None else ()
+        return (*self.system.changes, *(change for change in believed if change.path not in known))
+
 
 def assemble(
-    scenario: Scenario, source: YamlSource, system: System, scenario_yaml: str, laws: Mapping[str, Any]
+    scenario: Scenario,
+    source: YamlSource,
+    system: System,
+    scenario_yaml: str,
+    laws: Mapping[str, Any],
+    believed: System | None = None,
 ) -> Assembly:
     """Build everything that one run needs.
 
@@ -88,6 +102,7 @@ def assemble(
         system: Robot and objects, with a model that is the run's own: the run writes its time step.
         scenario_yaml: The scenario as logs keep it.
         laws: Control laws of a script, classes by kind, beside those that are installed.
+        believed: The scene that the control laws take it for, likewise the run's own; None: they know it.
 
     Raises:
         InputError: One line per fault, with the place in the scenario or the model.
@@ -103,7 +118,9 @@ def assemble(
         course.take_up(motion)
         actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
-        controller = _controller(scenario, ControllerContext(system, task, scenario.control_period_s), laws)
+        phases = _phases(scenario, ControllerContext(believed or system, task, scenario.control_period_s), laws)
+        belief = Belief(believed.mj, data) if believed is not None else None
+        controller = PhaseMachine(phases) if belief is None else BelievingMachine(phases, belief)
         ledger = Ledger(system, data, course.motion.momentum, notes=BLOCK_ROWS)
         state = StateReport(system, data, task.tip_site if task is not None else None)
         columns = [*state.columns, *ledger.columns, *course.columns, *actuation.columns, *controller.columns]
@@ -114,50 +131,24 @@ def assemble(
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
     known = ignored.union(*(regime.watched for regime in regimes))
+    seen = data if belief is None else belief.data
     return Assembly(
-        scenario, scenario_yaml, system, data, pairs, known, course, ledger, actuation, controller, task, state, row
+        scenario,
+        scenario_yaml,
+        system,
+        data,
+        seen,
+        believed,
+        pairs,
+        known,
+        course,
+        ledger,
+        actuation,
+        controller,
+        task,
+        state,
+        row,
     )
-
-
-def compile_scenario(scenario: Scenario, source: YamlSource) -> System:
-    """Compile robot and objects of a scenario.
-
-    Raises:
-        InputError: A file is missing or malformed, or a model is not what a free-floating system needs.
-    """
-    paths: dict[str, tuple[Path, list[Path], list[Path]]] = {}
-    faults = []
-    models = {("robot",): scenario.robot} | {("objects", name): part for name, part in scenario.objects.items()}
-    for keys, part in models.items():
-        path = _beside(source, (*keys, "mjcf"), part.mjcf)
-        if not os.path.isfile(path):  # without an exception for a name that is too long
-            what = "is a folder, not a model file:" if os.path.isdir(path) else "no such model file"
-            faults.append(Fault(f"{what} {path}", (*keys, "mjcf")))
-        found: dict[str, list[Path]] = {}
-        for key in ("asset_folders", "package_paths"):
-            found[key] = [_beside(source, (*keys, key), folder) for folder in getattr(part, key)]
-            for i, folder in enumerate(found[key]):
-                if not os.path.isdir(folder):
-                    faults.append(Fault(f"no such folder: {folder}", (*keys, key, i)))
-        paths[keys[-1]] = path, found["asset_folders"], found["package_paths"]
-    if faults:
-        raise located(ScenarioFaults(faults), source)
-    parts = {keys[-1]: part for keys, part in models.items()}
-    poses = {name: part.fixed_at for name, part in scenario.objects.items()}
-    files = {
-        name: replace(read_model(*given), strip=parts[name].strip, pose=poses.get(name)) for name, given in paths.items()
-    }
-    sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
-    robot = replace(files.pop("robot"), sites=sites)
-    try:
-        return compile_system(robot, files, time_step_s=scenario.time_step_s, conservative=scenario.conservative)
-    except ScenarioFaults as unplaced:
-        raise located(unplaced, source) from unplaced
-
-
-def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:
-    """A path in a scenario: relative to the file that states it."""
-    return Path(os.path.normpath(source.folder(keys) / name))
 
 
 def task_of(scenario: Scenario, system: System) -> Task | None:
@@ -176,7 +167,12 @@ def task_of(scenario: Scenario, system: System) -> Task | None:
     return Task(site, tuple(_AXES[axis] for axis in config.axes), np.array(config.target_m, dtype=np.float64))
 
 
-def _controller(scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any]) -> PhaseMachine:
+def _phases(scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any]) -> list[Phase]:
+    """The phases with their control laws, in their order.
+
+    Raises:
+        ScenarioFaults: A control law cannot be made.
+    """
     classes = {**kinds().classes, **laws}
     phases, faults = [], []
     for i, config in enumerate(scenario.phases):
@@ -193,7 +189,7 @@ def _controller(scenario: Scenario, context: ControllerContext, laws: Mapping[st
     if faults:
         raise ScenarioFaults(faults)
     refuse_telemetry(phases)
-    return PhaseMachine(phases)
+    return phases
 
 
 def _phase(config: PhaseConfig, controller: Any, context: ControllerContext) -> Phase:

@@ -28,7 +28,7 @@ def unstable_damping(assembly: Assembly) -> Iterator[str]:
         if not isinstance(phase.controller, Damps):
             continue
         try:
-            damping = phase.controller.damping_at(assembly.data)
+            damping = phase.controller.damping_at(assembly.seen)
             told = _told(assembly.system, assembly.data, assembly.scenario.control_period_s, damping) if damping else ""
         except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is no reason to refuse the scenario)
             told = f"its damping cannot be told ({described(error)})"

@@ -9,8 +9,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ffsm_mj.assembly.assemble import Assembly, assemble, compile_scenario, refused_rest, unwatched_overlaps
+from ffsm_mj.assembly.assemble import Assembly, assemble, refused_rest, unwatched_overlaps
 from ffsm_mj.assembly.damping import unstable_damping
+from ffsm_mj.assembly.models import compile_scenario
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.log.run_folder import RunFolder
@@ -96,8 +97,8 @@ def recipe(config: Scenario, source: YamlSource, controllers: Mapping[str, Any] 
     Raises:
         InputError: A model is wrong.
     """
-    system = compile_scenario(config, source)
-    return Prepared(config, source, system, resolved_yaml(config, system), dict(controllers))
+    system, believed = compile_scenario(config, source)
+    return Prepared(config, source, system, resolved_yaml(config, system), dict(controllers), believed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +114,7 @@ class Prepared:
         system: Robot and objects; its model is copied, never run.
         scenario_yaml: The scenario with every default written out, as logs keep it.
         laws: Control laws of a script, classes by kind.
+        believed: The scene that the control laws take it for, likewise copied; None: they know it.
     """
 
     scenario: Scenario
@@ -120,6 +122,7 @@ class Prepared:
     system: System
     scenario_yaml: str
     laws: Mapping[str, Any]
+    believed: System | None = None
 
     def assemble(self) -> Assembly:
         """Parts of one run at t = 0, made anew.
@@ -127,7 +130,8 @@ class Prepared:
         Raises:
             InputError: One line per fault, with the place in the scenario or the model.
         """
-        return assemble(self.scenario, self.source, self.system.copy(), self.scenario_yaml, self.laws)
+        believed = self.believed.copy() if self.believed is not None else None
+        return assemble(self.scenario, self.source, self.system.copy(), self.scenario_yaml, self.laws, believed)
 
     def run(
         self,
@@ -158,6 +162,7 @@ class Prepared:
         lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
             "conservative: nothing in the models breaks it"
         ]
+        lines += [f"note: {change.told}" for change in assembly.changes]
         lines += [f"note: {note}" for note in system.notes]
         lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
         lines += [f"note: {told}" for told in (*unstable_damping(assembly), *refused_rest(assembly))]

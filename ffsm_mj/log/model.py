@@ -31,7 +31,8 @@ def compile_log(log: RunLog, place: str = "the log") -> System:
             raise InputError(f"{place}: the model of {name} is {main!r}, not a file below {prefix}")
         files = {key.removeprefix(prefix): content for key, content in log.header.files.items() if key.startswith(prefix)}
         model = carried_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
-        return replace(model, strip=scenario.strip[name], pose=scenario.poses.get(name))
+        changed = (scenario.overrides[name],) if scenario.overrides.get(name) else ()
+        return replace(model, strip=scenario.strip[name], overrides=changed, pose=scenario.poses.get(name))
 
     try:
         return compile_system(

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
 from ffsm_mj.model.pose import Pose
+from ffsm_mj.model.properties import BodyProperties, Overrides
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.strip import STRIPPABLE
 from ffsm_mj.records.run_log import RunLog
@@ -27,6 +28,7 @@ class LoggedScenario:
         objects: The same of each object by its name.
         strip: What is taken out of the models of robot and objects, by ``robot`` or the object's name.
         sites: What is put into the model of the robot.
+        overrides: What of the bodies and geoms of a model is changed, of those of which something is.
         poses: Where objects are fixed, of those that are.
         time_step_s: Integration step, s.
         conservative: Whether the models had to be conservative.
@@ -38,6 +40,7 @@ class LoggedScenario:
     objects: Mapping[str, str]
     strip: Mapping[str, tuple[str, ...]]
     sites: tuple[AddedSite, ...]
+    overrides: Mapping[str, Overrides]
     poses: Mapping[str, Pose]
     time_step_s: float
     conservative: bool
@@ -71,11 +74,15 @@ def logged_scenario(log: RunLog, place: str = "the log") -> LoggedScenario:
     try:
         objects = data.get("objects") or {}
         parts = {"robot": data["robot"], **objects}
+        model = data.get("model") or {}
+        if not parts.keys() >= model.keys():
+            raise ValueError(f"model: {', '.join(map(str, model))} are not all models")
         return LoggedScenario(
             robot=_text(data["robot"]["mjcf"]),
             objects={_text(name): _text(part["mjcf"]) for name, part in objects.items()},
             strip={_text(name): tuple(map(_strippable, part.get("strip") or ())) for name, part in parts.items()},
             sites=tuple(_site(_text(name), site) for name, site in (data["robot"].get("sites") or {}).items()),
+            overrides={_text(name): _overrides(found) for name, found in model.items()},
             poses={name: _pose(part.get("pose")) for name, part in objects.items() if part.get("fixed") is True},
             time_step_s=_positive(data["time_step_s"]),
             conservative=data["conservative"] is not False,
@@ -99,6 +106,13 @@ def _site(name: str, data: Any) -> AddedSite:
     if len(place) != 3 or not all(isinstance(x, int | float) and math.isfinite(x) for x in place):
         raise ValueError(f"sites: {place!r} is no place")
     return AddedSite(name, _text(data["body"]), (float(place[0]), float(place[1]), float(place[2])))
+
+
+def _overrides(bodies: Any) -> Overrides:
+    try:
+        return Overrides("model", {_text(body): BodyProperties.model_validate(said) for body, said in bodies.items()})
+    except ValidationError as error:
+        raise ValueError(f"model: {error.errors()[0]['msg']}") from error
 
 
 def _pose(value: Any) -> Pose:

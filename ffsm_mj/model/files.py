@@ -16,6 +16,7 @@ from pathlib import Path
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.packages import SCHEME, find_in_package
 from ffsm_mj.model.pose import Pose
+from ffsm_mj.model.properties import Overrides
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.walk import Shelf, collect
 
@@ -33,6 +34,7 @@ class ModelFiles:
         label: What stands before a name in messages: the folder with a slash, or the log.
         strip: What is taken out of the model when it is compiled; see :mod:`ffsm_mj.model.strip`.
         sites: What is put in then; see :mod:`ffsm_mj.model.sites`.
+        overrides: What of its bodies and geoms is changed then, one layer on the other; see :mod:`ffsm_mj.model.overrides`.
         pose: Where it is fixed to the world; None: it floats.
     """
 
@@ -41,6 +43,7 @@ class ModelFiles:
     label: str = ""
     strip: tuple[str, ...] = ()
     sites: tuple[AddedSite, ...] = ()
+    overrides: tuple[Overrides, ...] = ()
     pose: Pose | None = None
 
     @property

@@ -15,18 +15,18 @@ from typing import Any, Literal
 from warnings import catch_warnings
 
 import mujoco
-import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.model.conservative import authored_integrator, model_faults, spec_faults
+from ffsm_mj.model.conservative import model_faults, spec_faults
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.fixed import Fixed, fixed_model, moving_parts, place, weightless
+from ffsm_mj.model.fixed import Fixed, fixed_model, moving_parts, place
 from ffsm_mj.model.mujoco_warnings import collected_warnings, told
-from ffsm_mj.model.number_faults import number_faults
-from ffsm_mj.model.places import Places
+from ffsm_mj.model.overrides import Overridden, override
+from ffsm_mj.model.properties import Change
+from ffsm_mj.model.scene import compile_scene, empty_scene, take_options
 from ffsm_mj.model.sites import add_sites
-from ffsm_mj.model.source import REFUSALS, load_spec, own_words, refuse_dangling
+from ffsm_mj.model.source import load_spec, refuse_dangling
 from ffsm_mj.model.strip import strip
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
@@ -35,17 +35,8 @@ _JOINT_KINDS: tuple[JointKind, ...] = ("free", "ball", "slide", "hinge")
 _QPOS_SIZE = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}
 _DOF_SIZE = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
 
-# At MuJoCo's default of 1e-6 cylinders and ellipsoids miss their distance by 7e-7 m and flip normals near touch.
-_CCD_TOLERANCE = 1e-12
-_CCD_ITERATIONS = 200
-
 # Two threads that set Python's filters of warnings aside at once would put them back in the wrong order.
 _COMPILING = Lock()
-
-_SHARED_OPTIONS = (
-    *("gravity", "wind", "density", "viscosity", "integrator", "timestep"),
-    *("ccd_tolerance", "ccd_iterations", "disableflags"),
-)
 
 
 @dataclass(frozen=True)
@@ -93,6 +84,7 @@ class System:
         faults: What breaks conservation; empty for a conservative system.
         notes: What was taken out of models; what MJCF says and the simulation does not do (joint limits); what MuJoCo
             warned of.
+        changes: Properties of bodies and geoms that the scenario gives, as the scene was compiled.
     """
 
     mj: Any
@@ -103,6 +95,7 @@ class System:
     faults: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     joints: Mapping[str, Joint] = field(default_factory=dict)
+    changes: tuple[Change, ...] = ()
 
     @property
     def trees(self) -> tuple[Tree, ...]:
@@ -176,6 +169,9 @@ def compile_system(
 ) -> System:
     """Compose robot and objects into one model and freeze its index maps; nothing is read from disk.
 
+    All that runs, is analysed or drawn is made here, each model in this order: what is stripped goes, properties are
+    changed, sites are added, then it is attached, fixed where it is to be.
+
     Args:
         robot: MJCF or URDF of the robot: one tree whose root is the base.
         objects: MJCF or URDF of each object by name; the name becomes its prefix. One with a pose is fixed there.
@@ -184,27 +180,31 @@ def compile_system(
 
     Raises:
         InputError: A model is malformed, has no single moving tree, moves though it is fixed, or is not conservative.
-        ScenarioFaults: A site cannot be put where it is wanted.
+        ScenarioFaults: A site cannot be put where it is wanted, or a property is none that the model can have.
     """
     files = {"robot": robot, **objects}
-    scene = _empty_scene(time_step_s)
+    scene = empty_scene(time_step_s)
     faults: list[str] = []
     warned: dict[str, list[str]] = {name: [] for name in ("", *files)}  # by model, first those of the scene
     stripped: list[str] = []
+    overridden: list[Overridden] = []
     # The compiler tells Python of its warnings too, whose filters are the whole process's.
     with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
         for name, model_files in files.items():
             with collected_warnings(warned[name]):
                 spec = load_spec(model_files, vfs)
                 stripped += [f"taken out of {name}: {what}" for what in strip(spec, model_files.strip)]
-                add_sites(spec, model_files.sites)
                 refuse_dangling(model_files, vfs)
+                if model_files.overrides:
+                    overridden.append(override(spec, name, model_files, vfs))
+                add_sites(spec, model_files.sites)
                 faults += spec_faults(spec, model_files)
-                _take_options(scene, spec, conservative=conservative)
+                take_options(scene, spec, conservative=conservative)
                 scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
         if moving := list(moving_parts(scene, files)):
             raise InputError(moving)
-        model = _compile(scene, files, vfs)
+        model = compile_scene(scene, files, vfs)
+    changes = tuple(change for each in overridden for change in each.read_back(model))
     faults += model_faults(model, scene, files)
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
@@ -218,48 +218,8 @@ def compile_system(
         faults=tuple(faults),
         notes=(*stripped, *(_notes(model) if conservative else ()), *told(warned, files)),
         joints={joint.name: joint for tree in trees for joint in tree.joints},
+        changes=changes,
     )
-
-
-def _empty_scene(time_step_s: float) -> Any:
-    scene = mujoco.MjSpec()
-    scene.modelname = "ffsm-mj scene"
-    scene.option.gravity = [0.0, 0.0, 0.0]
-    scene.option.timestep = time_step_s
-    scene.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    scene.option.ccd_tolerance = _CCD_TOLERANCE
-    scene.option.ccd_iterations = _CCD_ITERATIONS
-    # Contact is resolved by ffsm_mj.impact, limits would be soft springs, and a reset would rewind a diverging run.
-    for flag in ("CONTACT", "LIMIT", "AUTORESET"):
-        scene.option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
-    return scene
-
-
-def _compile(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any:
-    """Compile the scene, and refuse numbers that MuJoCo takes though no run could work with them."""
-    try:
-        model = scene.compile(vfs=vfs)
-    except REFUSALS as error:
-        raise InputError(own_words(files.values(), vfs, error)) from error
-    weightless(model, files)
-    places = Places(scene, files)
-    faults = [f"{places.of(kind, name)} {what}" for kind, name, what in number_faults(model)]
-    if faults:
-        raise InputError(faults)
-    return model
-
-
-def _take_options(scene: Any, spec: Any, *, conservative: bool) -> None:
-    """Give parent and child equal options before attaching: the scene's, or the model's where dissipation is allowed."""
-    if not conservative:
-        for name in ("gravity", "wind", "density", "viscosity"):
-            if np.any(getattr(spec.option, name)):
-                setattr(scene.option, name, getattr(spec.option, name))
-        if authored_integrator(spec) is not None:
-            scene.option.integrator = spec.option.integrator
-        scene.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
-    for name in _SHARED_OPTIONS:
-        setattr(spec.option, name, getattr(scene.option, name))
 
 
 def _tree(model: Any, name: str, place: str) -> Tree:

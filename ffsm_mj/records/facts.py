@@ -5,16 +5,21 @@ Facts are text by name. Somebody else may have written a log, so its reader asks
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.properties import Change
 from ffsm_mj.records.signals import PARTIES
 
 _ALL_FREE = "1 1 1 1 1 1"
+_MODELS = ("model", "controller_model")
+_DEEPEST = 5  # tree, body, geoms, geom, key
 
 
 @dataclass(frozen=True)
@@ -83,18 +88,52 @@ def why_not_conservative(facts: Mapping[str, str]) -> str:
     return facts.get("not_conservative", "")
 
 
+def model_facts(changes: Iterable[Change]) -> dict[str, str]:
+    """How it is told what properties of bodies and geoms were given, as compiled: JSON by the scenario's key."""
+    told: dict[str, Any] = {}
+    for change in changes:
+        place = told
+        for key in change.path[:-1]:
+            place = place.setdefault(key, {})
+        place[change.path[-1]] = change.after
+    return {key: json.dumps(told[key]) for key in _MODELS if key in told}
+
+
+def logged_models(facts: Mapping[str, str]) -> dict[str, Any]:
+    """The properties that facts tell, nested like the keys of the scenario that gave them; empty where none were given."""
+    return {key: json.loads(facts[key]) for key in _MODELS if key in facts}
+
+
 def fault_of_facts(facts: Mapping[str, str]) -> str:
     """What is wrong with facts that are used as numbers, or nothing."""
     for name in map(_free, PARTIES):
         words = facts.get(name, _ALL_FREE).split()
         if len(words) != 6 or not set(words) <= {"0", "1"}:
             return f"its fact {name} is {facts[name]!r}; six of 0 and 1 are allowed"
+    for name in _MODELS:
+        if name in facts and not _is_numbers(facts[name]):
+            return f"its fact {name} is {facts[name]!r}; JSON objects with finite numbers or lists of them are allowed"
     axes, target = (facts.get(name, "").split() for name in ("task_axes", "task_target_m"))
     if len(set(axes)) != len(axes) or not set(axes) <= set("xyz"):
         return f"its fact task_axes is {facts['task_axes']!r}; different axes of x, y and z are allowed"
     if len(target) != len(axes) or not all(map(_is_number, target)):
         return f"its fact task_target_m is {' '.join(target)!r}; a finite number for each of its task_axes is allowed"
     return ""
+
+
+def _is_numbers(text: str) -> bool:
+    """Whether a text is JSON of objects in objects down to finite numbers, or lists of them."""
+    try:
+        return _holds_numbers(json.loads(text), _DEEPEST)
+    except (ValueError, RecursionError):
+        return False
+
+
+def _holds_numbers(value: Any, deep: int) -> bool:
+    if isinstance(value, dict):
+        return deep > 0 and all(_holds_numbers(each, deep - 1) for each in value.values())
+    numbers = value if isinstance(value, list) else [value]
+    return deep < _DEEPEST and all(isinstance(each, float) and math.isfinite(each) for each in numbers)
 
 
 def _is_number(text: str) -> bool:

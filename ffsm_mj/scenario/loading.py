@@ -10,7 +10,7 @@ from typing import Any
 from ffsm_controllers import kinds
 from pydantic import ValidationError
 
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.plant.actuator_config import ACTUATOR_KINDS
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.regimes import fault_of_ending
@@ -101,6 +101,10 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
         faults.append(Fault("can only stand in a scenario file", ("extends",)))
     for reserved in {"robot", "world"} & set(scenario.objects):
         faults.append(Fault("this name is taken; choose another", ("objects", reserved)))
+    trees = ("robot", *scenario.objects)
+    for key in ("model", "controller_model"):
+        unknown = (tree for tree in getattr(scenario, key) if tree not in trees)
+        faults += [Fault(unknown_name("model", tree, trees), (key, tree)) for tree in unknown]
     names = [phase.name for phase in scenario.phases]
     for i, phase in enumerate(scenario.phases):
         if phase.name in names[:i]:

@@ -21,6 +21,7 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.impact.laws import LAWS
 from ffsm_mj.model.pose import Pose
+from ffsm_mj.model.properties import Trees
 from ffsm_mj.model.strip import Strippable
 from ffsm_mj.plant.actuator_config import ActuatorConfig
 from ffsm_mj.scenario.element_names import element_name
@@ -257,6 +258,10 @@ class Scenario(StrictModel):
     robot: RobotConfig
     objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], ObjectConfig] = {}
     """Floating and fixed objects by name; the name is the prefix of everything in the object's model."""
+    model: Trees = {}
+    """Properties of bodies and their geoms, the files untouched: by ``robot`` or the object's name, then by body."""
+    controller_model: Trees = {}
+    """The same, on top of ``model``, in what the control laws take the models for; left out: they know the true ones."""
     initial: InitialConfig = InitialConfig()
     actuators: dict[Name, ActuatorConfig] = {}
     """Limits of the robot's actuators by name; an actuator that is not named is ideal."""

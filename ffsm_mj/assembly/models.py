@@ -1,0 +1,90 @@
+"""The models of a scenario: their files found and read, the scene compiled, and what the control laws take it for."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.model.files import ModelFiles, read_model
+from ffsm_mj.model.properties import Overrides
+from ffsm_mj.model.sites import AddedSite
+from ffsm_mj.model.system import System, compile_system
+from ffsm_mj.scenario.scenario import Scenario, located
+from ffsm_mj.scenario.source import YamlSource
+
+
+def compile_scenario(scenario: Scenario, source: YamlSource) -> tuple[System, System | None]:
+    """Compile robot and objects of a scenario.
+
+    Returns:
+        The scene, and what the control laws take it for; None: they know it.
+
+    Raises:
+        InputError: A file is missing or malformed, or a model is not what a free-floating system needs.
+    """
+    files = _model_files(scenario, source)
+    try:
+        system = _compiled(scenario, files, "model")
+        believed = (
+            _compiled(scenario, files, "model", "controller_model") if any(scenario.controller_model.values()) else None
+        )
+    except ScenarioFaults as faulty:
+        raise located(faulty, source) from faulty
+    return system, believed
+
+
+def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str) -> System:
+    """The scene with what these keys change.
+
+    Raises:
+        ScenarioFaults: See :func:`ffsm_mj.model.system.compile_system`.
+        InputError: See there.
+    """
+    changed = {
+        name: replace(
+            each, overrides=tuple(Overrides(key, found) for key in keys if (found := getattr(scenario, key).get(name)))
+        )
+        for name, each in files.items()
+    }
+    robot = changed.pop("robot")
+    return compile_system(robot, changed, time_step_s=scenario.time_step_s, conservative=scenario.conservative)
+
+
+def _model_files(scenario: Scenario, source: YamlSource) -> dict[str, ModelFiles]:
+    """Files of all models, the robot's first, and what is done to them in any case.
+
+    Raises:
+        InputError: A file is missing or malformed.
+    """
+    paths: dict[str, tuple[Path, list[Path], list[Path]]] = {}
+    faults = []
+    models = {("robot",): scenario.robot} | {("objects", name): part for name, part in scenario.objects.items()}
+    for keys, part in models.items():
+        path = _beside(source, (*keys, "mjcf"), part.mjcf)
+        if not os.path.isfile(path):  # without an exception for a name that is too long
+            what = "is a folder, not a model file:" if os.path.isdir(path) else "no such model file"
+            faults.append(Fault(f"{what} {path}", (*keys, "mjcf")))
+        found: dict[str, list[Path]] = {}
+        for key in ("asset_folders", "package_paths"):
+            found[key] = [_beside(source, (*keys, key), folder) for folder in getattr(part, key)]
+            for i, folder in enumerate(found[key]):
+                if not os.path.isdir(folder):
+                    faults.append(Fault(f"no such folder: {folder}", (*keys, key, i)))
+        paths[keys[-1]] = path, found["asset_folders"], found["package_paths"]
+    if faults:
+        raise located(ScenarioFaults(faults), source)
+    parts = {keys[-1]: part for keys, part in models.items()}
+    poses = {name: part.fixed_at for name, part in scenario.objects.items()}
+    files = {
+        name: replace(read_model(*given), strip=parts[name].strip, pose=poses.get(name)) for name, given in paths.items()
+    }
+    sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
+    return files | {"robot": replace(files["robot"], sites=sites)}
+
+
+def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:
+    """A path in a scenario: relative to the file that states it."""
+    return Path(os.path.normpath(source.folder(keys) / name))

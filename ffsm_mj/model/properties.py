@@ -1,0 +1,164 @@
+"""What a scenario may say of bodies of its models, the files untouched: mass, inertia, centre of mass, sizes of geoms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import mujoco
+import numpy as np
+from pydantic import Field, field_validator
+
+from ffsm_mj.config import StrictModel
+from ffsm_mj.errors import unknown_name
+from ffsm_mj.model.inertial import Inertial, fault_of_moments, principal
+from ffsm_mj.model.number_faults import MOST_LENGTH, MOST_MASS
+
+SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
+"""How many numbers are the size of a geom, by its kind; other kinds have none of their own."""
+INERTIAL = ("mass_kg", "inertia_kg_m2", "centre_of_mass_m")
+"""Keys of a body whose values are numbers."""
+
+_Length = Annotated[float, Field(gt=0.0, le=MOST_LENGTH)]
+_Coordinate = Annotated[float, Field(ge=-MOST_LENGTH, le=MOST_LENGTH)]
+_Moment = Annotated[float, Field(ge=-MOST_MASS, le=MOST_MASS)]
+_Name = Annotated[str, Field(min_length=1)]
+Value = float | tuple[float, ...]
+
+
+class GeomProperties(StrictModel):
+    """A geom of a body."""
+
+    size_m: Annotated[tuple[_Length, ...], Field(min_length=1, max_length=3)]
+    """MuJoCo's size: radius of a sphere, radius and half length of a capsule or cylinder, half lengths of a box, half axes
+    of an ellipsoid, m. What the body weighs stays, unless ``mass_from_geoms`` says otherwise."""
+
+
+class BodyProperties(StrictModel):
+    """A body: what is left out stays as the model has it."""
+
+    mass_kg: Annotated[float, Field(gt=0.0, le=MOST_MASS)] | None = None
+    """Mass, kg; the inertia is scaled with it, unless it is given too."""
+    inertia_kg_m2: Annotated[tuple[_Moment, ...], Field(min_length=3, max_length=6)] | None = None
+    """Inertia about the centre of mass in the body's axes, kg m^2: xx, yy, zz, or these and xy, xz, yz."""
+    centre_of_mass_m: Annotated[tuple[_Coordinate, ...], Field(min_length=3, max_length=3)] | None = None
+    """Centre of mass in the body's frame, m; the inertia about it stays."""
+    mass_from_geoms: bool = False
+    """Mass, inertia and centre of mass are those of its geoms, at their sizes and densities; the keys above apply on top."""
+    geoms: dict[_Name, GeomProperties] = {}
+    """Its geoms by their names in the model."""
+
+    @field_validator("inertia_kg_m2")
+    @classmethod
+    def _of_a_body(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if value is not None:
+            if len(value) not in (3, 6):
+                raise ValueError(f"must be 3 numbers (xx, yy, zz) or 6 (and xy, xz, yz), got {len(value)}")
+            if fault := fault_of_moments(principal(value)[0]):
+                raise ValueError(fault)
+        return value
+
+    @property
+    def weighs(self) -> bool:
+        """Whether it says what the body weighs."""
+        return bool(self.told)
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Keys of numbers that come out otherwise: those that are given, all of them where the geoms say."""
+        return tuple(key for key in INERTIAL if self.mass_from_geoms or getattr(self, key) is not None)
+
+
+Trees = dict[_Name, dict[_Name, BodyProperties]]
+"""Bodies by name, by ``robot`` or the name of the object."""
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What one key of a scenario says of one model.
+
+    Attributes:
+        key: The key: ``model`` or ``controller_model``.
+        bodies: Properties by the name of the body in the model.
+    """
+
+    key: str
+    bodies: Mapping[str, BodyProperties]
+
+
+@dataclass(frozen=True)
+class Change:
+    """A property that was given, read out of the compiled scene.
+
+    Attributes:
+        path: Keys of the scenario that lead to it.
+        before: The model's own value: of an inertia xx, yy, zz, xy, xz, yz.
+        after: What it is compiled to.
+    """
+
+    path: tuple[str, ...]
+    before: Value
+    after: Value
+
+    @property
+    def told(self) -> str:
+        """The change for a person."""
+        return f"{'.'.join(self.path)} is {shown(self.after)}; without it {shown(self.before)}"
+
+
+def property_value(model: Any, path: str | tuple[str, ...]) -> Value:
+    """What a key below ``model`` or ``controller_model`` is in a compiled scene, be it stated in its scenario or not.
+
+    Args:
+        model: Compiled MuJoCo model of a scene, :attr:`ffsm_mj.model.system.System.mj`.
+        path: The keys, or these with dots between: ``model.box.lid.mass_kg``.
+
+    Returns:
+        A number, or numbers; an inertia as xx, yy, zz, xy, xz, yz.
+
+    Raises:
+        LookupError: There is no such body, geom or property; the message lists those there are.
+    """
+    keys = tuple(path.split(".")) if isinstance(path, str) else path
+    if len(keys) < 4:
+        raise LookupError(f"{'.'.join(keys)!r} is no property: it is written model.<tree>.<body>.<property>")
+    _, tree, body, *rest = keys
+    b = _index(model, "body", tree, body)
+    if len(rest) == 1 and rest[0] in INERTIAL:
+        return inertial_value(Inertial.of(model, b), rest[0])
+    if len(rest) == 3 and (rest[0], rest[2]) == ("geoms", "size_m"):
+        return geom_size(model, _index(model, "geom", tree, rest[1]))
+    raise LookupError(unknown_name("property", ".".join(rest), (*INERTIAL, "geoms.<geom>.size_m")))
+
+
+def _index(model: Any, kind: str, tree: str, name: str) -> int:
+    count = {"body": model.nbody, "geom": model.ngeom}[kind]
+    names = [getattr(model, kind)(i).name for i in range(count)]
+    full = f"{tree}/{name}"
+    if full not in names:
+        raise LookupError(unknown_name(kind, full, [each for each in names if "/" in each]))
+    return names.index(full)
+
+
+def inertial_value(inertial: Inertial, key: str) -> Value:
+    """The value of one of the keys of numbers."""
+    if key == "mass_kg":
+        return inertial.mass_kg
+    return tuple((inertial.inertia_kg_m2 if key == "inertia_kg_m2" else inertial.centre_m).tolist())
+
+
+def geom_size(model: Any, geom: int) -> tuple[float, ...]:
+    """Size of a geom of a compiled model, as many numbers as its kind has; all three of other kinds."""
+    kind = kind_of_geom(model.geom_type[geom])
+    return tuple(np.asarray(model.geom_size[geom], dtype=np.float64)[: SIZES.get(kind, 3)].tolist())
+
+
+def kind_of_geom(code: int) -> str:
+    """Name of a kind of geoms by MuJoCo's number of it."""
+    return str(mujoco.mjtGeom(code).name.removeprefix("mjGEOM_").lower())
+
+
+def shown(value: Value) -> str:
+    """A value for a person."""
+    return f"{value:g}" if isinstance(value, float) else f"[{', '.join(f'{each:g}' for each in value)}]"
