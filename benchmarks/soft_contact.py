@@ -22,7 +22,8 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix, subtree_momenta
-from ffsm_mj.reproduction.markdown import fixed, small, table
+from ffsm_mj.present.markdown import table
+from ffsm_mj.reproduction.markdown import fixed, small
 from ffsm_mj.reproduction.measure import tip_state
 
 STEPS_S = (1e-3, 5e-4, 1e-4)

@@ -9,6 +9,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.impact import Contact, resolve, solve_paper_system
 from ffsm_mj.model.system import System
+from ffsm_mj.present.markdown import table
 from ffsm_mj.reproduction.appendix import (
     PRINTED_ENERGY,
     PRINTED_MOMENTUM,
@@ -17,7 +18,7 @@ from ffsm_mj.reproduction.appendix import (
     momentum_row,
     solve_printed,
 )
-from ffsm_mj.reproduction.markdown import decimals_for, filled, fixed, table
+from ffsm_mj.reproduction.markdown import decimals_for, filled, fixed
 from ffsm_mj.reproduction.measure import slope, tip_state
 from ffsm_mj.reproduction.threshold import threshold_impact
 

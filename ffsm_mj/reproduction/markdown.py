@@ -1,9 +1,9 @@
-"""Small pieces of Markdown: templates, tables and numbers."""
+"""Small pieces of Markdown: templates and numbers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from string import Template
 
@@ -18,12 +18,6 @@ def filled(name: str, parts: Mapping[str, str]) -> str:
 def template(name: str) -> str:
     """The text of a template."""
     return (_TEMPLATES / name).read_text(encoding="utf-8")
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table with the first column to the left."""
-    lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
 
 
 def fixed(value: float, decimals: int) -> str:

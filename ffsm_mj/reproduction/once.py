@@ -9,10 +9,11 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from string import Template
 
+from ffsm_mj.present.markdown import table
 from ffsm_mj.reproduction.cases import SCENARIOS, paper_case, run_cases
 from ffsm_mj.reproduction.inputs import stated_inputs
 from ffsm_mj.reproduction.judged import Judged
-from ffsm_mj.reproduction.markdown import table, template
+from ffsm_mj.reproduction.markdown import template
 from ffsm_mj.reproduction.measure import Measures
 from ffsm_mj.reproduction.page import INPUTS_HEAD, PAGE, judged_cells
 from ffsm_mj.reproduction.printed import PRINTED, Printed

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ffsm_mj.present.markdown import table
 from ffsm_mj.reproduction.cases import STEPS_S, VELOCITY, Case, Result, paper_case
 from ffsm_mj.reproduction.drift import Drift
 from ffsm_mj.reproduction.judged import Judged, Verdict, decided_cases
-from ffsm_mj.reproduction.markdown import filled, fixed, small, table
+from ffsm_mj.reproduction.markdown import filled, fixed, small
 from ffsm_mj.reproduction.printed import PAPER_FIGURES
 
 PAGE = "reproduction.md"

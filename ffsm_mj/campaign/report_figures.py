@@ -1,0 +1,146 @@
+"""Pictures of a campaign: metrics against parameters, convergence, and the runs that were made again over each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.campaign.convergence import SUCCESS, looks
+from ffsm_mj.campaign.results import Results, TableRow, is_good, numbers
+from ffsm_mj.present.plots.motion import draw_plane, view_box
+from ffsm_mj.present.plots.panels import envelope
+from ffsm_mj.present.plots.style import BLUE, VERMILLION, WIDTH_IN, publication, write
+from ffsm_mj.present.plots.subject import Subject
+from ffsm_mj.records.signals import identifier
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_COLUMNS = 4
+_MOST_POINTS = 5000
+"""More points than this are one dark patch, and a large file."""
+
+
+def save_figures(results: Results, replayed: Sequence[tuple[TableRow, Run]], folder: Path) -> list[tuple[str, str]]:
+    """Draw what there is to draw.
+
+    Args:
+        results: What the campaign came to.
+        replayed: Runs that were made again, each with its row.
+        folder: Where to write, there already.
+
+    Returns:
+        What each picture shows, and its file's name.
+    """
+    drawn = []
+    for metric in results.metrics:
+        if np.isfinite(numbers(results.rows, metric)).any():
+            name = f"metric-{identifier(metric)}"
+            drawn.append((f"{metric} against each parameter", name, _against_parameters(results, metric)))
+    watched = [what for what in ([SUCCESS] if results.judges else []) + [*results.metrics] if len(looks(results, what)) > 1]
+    if watched:
+        drawn.append(("intervals against the number of runs", "convergence", _convergence(results, watched)))
+    if replayed:
+        drawn.append(("runs made again, over each other", "trajectories", _trajectories(replayed)))
+    for _, name, figure in drawn:
+        write(figure, folder, name, ("png",))
+    return [(what, f"{name}.png") for what, name, _ in drawn]
+
+
+def _grid(count: int, height_in: float) -> tuple[Figure, list[Axes]]:
+    columns = min(count, _COLUMNS)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(WIDTH_IN, 0.4 + height_in * rows), layout="constrained")
+    panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for spare in panels[count:]:
+        spare.set_axis_off()
+    return figure, panels[:count]
+
+
+def _against_parameters(results: Results, metric: str) -> Figure:
+    rows = results.rows[:_MOST_POINTS]
+    good = np.array([is_good(row) for row in rows], dtype=np.bool_)
+    y = numbers(rows, metric)
+    with publication():
+        figure, panels = _grid(len(results.parameters), 1.6)
+        for axes, name in zip(panels, results.parameters, strict=True):
+            x, ticks = _axis(rows, name)
+            for side, colour, label, size in ((good, BLUE, "good", 3.0), (~good, VERMILLION, "not good", 6.0)):
+                axes.scatter(x[side], y[side], s=size, color=colour, alpha=0.6, linewidths=0.0, label=label)
+            axes.set_xlabel(_in_two_lines(name), fontsize=7.0)
+            axes.tick_params(labelsize=6.5)
+            if ticks:
+                axes.set_xticks(range(len(ticks)), labels=ticks)
+        for axes in panels[::_COLUMNS]:
+            axes.set_ylabel(metric, fontsize=7.5)
+        if (~good).any():
+            handles, labels = panels[0].get_legend_handles_labels()
+            figure.legend(handles, labels, loc="outside upper center", ncols=2)
+    return figure
+
+
+def _axis(rows: Sequence[TableRow], name: str) -> tuple[Any, list[str]]:
+    """Values of a parameter as numbers; of texts their places, and the texts."""
+    values = numbers(rows, name)
+    if np.isfinite(values).all():
+        return values, []
+    texts = sorted({str(row[name]) for row in rows})
+    return np.array([float(texts.index(str(row[name]))) for row in rows]), texts
+
+
+def _in_two_lines(name: str) -> str:
+    if len(name) <= 24:
+        return name
+    middle = min((i for i, c in enumerate(name) if c == "."), key=lambda i: abs(i - len(name) // 2), default=len(name) // 2)
+    return f"{name[: middle + 1]}\n{name[middle + 1 :]}"
+
+
+def _convergence(results: Results, watched: Sequence[str]) -> Figure:
+    with publication():
+        figure, panels = _grid(len(watched), 1.5)
+        for axes, what in zip(panels, watched, strict=True):
+            found = looks(results, what)
+            runs = [each.runs for each in found]
+            low = [np.nan if each.low is None else each.low for each in found]
+            high = [np.nan if each.high is None else each.high for each in found]
+            axes.fill_between(runs, low, high, color=BLUE, alpha=0.2, linewidth=0.0)
+            axes.plot(runs, [each.value for each in found], "o-", color=BLUE, markersize=3.0)
+            axes.set_xscale("log", base=2)
+            axes.set_xlabel("runs", fontsize=7.0)
+            axes.set_title("share of successes" if what == SUCCESS else f"median of {what}", fontsize=7.0)
+            axes.tick_params(labelsize=6.5)
+    return figure
+
+
+def _trajectories(replayed: Sequence[tuple[TableRow, Run]]) -> Figure:
+    """Paths of the tip, or of the bases, in the plane of the first run's motion; and the tip's error."""
+    subjects = [(row, Subject(run)) for row, run in replayed]
+    plane = subjects[0][1].planes[0]
+    tipped = [(row, run) for row, run in replayed if run.summary()["tip"] is not None]
+    with publication():
+        figure = Figure(figsize=(WIDTH_IN, 5.6 if tipped else 3.6), layout="constrained")
+        grid = figure.subplots(2 if tipped else 1, 1, squeeze=False, height_ratios=(2, 1) if tipped else (1,))[:, 0]
+        boxes = np.array([view_box(subject, plane, [0, len(subject.run.time) - 1]) for _, subject in subjects])
+        box = boxes[:, 0].min(), boxes[:, 1].max(), boxes[:, 2].min(), boxes[:, 3].max()
+        draw_plane(grid[0], subjects[0][1], plane, box)
+        for row, subject in subjects:
+            for path in [subject.tip] if subject.tip is not None else subject.roots.values():
+                grid[0].plot(*path[:, plane.axes].T, **_line(row))
+        for row, run in tipped:
+            grid[1].plot(*envelope(run.time, run.tip_error()), **_line(row))
+        if tipped:
+            grid[1].set_xlabel("time, s")
+            grid[1].set_ylabel("tip error, m")
+        what = "tip" if subjects[0][1].tip is not None else "bases"
+        grid[0].set_title(f"{len(replayed)} runs: paths of the {what}; not good ones dashed")
+    return figure
+
+
+def _line(row: TableRow) -> dict[str, Any]:
+    good = is_good(row)
+    return {"color": BLUE if good else VERMILLION, "linestyle": "-" if good else "--", "linewidth": 0.8, "alpha": 0.7}

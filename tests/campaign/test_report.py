@@ -1,0 +1,120 @@
+"""The page, its tables and its pictures from tables of known content."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from ffsm_mj.campaign.report_figures import save_figures
+from ffsm_mj.campaign.report_page import report_page
+from tests.campaign.made_up import results, row
+
+
+def page(found, **options):
+    return report_page(found, **{"description": "", "success": None, "figures": (), **options})
+
+
+def cells(text, name):
+    """Cells of the first row of a page that begins with a name."""
+    line = next(line for line in text.splitlines() if line.startswith(f"| {name} |"))
+    return [cell.strip() for cell in line.strip("|").split("|")][1:]
+
+
+@pytest.fixture
+def many():
+    rng = np.random.default_rng(3)
+    rows = []
+    for i, (x, noise) in enumerate(rng.random((128, 2))):
+        bad = x > 0.9
+        rows.append(
+            row(
+                i,
+                outcome="diverged" if bad else "completed",
+                success=not bad and noise < 0.8,
+                x=float(x),
+                x_noise=float(noise),
+                y=None if bad else float(x * x),
+                y_flat=7.769248852,
+                y_some=float(i) if i < 40 else None,
+            )
+        )
+    return rows
+
+
+def test_shares_with_their_intervals(many):
+    text = page(results(many), success="y < 1")
+    failed = sum(each["failed"] for each in many)
+    assert cells(text, "outcome `diverged`")[0] == f"{failed} of 128"
+    successes = sum(each["success"] for each in many)
+    assert cells(text, "success")[0] == f"{successes} of 128"
+    assert "A run is a success where `y < 1`." in text
+    assert "nominal" not in text
+
+
+def test_no_failure_has_an_upper_end():
+    text = page(results([row(i, x=float(i), y=float(i)) for i in range(64)]))
+    assert cells(text, "failed (did not come to the end, or violates a law)") == ["0 of 64", "0 %", "0 % to 5.66 %"]
+
+
+@pytest.mark.parametrize(("kind", "points"), [("sobol", "Sobol points"), ("lhs", "points of a Latin hypercube")])
+def test_intervals_of_dependent_points_are_called_nominal(many, kind, points):
+    assert f"They are nominal: {points} are not independent draws." in page(results(many, kind=kind))
+
+
+def test_metrics_say_where_there_is_no_bound_and_what_is_constant(many):
+    text = page(results(many))
+    assert cells(text, "`y_flat`")[:3] == [str(sum(not each["failed"] for each in many)), "7.769", "constant"]
+    some = cells(text, "`y_some`")
+    assert "no upper bound under 72 runs" in some[4]
+    assert "no lower bound under 72 runs" in some[2]
+    assert re.fullmatch(r"[\d.]+ \([\d.]+ to [\d.]+\)", some[3])
+
+
+def test_sensitivity_of_what_is_constant(many):
+    text = page(results(many)).partition("## Sensitivity")[2]
+    assert cells(text, "`y`")[0] == "1.00"
+    assert cells(text, "`y_flat`") == ["constant", "constant"]
+
+
+def test_a_saltelli_design_with_a_failure_has_no_indices(many):
+    found = results(many[:96], kind="saltelli", n=24)
+    assert "indices need every run" in page(found).partition("Sobol's indices")[2]
+    assert "Shares and quantiles are of the first 48 runs" in page(found)
+
+
+def test_failures_are_grouped_and_set_apart(many):
+    text = page(results(many)).partition("## Failures")[2]
+    assert cells(text, "diverged")[0] == "coast"
+    assert float(cells(text, "`x`")[1]) < 1e-6
+
+
+def test_text_in_a_table_cannot_break_it():
+    rows = [row(i, outcome="error", x=1.0 * i) | {"message": "ValueError: a | b"} for i in range(8)]
+    assert r"ValueError: a \| b" in page(results(rows))
+
+
+def test_a_campaign_without_rows_has_a_page():
+    assert page(results([], runs=64)) == "# made-up\n\n0 of 64 runs: there is nothing to tell yet.\n"
+
+
+def test_an_unfinished_campaign_says_so(many):
+    assert "100 of 128 runs, samples of kind `random`, 2 parameters." in page(results(many[:100], runs=128))
+
+
+def test_pictures(many, tmp_path):
+    texts = [each | {"x_law": "newton" if each["run"] % 2 else "blend"} for each in many]
+    made = save_figures(results(texts), [], tmp_path)
+    assert [name for _, name in made] == ["metric-y.png", "metric-y_flat.png", "metric-y_some.png", "convergence.png"]
+    before = {name: (tmp_path / name).read_bytes() for _, name in made}
+    save_figures(results(texts), [], tmp_path)
+    assert {name: (tmp_path / name).read_bytes() for _, name in made} == before
+
+
+def test_runs_over_each_other(baseline, tmp_path):
+    """The tip's way from the log, drawn where the axes say: both ends of it have ink."""
+    replayed = [(row(3, success=True), baseline), (row(5, success=False), baseline)]
+    made = save_figures(results([row(i, x=1.0 * i) for i in range(4)]), replayed, tmp_path)
+    assert made == [("runs made again, over each other", "trajectories.png")]
+    assert (tmp_path / "trajectories.png").stat().st_size > 20_000
