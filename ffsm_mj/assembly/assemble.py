@@ -15,6 +15,7 @@ from ffsm_mj.assembly.belief import Belief, BelievingMachine
 from ffsm_mj.assembly.column_faults import refuse_same_names, refuse_telemetry
 from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
+from ffsm_mj.assembly.models import changes_of
 from ffsm_mj.assembly.regimes import declared_regimes, impacts_of
 from ffsm_mj.assembly.run_size import too_large
 from ffsm_mj.contact.course import Course
@@ -81,9 +82,7 @@ class Assembly:
     @property
     def changes(self) -> tuple[Change, ...]:
         """Properties of bodies and geoms that the scenario gives, then those that its control laws believe in."""
-        known = {change.path for change in self.system.changes}
-        believed = self.believed.changes if self.believed is not None else ()
-        return (*self.system.changes, *(change for change in believed if change.path not in known))
+        return changes_of(self.system, self.believed)
 
 
 def assemble(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.files import ModelFiles, read_model
-from ffsm_mj.model.properties import Overrides
+from ffsm_mj.model.properties import Change, Overrides
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.scenario.scenario import Scenario, located
@@ -34,6 +34,13 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> tuple[System, Sy
     except ScenarioFaults as faulty:
         raise located(faulty, source) from faulty
     return system, believed
+
+
+def changes_of(system: System, believed: System | None) -> tuple[Change, ...]:
+    """Properties that a scenario gives, as compiled: those of the scene, then those that are believed."""
+    known = {change.path for change in system.changes}
+    others = believed.changes if believed is not None else ()
+    return (*system.changes, *(change for change in others if change.path not in known))
 
 
 def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str) -> System:

@@ -11,10 +11,11 @@ from typing import Any
 
 from ffsm_mj.assembly.assemble import Assembly, assemble, refused_rest, unwatched_overlaps
 from ffsm_mj.assembly.damping import unstable_damping
-from ffsm_mj.assembly.models import compile_scenario
+from ffsm_mj.assembly.models import changes_of, compile_scenario
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.model.properties import Change
 from ffsm_mj.model.system import System
 from ffsm_mj.present.run import Run
 from ffsm_mj.scenario.loading import load_scenario
@@ -124,6 +125,11 @@ class Prepared:
     laws: Mapping[str, Any]
     believed: System | None = None
 
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """Properties of bodies and geoms that the scenario gives, as compiled, then those that its laws believe in."""
+        return changes_of(self.system, self.believed)
+
     def assemble(self) -> Assembly:
         """Parts of one run at t = 0, made anew.
 
@@ -162,7 +168,7 @@ class Prepared:
         lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
             "conservative: nothing in the models breaks it"
         ]
-        lines += [f"note: {change.told}" for change in assembly.changes]
+        lines += [f"note: {change.told}" for change in self.changes]
         lines += [f"note: {note}" for note in system.notes]
         lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
         lines += [f"note: {told}" for told in (*unstable_damping(assembly), *refused_rest(assembly))]

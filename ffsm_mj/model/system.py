@@ -22,12 +22,9 @@ from ffsm_mj.model.conservative import model_faults, spec_faults
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.fixed import Fixed, fixed_model, moving_parts, place
 from ffsm_mj.model.mujoco_warnings import collected_warnings, told
-from ffsm_mj.model.overrides import Overridden, override
+from ffsm_mj.model.part import Part, part
 from ffsm_mj.model.properties import Change
 from ffsm_mj.model.scene import compile_scene, empty_scene, take_options
-from ffsm_mj.model.sites import add_sites
-from ffsm_mj.model.source import load_spec, refuse_dangling
-from ffsm_mj.model.strip import strip
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
 
@@ -169,8 +166,8 @@ def compile_system(
 ) -> System:
     """Compose robot and objects into one model and freeze its index maps; nothing is read from disk.
 
-    All that runs, is analysed or drawn is made here, each model in this order: what is stripped goes, properties are
-    changed, sites are added, then it is attached, fixed where it is to be.
+    All that runs, is analysed or drawn is made here: each model by :func:`ffsm_mj.model.part.part`, then attached, and
+    fixed where it is to be. What was changed is read out of the compiled scene.
 
     Args:
         robot: MJCF or URDF of the robot: one tree whose root is the base.
@@ -186,25 +183,20 @@ def compile_system(
     scene = empty_scene(time_step_s)
     faults: list[str] = []
     warned: dict[str, list[str]] = {name: [] for name in ("", *files)}  # by model, first those of the scene
-    stripped: list[str] = []
-    overridden: list[Overridden] = []
+    parts: list[Part] = []
     # The compiler tells Python of its warnings too, whose filters are the whole process's.
     with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
         for name, model_files in files.items():
             with collected_warnings(warned[name]):
-                spec = load_spec(model_files, vfs)
-                stripped += [f"taken out of {name}: {what}" for what in strip(spec, model_files.strip)]
-                refuse_dangling(model_files, vfs)
-                if model_files.overrides:
-                    overridden.append(override(spec, name, model_files, vfs))
-                add_sites(spec, model_files.sites)
+                parts.append(part(name, model_files, vfs))
+                spec = parts[-1].spec
                 faults += spec_faults(spec, model_files)
                 take_options(scene, spec, conservative=conservative)
                 scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
         if moving := list(moving_parts(scene, files)):
             raise InputError(moving)
         model = compile_scene(scene, files, vfs)
-    changes = tuple(change for each in overridden for change in each.read_back(model))
+    changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
     faults += model_faults(model, scene, files)
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
@@ -216,7 +208,11 @@ def compile_system(
         fixed=tuple(fixed_model(model, name) for name, each in files.items() if each.pose is not None),
         files=files,
         faults=tuple(faults),
-        notes=(*stripped, *(_notes(model) if conservative else ()), *told(warned, files)),
+        notes=(
+            *(what for each in parts for what in each.stripped),
+            *(_notes(model) if conservative else ()),
+            *told(warned, files),
+        ),
         joints={joint.name: joint for tree in trees for joint in tree.joints},
         changes=changes,
     )

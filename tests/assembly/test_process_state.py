@@ -133,7 +133,7 @@ def test_the_last_run_out_gives_blas_its_threads_back():
 
 def test_two_models_compiled_at_once_leave_the_filters_of_warnings_alone(tmp_path, monkeypatch):
     """The second begins while the first compiles, and would end after it: it puts back what it found, the first's filter."""
-    load_spec, second_in, first_done = model_system.load_spec, Event(), Event()
+    part, second_in, first_done = model_system.part, Event(), Event()
     path = two_balls(tmp_path, duration_s=0.01)
     before = list(warnings.filters)
     second = Thread(target=ffsm_mj.prepare, args=(path,))
@@ -145,9 +145,9 @@ def test_two_models_compiled_at_once_leave_the_filters_of_warnings_alone(tmp_pat
         elif second.ident is None:
             second.start()
             second_in.wait(0.5)  # in vain where one waits for the other
-        return load_spec(*arguments)
+        return part(*arguments)
 
-    monkeypatch.setattr(model_system, "load_spec", meeting)
+    monkeypatch.setattr(model_system, "part", meeting)
     ffsm_mj.prepare(path)
     first_done.set()
     second.join()

@@ -130,7 +130,7 @@ def test_a_belief_starts_from_the_true_model(tmp_path):
     assert prepared.system.mj.body_mass[base] == 5.0
     assert prepared.believed.mj.body_mass[base] == 10.0
     assert prepared.believed.mj.body_inertia[base].tolist() == [0.8, 1.0, 1.2]
-    assert [change.path[0] for change in prepared.assemble().changes] == ["model", "controller_model"]
+    assert [change.path[0] for change in prepared.changes] == ["model", "controller_model"]
 
 
 def test_log_analysis_and_rerun_have_it_too(tmp_path, capfd):

@@ -84,6 +84,15 @@ def test_a_weld_moves_another_model_from_its_touch_to_its_release(tmp_path, monk
     assert np.all(np.diff(held.astype(int))[seen.time[:-1] > grip.time_s + 2e-3] <= 0)
 
 
+def test_what_is_held_weighs_what_the_scenario_says(tmp_path):
+    """A regime that compiles the scene anew begins with the same parts: by the files' masses momentum would jump."""
+    path = scenes.capture(tmp_path)
+    tree, body = "target", "target"
+    seen = ffsm_mj.run(path, {f"model.{tree}.{body}.mass_kg": 4.0, "duration_s": 1.0})
+    assert len(seen.records["welds"]) > 0
+    assert all(law.holds for law in seen.laws()), [law for law in seen.laws() if not law.holds]
+
+
 def test_an_impact_on_what_is_held_is_one_on_robot_and_object(tmp_path):
     """A third body hits the object in the hand: resolved on what moves, momenta and (e = 1) energy of the whole are kept.
 

@@ -18,7 +18,7 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Effect, Regime
 from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix, momentum_matrix
 from ffsm_mj.model.fixed import place
-from ffsm_mj.model.source import load_spec
+from ffsm_mj.model.part import part
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
@@ -227,7 +227,7 @@ def _held_model(scene, pair, tree):
     root = data.body(tree.root)
     whole = mujoco.MjSpec()
     with mujoco.MjVfs() as vfs:
-        specs = {name: load_spec(files, vfs) for name, files in system.files.items()}
+        specs = {name: part(name, files, vfs).spec for name, files in system.files.items()}
         for spec in (whole, *specs.values()):
             for option in ("gravity", "integrator", "timestep", "disableflags"):
                 setattr(spec.option, option, getattr(system.mj.opt, option))

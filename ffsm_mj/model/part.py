@@ -1,0 +1,47 @@
+"""One model of a scenario as a specification, as every scene is made of it: stripped, changed, given sites."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.overrides import Overridden, override
+from ffsm_mj.model.sites import add_sites
+from ffsm_mj.model.source import load_spec, refuse_dangling
+from ffsm_mj.model.strip import strip
+
+
+@dataclass(frozen=True)
+class Part:
+    """A model to be attached.
+
+    Attributes:
+        spec: Its specification; all its elements have names.
+        stripped: What was taken out, for people.
+        overridden: What was changed, to be read back out of the compiled scene; None where nothing was.
+    """
+
+    spec: Any
+    stripped: list[str]
+    overridden: Overridden | None
+
+
+def part(name: str, files: ModelFiles, vfs: Any) -> Part:
+    """Make one model ready, in this order: what is stripped goes, properties are changed, sites are added.
+
+    Args:
+        name: What it is called in the scene.
+        files: Its files and what is to be done to them.
+        vfs: MuJoCo's virtual files; the model's are added. They are needed until the scene is compiled.
+
+    Raises:
+        InputError: MuJoCo does not take the model.
+        ScenarioFaults: A site cannot be put where it is wanted, or a property is none that the model can have.
+    """
+    spec = load_spec(files, vfs)
+    stripped = [f"taken out of {name}: {what}" for what in strip(spec, files.strip)]
+    refuse_dangling(files, vfs)
+    overridden = override(spec, name, files, vfs) if files.overrides else None
+    add_sites(spec, files.sites)
+    return Part(spec, stripped, overridden)
