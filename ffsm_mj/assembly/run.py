@@ -24,7 +24,6 @@ from ffsm_mj.log.memory_sink import MemorySink
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.sink import Sink
-from ffsm_mj.model.files import logged_name
 from ffsm_mj.present.run import Run
 from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.facts import conservative_facts, free_facts, model_facts, task_facts
@@ -67,8 +66,9 @@ def simulate(
     clock = source_date()  # one that is malformed is refused before there is a folder
     kept = len(layout.signals) if columns is None or folder is not None else 1 + len(columns)
     refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
-    files = {logged_name(model, n): data for model, each in system.files.items() for n, data in each.files.items()}
-    header = RunHeader(config.name, assembly.scenario_yaml, layout, files, _facts(assembly), record_kinds(config))
+    header = RunHeader(
+        config.name, assembly.scenario_yaml, layout, system.logged_files, _facts(assembly), record_kinds(config)
+    )
     memory, digested = MemorySink(keep_rows=folder is None, columns=columns if folder is None else None), DigestSink()
     sinks: list[Sink] = [memory, digested, *watchers]
     if folder is not None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ffsm_mj.campaign.engines import Engine
+from ffsm_mj.campaign.outcomes import CRASHED, TIMEOUT
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.campaign.worker import Job, make_rows, probe
 from ffsm_mj.errors import FfsmError, InputError, described
@@ -212,4 +213,4 @@ class Driver:
             return []
         message = f"took more than {self._job.timeout_s:g} s and did not stop" if late else described(error)
         queue.made += 1
-        return [Row(index, "timeout" if late else "crashed", message, wall_s=round(spent, 6))]
+        return [Row(index, TIMEOUT if late else CRASHED, message, wall_s=round(spent, 6))]

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from multiprocessing.context import SpawnContext, SpawnProcess
 from types import ModuleType
 from typing import Any, TypeVar
@@ -71,6 +72,12 @@ def pool(workers: int | None = None) -> Engine:
 def usable_processors() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def importable(law: Any) -> bool:
+    """Whether a process that knows nothing of this script can have a class of it."""
+    module = getattr(law, "__module__", "__main__")
+    return module != "__main__" and "<locals>" not in law.__qualname__ and find_spec(module) is not None
 
 
 def executor(workers: int | None = None) -> Any:

@@ -76,7 +76,7 @@ def evaluated(run: Run, effort: Effort, names: Sequence[str]) -> dict[str, Scala
             found[name] = _scalar(name, plugins[name](run))
         else:
             found[name] = _scalar(name, _at(summary, name))
-    return told | found
+    return told | {"impacts.count": len(summary["impacts"])} | found
 
 
 def _at(summary: Any, name: str) -> Any:

@@ -13,11 +13,11 @@ from typing import Any
 from ffsm_mj.errors import InputError, LogWriteError
 
 _TABLES = """
-CREATE TABLE IF NOT EXISTS settings (hash TEXT PRIMARY KEY, content TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS design (i INTEGER PRIMARY KEY, parameters TEXT NOT NULL, overrides TEXT NOT NULL);
-CREATE TABLE IF NOT EXISTS rows (
+CREATE TABLE settings (hash TEXT PRIMARY KEY, content TEXT NOT NULL);
+CREATE TABLE rows (
     hash TEXT NOT NULL, i INTEGER NOT NULL, outcome TEXT NOT NULL, message TEXT NOT NULL, phase TEXT NOT NULL,
-    metrics TEXT NOT NULL, model TEXT NOT NULL, cpu TEXT NOT NULL, wall_s REAL NOT NULL, cpu_s REAL NOT NULL,
+    failed INTEGER NOT NULL, metrics TEXT NOT NULL, model TEXT NOT NULL, cpu TEXT NOT NULL,
+    wall_s REAL NOT NULL, cpu_s REAL NOT NULL,
     PRIMARY KEY (hash, i)
 ) WITHOUT ROWID;
 """
@@ -103,36 +103,19 @@ class Store:
         except sqlite3.OperationalError as error:
             raise LogWriteError(self.path, OSError(0, str(error))) from error
 
-    def begin(self, digest: str, settings: str, design: Iterable[tuple[int, Mapping[str, Any], Mapping[str, Any]]]) -> None:
-        """Write settings and design, all or nothing.
-
-        Args:
-            digest: Hash of the settings.
-            settings: Their content.
-            design: (number of the run, drawn values by parameter, overrides by key); those that are there stay.
+    def begin(self, digest: str, settings: str) -> None:
+        """Write the settings: their hash, and what they are.
 
         Raises:
             LogWriteError: The disk is full.
         """
-        rows = [(i, json.dumps(parameters), json.dumps(overrides)) for i, parameters, overrides in design]
         with self._writing(), self._db:
             self._db.execute("INSERT OR IGNORE INTO settings VALUES (?, ?)", (digest, settings))
-            self._db.executemany("INSERT OR IGNORE INTO design VALUES (?, ?, ?)", rows)
 
     def settings(self) -> tuple[str, str] | None:
         """Hash and content of the settings; None before :meth:`begin`."""
         found = self._db.execute("SELECT hash, content FROM settings").fetchone()
         return (str(found[0]), str(found[1])) if found else None
-
-    def design(self, indices: Sequence[int] | None = None) -> list[tuple[int, dict[str, Any], dict[str, Any]]]:
-        """The design, or some of its rows: number, drawn values by parameter, overrides by key."""
-        found = self._db.execute("SELECT i, parameters, overrides FROM design ORDER BY i")
-        wanted = None if indices is None else set(indices)
-        return [(i, json.loads(p), json.loads(o)) for i, p, o in found if wanted is None or i in wanted]
-
-    def size(self) -> int:
-        """Number of runs in the design."""
-        return int(self._db.execute("SELECT count(*) FROM design").fetchone()[0])
 
     def add(self, digest: str, rows: Iterable[Row]) -> None:
         """Add rows; one that is there stays.
@@ -142,7 +125,7 @@ class Store:
         """
         with self._writing(), self._db:
             self._db.executemany(
-                "INSERT OR IGNORE INTO rows VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [_told(digest, row) for row in rows]
+                "INSERT OR IGNORE INTO rows VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [_told(digest, row) for row in rows]
             )
 
     def drop(self, digest: str, outcomes: Sequence[str]) -> int:
@@ -152,21 +135,41 @@ class Store:
             done = self._db.execute(f"DELETE FROM rows WHERE hash = ? AND outcome IN ({marks})", (digest, *outcomes))
         return done.rowcount
 
-    def left(self, digest: str) -> list[int]:
-        """Numbers of the runs that have no row."""
+    def done(self, digest: str) -> set[int]:
+        """Numbers of the runs that have a row."""
+        return {int(i) for (i,) in self._db.execute("SELECT i FROM rows WHERE hash = ?", (digest,))}
+
+    def failed(self, digest: str, first: int) -> int:
+        """How many of the first runs of the design failed."""
+        found = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (digest, first))
+        return int(found.fetchone()[0])
+
+    def outcomes(self, digest: str) -> dict[str, int]:
+        """How many rows by outcome, the most frequent first."""
         found = self._db.execute(
-            "SELECT i FROM design WHERE i NOT IN (SELECT i FROM rows WHERE hash = ?) ORDER BY i", (digest,)
+            "SELECT outcome, count(*) n FROM rows WHERE hash = ? GROUP BY outcome ORDER BY n DESC, outcome", (digest,)
         )
-        return [int(i) for (i,) in found]
+        return {str(outcome): int(count) for outcome, count in found}
+
+    def failures(self, digest: str, most: int) -> list[Row]:
+        """The first failed runs."""
+        return self._rows("hash = ? AND failed ORDER BY i LIMIT ?", digest, most)
 
     def rows(self, digest: str) -> list[Row]:
         """All rows in order of their numbers."""
-        found = self._db.execute(
-            "SELECT i, outcome, message, phase, metrics, model, cpu, wall_s, cpu_s FROM rows WHERE hash = ? ORDER BY i",
-            (digest,),
-        )
+        return self._rows("hash = ? ORDER BY i", digest)
+
+    def row(self, digest: str, index: int) -> Row | None:
+        """Row of a run; None where it has none."""
+        return next(iter(self._rows("hash = ? AND i = ?", digest, index)), None)
+
+    def _rows(self, which: str, *values: Any) -> list[Row]:
+        columns = "i, outcome, message, phase, metrics, model, cpu, wall_s, cpu_s"
         return [
-            Row(i, o, m, p, json.loads(metrics), json.loads(model), *rest) for i, o, m, p, metrics, model, *rest in found
+            Row(i, outcome, message, phase, json.loads(metrics), json.loads(model), *rest)
+            for i, outcome, message, phase, metrics, model, *rest in self._db.execute(
+                f"SELECT {columns} FROM rows WHERE {which}", values
+            )
         ]
 
     def close(self) -> None:
@@ -175,5 +178,5 @@ class Store:
 
 
 def _told(digest: str, row: Row) -> tuple[Any, ...]:
-    texts = row.outcome, row.message, row.phase, json.dumps(row.metrics), json.dumps(row.model), row.cpu
-    return (digest, row.index, *texts, row.wall_s, row.cpu_s)
+    told = row.outcome, row.message, row.phase, int(row.failed)
+    return (digest, row.index, *told, json.dumps(row.metrics), json.dumps(row.model), row.cpu, row.wall_s, row.cpu_s)

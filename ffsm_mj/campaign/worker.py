@@ -16,6 +16,7 @@ from ffsm_mj.assembly.prepare import Prepared, as_overrides, recipe
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.effort import Effort
 from ffsm_mj.campaign.metrics import columns_of, evaluated
+from ffsm_mj.campaign.outcomes import ERROR, TIMEOUT
 from ffsm_mj.campaign.settings import row_versions
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.errors import FfsmError, InputError, described, raised_at
@@ -104,11 +105,11 @@ def make_row(job: Job, index: int, overrides: Mapping[str, Any]) -> Row:
     try:
         told = _run(job, overrides, begun)
     except _TimeIsUpError:
-        told = {"outcome": "timeout", "message": f"took more than {job.timeout_s:g} s"}
+        told = {"outcome": TIMEOUT, "message": f"took more than {job.timeout_s:g} s"}
     except InputError as error:
-        told = {"outcome": "error", "message": f"InputError: {'; '.join(error.lines)}"}
+        told = {"outcome": ERROR, "message": f"InputError: {'; '.join(error.lines)}"}
     except Exception as error:  # noqa: BLE001 (a law or a metric of somebody's may fail in any way)
-        told = {"outcome": "error", "message": described(error) + raised_at(error)}
+        told = {"outcome": ERROR, "message": described(error) + raised_at(error)}
     wall, cpu = time.perf_counter() - begun, time.process_time() - used
     return Row(index, cpu=processor(), wall_s=round(wall, 6), cpu_s=round(cpu, 6), **told)
 

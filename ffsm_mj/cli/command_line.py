@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from ipaddress import ip_address
 from typing import Any, NoReturn
 
+from ffsm_mj.cli.campaign_words import describe_campaign
 from ffsm_mj.cli.exit_codes import EXIT_CODES
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.present.frame_rate import MOST_FRAMES_PER_SECOND
@@ -17,6 +18,7 @@ COMMANDS = {
     "analyze": "verify conservation from the logs of runs alone",
     "export": "write a run's tables or an animation of its motion for other tools",
     "view": "open a run in the Rerun viewer",
+    "campaign": "run a scenario many times with dispersed values, and report what came of it",
     "reproduce": "run the paper's case study and write every printed number beside ours",
     "schema": "print the JSON Schema of scenario files, or of campaign files",
     "new": "write a scenario, and a model around a robot's file, to start from",
@@ -88,6 +90,7 @@ def parser() -> argparse.ArgumentParser:
     _describe_export(parsers["export"])
     _describe_view(parsers["view"])
     _describe_new(parsers["new"])
+    describe_campaign(parsers["campaign"], _add_overrides)
     law = parsers["new-law"]
     law.add_argument("name", help="its kind, and the name of its folder and module: lower-case letters, digits, underscores")
     law.add_argument("--out", metavar="DIR", default=".", help="folder to make it in (default: here)")

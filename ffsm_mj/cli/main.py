@@ -173,6 +173,13 @@ def _showing(output: Output) -> Iterator[tuple[Callable[[str], None], Progress]]
         yield say, shown
 
 
+def _campaign(options: argparse.Namespace, output: Output) -> int:
+    from ffsm_mj.cli.campaign import campaign
+
+    with _showing(output) as (say, shown):
+        return campaign(options, say, shown.stage)
+
+
 def _view(options: argparse.Namespace, _: Output) -> int:
     import tempfile
 
@@ -295,6 +302,7 @@ _COMMANDS: dict[str | None, Callable[[argparse.Namespace, Output], int]] = {
     "analyze": _analyze,
     "export": _export,
     "view": _view,
+    "campaign": _campaign,
     "reproduce": _reproduce,
     "schema": _schema,
     "new": _new,

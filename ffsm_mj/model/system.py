@@ -19,7 +19,7 @@ import mujoco
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model.conservative import model_faults, spec_faults
-from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.files import ModelFiles, logged_name
 from ffsm_mj.model.fixed import Fixed, fixed_model, moving_parts, place
 from ffsm_mj.model.mujoco_warnings import collected_warnings, told
 from ffsm_mj.model.part import Part, part
@@ -103,6 +103,11 @@ class System:
     def models(self) -> tuple[Tree | Fixed, ...]:
         """What moves, then what is fixed."""
         return (*self.trees, *self.fixed)
+
+    @property
+    def logged_files(self) -> dict[str, bytes]:
+        """Content of all model files, by the names that logs and run folders give them."""
+        return {logged_name(tree, name): data for tree, each in self.files.items() for name, data in each.files.items()}
 
     @cached_property
     def fixed_bodies(self) -> frozenset[int]:

@@ -1,0 +1,304 @@
+"""A campaign in a folder: begun, gone on with, extended, looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from ffsm_mj.campaign import engines
+from ffsm_mj.campaign.config import CampaignFile
+from ffsm_mj.campaign.design import Design
+from ffsm_mj.campaign.driver import Driver
+from ffsm_mj.campaign.engines import Engine
+from ffsm_mj.campaign.folder import CAMPAIGN, CampaignFolder
+from ffsm_mj.campaign.loading import Plan, load_campaign
+from ffsm_mj.campaign.outcomes import RETRIED
+from ffsm_mj.campaign.replay import Replay, replay
+from ffsm_mj.campaign.settings import differences, row_versions, settings_hash, settings_of
+from ffsm_mj.campaign.store import Row, Store
+from ffsm_mj.campaign.table import TableRow, as_arrow, table_rows
+from ffsm_mj.campaign.worker import Job
+from ffsm_mj.errors import InputError
+
+_FIRST = 50
+"""So many runs tell whether the campaign is worth going on with."""
+_SHOWN = 3
+"""So many failures are told of."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """How far a campaign is.
+
+    Attributes:
+        name: Of the campaign.
+        runs: How many the design has.
+        done: How many have a row.
+        failed: How many of those failed: did not come to their end, or violate a law.
+        outcomes: How many by outcome.
+        messages: The first failed runs, a line each.
+        stopped: Why it stopped before its end; empty where it did not.
+    """
+
+    name: str
+    runs: int
+    done: int
+    failed: int
+    outcomes: Mapping[str, int]
+    messages: tuple[str, ...]
+    stopped: str = ""
+
+    @property
+    def left(self) -> int:
+        """How many are to be made."""
+        return self.runs - self.done
+
+
+class Campaign:
+    """Many runs of one scenario and their table. The folder is all there is: every method reads what it holds now.
+
+    Attributes:
+        config: The campaign file.
+        design: What is drawn for every run.
+        folder: Where it is kept.
+    """
+
+    def __init__(self, plan: Plan, design: Design, folder: CampaignFolder, controllers: Mapping[str, Any]) -> None:
+        """Use :meth:`load` or :meth:`open`."""
+        self.config: CampaignFile = plan.config
+        self.design, self.folder = design, folder
+        self._plan, self._laws = plan, dict(controllers)
+        self._settings = _settings(plan, self._laws)
+        self._hash = settings_hash(self._settings)
+
+    @classmethod
+    def load(
+        cls,
+        campaign: str | Path,
+        out: str | Path,
+        *,
+        overrides: Sequence[str] = (),
+        controllers: Mapping[str, Any] = MappingProxyType({}),
+    ) -> Campaign:
+        """Begin a campaign, or take up the one that the folder holds where it is the same.
+
+        Args:
+            campaign: A campaign file, or the name of a shipped one.
+            out: Its folder.
+            overrides: ``key=value`` each, of keys of the campaign file.
+            controllers: Control laws of the caller's own, classes by kind.
+
+        Raises:
+            InputError: The file is wrong, or the folder holds a campaign with other settings.
+            LogWriteError: The folder cannot be written (full disk).
+        """
+        return cls.begin(load_campaign(campaign, overrides, controllers), Path(out), controllers)
+
+    @classmethod
+    def begin(cls, plan: Plan, out: Path, controllers: Mapping[str, Any] = MappingProxyType({})) -> Campaign:
+        """The same for a plan."""
+        folder = CampaignFolder(out)
+        with folder.driven():
+            if not folder.begun:
+                design = plan.design()
+                base = plan.base
+                files = base.system.logged_files
+                folder.write(plan.config.model_dump(mode="json", exclude_none=True), base.scenario_yaml, files, design)
+            found = cls.open(out, controllers)
+            found._take_up(plan, controllers)
+        return found
+
+    @classmethod
+    def open(cls, out: str | Path, controllers: Mapping[str, Any] = MappingProxyType({})) -> Campaign:
+        """The campaign that a folder holds.
+
+        Raises:
+            InputError: There is none.
+        """
+        folder = CampaignFolder(Path(out))
+        design = folder.design()
+        return cls(load_campaign(folder.path / CAMPAIGN, (), controllers), design, folder, controllers)
+
+    def _take_up(self, plan: Plan, controllers: Mapping[str, Any]) -> None:
+        """Go on with another plan of the same settings: what rows do not depend on is the plan's."""
+        other = _settings(plan, dict(controllers))
+        if other != self._settings:
+            raise InputError(
+                f"{self.folder.path}: holds a campaign with other settings: {differences(self._settings, other)}"
+            )
+        if plan.config.samples.n not in (None, self.design.n):
+            raise InputError(
+                f"{self.folder.path}: holds a design of {self.design.n} samples, {plan.config.samples.n} are asked for;"
+                " ffsm campaign extend adds some"
+            )
+        self.config = plan.config
+        self.folder.write_config(plan.config.model_dump(mode="json", exclude_none=True))
+
+    @contextmanager
+    def _store(self, *, write: bool = False) -> Iterator[Store]:
+        """The table; what it holds was made with other packages where its settings are others."""
+        if not write and not self.folder.table.is_file():
+            yield Store(":memory:")
+            return
+        store = Store(self.folder.table, write=write)
+        try:
+            found = store.settings()
+            if found is not None and found[0] != self._hash:
+                raise InputError(f"{self.folder.path}: other settings: {differences(found[1], self._settings)}")
+            yield store
+        finally:
+            store.close()
+
+    def run(
+        self,
+        executor: Executor | None = None,
+        *,
+        workers: int | None = None,
+        dask: str = "",
+        retry: Sequence[str] = (),
+        report: Callable[[float, float], None] | None = None,
+    ) -> Status:
+        """Make the runs that have no row yet.
+
+        Args:
+            executor: Where; None: processes of this machine.
+            workers: How many of those; None: as the file says, else as many as there are processors.
+            dask: Address of a dask scheduler instead.
+            retry: Outcomes of :data:`ffsm_mj.campaign.outcomes.RETRIED` whose rows are to be made again.
+            report: Told (rows, runs).
+
+        Returns:
+            How far it came.
+
+        Raises:
+            InputError: Another process runs this campaign, its settings are others, or no worker can make its runs.
+            EngineLostError: Workers were lost for good; what was made is kept.
+            LogWriteError: The table cannot be written (full disk); what was written before is kept.
+        """
+        engine = self._engine(executor, workers, dask)
+        with self.folder.driven(), self._store(write=True) as store:
+            store.begin(self._hash, self._settings)
+            if retry:
+                store.drop(self._hash, retry)
+            done = store.done(self._hash)
+            left = [(i, self.design.overrides(i)) for i in range(len(self.design.rows)) if i not in done]
+            total, made = len(self.design.rows), len(done)
+
+            def keep(rows: Sequence[Row]) -> None:
+                nonlocal made
+                store.add(self._hash, rows)
+                made += len(rows)
+                if report is not None:
+                    report(made, total)
+
+            driver = Driver(engine, self._job(own=engine.own_processes), keep, lambda: self._stop(store, made))
+            driver.drive(left)
+        return self.status(driver.stopped)
+
+    def _engine(self, executor: Executor | None, workers: int | None, dask: str) -> Engine:
+        if executor is not None:
+            return engines.given(executor, workers)
+        if dask:
+            return engines.dask(dask)
+        if any(not engines.importable(law) for law in self._laws.values()):
+            return engines.loop()
+        return engines.pool(workers or self.config.limits.workers)
+
+    def _job(self, *, own: bool) -> Job:
+        metrics, timeout = self.config.kept_metrics, self.config.limits.timeout_s or 0.0
+        scenario = str(self.folder.scenario.resolve())
+        return Job(scenario, metrics, row_versions(), timeout, self._laws, own)
+
+    def _stop(self, store: Store, made: int) -> str:
+        """Why to stop now."""
+        first, share = min(_FIRST, len(self.design.rows)), self.config.limits.max_failed
+        failed = store.failed(self._hash, first) if made <= 2 * first else 0
+        if failed <= share * first:
+            return ""
+        return f"{failed} of the first {first} runs failed, more than limits.max_failed = {share:g}"
+
+    def extend(self, n: int) -> None:
+        """Add runs to the design; those that it has stay as they are.
+
+        Args:
+            n: Size of the sample then.
+
+        Raises:
+            InputError: Samples of this kind cannot be extended, or n is no size for them.
+        """
+        with self.folder.driven():
+            self.design = self._plan.extended(self.folder.design(), n)
+            samples = self.config.samples.model_copy(update={"n": n})
+            self.config = self.config.model_copy(update={"samples": samples})
+            self.folder.write_design(self.design)
+            self.folder.write_config(self.config.model_dump(mode="json", exclude_none=True))
+
+    def rows(self) -> list[Row]:
+        """All rows so far, in order of their numbers."""
+        with self._store() as store:
+            return store.rows(self._hash)
+
+    def table_rows(self) -> list[TableRow]:
+        """A dictionary per run; see :func:`ffsm_mj.campaign.table.table_rows`."""
+        return table_rows(self.rows(), self.design, self.config.conditions)
+
+    def table(self) -> Any:
+        """All rows as a ``pyarrow.Table``; ``to_pandas()`` makes it a data frame."""
+        return as_arrow(self.table_rows())
+
+    def status(self, stopped: str = "") -> Status:
+        """How far it is."""
+        with self._store() as store:
+            outcomes, failures = store.outcomes(self._hash), store.failures(self._hash, _SHOWN)
+            failed = store.failed(self._hash, len(self.design.rows))
+        done = sum(outcomes.values())
+        messages = tuple(f"run {row.index}: {_why(row)}" for row in failures)
+        return Status(self.config.campaign, len(self.design.rows), done, failed, outcomes, messages, stopped)
+
+    def replay(self, index: int) -> Replay:
+        """Make a run again and keep its log in the folder.
+
+        Args:
+            index: Its number.
+
+        Raises:
+            InputError: There is no such run, or it cannot be made.
+        """
+        if not 0 <= index < len(self.design.rows):
+            raise InputError(f"run {index}: the design has 0 to {len(self.design.rows) - 1}")
+        with self._store() as store:
+            row = store.row(self._hash, index)
+        return replay(self._job(own=False), index, self.design.overrides(index), self.folder.replay(index), row)
+
+    def kept(self) -> list[int]:
+        """Numbers of the runs whose logs the file asks for: failures and the worst of metrics, those that have an end."""
+        rows, keep = self.rows(), self.config.keep
+        ended = [row for row in rows if row.outcome not in RETRIED]
+        wanted = [row.index for row in ended if row.failed][: keep.failures]
+        for metric, count in keep.worst.items():
+            known = [row for row in ended if isinstance(row.metrics.get(metric), int | float)]
+            wanted += [row.index for row in sorted(known, key=lambda row: -row.metrics[metric])[:count]]
+        return list(dict.fromkeys(wanted))
+
+
+def _why(row: Row) -> str:
+    """Why a run failed."""
+    if row.outcome == "completed":
+        return "a law is violated"
+    return f"{row.outcome}: {row.message}" if row.message else row.outcome
+
+
+def _settings(plan: Plan, laws: Mapping[str, Any]) -> str:
+    """What rows depend on."""
+    config = plan.config
+    sampling = {
+        "samples": config.samples.model_dump(mode="json", exclude={"n"}),
+        "dispersions": config.model_dump(mode="json", exclude_none=True)["dispersions"],
+    }
+    return settings_of(plan.base.scenario_yaml, plan.base.system.logged_files, sampling, config.kept_metrics, laws)
+

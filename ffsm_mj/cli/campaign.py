@@ -1,0 +1,150 @@
+"""What ``ffsm campaign`` does."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from ffsm_mj.campaign.campaign import Campaign, Status
+from ffsm_mj.campaign.driver import EngineLostError
+from ffsm_mj.cli.commands import Say, Stage
+from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
+from ffsm_mj.cli.standard_streams import complain
+from ffsm_mj.errors import InputError
+
+_LINE_EVERY_S = 30.0
+
+
+def campaign(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    """Do what is asked; returns the exit code."""
+    return _ACTIONS[options.action](options, say, stage)
+
+
+def _run(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    if options.list:
+        return _list(say)
+    if options.campaign is None:
+        raise InputError("ffsm campaign run: name a campaign file; 'ffsm campaign run --list' shows the shipped ones")
+    from ffsm_mj.campaign.loading import load_campaign
+
+    stage("draw and check the runs", "")
+    plan = load_campaign(options.campaign, options.overrides)
+    out = Path(options.out) if options.out else Path("logs") / f"campaign-{plan.config.campaign}"
+    return _make(Campaign.begin(plan, out), options, say, stage)
+
+
+def _list(say: Say) -> int:
+    from ffsm_mj.campaign.loading import read_campaign
+    from ffsm_mj.campaign.shipped import campaign_names, campaign_path
+
+    names = campaign_names()
+    width = max(map(len, names), default=0)
+    for name in names:
+        say(f"{name:{width}}  {read_campaign(campaign_path(name)).description}")
+    return OK
+
+
+def _resume(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    return _make(Campaign.open(options.folder), options, say, stage)
+
+
+def _extend(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    found = Campaign.open(options.folder)
+    found.extend(options.n)
+    return _make(found, options, say, stage)
+
+
+def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    """Make the runs that are left, then the logs that the file asks for."""
+    name, folder = found.config.campaign, found.folder.path
+    report = stage(name, "runs") or _Lines(name)
+    try:
+        status = found.run(
+            workers=options.workers, dask=options.dask or "", retry=getattr(options, "retry", ()), report=report
+        )
+    except EngineLostError as error:
+        complain(str(error))
+        return RUN_FAILED
+    except KeyboardInterrupt:
+        _say_status(found.status(), say)
+        say(f"go on: ffsm campaign resume {folder}")
+        raise
+    _say_status(status, say)
+    if status.stopped:
+        complain(f"{status.stopped}; go on all the same with a greater one: ffsm campaign run -s limits.max_failed=1 ...")
+        return RUN_FAILED
+    _keep(found, say, stage)
+    say(f"look at it: ffsm campaign report {folder}   make a run again, with its log: ffsm campaign replay {folder} 0")
+    return OK
+
+
+def _keep(found: Campaign, say: Say, stage: Stage) -> None:
+    wanted = [index for index in found.kept() if not found.folder.replay(index).is_dir()]
+    report = stage("logs of the runs that are kept", "runs")
+    for done, index in enumerate(wanted):
+        say(found.replay(index).verdict)
+        if report is not None:
+            report(done + 1, len(wanted))
+
+
+def _status(options: argparse.Namespace, say: Say, _: Stage) -> int:
+    _say_status(Campaign.open(options.folder).status(), say)
+    return OK
+
+
+def _say_status(status: Status, say: Say) -> None:
+    outcomes = ", ".join(f"{count} {name}" for name, count in status.outcomes.items())
+    say(f"{status.name}: {status.done} of {status.runs} runs{f' ({outcomes})' if outcomes else ''}, {status.failed} failed")
+    for message in status.messages:
+        say(f"  {message}")
+    if status.failed > len(status.messages):
+        say(f"  and {status.failed - len(status.messages)} more")
+
+
+def _replay(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    found = Campaign.open(options.folder)
+    code = OK
+    for index in options.index:
+        stage(f"run {index}", "")
+        again = found.replay(index)
+        say(f"{found.folder.replay(index)}: {again.verdict}")
+        if again.differences:
+            code = RUN_FAILED
+    return code
+
+
+def _report(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    raise NotImplementedError
+
+
+class _Lines:
+    """Progress as lines, where nobody watches a terminal."""
+
+    def __init__(self, name: str) -> None:
+        self._name, self._begun, self._first = name, time.monotonic(), -1.0
+        self._next = self._begun + _LINE_EVERY_S
+
+    def __call__(self, done: float, total: float) -> None:
+        now = time.monotonic()
+        self._first = done if self._first < 0.0 else self._first
+        if now < self._next or done >= total:
+            return
+        self._next = now + _LINE_EVERY_S
+        per_s = (done - self._first) / (now - self._begun)
+        left = f", {(total - done) / per_s / 60.0:.0f} min left" if per_s > 0.0 else ""
+        print(
+            f"{self._name}: {done:.0f} of {total:.0f} runs, {per_s * 60.0:.0f} a minute{left}", file=sys.stderr, flush=True
+        )
+
+
+_ACTIONS: dict[str, Callable[[argparse.Namespace, Say, Stage], int]] = {
+    "run": _run,
+    "status": _status,
+    "resume": _resume,
+    "extend": _extend,
+    "report": _report,
+    "replay": _replay,
+}
