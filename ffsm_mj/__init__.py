@@ -2,8 +2,8 @@
 
 ``run(scenario)`` simulates and returns a :class:`~ffsm_mj.present.run.Run`; ``load_run(path)`` reads one back from its log,
 ``compare(a, b)`` tells two of them apart; ``prepare(scenario)`` gives a recipe that runs again and again;
-``impact`` resolves single collisions on any MuJoCo model. Everything is imported on first use, so that ``import ffsm_mj``
-and ``ffsm --help`` cost nothing.
+``Campaign`` and ``sweep`` run a scenario many times into one table; ``impact`` resolves single collisions on any MuJoCo
+model. Everything is imported on first use, so that ``import ffsm_mj`` and ``ffsm --help`` cost nothing.
 """
 
 from __future__ import annotations
@@ -16,10 +16,14 @@ if TYPE_CHECKING:
     from ffsm_mj.analysis.run import compare as compare
     from ffsm_mj.assembly.prepare import prepare as prepare
     from ffsm_mj.assembly.prepare import run as run
+    from ffsm_mj.campaign.campaign import Campaign as Campaign
+    from ffsm_mj.campaign.sweep import sweep as sweep
     from ffsm_mj.present.run import Run as Run
     from ffsm_mj.present.run import load_run as load_run
 
 _LAZY = {
+    "Campaign": ("ffsm_mj.campaign.campaign", "Campaign"),
+    "sweep": ("ffsm_mj.campaign.sweep", "sweep"),
     "prepare": ("ffsm_mj.assembly.prepare", "prepare"),
     "run": ("ffsm_mj.assembly.prepare", "run"),
     "compare": ("ffsm_mj.analysis.run", "compare"),
@@ -28,7 +32,7 @@ _LAZY = {
     "impact": ("ffsm_mj.impact", None),
 }
 
-__all__ = ["Run", "compare", "impact", "load_run", "prepare", "run"]
+__all__ = ["Campaign", "Run", "compare", "impact", "load_run", "prepare", "run", "sweep"]
 
 
 def __getattr__(name: str) -> Any:

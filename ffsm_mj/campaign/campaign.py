@@ -132,9 +132,10 @@ class Campaign:
                 f"{self.folder.path}: holds a campaign with other settings: {differences(self._settings, other)}"
             )
         if plan.config.samples.n not in (None, self.design.n):
+            how = "extend adds to it" if plan.config.samples.n > self.design.n else "resume goes on with it"
             raise InputError(
                 f"{self.folder.path}: holds a design of {self.design.n} samples, {plan.config.samples.n} are asked for;"
-                " ffsm campaign extend adds some"
+                f" ffsm campaign {how}"
             )
         self.config = plan.config
         self.folder.write_config(plan.config.model_dump(mode="json", exclude_none=True))
@@ -301,4 +302,3 @@ def _settings(plan: Plan, laws: Mapping[str, Any]) -> str:
         "dispersions": config.model_dump(mode="json", exclude_none=True)["dispersions"],
     }
     return settings_of(plan.base.scenario_yaml, plan.base.system.logged_files, sampling, config.kept_metrics, laws)
-

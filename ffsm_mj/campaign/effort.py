@@ -65,9 +65,8 @@ class Effort:
             times, applied = np.append(t, times), np.vstack([held, applied])
             length, power = np.vstack([at, length]), np.vstack([rate, power])
         steps, held = np.diff(times)[:, None], applied[:-1]
-        self._square += (held**2 * steps).sum(axis=0)
-        self._work += (held * np.diff(length, axis=0)).sum(axis=0)
-        self._work += (0.5 * (power[1:] + power[:-1]) * steps).sum(axis=0)
+        self._square = _added(self._square, held**2 * steps)
+        self._work = _added(self._work, held * np.diff(length, axis=0) + 0.5 * (power[1:] + power[:-1]) * steps)
         self._last = float(times[-1]), applied[-1].copy(), length[-1].copy(), power[-1].copy()
 
     def _driven(self, qpos: FloatArray, qvel: FloatArray, applied: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -100,6 +99,11 @@ class Effort:
         by_actuator = np.column_stack([self._square, self._work, self._peak, share]).tolist()
         names = map(identifier, self._names)
         return {name: dict(zip(MEASURES, each, strict=True)) for name, each in zip(names, by_actuator, strict=True)}
+
+
+def _added(total: FloatArray, terms: FloatArray) -> FloatArray:
+    """One term after the other, so that the sum is the same bit by bit however the rows are cut into blocks."""
+    return np.asarray(np.cumsum(np.vstack([total, terms]), axis=0)[-1])
 
 
 def _drives(model: Any) -> tuple[IntArray, FloatArray]:

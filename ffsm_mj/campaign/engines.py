@@ -111,20 +111,21 @@ def dask(address: str) -> Engine:
     except ImportError as error:
         raise MissingPackageError("a campaign on a dask cluster", "distributed", "cluster") from error
 
-    client_of: Any = distributed.Client
+    def client() -> Any:
+        try:
+            client_of: Any = distributed.Client
+            return client_of(address, timeout=10, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(f"--dask {address}: no scheduler answers there ({error})") from error
 
     @contextmanager
     def connected() -> Iterator[Executor]:
-        try:
-            client = client_of(address, timeout=10, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise InputError(f"--dask {address}: no scheduler answers there ({error})") from error
-        with client:
+        with client() as connection:
             # Without pure=False equal calls would be one.
-            yield client.get_executor(pure=False)
+            yield connection.get_executor(pure=False)
 
-    with client_of(address, timeout=10, set_as_default=False) as client:
-        threads = client.nthreads()
+    with client() as connection:
+        threads = connection.nthreads()
     if not threads:
         raise InputError(f"--dask {address}: the scheduler has no workers; start some: dask worker {address} --nthreads 1")
     several = [name for name, count in threads.items() if count != 1]

@@ -160,6 +160,7 @@ def fault_of(name: str, actuators: Sequence[str]) -> str | None:
     known += [f"tip.{key}" for key in _TIP[:4]] + [f"conservation.{key}" for key in _CONSERVATION]
     known += [f"tip.target_m.{axis}" for axis in range(3)]
     known += [f"{head}.count" for head in _LISTS]
+    known += [f"{each}.0.KEY" for each in _LISTS] + ["effort.ACTUATOR.MEASURE", "controller.phases.0.reports.NAME"]
     return None if name in known else unknown_name("metric", name, known)
 
 

@@ -12,8 +12,10 @@ from typing import Any
 
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.engines import importable
-from ffsm_mj.campaign.loading import plan_of
+from ffsm_mj.campaign.loading import planned
 from ffsm_mj.scenario.shipped import scenario_path
+from ffsm_mj.scenario.source import source_of, write_yaml
+from ffsm_mj.yaml.parser import parse
 
 _DEFAULT = ("impacts.0.time_s", "impacts.0.impulse_N_s", "tip.min_error_m", "tip.final_error_m")
 
@@ -52,14 +54,16 @@ def sweep(
         "scenario": str(scenario_path(scenario).resolve()),
         "overrides": dict(overrides),
         "samples": {"kind": "grid"},
-        "dispersions": {key: {"values": list(each)} for key, each in values.items()},
+        "dispersions": {key: {"choice": list(each)} for key, each in values.items()},
         "metrics": list(metrics),
         "limits": {"max_failed": 1.0},
     }
+    name = Path("sweep")  # stands for the file in what is said of faults
+    plan = planned(source_of(parse(write_yaml(stated), name), name), controllers)
     with ExitStack() as stack:
         if out is None:
             out = stack.enter_context(tempfile.TemporaryDirectory(prefix="ffsm-sweep-"))
-        campaign = Campaign.begin(plan_of(stated, Path("sweep"), controllers), Path(out), controllers)
+        campaign = Campaign.begin(plan, Path(out), controllers)
         here = [kind for kind, law in controllers.items() if not importable(law)]
         if here:
             print(

@@ -37,13 +37,13 @@ def _run(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 
 
 def _list(say: Say) -> int:
-    from ffsm_mj.campaign.loading import read_campaign
     from ffsm_mj.campaign.shipped import campaign_names, campaign_path
+    from ffsm_mj.yaml.parser import read_node
 
     names = campaign_names()
     width = max(map(len, names), default=0)
     for name in names:
-        say(f"{name:{width}}  {read_campaign(campaign_path(name)).description}")
+        say(f"{name:{width}}  {read_node(campaign_path(name)).plain().get('description', '')}")
     return OK
 
 

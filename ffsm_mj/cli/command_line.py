@@ -224,9 +224,10 @@ def _refuse_idle(options: argparse.Namespace) -> None:
     if options.version and options.command:
         raise InputError(f"ffsm: --version has no effect with the command {options.command}")
     if "list" in given:
-        idle = [_as_written(name, value) for name, value in given.items() if name not in ("command", "list")]
+        idle = [_as_written(name, value) for name, value in given.items() if name not in ("command", "action", "list")]
         if idle:
-            raise InputError(f"ffsm run: {idle[0]} has no effect with --list")
+            command = " ".join(given[part] for part in ("command", "action") if part in given)
+            raise InputError(f"ffsm {command}: {idle[0]} has no effect with --list")
     words = {_as_written(name, value) for name, value in given.items()}
     for option, others in _WORKS_WITH.get(options.command, {}).items():
         if option in words and not words & set(others):

@@ -1,0 +1,241 @@
+"""The same rows wherever runs are made, whatever becomes of those who make them."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ffsm_mj.campaign import worker
+from ffsm_mj.campaign.campaign import Campaign
+from ffsm_mj.campaign.engines import loop
+from ffsm_mj.campaign.loading import load_campaign
+from ffsm_mj.campaign.store import Row, Store
+from ffsm_mj.errors import InputError, LogWriteError
+from tests.campaign.files import TUMBLING, campaign_file, two_rocks
+from tests.campaign.laws import Fuse
+
+METRICS = ["impacts.0.time_s", "impacts.0.impulse_N_s", "duration_s", "impacts.count"]
+SPEED = {"initial.rates.robot/free.0": {"uniform": [0.8, 1.6]}}
+
+
+def collisions(folder: Path, n: int = 8, **more: Any) -> Path:
+    """Runs of 0.05 s in which the robot's ball hits the stone, at dispersed speeds and e."""
+    rates = {"robot/free": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    two_rocks(
+        folder,
+        initial={"joints": {"stone/free": [0.22, 0, 0, 1, 0, 0, 0], "rock/free": TUMBLING}, "rates": rates},
+        duration_s=0.05,
+    )
+    e = {"impact_pairs.second.restitution": {"uniform": [0.2, 1.0]}}
+    return campaign_file(folder, e | SPEED, {"kind": "random", "n": n, "seed": 1}, metrics=METRICS, **more)
+
+
+def told(campaign: Campaign) -> list[tuple[Any, ...]]:
+    """What of the rows must be the same wherever they are made."""
+    return [(row.index, row.outcome, dict(row.metrics), dict(row.model)) for row in campaign.rows()]
+
+
+@pytest.fixture(scope="module")
+def in_a_loop(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Any, ...]]:
+    folder = tmp_path_factory.mktemp("loop")
+    campaign = Campaign.load(collisions(folder), folder / "out")
+    campaign.run(loop().open())
+    return told(campaign)
+
+
+def test_runs_hit(in_a_loop: list[tuple[Any, ...]]) -> None:
+    """Two free balls: J = (1 + e) m1 m2 / (m1 + m2) v; the runs differ, so that equal tables mean something."""
+    assert [row[1] for row in in_a_loop] == ["completed"] * 8
+    assert len({row[2]["impacts.0.impulse_N_s"] for row in in_a_loop}) == 8
+
+
+def test_a_pool_makes_the_rows_of_a_loop(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
+    campaign = Campaign.load(collisions(tmp_path), tmp_path / "out")
+    status = campaign.run(workers=2)
+    assert (status.done, status.failed, status.left) == (8, 0, 0)
+    assert told(campaign) == in_a_loop
+
+
+@pytest.mark.filterwarnings("ignore")  # of distributed, about its own sockets
+def test_dask_makes_the_rows_of_a_loop(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
+    distributed = pytest.importorskip("distributed")
+    campaign = Campaign.load(collisions(tmp_path), tmp_path / "out")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        campaign.run(dask=cluster.scheduler_address)
+    assert told(campaign) == in_a_loop
+
+
+@pytest.mark.filterwarnings("ignore")  # of distributed, about its own sockets
+def test_dask_workers_with_several_threads_are_refused(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    campaign = Campaign.load(collisions(tmp_path), tmp_path / "out")
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster,
+        pytest.raises(InputError, match="has 2 threads; start it with --nthreads 1"),
+    ):
+        campaign.run(dask=cluster.scheduler_address)
+    with pytest.raises(InputError, match=r"--dask tcp://127\.0\.0\.1:1: no scheduler answers there"):
+        campaign.run(dask="tcp://127.0.0.1:1")
+
+
+def fused(folder: Path, acts: list[str], **more: Any) -> Path:
+    two_rocks(folder, phases=[{"name": "only", "controller": {"kind": "fuse"}, "until": "end"}], duration_s=0.02)
+    return campaign_file(folder, {"phases.0.controller.act": {"choice": acts}}, {"kind": "grid"}, metrics=METRICS, **more)
+
+
+def test_a_run_that_kills_its_worker_is_one_row(tmp_path: Path) -> None:
+    path = fused(tmp_path, ["nothing", "kill", "raise"], limits={"max_failed": 1.0})
+    campaign = Campaign.load(path, tmp_path / "out", controllers={"fuse": Fuse})
+    status = campaign.run(workers=2)
+    assert [row.outcome for row in campaign.rows()] == ["completed", "crashed", "controller_failed"]
+    assert (status.done, status.failed) == (3, 2)
+    assert "the fuse is blown" in campaign.rows()[2].message
+    assert status.messages[0].startswith("run 1: crashed: BrokenProcessPool")
+
+
+def test_a_stuck_run_is_a_row(tmp_path: Path) -> None:
+    """One that sleeps in C is ended with its worker, one that is slow in Python by itself."""
+    path = fused(tmp_path, ["nothing", "stick", "dawdle"], limits={"max_failed": 1.0, "timeout_s": 1.0})
+    campaign = Campaign.load(path, tmp_path / "out", controllers={"fuse": Fuse})
+    begun = time.monotonic()
+    campaign.run(workers=2)
+    rows = campaign.rows()
+    assert [row.outcome for row in rows] == ["completed", "timeout", "timeout"]
+    assert rows[1].message == "took more than 1 s and did not stop"
+    assert rows[2].message == "took more than 1 s"
+    assert time.monotonic() - begun < 60.0
+    again = campaign.run(workers=2, retry=("timeout",))
+    assert (again.done, again.outcomes) == (3, {"timeout": 2, "completed": 1})
+
+
+def test_too_many_failures_stop_a_campaign(tmp_path: Path) -> None:
+    campaign = Campaign.load(fused(tmp_path, ["raise", "nothing"]), tmp_path / "out", controllers={"fuse": Fuse})
+    campaign.config = campaign.config.model_copy(
+        update={"limits": campaign.config.limits.model_copy(update={"max_failed": 0.4})}
+    )
+    status = campaign.run(loop().open())
+    assert status.stopped == "1 of the first 2 runs failed, more than limits.max_failed = 0.4"
+
+
+def test_a_pool_of_somebody_s_is_used_and_told_when_it_cannot(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
+    campaign = Campaign.load(collisions(tmp_path), tmp_path / "out")
+    with ProcessPoolExecutor(1, initializer=_breaks) as broken, pytest.raises(InputError, match="needs if __name__"):
+        campaign.run(broken)
+    assert campaign.status().done == 0
+    with ProcessPoolExecutor(2) as theirs:
+        campaign.run(theirs)
+    assert told(campaign) == in_a_loop
+
+
+def _breaks() -> None:
+    raise OSError("no worker here")
+
+
+_SCRIPT = """
+import ffsm_mj
+values = {{"impact_pairs.second.restitution": [0.5, 1.0]}}
+table = ffsm_mj.sweep({scene!r}, values, metrics=["impacts.0.impulse_N_s"], workers=2)
+print(table.column("impacts.0.impulse_N_s").to_pylist())
+"""
+
+
+@pytest.mark.parametrize("how", ["script", "stdin"])
+def test_sweep_works_without_a_main_guard(tmp_path: Path, how: str) -> None:
+    collisions(tmp_path)
+    text = _SCRIPT.format(scene=str(tmp_path / "scene.yaml"))
+    (tmp_path / "script.py").write_text(text)
+    arguments = [sys.executable, "-" if how == "stdin" else str(tmp_path / "script.py")]
+    done = subprocess.run(
+        arguments, input=text if how == "stdin" else None, capture_output=True, text=True, timeout=120, check=True
+    )
+    elastic, half = sorted(map(float, done.stdout.strip("[]\n").split(",")), reverse=True)
+    assert elastic / half == pytest.approx(2.0 / 1.5, rel=1e-12)
+    assert not done.stderr
+
+
+def test_laws_of_a_script_run_where_they_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import ffsm_mj
+
+    class Mine(Fuse):
+        """Defined here: no other process can import it."""
+
+    two_rocks(tmp_path, phases=[{"name": "only", "controller": {"kind": "fuse"}, "until": "end"}], duration_s=0.02)
+    values = {"phases.0.controller.act": ["nothing", "raise"]}
+    table = ffsm_mj.sweep(tmp_path / "scene.yaml", values, metrics=METRICS, controllers={"fuse": Mine}, workers=2)
+    assert table.column("outcome").to_pylist() == ["completed", "controller_failed"]
+    assert "fuse cannot be imported by other processes, so all runs are made in this one" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_driver_that_is_killed_is_resumed_to_the_same_table(
+    tmp_path: Path, in_a_loop: list[tuple[Any, ...]], number: signal.Signals
+) -> None:
+    """Killed once some rows are there. Random samples: the first eight are those of the smaller design."""
+    path, out = collisions(tmp_path, n=64), tmp_path / "out"
+    command = [sys.executable, "-m", "ffsm_mj.cli.main", "campaign", "run", str(path), "--out", str(out), "--workers", "2"]
+    driver = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while not (out / "rows.sqlite").is_file() or Campaign.open(out).status().done == 0:
+        assert driver.poll() is None
+        time.sleep(0.02)
+    driver.send_signal(number)
+    assert driver.wait(timeout=30) == (130 if number is signal.SIGINT else -number)
+    campaign = Campaign.open(out)
+    before = campaign.status()
+    assert 0 < before.done < 64
+    campaign.run(workers=2)
+    assert len(campaign.rows()) == 64
+    assert told(campaign)[:8] == in_a_loop
+
+
+def test_a_second_driver_is_refused(tmp_path: Path) -> None:
+    campaign = Campaign.load(collisions(tmp_path), tmp_path / "out")
+    with campaign.folder.driven(), pytest.raises(InputError, match="another process is running this campaign"):
+        campaign.run(loop().open())
+
+
+def test_a_full_disk_keeps_what_is_there(tmp_path: Path) -> None:
+    store = Store(tmp_path / "rows.sqlite", max_pages=12)
+    store.begin("h", "{}")
+    kept = 0
+    with suppress(LogWriteError):
+        while True:
+            store.add("h", [Row(kept, "completed", metrics={"x": 0.1 * kept})])
+            kept += 1
+    assert kept > 0
+    with pytest.raises(LogWriteError, match="database or disk is full"):
+        store.add("h", [Row(kept, "completed", message="x" * 10_000)])
+    store.close()
+    again = Store(tmp_path / "rows.sqlite", write=False)
+    assert again.done("h") == set(range(kept))
+    assert [row.metrics["x"] for row in again.rows("h")] == [0.1 * i for i in range(kept)]
+
+
+def test_other_settings_are_refused_by_name(tmp_path: Path) -> None:
+    path = collisions(tmp_path)
+    Campaign.load(path, tmp_path / "out")
+    with pytest.raises(InputError, match=r"sampling\.samples\.seed 1 there, 2 here"):
+        Campaign.load(path, tmp_path / "out", overrides=["samples.seed=2"])
+    Campaign.load(path, tmp_path / "out", overrides=["success=impacts.count == 1"])  # rows do not depend on it
+
+
+def test_a_worker_with_other_packages_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign = Campaign.load(collisions(tmp_path), tmp_path / "out")
+    monkeypatch.setattr(worker, "row_versions", lambda: {"numpy": "1.0"})
+    with pytest.raises(InputError, match=r"ffsm-mj none, where the campaign has"):
+        campaign.run(loop().open())
+
+
+def test_a_dispersion_that_is_not_applied_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = load_campaign(collisions(tmp_path))
+    monkeypatch.setattr(type(plan.base.source), "overridden", lambda self, _: self)
+    with pytest.raises(InputError, match="the dispersion is not applied"):
+        plan.design()
