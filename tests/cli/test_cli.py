@@ -141,7 +141,7 @@ def test_bad_input_exits_2_without_a_traceback(arguments, capsys):
     ("arguments", "message"),
     [
         ("analyze --tolerance -1", "ffsm analyze: argument --tolerance: -1 is not a positive number"),
-        ("analyse", "ffsm: unknown command 'analyse' (did you mean 'analyze'?); allowed: analyze, check, "),
+        ("analyse", "ffsm: unknown command 'analyse' (did you mean 'analyze'?); allowed: analyze, campaign, check, "),
         ("run --what", "ffsm run: unexpected '--what'; 'ffsm run --help' says what it takes"),
         ("check baseline twice", "ffsm check: unexpected 'twice'; 'ffsm check --help' says what it takes"),
         ("export", "ffsm export: one of the arguments --csv --parquet --gif --mp4 is required"),
