@@ -6,7 +6,7 @@ import faulthandler
 import os
 import platform
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from pathlib import Path
@@ -20,6 +20,7 @@ from ffsm_mj.campaign.outcomes import ERROR, TIMEOUT
 from ffsm_mj.campaign.settings import row_versions
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.errors import FfsmError, InputError, described, raised_at
+from ffsm_mj.records.facts import logged_models
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 
@@ -125,8 +126,21 @@ def _run(job: Job, overrides: Mapping[str, Any], begun: float) -> dict[str, Any]
     with _stopped_when_stuck(job):
         run = simulate(assembly, columns=columns_of(job.metrics), watchers=(effort,), report=look)
         metrics = evaluated(run, effort.told(), job.metrics)
-    phase = run.phases[-1].name if run.phases else ""
-    return {"outcome": run.outcome, "message": run.message, "phase": phase, "metrics": metrics}
+    return {
+        "outcome": run.outcome,
+        "message": run.message,
+        "phase": run.phases[-1].name if run.phases else "",
+        "metrics": metrics,
+        "model": dict(_by_dotted_key(logged_models(run.log.header.facts))),
+    }
+
+
+def _by_dotted_key(nested: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in nested.items():
+        if isinstance(value, Mapping):
+            yield from _by_dotted_key(value, f"{above}{key}.")
+        else:
+            yield above + key, value
 
 
 class _stopped_when_stuck:  # noqa: N801 (a context manager)
