@@ -125,7 +125,7 @@ def planned(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyTyp
         refuse_metrics(config, base.system)
         refuse_levels(config)
         draws = columns(config.dispersions)
-        bindings = bound(config.dispersions, Targets(base.scenario, base.system))
+        bindings = bound(config.dispersions, Targets(base))
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
     return Plan(config, source, scenario, tuple(changes.values()), base, draws, bindings)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ffsm_mj.assembly.prepare import Prepared
+from ffsm_mj.assembly.prepare import Prepared, recipe
 from ffsm_mj.campaign.design import Design
 from ffsm_mj.campaign.dispersions import Dispersion, draws
 from ffsm_mj.campaign.targets import Targets
@@ -17,8 +16,9 @@ from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource
 
-_ROUNDING = 1e-12
-"""A quaternion is made exact where a run reads it, every other number is taken as it is."""
+_ROUNDING = {"initial": 1e-12, "model": 1e-9, "controller_model": 1e-9}
+"""By the first part of a key, how far a number may be from the one that was drawn, times max(1, |it|): a run makes
+quaternions exact and compiles models; every other number it takes as it is."""
 
 
 def refuse_wrong_rows(base: Prepared, design: Design, source: YamlSource, dispersions: Mapping[str, Dispersion]) -> None:
@@ -32,10 +32,10 @@ def refuse_wrong_rows(base: Prepared, design: Design, source: YamlSource, disper
         values = design.overrides(run)
         changes = {key: f"{key}={json.dumps(value)}" for key, value in values.items()}
         try:
-            scenario = validated(base.source.overridden(list(changes.values())), base.laws)
+            changed = base.source.overridden(list(changes.values()))
+            targets = Targets(recipe(validated(changed, base.laws), changed, base.laws))
         except InputError as error:
             raise InputError(_told(error.lines[0], run, changes, owners, source)) from error
-        targets = Targets(scenario, base.system)
         for key, value in values.items():
             if message := _not_applied(targets, key, value):
                 raise InputError(source.line(Fault(f"run {run}: {message}", ("dispersions", owners[key]))))
@@ -74,14 +74,14 @@ def _not_applied(targets: Targets, key: str, drawn: Any) -> str:
         return str(error.args[0])
     except ScenarioFaults as error:
         return error.faults[0].message
-    if len(there) == 1 and _same(there[0], drawn):
+    if len(there) == 1 and _same(there[0], drawn, _ROUNDING.get(key.partition(".")[0], 0.0)):
         return ""
     return f"{key} is {there[0] if len(there) == 1 else there} although {drawn} was drawn: the dispersion is not applied"
 
 
-def _same(a: Any, b: Any) -> bool:
+def _same(a: Any, b: Any, rounding: float) -> bool:
     if isinstance(a, tuple | list) and isinstance(b, tuple | list):
-        return len(a) == len(b) and all(map(_same, a, b))
+        return len(a) == len(b) and all(_same(*each, rounding) for each in zip(a, b, strict=True))
     if isinstance(a, float) and isinstance(b, int | float):
-        return math.isclose(a, b, rel_tol=_ROUNDING, abs_tol=_ROUNDING)
+        return abs(a - b) <= rounding * max(1.0, abs(a))
     return type(a) is type(b) and bool(a == b)

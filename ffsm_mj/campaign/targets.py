@@ -11,9 +11,9 @@ from typing import Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from ffsm_mj.assembly.initial_state import initial_state
+from ffsm_mj.assembly.prepare import Prepared
 from ffsm_mj.errors import unknown_name
-from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.model.properties import property_value
 
 WILDCARD = "*"
 _STATE = {"joints": "qpos", "rates": "qvel"}
@@ -52,11 +52,12 @@ class Target:
 
 
 class Targets:
-    """Values of a scenario as a run reads them: with defaults, joints in the model's state."""
+    """Values of a scenario as a run reads them: with defaults, joints as the model has them, bodies as compiled."""
 
-    def __init__(self, scenario: Scenario, system: System) -> None:
-        """Take a validated scenario and its compiled models."""
-        self._scenario, self._system = scenario, system
+    def __init__(self, prepared: Prepared) -> None:
+        """Take a scenario that is made ready."""
+        self._scenario, self._system = prepared.scenario, prepared.system
+        self._models = {"model": prepared.system, "controller_model": prepared.believed or prepared.system}
 
     def find(self, key: str) -> list[Target]:
         """Values that a dotted key means; ``*`` stands for every item of a list and every entry of a mapping.
@@ -65,7 +66,19 @@ class Targets:
             LookupError: The scenario has no such key; the message lists those that it has.
             ScenarioFaults: No run can start from the initial state.
         """
-        return list(self._inside(self._scenario, tuple(key.split(".")), ()))
+        parts = tuple(key.split("."))
+        found = self._in_models(parts) if parts[0] in self._models else self._inside(self._scenario, parts, ())
+        return list(found)
+
+    def _in_models(self, parts: tuple[str, ...]) -> Iterator[Target]:
+        """Properties of bodies: of the true models, or of those that the control laws believe in."""
+        size = 6 if parts[3:4] == ("geoms",) else 4
+        if len(parts) < size:
+            raise LookupError(f"{'.'.join(parts)} is no property: it is written {parts[0]}.TREE.BODY.PROPERTY")
+        model = self._models[parts[0]].mj
+        for path in _properties(model, parts[:size]) if WILDCARD in parts[:size] else [parts[:size]]:
+            key, value = ".".join(path), property_value(model, path)
+            yield Target(key, value, *_place(value, parts[size:], key, {}))
 
     def _inside(self, node: Any, parts: tuple[str, ...], path: tuple[str, ...]) -> Iterator[Target]:
         here = ".".join(path) or "the scenario"
@@ -111,6 +124,17 @@ class Targets:
     @cached_property
     def _state(self) -> Any:
         return initial_state(self._scenario, self._system)
+
+
+def _properties(model: Any, wanted: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    """Paths of properties that one with wildcards means."""
+    geoms = len(wanted) == 6
+    for i in range(model.ngeom if geoms else model.nbody):
+        tree, _, body = model.body(model.geom_bodyid[i] if geoms else i).name.partition("/")
+        inside = ("geoms", model.geom(i).name.partition("/")[2]) if geoms else ()
+        path = (wanted[0], tree, body, *inside, wanted[-1])
+        if tree != "world" and all(part in (WILDCARD, there) for part, there in zip(wanted, path, strict=True)):
+            yield path
 
 
 def _named(parts: tuple[str, ...], entries: Mapping[str, Any], what: str) -> list[str]:

@@ -104,6 +104,12 @@ def line_of(folder, dispersions=None, samples=None, **more):
             {"duration_s": {"rotation": {"axis": "any", "angle": {"values": [1]}}}},
             "rotation.axis: should be 'random', got \"any\"",
         ),
+        ({"model.rok.rock.mass_kg": {"values": [1]}}, "unknown body 'rok/rock' (did you mean 'rock/rock'?); allowed: "),
+        ({"model.rock.rock.mas_kg": {"values": [1]}}, "unknown property 'mas_kg' (did you mean 'mass_kg'?)"),
+        ({"model.rock.rock": {"values": [1]}}, "model.rock.rock is no property: it is written model.TREE.BODY.PROPERTY"),
+        ({"model.rock.*.mas_kg": {"values": [1]}}, "unknown property 'mas_kg' (did you mean 'mass_kg'?)"),
+        ({"model.rck.*.mass_kg": {"values": [1]}}, "means nothing in this scenario: there is no entry for '*' to stand for"),
+        ({"model.rock.rock.mass_kg": {"scale": {"uniform": [-1, 1]}}}, "mass_kg: should be greater than 0"),
         ({"a=b": {"values": [1]}}, "a key with '=' in it cannot be set"),
         (
             {"x": {"keys": ["duration_s", "nothing"], "values": [1]}},

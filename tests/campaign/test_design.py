@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.campaign import row_check
 from ffsm_mj.campaign.design import Design
 from ffsm_mj.campaign.effects import turned
 from ffsm_mj.campaign.loading import load_campaign
 from ffsm_mj.campaign.row_check import refuse_wrong_rows
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.properties import property_value
 from ffsm_mj.scenario.loading import load_scenario
 from tests.campaign.files import TUMBLING, campaign_file, two_rocks
 from tests.scenes import two_balls
@@ -272,3 +275,49 @@ def test_a_dispersion_that_is_not_applied_is_noticed(tmp_path, monkeypatch):
         InputError, match=r"campaign\.yaml:10:\d+: dispersions.impact_pairs.0.restitution: run 0: .*not applied"
     ):
         refuse_wrong_rows(plan.base, made, plan.source, plan.config.dispersions)
+
+
+def test_properties_of_models(tmp_path):
+    """An unstated one starts from the compiled model: a ball of 1 kg with 0.4 m r^2."""
+    made = design(
+        tmp_path,
+        {
+            "model.rock.rock.mass_kg": {"scale": {"values": [1.5]}},
+            "model.rock.rock.centre_of_mass_m": {"vector": {"direction": [0, 0, 1], "magnitude": {"values": [0.01]}}},
+            "model.stone.stone.geoms.stone.size_m.0": {"offset": {"values": [0.05]}},
+            "controller_model.robot.ball.mass_kg": {"offset": {"values": [-0.25]}},
+        },
+    )
+    told = made.overrides(0)
+    assert told["model.rock.rock.mass_kg"] == 1.5
+    assert told["model.rock.rock.centre_of_mass_m"] == [0.0, 0.0, 0.01]
+    assert told["model.stone.stone.geoms.stone.size_m"] == pytest.approx([0.15])
+    assert told["controller_model.robot.ball.mass_kg"] == 0.75
+    run = prepare(tmp_path / "scene.yaml", told)
+    assert property_value(run.system.mj, "model.rock.rock.mass_kg") == 1.5
+    assert property_value(run.believed.mj, "controller_model.robot.ball.mass_kg") == 0.75
+
+
+def test_wildcards_in_models(tmp_path):
+    made = design(
+        tmp_path,
+        {
+            "model.*.*.mass_kg": {"scale": {"values": [2.0]}},
+            "radii": {"keys": ["model.stone.*.geoms.*.size_m.0"], "scale": {"values": [3.0]}},
+        },
+    )
+    assert made.overrides(0) == {
+        "model.robot.ball.mass_kg": 2.0,
+        "model.rock.rock.mass_kg": 2.0,
+        "model.stone.stone.mass_kg": 2.0,
+        "model.stone.stone.geoms.stone.size_m": [pytest.approx(0.3)],
+    }
+
+
+def test_a_mass_that_the_model_swallows_is_noticed(tmp_path, monkeypatch):
+    """Such as by ``settotalmass``, were it left in: the compiled value is read, not the one that was asked for."""
+    two_rocks(tmp_path)
+    plan = load_campaign(campaign_file(tmp_path, {"model.rock.rock.mass_kg": {"scale": {"uniform": [1.0, 1.001]}}}))
+    monkeypatch.setattr(row_check, "recipe", lambda *_: plan.base)
+    with pytest.raises(InputError, match=r"model.rock.rock.mass_kg is 1.0 although 1.000\d+ was drawn: .*not applied"):
+        plan.design()
