@@ -47,7 +47,6 @@ class Assembly:
 
     Attributes:
         scenario: What was asked for.
-        scenario_yaml: The same as logs keep it.
         system: Robot and objects.
         data: Initial state, all derived quantities current.
         seen: What the control laws are shown of it: the same, or the data of the model that they believe in.
@@ -64,7 +63,6 @@ class Assembly:
     """
 
     scenario: Scenario
-    scenario_yaml: str
     system: System
     data: Any
     seen: Any
@@ -89,7 +87,6 @@ def assemble(
     scenario: Scenario,
     source: YamlSource,
     system: System,
-    scenario_yaml: str,
     laws: Mapping[str, Any],
     believed: System | None = None,
 ) -> Assembly:
@@ -99,7 +96,6 @@ def assemble(
         scenario: What is asked for.
         source: Where each of its keys stands.
         system: Robot and objects, with a model that is the run's own: the run writes its time step.
-        scenario_yaml: The scenario as logs keep it.
         laws: Control laws of a script, classes by kind, beside those that are installed.
         believed: The scene that the control laws take it for, likewise the run's own; None: they know it.
 
@@ -133,7 +129,6 @@ def assemble(
     seen = data if belief is None else belief.data
     return Assembly(
         scenario,
-        scenario_yaml,
         system,
         data,
         seen,

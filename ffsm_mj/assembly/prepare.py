@@ -99,7 +99,7 @@ def recipe(config: Scenario, source: YamlSource, controllers: Mapping[str, Any] 
         InputError: A model is wrong.
     """
     system, believed = compile_scenario(config, source)
-    return Prepared(config, source, system, resolved_yaml(config, system), dict(controllers), believed)
+    return Prepared(config, source, system, dict(controllers), believed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,6 @@ class Prepared:
         scenario: The validated scenario.
         source: Where each of its keys stands.
         system: Robot and objects; its model is copied, never run.
-        scenario_yaml: The scenario with every default written out, as logs keep it.
         laws: Control laws of a script, classes by kind.
         believed: The scene that the control laws take it for, likewise copied; None: they know it.
     """
@@ -121,7 +120,6 @@ class Prepared:
     scenario: Scenario
     source: YamlSource
     system: System
-    scenario_yaml: str
     laws: Mapping[str, Any]
     believed: System | None = None
 
@@ -130,6 +128,11 @@ class Prepared:
         """Properties of bodies and geoms that the scenario gives, as compiled, then those that its laws believe in."""
         return changes_of(self.system, self.believed)
 
+    @property
+    def scenario_yaml(self) -> str:
+        """The scenario with every default written out, as logs keep it."""
+        return resolved_yaml(self.scenario, self.system)
+
     def assemble(self) -> Assembly:
         """Parts of one run at t = 0, made anew.
 
@@ -137,7 +140,7 @@ class Prepared:
             InputError: One line per fault, with the place in the scenario or the model.
         """
         believed = self.believed.copy() if self.believed is not None else None
-        return assemble(self.scenario, self.source, self.system.copy(), self.scenario_yaml, self.laws, believed)
+        return assemble(self.scenario, self.source, self.system.copy(), self.laws, believed)
 
     def run(
         self,

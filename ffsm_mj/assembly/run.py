@@ -15,6 +15,7 @@ from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.regimes import record_kinds
+from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run_size import refuse_without_room
 from ffsm_mj.assembly.source_date import source_date
 from ffsm_mj.contact.watch import ContactWatch
@@ -56,7 +57,8 @@ def simulate(
         with_rerun: Write ``run.rrd`` into the folder.
         live: ``host:port`` of a Rerun viewer to stream to.
         report: Told (simulation time, duration) in s as the run goes.
-        columns: What a run in memory keeps of its rows, beside the time; None: all.
+        columns: What a run in memory keeps of its rows, beside the time; None: all. One that keeps a part of them is no log
+            that can be made again, and carries no scenario.
         watchers: Who else is told of rows and events as they come.
 
     Raises:
@@ -64,12 +66,11 @@ def simulate(
     """
     config, system, layout = assembly.scenario, assembly.system, assembly.row.layout
     clock = source_date()  # one that is malformed is refused before there is a folder
-    kept = len(layout.signals) if columns is None or folder is not None else 1 + len(columns)
+    kept = len(layout.signals) if columns is None else 1 + len(columns)
     refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
-    header = RunHeader(
-        config.name, assembly.scenario_yaml, layout, system.logged_files, _facts(assembly), record_kinds(config)
-    )
-    memory, digested = MemorySink(keep_rows=folder is None, columns=columns if folder is None else None), DigestSink()
+    text = resolved_yaml(config, system) if columns is None else ""
+    header = RunHeader(config.name, text, layout, system.logged_files, _facts(assembly), record_kinds(config))
+    memory, digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
     sinks: list[Sink] = [memory, digested, *watchers]
     if folder is not None:
         sinks += folder.sinks(header, system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)

@@ -12,6 +12,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
+from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.prepare import Prepared, as_overrides, recipe
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.effort import Effort
@@ -87,11 +88,12 @@ def make_rows(job: Job, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> list[R
     """
     _probed(job.scenario, tuple(sorted(job.versions.items())))
     rows: list[Row] = []
-    for index, overrides in runs:
-        row = make_row(job, index, overrides)
-        if row.outcome == "interrupted":
-            break
-        rows.append(row)
+    with one_blas_thread():  # asked for once, not by every run
+        for index, overrides in runs:
+            row = make_row(job, index, overrides)
+            if row.outcome == "interrupted":
+                break
+            rows.append(row)
     return rows
 
 

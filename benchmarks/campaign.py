@@ -1,0 +1,141 @@
+"""What a campaign costs beside its runs, on this machine: ratios, and memory.
+
+``uv run python benchmarks/campaign.py`` prints (1) CPU time of a row outside the simulation, (2) runs a second of a pool of
+two processes and of two local dask workers over twice those of a loop, (3) memory of a worker over 500 runs. Baseline runs
+of 2 s; medians over interleaved repeats. An idle machine with two processors is needed for (2).
+"""
+
+# ruff: noqa: E402
+
+from __future__ import annotations
+
+from ffsm_mj.cli.main import one_blas_thread
+
+one_blas_thread()
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from ffsm_mj.campaign.campaign import Campaign
+from ffsm_mj.campaign.engines import executor, loop
+from ffsm_mj.campaign.worker import make_rows
+from ffsm_mj.present.run import Run
+
+GOALS = {"pool": 0.95, "dask": 0.90}
+OVERHEAD_S = 0.02
+_CAMPAIGN = """
+campaign: benchmark
+scenario: baseline
+overrides: {{duration_s: {duration}}}
+samples: {{kind: random, n: {n}, seed: 1}}
+dispersions: {{model.object.box.mass_kg: {{scale: {{uniform: [0.9, 1.1]}}}}}}
+metrics: [tip.min_error_m]
+limits: {{timeout_s: 60}}
+"""
+
+
+def campaign(folder: Path, n: int, duration: float) -> Campaign:
+    """A campaign in a folder of its own."""
+    file = folder / f"campaign-{n}-{duration:g}.yaml"
+    file.write_text(_CAMPAIGN.format(n=n, duration=duration))
+    return Campaign.load(file, folder / file.stem)
+
+
+def overhead(found: Campaign, runs: int) -> float:
+    """CPU seconds of a row beyond those of the simulation in it."""
+    job = found._job(own=False)
+    simulated: list[float] = []
+    from ffsm_mj.campaign import worker
+
+    measured: Callable[..., Any] = worker.evaluated
+
+    def told(run: Run, *rest: Any) -> Any:
+        assert run.log.outcome is not None
+        simulated.append(run.log.outcome.wall_s)
+        return measured(run, *rest)
+
+    worker.evaluated = told
+    try:
+        rows = make_rows(job, [(i, found.design.overrides(i)) for i in range(runs)])
+    finally:
+        worker.evaluated = measured
+    return statistics.median(row.wall_s - spent for row, spent in zip(rows, simulated, strict=True))
+
+
+def rate(found: Campaign, pool: Executor, first: int, runs: int) -> float:
+    """Runs a second, of some that were not made yet, one a task."""
+    job = found._job(own=False)
+    begun = time.perf_counter()
+    made = [pool.submit(make_rows, job, [(i, found.design.overrides(i))]) for i in range(first, first + runs)]
+    for future in made:
+        future.result()
+    return runs / (time.perf_counter() - begun)
+
+
+def memory_MiB() -> float:
+    """Resident memory of this process."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return int(next(line.split()[1] for line in lines if line.startswith("VmRSS"))) / 1024.0
+
+
+def growth(found: Campaign, runs: int) -> tuple[float, float]:
+    """Memory of a worker after a tenth of its runs, and after all, MiB."""
+    with executor(1) as pool:
+        job = found._job(own=False)
+        batch = [(i, found.design.overrides(i)) for i in range(runs)]
+        pool.submit(make_rows, job, batch[: runs // 10]).result()
+        early = pool.submit(memory_MiB).result()
+        pool.submit(make_rows, job, batch[runs // 10 :]).result()
+        return early, pool.submit(memory_MiB).result()
+
+
+def engines(stack: ExitStack) -> dict[str, Executor]:
+    """A loop, a pool of two, and two dask workers where distributed is installed."""
+    found: dict[str, Any] = {"loop": stack.enter_context(loop().open()), "pool": stack.enter_context(executor(2))}
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        return found
+    cluster = stack.enter_context(LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None))
+    found["dask"] = stack.enter_context(Client(cluster)).get_executor(pure=False)
+    return found
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--runs", type=int, default=20, help="of each engine in each repeat")
+    parser.add_argument("--memory-runs", type=int, default=500)
+    given = parser.parse_args()
+    with TemporaryDirectory(prefix="ffsm-campaign-") as folder, ExitStack() as stack:
+        short = campaign(Path(folder), 64, 0.2)
+        overhead(short, 4)  # the first ones import
+        print(f"outside the simulation  {overhead(short, 40) * 1e3:6.1f} ms a run  (goal {OVERHEAD_S * 1e3:g})")
+        found = campaign(Path(folder), 512, 2.0)
+        pools = engines(stack)
+        for pool in pools.values():
+            rate(found, pool, 0, 4)
+        ratios: dict[str, list[float]] = {name: [] for name in pools if name != "loop"}
+        for _ in range(given.repeats):
+            rates = {name: rate(found, pool, 0, given.runs) for name, pool in pools.items()}
+            for name, each in ratios.items():
+                each.append(rates[name] / (2.0 * rates["loop"]))
+        for name, each in ratios.items():
+            low, middle, high = min(each), statistics.median(each), max(each)
+            print(f"{name}, 2 workers / 2 loops  {middle:5.2f}  ({low:.2f} to {high:.2f}; goal {GOALS[name]:.2f})")
+        early, late = growth(campaign(Path(folder), given.memory_runs, 0.2), given.memory_runs)
+        print(
+            f"memory of a worker  {early:.0f} MiB after {given.memory_runs // 10} runs, {late:.0f} after {given.memory_runs}"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""What is measured of a run, against the run itself."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.assembly.run import simulate
+from ffsm_mj.campaign import metrics
+from ffsm_mj.campaign.effort import Effort
+from ffsm_mj.campaign.metrics import columns_of, evaluated, fault_of
+from ffsm_mj.present.run import Run
+
+
+def measured(
+    scenario: str, overrides: dict[str, Any], names: list[str], block: int | None = None
+) -> tuple[Run, dict[str, Any]]:
+    assembly = prepare(scenario, overrides).assemble()
+    effort = Effort(assembly.system, assembly.actuation.keys)
+    watcher: Any = effort if block is None else Cut(effort, block)
+    run = simulate(assembly, watchers=(watcher,))
+    return run, evaluated(run, effort.told(), names) | {"effort": effort.told()}
+
+
+class Cut:
+    """Passes rows on in smaller blocks."""
+
+    def __init__(self, sink: Effort, rows: int) -> None:
+        self._sink, self._rows = sink, rows
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._sink, name)
+
+    def rows(self, block: Any) -> None:
+        for first in range(0, len(block), self._rows):
+            self._sink.rows(block[first : first + self._rows].copy())
+
+
+@pytest.fixture(scope="module")
+def baseline() -> tuple[Run, dict[str, Any]]:
+    return measured("baseline", {"duration_s": 9.0}, ["impacts.0.impulse_N_s", "impacts.1.impulse_N_s", "tip.min_error_m"])
+
+
+def test_scalars_of_the_summary_by_path(baseline: tuple[Run, dict[str, Any]]) -> None:
+    run, told = baseline
+    assert told["impacts.0.impulse_N_s"] == run.impacts[0].impulse_N_s
+    assert told["impacts.1.impulse_N_s"] is None  # there is one impact
+    assert told["impacts.count"] == 1
+    assert told["tip.min_error_m"] == run.tip_error().min()
+
+
+def test_laws_are_judged_from_the_accumulator(baseline: tuple[Run, dict[str, Any]]) -> None:
+    run, told = baseline
+    assert told["laws_hold"] is True
+    assert told["laws.energy"] == max(law.residual for law in run.laws() if law.name == "energy")
+    assert 0.0 < told["drift"] < 1e-9
+    assert told["deepest_overlap_m"] == 0.0
+
+
+def test_a_violated_law_counts_as_failed() -> None:
+    law = SimpleNamespace(name="energy", residual=2.0, drift=2.0, tolerance=1.0, holds=False)
+    assert metrics.always([law])["laws_hold"] is False  # type: ignore[list-item]
+
+
+def test_effort_of_joint_motors(baseline: tuple[Run, dict[str, Any]]) -> None:
+    """Efforts are held from row to row, so sums over rows are the integrals. Work is that of the ledger but for the tick of the
+    impact, in which the efforts change between two rows: 14 N m at most over 1 ms at 1 rad/s.
+    """
+    run, told = baseline
+    applied = run["actuators.robot_motor_2_applied_N_m"]
+    effort = told["effort"]["robot_motor_2"]
+    assert effort["integral_u2"] == pytest.approx(float(np.sum(applied[:-1] ** 2 * np.diff(run.time))), rel=1e-12)
+    assert effort["peak"] == np.abs(applied).max()
+    upper, lower = run["actuators.robot_motor_2_upper_N_m"], run["actuators.robot_motor_2_lower_N_m"]
+    assert effort["at_bound"] == pytest.approx(np.mean((applied >= upper) | (applied <= lower)))
+    work = sum(each["work_J"] for each in told["effort"].values())
+    assert work == pytest.approx(run["ledger.work_J"][-1], abs=14e-3)
+
+
+def test_effort_of_thrusters_at_sites() -> None:
+    """Power by the trapezoidal rule: its error falls as the square of the step; here 10 ms of a slow motion."""
+    run, told = measured("free-flying", {"duration_s": 5.0}, [])
+    work = sum(each["work_J"] for each in told["effort"].values())
+    scale = sum(abs(each["work_J"]) for each in told["effort"].values())
+    assert scale > 0.0
+    assert work == pytest.approx(run["ledger.work_J"][-1], abs=1e-3 * scale)
+
+
+def test_effort_does_not_depend_on_blocks(baseline: tuple[Run, dict[str, Any]]) -> None:
+    """Blocks are cut by the clock: sums that depended on them would differ from run to run."""
+    _, told = measured("baseline", {"duration_s": 9.0}, [], block=7)
+    assert told["effort"] == baseline[1]["effort"]
+
+
+def test_metrics_of_somebody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A function on a run; what it names of columns is all that is kept."""
+
+    def swing(run: Run) -> float:
+        assert run.keys == ("state.time_s", "state.q_robot_joint_1_rad")
+        return np.float64(np.ptp(run["state.q_robot_joint_1_rad"]))
+
+    swing.columns = ("state.q_robot_joint_1_rad",)  # type: ignore[attr-defined]
+    monkeypatch.setattr(metrics, "plugged", lambda: {"swing": swing, "kind": lambda run: run})
+    assembly = prepare("baseline", {"duration_s": 1.0}).assemble()
+    run = simulate(assembly, columns=columns_of(["swing"]))
+    whole = ffsm_mj.run("baseline", {"duration_s": 1.0})["state.q_robot_joint_1_rad"]
+    found = evaluated(run, {}, ["swing"])["swing"]
+    assert (type(found), found) == (float, np.ptp(whole))
+    assert columns_of(["swing", "kind"]) is None  # the second does not say what it needs
+    with pytest.raises(ValueError, match="metric 'kind' is no number, text or flag but a Run"):
+        evaluated(run, {}, ["kind"])
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("tip.min_error_m", None),
+        ("impacts.0.impulse_N_s", None),
+        ("impacts.0.qvel_after.robot/joint_1", None),
+        ("contacts.0.peak_force_N", None),
+        ("phases.1.end_s", None),
+        ("effort.robot_motor_1.work_J", None),
+        ("controller.phases.0.reports.riccati_fallbacks", None),
+        ("tip.min_eror_m", "did you mean 'tip.min_error_m'?"),
+        ("impacts.0.impulse", "did you mean 'impulse_N_s'?"),
+        ("impacts.first.impulse_N_s", "impacts is a list"),
+        ("effort.robot_motor_9.work_J", "unknown metric"),
+    ],
+)
+def test_names_are_checked(name: str, fault: str | None) -> None:
+    found = fault_of(name, ["robot_motor_1"])
+    assert found is None if fault is None else fault in (found or "")
+
+
+def test_a_partial_run_in_memory_is_the_whole_one() -> None:
+    """Only named columns are kept; verdicts and summary are those of the whole run."""
+    whole = ffsm_mj.run("coasting", {"duration_s": 2.0})
+    part = simulate(prepare("coasting", {"duration_s": 2.0}).assemble(), columns=("energy.total_J",))
+    assert part.keys == ("state.time_s", "energy.total_J")
+    np.testing.assert_array_equal(part["energy.total_J"], whole["energy.total_J"])
+    assert part.laws() == whole.laws()
+    assert {**part.summary(), "wall_s": 0, "real_time_factor": 0} == {**whole.summary(), "wall_s": 0, "real_time_factor": 0}
