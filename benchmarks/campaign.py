@@ -14,6 +14,7 @@ from ffsm_mj.cli.main import one_blas_thread
 one_blas_thread()
 
 import argparse
+import multiprocessing
 import statistics
 import time
 from collections.abc import Callable
@@ -80,8 +81,9 @@ def rate(found: Campaign, pool: Executor, first: int, runs: int) -> float:
 
 
 def memory_MiB() -> float:
-    """Resident memory of this process."""
-    lines = Path("/proc/self/status").read_text().splitlines()
+    """Resident memory of the one worker."""
+    (worker,) = multiprocessing.active_children()
+    lines = Path(f"/proc/{worker.pid}/status").read_text().splitlines()
     return int(next(line.split()[1] for line in lines if line.startswith("VmRSS"))) / 1024.0
 
 
@@ -91,9 +93,9 @@ def growth(found: Campaign, runs: int) -> tuple[float, float]:
         job = found._job(own=False)
         batch = [(i, found.design.overrides(i)) for i in range(runs)]
         pool.submit(make_rows, job, batch[: runs // 10]).result()
-        early = pool.submit(memory_MiB).result()
+        early = memory_MiB()
         pool.submit(make_rows, job, batch[runs // 10 :]).result()
-        return early, pool.submit(memory_MiB).result()
+        return early, memory_MiB()
 
 
 def engines(stack: ExitStack) -> dict[str, Executor]:

@@ -68,8 +68,10 @@ def test_a_violated_law_counts_as_failed() -> None:
 
 
 def test_effort_of_joint_motors(baseline: tuple[Run, dict[str, Any]]) -> None:
-    """Efforts are held from row to row, so sums over rows are the integrals. Work is that of the ledger but for the tick of the
-    impact, in which the efforts change between two rows: 14 N m at most over 1 ms at 1 rad/s.
+    """Efforts are held from row to row, so sums over rows are the integrals.
+
+    Work is that of the ledger but for the tick of the impact, in which efforts change between two rows: 14 N m at most,
+    over 1 ms, at 1 rad/s.
     """
     run, told = baseline
     applied = run["actuators.robot_motor_2_applied_N_m"]
