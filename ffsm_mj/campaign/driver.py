@@ -6,6 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -133,7 +134,7 @@ class Driver:
         while (queue.runs or queue.suspects) and not self.stopped:
             made = queue.made
             try:
-                with self._engine.open() as executor:
+                with self._opened(lost) as executor:
                     self._probe(executor)
                     self._make(executor, queue)
             except _LostError as error:
@@ -142,6 +143,16 @@ class Driver:
                     raise EngineLostError(
                         f"{self._engine.name}: {error}; the rows so far are kept, resume goes on"
                     ) from error
+
+    @contextmanager
+    def _opened(self, lost: int) -> Iterator[Executor]:
+        """An executor; where there was one before, that there is none any more is a loss."""
+        with ExitStack() as stack:
+            try:
+                executor = stack.enter_context(self._engine.open())
+            except InputError as error:
+                raise (EngineLostError(f"{error}; the rows so far are kept, resume goes on") if lost else error) from error
+            yield executor
 
     def _probe(self, executor: Executor) -> None:
         """Whether a worker can do this at all, before any run is given to one."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import signal
 import subprocess
 import sys
@@ -15,6 +17,7 @@ import pytest
 
 from ffsm_mj.campaign import worker
 from ffsm_mj.campaign.campaign import Campaign
+from ffsm_mj.campaign.driver import EngineLostError
 from ffsm_mj.campaign.engines import loop
 from ffsm_mj.campaign.loading import load_campaign
 from ffsm_mj.campaign.store import Row, Store
@@ -180,7 +183,7 @@ def test_a_driver_that_is_killed_is_resumed_to_the_same_table(
     tmp_path: Path, in_a_loop: list[tuple[Any, ...]], number: signal.Signals
 ) -> None:
     """Killed once some rows are there. Random samples: the first eight are those of the smaller design."""
-    path, out = collisions(tmp_path, n=64), tmp_path / "out"
+    path, out = collisions(tmp_path, n=32), tmp_path / "out"
     command = [sys.executable, "-m", "ffsm_mj.cli.main", "campaign", "run", str(path), "--out", str(out), "--workers", "2"]
     driver = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while not (out / "rows.sqlite").is_file() or Campaign.open(out).status().done == 0:
@@ -190,10 +193,67 @@ def test_a_driver_that_is_killed_is_resumed_to_the_same_table(
     assert driver.wait(timeout=30) == (130 if number is signal.SIGINT else -number)
     campaign = Campaign.open(out)
     before = campaign.status()
-    assert 0 < before.done < 64
+    assert 0 < before.done < 32
     campaign.run(workers=2)
-    assert len(campaign.rows()) == 64
+    assert len(campaign.rows()) == 32
     assert told(campaign)[:8] == in_a_loop
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
+    """Nor is a run blamed for it: alone, it is made."""
+    campaign = Campaign.load(collisions(tmp_path, n=32), tmp_path / "out")
+    killed: list[int] = []
+
+    def kill(done: float, _: float) -> None:
+        if done >= 5 and not killed:
+            killed.append(next(child.pid for child in multiprocessing.active_children() if child.pid))
+            os.kill(killed[0], signal.SIGKILL)
+
+    status = campaign.run(workers=2, report=kill)
+    assert (len(killed), status.done, dict(status.outcomes)) == (1, 32, {"completed": 32})
+    assert told(campaign)[:8] == in_a_loop
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of distributed, about its own sockets
+def test_a_scheduler_that_is_killed_is_a_loss_of_nothing(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
+    campaign = Campaign.load(collisions(tmp_path, n=32), tmp_path / "out")
+    dask, file = [sys.executable, "-m", "dask"], str(tmp_path / "scheduler.json")
+    silent: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    scheduler = subprocess.Popen([*dask, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", file], **silent)
+    workers = subprocess.Popen(
+        [*dask, "worker", "--scheduler-file", file, "--nworkers", "2", "--nthreads", "1", "--no-dashboard"], **silent
+    )
+    try:
+        address = _address(Path(file))
+
+        def kill(done: float, _: float) -> None:
+            if done >= 5:
+                scheduler.kill()
+
+        with pytest.raises(EngineLostError, match="rows so far are kept"):
+            campaign.run(dask=address, report=kill)
+    finally:
+        scheduler.kill()
+        workers.terminate()
+        scheduler.wait()
+        workers.wait()
+    assert 0 < campaign.status().done < 32
+    campaign.run(workers=2)
+    assert told(campaign)[:8] == in_a_loop
+    assert campaign.status().outcomes == {"completed": 32}
+
+
+def _address(file: Path) -> str:
+    """Of a scheduler that has both workers."""
+    from distributed import Client
+
+    while not file.is_file() or not file.read_text():
+        time.sleep(0.05)
+    with Client(scheduler_file=str(file), set_as_default=False) as client:
+        client.wait_for_workers(2)
+        return str(client.scheduler.address)
 
 
 def test_a_second_driver_is_refused(tmp_path: Path) -> None:
