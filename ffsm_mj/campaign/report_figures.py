@@ -10,12 +10,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.campaign.convergence import SUCCESS, looks
 from ffsm_mj.campaign.results import Results, TableRow, is_good, numbers
-from ffsm_mj.present.plots.motion import draw_plane, view_box
+from ffsm_mj.present.plots.motion import draw_plane
 from ffsm_mj.present.plots.panels import envelope
+from ffsm_mj.present.plots.silhouette import Plane
 from ffsm_mj.present.plots.style import BLUE, VERMILLION, WIDTH_IN, publication, write
 from ffsm_mj.present.plots.subject import Subject
+from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.signals import identifier
 
 if TYPE_CHECKING:
@@ -111,6 +114,7 @@ def _convergence(results: Results, watched: Sequence[str]) -> Figure:
             axes.fill_between(runs, low, high, color=BLUE, alpha=0.2, linewidth=0.0)
             axes.plot(runs, [each.value for each in found], "o-", color=BLUE, markersize=3.0)
             axes.set_xscale("log", base=2)
+            axes.set_xticks(runs[:: -(-len(runs) // 5)], labels=[f"{each}" for each in runs[:: -(-len(runs) // 5)]])
             axes.set_xlabel("runs", fontsize=7.0)
             axes.set_title("share of successes" if what == SUCCESS else f"median of {what}", fontsize=7.0)
             axes.tick_params(labelsize=6.5)
@@ -118,27 +122,42 @@ def _convergence(results: Results, watched: Sequence[str]) -> Figure:
 
 
 def _trajectories(replayed: Sequence[tuple[TableRow, Run]]) -> Figure:
-    """Paths of the tip, or of the bases, in the plane of the first run's motion; and the tip's error."""
+    """Paths of the tip and of the objects, or of all that moves, in the plane of the first run's motion; the tip's error."""
     subjects = [(row, Subject(run)) for row, run in replayed]
     plane = subjects[0][1].planes[0]
     tipped = [(row, run) for row, run in replayed if run.summary()["tip"] is not None]
     with publication():
         figure = Figure(figsize=(WIDTH_IN, 5.6 if tipped else 3.6), layout="constrained")
         grid = figure.subplots(2 if tipped else 1, 1, squeeze=False, height_ratios=(2, 1) if tipped else (1,))[:, 0]
-        boxes = np.array([view_box(subject, plane, [0, len(subject.run.time) - 1]) for _, subject in subjects])
-        box = boxes[:, 0].min(), boxes[:, 1].max(), boxes[:, 2].min(), boxes[:, 3].max()
-        draw_plane(grid[0], subjects[0][1], plane, box)
-        for row, subject in subjects:
-            for path in [subject.tip] if subject.tip is not None else subject.roots.values():
-                grid[0].plot(*path[:, plane.axes].T, **_line(row))
+        paths = [(row, path[:, plane.axes]) for row, subject in subjects for path in _paths(subject)]
+        draw_plane(grid[0], subjects[0][1], plane, _box([path for _, path in paths], subjects[0][1], plane))
+        for row, path in paths:
+            grid[0].plot(*path.T, **_line(row))
         for row, run in tipped:
             grid[1].plot(*envelope(run.time, run.tip_error()), **_line(row))
         if tipped:
             grid[1].set_xlabel("time, s")
             grid[1].set_ylabel("tip error, m")
-        what = "tip" if subjects[0][1].tip is not None else "bases"
-        grid[0].set_title(f"{len(replayed)} runs: paths of the {what}; not good ones dashed")
+        what = "the tip and the objects" if tipped else "robot and objects"
+        grid[0].set_title(f"{len(replayed)} runs: paths of {what}; not good ones dashed")
     return figure
+
+
+def _paths(subject: Subject) -> list[FloatArray]:
+    if subject.tip is None:
+        return list(subject.roots.values())
+    robot = subject.system.robot.name
+    return [subject.tip, *(path for name, path in subject.roots.items() if name != robot)]
+
+
+def _box(paths: Sequence[FloatArray], subject: Subject, plane: Plane) -> tuple[float, float, float, float]:
+    """Least and greatest coordinates of paths and of the target, with a margin: (left, right, bottom, top) in m."""
+    task = logged_task(subject.run.log.header.facts)
+    target = [task.point_m[None, plane.axes]] if task is not None and set(plane.axes) <= set(task.axes) else []
+    points = np.vstack([*paths, *target])
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * float(np.max(high - low)) + 1e-3
+    return low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin
 
 
 def _line(row: TableRow) -> dict[str, Any]:

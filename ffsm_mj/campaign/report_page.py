@@ -18,6 +18,10 @@ from ffsm_mj.present.markdown import table
 
 _SHARES = (0.05, 0.5, 0.95)
 _SHOWN_RUNS = 6
+_ACCURACY = {
+    "drift": "Drift of energy and momenta over (1 + scale) of each",
+    "deepest_overlap_m": "The deepest overlap, in m,",
+}
 _NOMINAL = {
     "lhs": "points of a Latin hypercube are",
     "sobol": "Sobol points are",
@@ -80,7 +84,11 @@ def _outcomes(results: Results) -> str:
     )
     if results.judges:
         rows.append(_share_row("success", sum(map(is_good, sample)), len(sample)))
-    return table(("", "runs", "share", "interval"), rows)
+    parts = [table(("", "runs", "share", "interval"), rows)]
+    for column, what in _ACCURACY.items():
+        if len(values := measured(results.rows, column)):
+            parts.append(f"{what} is {_number(float(values.max()))} at most.")
+    return "\n\n".join(parts)
 
 
 def _share_row(name: str, count: int, of: int) -> list[str]:
@@ -90,7 +98,7 @@ def _share_row(name: str, count: int, of: int) -> list[str]:
 
 
 def _metrics(results: Results) -> str:
-    head = ("metric", "runs", "least", *(f"{100 * share:g} % below" for share in _SHARES), "greatest")
+    head = ("metric", "runs", "least", "5 %", "median", "95 %", "greatest")
     rows = []
     for metric in results.metrics:
         values = measured(results.sample, metric)

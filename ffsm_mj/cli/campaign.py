@@ -117,7 +117,13 @@ def _replay(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 
 
 def _report(options: argparse.Namespace, say: Say, stage: Stage) -> int:
-    raise NotImplementedError
+    from ffsm_mj.campaign.report import write_report
+
+    found = Campaign.open(options.folder)
+    stage(f"report of {found.config.campaign}", "")
+    for path in write_report(found, Path(options.page) if options.page else None):
+        say(str(path))
+    return OK
 
 
 class _Lines:

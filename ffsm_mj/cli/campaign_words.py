@@ -39,6 +39,9 @@ def describe_campaign(of: argparse.ArgumentParser, add_overrides: Callable[[argp
         parsers[name].add_argument("folder", metavar="DIR", help="folder of the campaign")
     parsers["extend"].add_argument("n", type=_whole, help="size of the sample then; of sobol a power of 2")
     parsers["replay"].add_argument("index", type=_whole, nargs="+", help="numbers of the runs, from 0")
+    parsers["report"].add_argument(
+        "--page", metavar="FILE", help="Markdown file, pictures in figures/ beside it (default: report.md in DIR)"
+    )
     parsers["resume"].add_argument(
         "--retry",
         type=_outcomes,

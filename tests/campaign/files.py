@@ -42,3 +42,12 @@ def two_rocks(folder: Path, **scenario: Any) -> Path:
             **scenario,
         },
     )
+
+
+def rock_hits(folder: Path, **more: Any) -> Path:
+    """Eight runs of 0.05 s: a ball of 1 kg at a dispersed speed hits one at rest, J = (1 + e) v / 2 with e = 0.5."""
+    rates = {"robot/free": [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    joints = {"stone/free": [0.22, 0, 0, 1, 0, 0, 0], "rock/free": TUMBLING}
+    two_rocks(folder, initial={"joints": joints, "rates": rates}, duration_s=0.05)
+    speed = {"initial.rates.robot/free.0": {"uniform": [0.8, 1.6]}}
+    return campaign_file(folder, speed, overrides={"impact_pairs.second.restitution": 0.5}, **more)

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 
+from ffsm_mj.campaign.campaign import Campaign
+from ffsm_mj.campaign.engines import loop
+from ffsm_mj.campaign.report import write_report
 from ffsm_mj.campaign.report_figures import save_figures
 from ffsm_mj.campaign.report_page import report_page
+from ffsm_mj.cli.main import main
+from tests.campaign.files import rock_hits
 from tests.campaign.made_up import results, row
 
 
@@ -118,3 +125,60 @@ def test_runs_over_each_other(baseline, tmp_path):
     made = save_figures(results([row(i, x=1.0 * i) for i in range(4)]), replayed, tmp_path)
     assert made == [("runs made again, over each other", "trajectories.png")]
     assert (tmp_path / "trajectories.png").stat().st_size > 20_000
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Eight collisions, one of them made again."""
+    folder = tmp_path_factory.mktemp("made")
+    success = {"success": "impacts.0.impulse_N_s < 0.9", "metrics": ["impacts.0.impulse_N_s"]}
+    found = Campaign.load(rock_hits(folder, **success), folder / "out")
+    found.run(loop().open())
+    found.replay(3)
+    return found
+
+
+def test_the_report_of_a_campaign(made, capsys):
+    assert main(["campaign", "report", str(made.folder.path)]) == 0
+    files = [Path(line) for line in capsys.readouterr().out.splitlines()]
+    assert [file.name for file in files] == [
+        *("report.md", "metric-impacts_0_impulse_N_s.png", "trajectories.png", "results.parquet", "results.csv")
+    ]
+    assert all(file.is_file() for file in files)
+    text = files[0].read_text()
+    assert cells(text, "outcome `completed`")[0] == "8 of 8"
+    good = sum(row.metrics["impacts.0.impulse_N_s"] < 0.9 for row in made.rows())
+    assert 0 < good < 8
+    assert cells(text, "success")[0] == f"{good} of 8"
+    for target in re.findall(r"\]\(([^)]+)\)", text):
+        assert (files[0].parent / target).is_file()
+
+
+def test_the_table_for_other_tools_has_every_digit(made):
+    write_report(made)
+    table = pyarrow.parquet.read_table(made.folder.path / "results.parquet")
+    assert table.to_pylist() == made.table_rows()
+    lines = (made.folder.path / "results.csv").read_text().splitlines()
+    assert lines[0].split(",")[:3] == ['"run"', '"outcome"', '"failed"']
+    assert len(lines) == 9
+
+
+def test_a_page_elsewhere(made, tmp_path):
+    files = write_report(made, tmp_path / "docs" / "campaign.md")
+    assert files[0].parent == tmp_path / "docs"
+    assert (tmp_path / "docs" / "figures" / "campaign" / "trajectories.png").is_file()
+    text = files[0].read_text()
+    assert "figures/campaign/trajectories.png" in text
+    write_report(made, tmp_path / "docs" / "campaign.md")
+    assert files[0].read_text() == text
+
+
+def test_a_replay_that_is_not_whole_is_left_out(made, tmp_path):
+    (made.folder.path / "replays" / "000004").mkdir(exist_ok=True)
+    assert "trajectories.png" in [file.name for file in write_report(made, tmp_path / "page.md")]
+
+
+def test_a_report_that_cannot_be_written(made, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["campaign", "report", str(made.folder.path), "--page", str(tmp_path / "file" / "page.md")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
