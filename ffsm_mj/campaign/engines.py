@@ -143,10 +143,10 @@ def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     try:
         yield executor
     except BaseException:
-        executor.shutdown(wait=False, cancel_futures=True)
         for process in multiprocessing.active_children():
             if isinstance(process, _Process):
                 process.terminate()
+        executor.shutdown(cancel_futures=True)
         raise
     executor.shutdown(cancel_futures=True)
 
