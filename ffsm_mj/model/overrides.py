@@ -31,7 +31,7 @@ from ffsm_mj.model.properties import (
     property_value,
     shown,
 )
-from ffsm_mj.model.source import REFUSALS, load_spec
+from ffsm_mj.model.source import REFUSALS, compiled_alone, load_spec
 
 _ROUNDING = 1e-9
 _FREE, _ALIGNED = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtAlignFree.mjALIGNFREE_TRUE
@@ -97,11 +97,12 @@ def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> Overridden:
         vfs: MuJoCo's virtual files.
 
     Raises:
+        InputError: The model does not compile by itself.
         ScenarioFaults: There is no such body or geom, or it cannot have such a property.
     """
     done = Overridden(name, files.overrides[-1].key)
     alone = _alone(files, vfs)
-    compiled = alone.compile(vfs=vfs)
+    compiled = compiled_alone(alone, files, vfs)
     if files.pose is None:
         done.inertials |= {body.name: Inertial.of(compiled, compiled.body(body.name).id) for body in spec.bodies[1:]}
     for layer in files.overrides:

@@ -8,7 +8,7 @@ from typing import Any
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.overrides import Overridden, override
 from ffsm_mj.model.sites import add_sites
-from ffsm_mj.model.source import load_spec, refuse_dangling
+from ffsm_mj.model.source import compiled_alone, load_spec
 from ffsm_mj.model.strip import strip
 
 
@@ -41,7 +41,10 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     """
     spec = load_spec(files, vfs)
     stripped = [f"taken out of {name}: {what}" for what in strip(spec, files.strip)]
-    refuse_dangling(files, vfs)
-    overridden = override(spec, name, files, vfs) if files.overrides else None
+    overridden = None
+    if files.overrides:
+        overridden = override(spec, name, files, vfs)  # which compiles the model by itself too
+    else:
+        compiled_alone(load_spec(files, vfs), files, vfs)
     add_sites(spec, files.sites)
     return Part(spec, stripped, overridden)

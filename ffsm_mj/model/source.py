@@ -122,14 +122,21 @@ def _name_all(spec: Any) -> None:
         name(equality, f"{equality.name1 or 'equality'}_equality")
 
 
-def refuse_dangling(files: ModelFiles, vfs: Any) -> None:
-    """Refuse what refers to nothing: attaching drops such a motor, tendon or constraint without a word, compiling tells.
+def compiled_alone(spec: Any, files: ModelFiles, vfs: Any) -> Any:
+    """Compile a model by itself.
+
+    That refuses what refers to nothing: attaching drops such a motor, tendon or constraint without a word, compiling tells.
+
+    Args:
+        spec: As loaded.
+        files: The model.
+        vfs: MuJoCo's virtual files.
 
     Raises:
-        InputError: The model does not compile alone.
+        InputError: It does not compile.
     """
     try:
-        load_spec(files, vfs).compile(vfs=vfs)
+        return spec.compile(vfs=vfs)
     except REFUSALS as error:
         raise InputError(mujoco_line(files, error)) from error
 

@@ -29,6 +29,12 @@ _MODELS = {
     "spatial": ("spacecraft_7dof.xml", "satellite_defunct.xml"),
 }
 
+_BODIES: dict[str, tuple[str, str, str, str, list[float]]] = {
+    "coasting": ("base", "object", "box", "box", [0.5, 0.4, 0.5]),
+    "spatial": ("bus", "satellite", "satellite", "nozzle", [0.12, 0.09]),
+}
+"""A body of the robot, an object with a body and a geom of it, and its size."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -88,7 +94,23 @@ def _tree(rng: Random) -> tuple[str, Map]:
     else:
         tree.pairs = [(k, v) for k, v in tree.pairs if k != "robot"] + [("robot", models[0]), ("objects", models[1])]
         tree.pairs = [(k, f"{Path(v).stem}" if k == "extends" else v) for k, v in tree.pairs]
+    tree.pairs += _properties(name)
     return name, tree
+
+
+def _properties(name: str) -> list[tuple[str, Map]]:
+    """Properties of bodies that some of the scenarios give, and what their control laws believe."""
+    if name not in _BODIES:
+        return []
+    base, thing, body, geom, size = _BODIES[name]
+    weighs = [
+        ("mass_kg", 7.0),
+        ("inertia_kg_m2", [3.0, 4.0, 5.0, 0.1, 0.0, -0.2]),
+        ("centre_of_mass_m", [0.01, -0.02, 0.03]),
+    ]
+    sized = [*weighs, ("geoms", Map([(geom, Map([("size_m", size)]))]))]
+    model = Map([("robot", Map([(base, Map([("mass_kg", 60.0)]))])), (thing, Map([(body, Map(sized))]))])
+    return [("model", model), ("controller_model", Map([(thing, Map([(body, Map([("mass_kg", 8.0)]))]))]))]
 
 
 def _files(name: str, scenario: bytes) -> dict[str, bytes]:
