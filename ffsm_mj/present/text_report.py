@@ -14,6 +14,7 @@ from ffsm_mj.analysis.verdicts import Law, Tolerance
 from ffsm_mj.present.json_text import json_text
 from ffsm_mj.present.record_lines import record_lines
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.facts import told_models
 
 _MOST_CONTACTS = 20
 _STEP_HINT = (
@@ -36,7 +37,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def run_report(run: Run) -> str:
     """Outcome, impacts, tip and conservation of a finished run."""
-    parts = [headline(run), impact_table(run.impacts), contact_table(run.contacts), *record_lines(run)]
+    parts = [headline(run), impact_table(run.impacts), contact_table(run.contacts), *record_lines(run), _models(run)]
     parts += [*_phase_lines(run), *_tip_lines(run), *_unhandled_lines(run)]
     laws = run.laws()
     if run.conservative or laws:
@@ -59,6 +60,11 @@ def headline(run: Run) -> str:
     else:
         line += f"; {summary['duration_s']:g} s logged"
     return line
+
+
+def _models(run: Run) -> str:
+    """Properties of bodies and geoms that the scenario gave, as they were compiled."""
+    return "\n".join(told_models(run.log.header.facts))
 
 
 def what_is_missing(run: Run) -> str:
@@ -191,7 +197,7 @@ def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
     damage = damage_of(run, again)
     impacts = impact_table(run.impacts, whole=run.complete and not damage)
     parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts]
-    parts += [contact_table(run.contacts), *record_lines(run)]
+    parts += [contact_table(run.contacts), *record_lines(run), _models(run)]
     parts += [*_phase_lines(run), *_tip_lines(run), *_unhandled_lines(run)]
     laws = again.laws(tolerance)
     if run.conservative or laws:

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.model.properties import Change
+from ffsm_mj.errors import one_line
+from ffsm_mj.model.properties import Change, Value, shown
 from ffsm_mj.records.signals import PARTIES
 
 _ALL_FREE = "1 1 1 1 1 1"
@@ -102,6 +103,19 @@ def model_facts(changes: Iterable[Change]) -> dict[str, str]:
 def logged_models(facts: Mapping[str, str]) -> dict[str, Any]:
     """The properties that facts tell, nested like the keys of the scenario that gave them; empty where none were given."""
     return {key: json.loads(facts[key]) for key in _MODELS if key in facts}
+
+
+def told_models(facts: Mapping[str, str]) -> list[str]:
+    """The same for a person: a line for each, ``model.box.lid.mass_kg = 7``."""
+    return [f"{one_line('.'.join(path))} = {shown(value)}" for path, value in _leaves(logged_models(facts))]
+
+
+def _leaves(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Value]]:
+    if isinstance(node, dict):
+        for key, value in node.items():
+            yield from _leaves(value, (*path, key))
+    else:
+        yield path, node
 
 
 def fault_of_facts(facts: Mapping[str, str]) -> str:

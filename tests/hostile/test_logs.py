@@ -89,6 +89,12 @@ def test_a_log_without_its_scenario(hit, tmp_path, capsys, command, code, conten
         ("free_components_robot", "1 1 1 1 1 nan"),
         ("task_axes", "x w"),
         ("task_target_m", "1"),
+        ("model", ""),
+        ("model", "[1.0]"),
+        ("model", '{"a": {"b": {"mass_kg": NaN}}}'),
+        ("controller_model", '{"a": {"b": {"mass_kg": "7"}}}'),
+        ("controller_model", "{" + '"a":{' * 6 + "}" * 7),
+        ("controller_model", '{"a":' * 100_000),
     ],
 )
 def test_facts_that_are_no_numbers(hit, tmp_path, capsys, name, text):

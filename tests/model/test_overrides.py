@@ -337,7 +337,10 @@ def test_log_analysis_and_rerun_have_them_too(tmp_path, capfd):
     assert "model" not in ffsm_mj.run(path).summary()
     assert_same(compile_log(ffsm_mj.load_run(out).log).mj, ffsm_mj.prepare(path, given).system.mj)
     assert main(["analyze", str(out)]) == 0
-    assert "columns agree with states" in capfd.readouterr().out
+    printed = capfd.readouterr().out
+    assert "columns agree with states" in printed
+    told = ["robot.ball.mass_kg = 5", "target.target.mass_kg = 2", "target.target.geoms.target.size_m = [0.2]"]
+    assert {f"model.{line}" for line in told} <= set(printed.splitlines())
     np.testing.assert_array_equal(ffsm_mj.run(out).log.rows, run.log.rows)
 
 

@@ -10,6 +10,8 @@ import pytest
 import ffsm_mj
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.recount import recount
+from ffsm_mj.scenario.source import write_yaml
+from ffsm_mj.yaml.parser import plain_value
 from tests.scenes import ball, two_balls
 
 CHANGE = 1e-8
@@ -137,6 +139,13 @@ def test_an_impact_that_is_missing_or_made_up_shows(hit):
 def test_a_mass_that_was_not_the_runs_shows(hit):
     files = {name: text.replace(b'mass="2.0"', b'mass="2.1"') for name, text in hit.log.header.files.items()}
     again = recount(replace(hit.log, header=replace(hit.log.header, files=files)))
+    assert not again.agrees
+
+
+def test_a_mass_that_the_scenario_did_not_give_shows(hit):
+    data = plain_value(hit.log.header.scenario_yaml) | {"model": {"robot": {"ball": {"mass_kg": 2.1}}}}
+    again = recount(replace(hit.log, header=replace(hit.log.header, scenario_yaml=write_yaml(data))))
+    assert again.obstacle == ""
     assert not again.agrees
 
 
