@@ -26,7 +26,8 @@ class Rotation(StrictModel):
     """Angle, rad."""
 
     @model_validator(mode="after")
-    def _an_axis(self) -> Rotation:
+    def _of_numbers(self) -> Rotation:
+        _refuse_texts("angle", self.angle)
         _refuse_zero("axis", self.axis)
         return self
 
@@ -40,7 +41,8 @@ class Vector(StrictModel):
     """Length, in the unit of the key."""
 
     @model_validator(mode="after")
-    def _a_direction(self) -> Vector:
+    def _of_numbers(self) -> Vector:
+        _refuse_texts("magnitude", self.magnitude)
         _refuse_zero("direction", self.direction)
         return self
 
@@ -71,6 +73,9 @@ class Dispersion(Spread):
         absolute = self.vector.magnitude if self.vector is not None else self
         if absolute.mean_missing:
             raise ValueError("needs a 'mean'; only a scale, an offset and an angle have one of their own")
+        for key, part in (("scale", self.scale), ("offset", self.offset)):
+            if part is not None:
+                _refuse_texts(key, part)
         return self
 
 
@@ -79,11 +84,13 @@ class Draw:
     """A scalar that is drawn for each run.
 
     Attributes:
+        entry: The entry of ``dispersions`` that it is drawn for.
         name: Its column in the table.
         distribution: What it is drawn from.
         mean: Mean of a normal distribution that states none.
     """
 
+    entry: str
     name: str
     distribution: Distribution
     mean: float | None = None
@@ -115,19 +122,24 @@ def draws(name: str, dispersion: Dispersion) -> Iterator[Draw]:
     """Scalars that an entry of ``dispersions`` draws: one, or with a random axis or direction three."""
     how = operation(dispersion)
     if dispersion.offset is not None and dispersion.offset.vector is None:
-        yield Draw(f"{name}.offset", dispersion.offset, 0.0)
+        yield Draw(name, f"{name}.offset", dispersion.offset, 0.0)
     elif dispersion.scale is not None:
-        yield Draw(f"{name}.scale", dispersion.scale, 1.0)
+        yield Draw(name, f"{name}.scale", dispersion.scale, 1.0)
     elif dispersion.rotation is not None:
-        yield Draw(f"{name}.angle_rad", dispersion.rotation.angle, 0.0)
+        yield Draw(name, f"{name}.angle_rad", dispersion.rotation.angle, 0.0)
     elif vector := (dispersion.offset or dispersion).vector:
-        yield Draw(f"{name}.magnitude", vector.magnitude, 0.0)
+        yield Draw(name, f"{name}.magnitude", vector.magnitude, 0.0)
     else:
-        yield Draw(name, dispersion)
+        yield Draw(name, name, dispersion)
     if axis_of(dispersion) == "random":
         what = "axis" if how == "rotation" else "direction"
-        yield Draw(f"{name}.{what}_z", _HEIGHT)
-        yield Draw(f"{name}.{what}_azimuth_rad", _TURN)
+        yield Draw(name, f"{name}.{what}_z", _HEIGHT)
+        yield Draw(name, f"{name}.{what}_azimuth_rad", _TURN)
+
+
+def _refuse_texts(key: str, drawn: Distribution) -> None:
+    if not drawn.is_numeric:
+        raise ValueError(f"{key}: a choice of numbers is needed; texts and flags can only be the value itself")
 
 
 def _refuse_zero(key: str, axis: Axis) -> None:

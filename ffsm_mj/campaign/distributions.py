@@ -5,12 +5,19 @@ from __future__ import annotations
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, Field, PositiveFloat, WithJsonSchema, model_validator
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.config import StrictModel
 
-Scalar = bool | int | float | str
+
+def _scalar(value: Any) -> Any:
+    if isinstance(value, bool | str) or (isinstance(value, int | float) and abs(value) < float("inf")):
+        return value
+    raise ValueError("should be a finite number, a text or a flag")
+
+
+Scalar = Annotated[Any, AfterValidator(_scalar), WithJsonSchema({"type": ["number", "string", "boolean"]})]
 _LEAST_U, _MOST_U = 2.0**-54, 1.0 - 2.0**-53
 """Between these every inverse is finite."""
 
@@ -102,15 +109,21 @@ class Distribution(StrictModel):
         return next(name for name in Distribution.model_fields if getattr(self, name) is not None)
 
     @property
-    def levels(self) -> tuple[Scalar, ...] | None:
+    def levels(self) -> tuple[Any, ...] | None:
         """The values of a discrete distribution; None of a continuous one."""
         if self.choice is not None:
             return self.choice
         if self.values is not None:
             return tuple(sorted(self.values))
         if self.grid is not None:
-            return tuple(np.linspace(self.grid.low, self.grid.high, self.grid.levels).tolist())
+            with np.errstate(all="ignore"):  # what is not finite is refused once it is drawn
+                return tuple(np.linspace(self.grid.low, self.grid.high, self.grid.levels).tolist())
         return None
+
+    @property
+    def is_numeric(self) -> bool:
+        """Whether only numbers are drawn."""
+        return self.choice is None or not any(isinstance(each, bool | str) for each in self.choice)
 
     @property
     def mean_missing(self) -> bool:
@@ -132,7 +145,8 @@ class Distribution(StrictModel):
         levels = self.levels
         if levels is not None:
             return [levels[i] for i in np.floor(u * len(levels)).astype(int).tolist()]
-        return self._continuous(u, 0.0 if mean is None else mean).tolist()  # type: ignore[no-any-return]
+        with np.errstate(all="ignore"):
+            return self._continuous(u, 0.0 if mean is None else mean).tolist()  # type: ignore[no-any-return]
 
     def _continuous(self, u: FloatArray, mean: float) -> Any:
         from scipy.special import ndtri  # SciPy costs: for those who draw

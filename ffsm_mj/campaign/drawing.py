@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from zlib import crc32
 
@@ -15,11 +16,18 @@ _MOST_ROWS = 10_000_000
 
 
 def drawn(kind: str, n: int, seed: int, draws: Sequence[Draw], bindings: Sequence[Binding]) -> Design:
-    """The design of a campaign: the same for the same arguments; of what can be extended, the first rows for any n."""
+    """The design of a campaign: the same for the same arguments; of what can be extended, the first rows for any n.
+
+    Raises:
+        ScenarioFaults: A distribution is so wide that numbers have no room for it.
+    """
     names = tuple(draw.name for draw in draws)
     levels = [len(draw.distribution.levels or ()) for draw in draws]
     points = samples(kind, n, seed, names, levels)
     values = [draw.distribution.quantiles(points[:, k], draw.mean) for k, draw in enumerate(draws)]
+    for draw, column in zip(draws, values, strict=True):
+        if not all(abs(value) <= sys.float_info.max for value in column if isinstance(value, int | float)):
+            raise ScenarioFaults([Fault("goes beyond the largest numbers that there are", ("dispersions", draw.entry))])
     return Design(kind, seed, n or len(points), names, tuple(zip(*values, strict=True)), tuple(bindings))
 
 

@@ -59,8 +59,14 @@ class Plan:
             InputError: A run's values are none that the scenario takes.
         """
         samples = self.config.samples
-        design = drawn(samples.kind, samples.n or 0, samples.seed, self.draws, self.bindings)
-        refuse_wrong_rows(self.base, design, self.source, self.config.dispersions)
+        return self._drawn(samples.kind, samples.n or 0, samples.seed)
+
+    def _drawn(self, kind: str, n: int, seed: int) -> Design:
+        try:
+            design = drawn(kind, n, seed, self.draws, self.bindings)
+        except ScenarioFaults as faults:
+            raise located(faults, self.source) from faults
+        refuse_wrong_rows(self.base, design, self.source, self.draws)
         return design
 
     def extended(self, design: Design, n: int) -> Design:
@@ -78,12 +84,11 @@ class Plan:
         if n <= design.n or (design.kind == "sobol" and n & (n - 1)):
             power = "a power of 2 " if design.kind == "sobol" else ""
             raise InputError(f"{n} runs; {power}above {design.n}, the runs that there are, is needed")
-        longer = drawn(design.kind, n, design.seed, self.draws, self.bindings)
+        longer = self._drawn(design.kind, n, design.seed)
         if longer.rows[: len(design.rows)] != design.rows or longer.bindings != design.bindings:
             raise InputError(
                 "the first runs would not be those of the design: it was made from another file or by other versions"
             )
-        refuse_wrong_rows(self.base, longer, self.source, self.config.dispersions)
         return longer
 
 
@@ -114,6 +119,8 @@ def planned(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyTyp
     Raises:
         InputError: One line per fault, with file, line and column.
     """
+    if "campaign" not in source.data and "phases" in source.data:
+        raise InputError(f"{source.path}: is a scenario, no campaign; 'ffsm run' takes it")
     try:
         config = CampaignFile.model_validate(source.data)
     except ValidationError as error:

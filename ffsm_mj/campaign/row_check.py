@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.assembly.prepare import Prepared, recipe
 from ffsm_mj.campaign.design import Design
-from ffsm_mj.campaign.dispersions import Dispersion, draws
+from ffsm_mj.campaign.dispersions import Draw
 from ffsm_mj.campaign.targets import Targets
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.scenario.loading import validated
@@ -21,13 +21,19 @@ _ROUNDING = {"initial": 1e-12, "model": 1e-9, "controller_model": 1e-9}
 quaternions exact and compiles models; every other number it takes as it is."""
 
 
-def refuse_wrong_rows(base: Prepared, design: Design, source: YamlSource, dispersions: Mapping[str, Dispersion]) -> None:
+def refuse_wrong_rows(base: Prepared, design: Design, source: YamlSource, draws: Sequence[Draw]) -> None:
     """Try the first run, and those with the least and the greatest of each parameter, or with each of its texts.
+
+    Args:
+        base: The base scenario.
+        design: The runs.
+        source: The campaign file.
+        draws: What is drawn, the design's parameters.
 
     Raises:
         InputError: The scenario refuses such a run's values, or does not have them once they are set.
     """
-    owners = _owners(design, dispersions)
+    owners = {b.key: draws[effect.columns[0]].entry for b in design.bindings for effect in b.effects}
     for run in extreme_rows(design):
         values = design.overrides(run)
         changes = {key: f"{key}={json.dumps(value)}" for key, value in values.items()}
@@ -50,12 +56,6 @@ def extreme_rows(design: Design) -> list[int]:
         else:
             found |= {column.index(value) for value in dict.fromkeys(column)}
     return sorted(found)
-
-
-def _owners(design: Design, dispersions: Mapping[str, Dispersion]) -> dict[str, str]:
-    """By key of the scenario, the last entry that changes it."""
-    entry = [name for name, dispersion in dispersions.items() for _ in draws(name, dispersion)]
-    return {binding.key: entry[effect.columns[0]] for binding in design.bindings for effect in binding.effects}
 
 
 def _told(line: str, run: int, changes: Mapping[str, str], owners: Mapping[str, str], source: YamlSource) -> str:

@@ -86,8 +86,12 @@ def _run(options: argparse.Namespace, output: Output) -> int:
         complain("ffsm run: name a scenario; 'ffsm run --list' shows the shipped ones")
         return BAD_INPUT
     from ffsm_mj.assembly.prepare import prepare
+    from ffsm_mj.campaign.shipped import is_campaign
+    from ffsm_mj.errors import InputError
     from ffsm_mj.log.run_folder import RunFolder
 
+    if is_campaign(options.scenario):
+        raise InputError(f"{options.scenario}: is a campaign, no scenario; 'ffsm campaign run {options.scenario}' runs it")
     prepared = prepare(options.scenario, options.overrides)
     scenario = prepared.scenario
     if options.out == "":

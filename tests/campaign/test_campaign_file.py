@@ -110,6 +110,25 @@ def line_of(folder, dispersions=None, samples=None, **more):
         ({"model.rock.*.mas_kg": {"values": [1]}}, "unknown property 'mas_kg' (did you mean 'mass_kg'?)"),
         ({"model.rck.*.mass_kg": {"values": [1]}}, "means nothing in this scenario: there is no entry for '*' to stand for"),
         ({"model.rock.rock.mass_kg": {"scale": {"uniform": [-1, 1]}}}, "mass_kg: should be greater than 0"),
+        (
+            {"duration_s": {"scale": {"choice": [1, "a"]}}},
+            "scale: a choice of numbers is needed; texts and flags can only be",
+        ),
+        (
+            {"x": {"keys": ["initial.joints.rock/free"], "rotation": {"axis": "random", "angle": {"choice": [True]}}}},
+            "angle: a",
+        ),
+        (
+            {"duration_s": {"lognormal": {"median": 1, "sigma": 1000}}},
+            "dispersions.duration_s: goes beyond the largest numbers",
+        ),
+        ({"duration_s": {"uniform": [-1e308, 1e308]}}, "dispersions.duration_s: goes beyond the largest numbers"),
+        ({"duration_s": {"truncated": {"mean": 0, "sd": 1, "low": 1e300}}}, "duration_s"),
+        (
+            {"impact.law": {"choice": ["newton", [1]]}},
+            "dispersions.impact.law.choice.1: should be a finite number, a text or",
+        ),
+        ("dispersions.duration_s.choice.1: should be a finite number, a text or",),
         ({"a=b": {"values": [1]}}, "a key with '=' in it cannot be set"),
         (
             {"x": {"keys": ["duration_s", "nothing"], "values": [1]}},
@@ -313,7 +332,14 @@ def test_check_tells_what_would_run(tmp_path, capsys):
     assert main(["check", "baseline", "-s", "campaign=x"]) == 2
 
 
-def test_a_campaign_is_told_from_a_scenario(tmp_path):
+def test_a_campaign_is_told_from_a_scenario(tmp_path, capsys):
     scenario = two_rocks(tmp_path)
+    campaign = campaign_file(tmp_path, GOOD)
+    assert main(["run", str(campaign)]) == 2
+    assert main(["campaign", "run", str(scenario), "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        f"{campaign}: is a campaign, no scenario; 'ffsm campaign run {campaign}' runs it",
+        f"{scenario}: is a scenario, no campaign; 'ffsm run' takes it",
+    ]
     assert is_campaign(campaign_file(tmp_path, GOOD))
     assert not any(map(is_campaign, (scenario, tmp_path, "baseline", "nothing", tmp_path / "nothing.yaml")))

@@ -274,7 +274,7 @@ def test_a_dispersion_that_is_not_applied_is_noticed(tmp_path, monkeypatch):
     with pytest.raises(
         InputError, match=r"campaign\.yaml:10:\d+: dispersions.impact_pairs.0.restitution: run 0: .*not applied"
     ):
-        refuse_wrong_rows(plan.base, made, plan.source, plan.config.dispersions)
+        refuse_wrong_rows(plan.base, made, plan.source, plan.draws)
 
 
 def test_properties_of_models(tmp_path):
