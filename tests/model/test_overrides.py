@@ -38,6 +38,11 @@ MODELS = {
     "settotalmass": f"<body name='b'><freejoint/>{GEOM}<body name='c'><joint/>{DIAGONAL}</body></body>",
     "boundmass": f"<body name='b'><freejoint/>{GEOM}<body name='c' pos='1 0 0'><joint/>{DIAGONAL}</body></body>",
     "balanceinertia": "<body name='b'><freejoint/><inertial mass='3' pos='0 0 0' diaginertia='0.1 0.2 0.9'/></body>",
+    "frames and copies": f"""<frame pos='1 2 3' euler='10 20 30'><body name='b'><freejoint/>{GEOM}
+      <frame pos='0.1 0 0' euler='0 45 0'><geom name='rod' type='capsule' size='0.05' fromto='0 0 0 0.3 0.4 0.1'/>
+      <body name='c' pos='0 0 0.5' euler='5 6 7'><joint axis='0 1 0'/>{DIAGONAL}</body></frame>
+      <replicate count='3' euler='0 0 120'><body name='leg' pos='0.4 0 0'><joint axis='1 0 0'/>
+      <geom name='foot' type='ellipsoid' size='0.1 0.05 0.02'/></body></replicate></body></frame>""",
     "fusestatic": f"<body name='b'><freejoint/>{GEOM}<body name='c' pos='1 0 0'>{DIAGONAL}</body></body>",
 }
 COMPILER = {
@@ -182,6 +187,17 @@ def test_a_capsule_given_by_its_ends_stays_between_them():
     assert other.geom_size[geom, :2].tolist() == [0.03, 0.22]
     for name in ("geom_pos", "geom_quat"):
         np.testing.assert_allclose(getattr(other, name)[geom], getattr(own, name)[geom], atol=1e-16)
+
+
+def test_in_a_frame_too():
+    text = mjcf("frames and copies")
+    own = compiled(text).mj
+    rod = own.geom("robot/rod").id
+    size = property_value(own, "model.robot.b.geoms.rod.size_m")
+    same = compiled(text, {"b": {"geoms": {"rod": {"size_m": list(size)}}}, "leg1": {"mass_kg": 3.0}}).mj
+    assert property_value(same, "model.robot.leg1.mass_kg") == 3.0
+    np.testing.assert_array_equal(same.geom_pos[rod], own.geom_pos[rod])
+    np.testing.assert_allclose(same.geom_quat[rod], own.geom_quat[rod], atol=4e-16)
 
 
 def test_a_layer_starts_from_the_one_below():

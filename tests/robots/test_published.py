@@ -102,6 +102,21 @@ def _moves(film: Path) -> bool:
         return pictures.n_frames > 10 and not np.array_equal(first, np.asarray(pictures.convert("RGB")))
 
 
+@pytest.mark.parametrize("name", ROBOTS)
+def test_explicit_inertials_change_nothing(name, tmp_path):
+    """Every body of a vendor's robot gets what it weighs as numbers, and is the same bit by bit; one can weigh 3.3 kg."""
+    path = write_scenario(name, tmp_path)
+    own = ffsm_mj.prepare(path).system.mj
+    bodies = [own.body(b).name.partition("/")[2] for b in range(own.nbody) if own.body(b).name.startswith("robot/")]
+    again = ffsm_mj.prepare(path, {"model": {"robot": {body: {} for body in bodies}}}).system.mj
+    for field in dir(own):
+        if isinstance(value := getattr(own, field, None), np.ndarray):
+            np.testing.assert_array_equal(getattr(again, field), value, err_msg=field)
+    heavy = own.body(int(np.argmax(own.body_mass))).name.partition("/")[2]
+    (change,) = ffsm_mj.prepare(path, {"model": {"robot": {heavy: {"mass_kg": 3.3}}}}).changes
+    assert change.after == 3.3 != change.before
+
+
 def _is_shipped(file: str, content: bytes, folders: list[Path]) -> bool:
     """Whether a file of this name and these bytes lies in the vendor's folders."""
     return any(path.read_bytes() == content for folder in folders for path in folder.rglob(Path(file).name))
