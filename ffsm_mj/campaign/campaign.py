@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -19,44 +19,15 @@ from ffsm_mj.campaign.folder import CAMPAIGN, CampaignFolder
 from ffsm_mj.campaign.loading import Plan, load_campaign
 from ffsm_mj.campaign.outcomes import RETRIED
 from ffsm_mj.campaign.replay import Replay, replay
+from ffsm_mj.campaign.results import Results, TableRow, column_of, measured
 from ffsm_mj.campaign.settings import differences, row_versions, settings_hash, settings_of
+from ffsm_mj.campaign.statistics import Quantile, Share, quantile
+from ffsm_mj.campaign.status import Status, status_of
+from ffsm_mj.campaign.stopping import FIRST, Stopping
 from ffsm_mj.campaign.store import Row, Store
-from ffsm_mj.campaign.table import TableRow, as_arrow, table_rows
+from ffsm_mj.campaign.table import as_arrow, table_rows
 from ffsm_mj.campaign.worker import Job
 from ffsm_mj.errors import InputError
-
-_FIRST = 50
-"""So many runs tell whether the campaign is worth going on with."""
-_SHOWN = 3
-"""So many failures are told of."""
-
-
-@dataclass(frozen=True)
-class Status:
-    """How far a campaign is.
-
-    Attributes:
-        name: Of the campaign.
-        runs: How many the design has.
-        done: How many have a row.
-        failed: How many of those failed: did not come to their end, or violate a law.
-        outcomes: How many by outcome.
-        messages: The first failed runs, a line each.
-        stopped: Why it stopped before its end; empty where it did not.
-    """
-
-    name: str
-    runs: int
-    done: int
-    failed: int
-    outcomes: Mapping[str, int]
-    messages: tuple[str, ...]
-    stopped: str = ""
-
-    @property
-    def left(self) -> int:
-        """How many are to be made."""
-        return self.runs - self.done
 
 
 class Campaign:
@@ -189,17 +160,19 @@ class Campaign:
             done = store.done(self._hash)
             left = [(i, self.design.overrides(i)) for i in range(len(self.design.rows)) if i not in done]
             total, made = len(self.design.rows), len(done)
+            stopping = Stopping(self.config, total, done, store.failed(self._hash, FIRST), self.results)
 
             def keep(rows: Sequence[Row]) -> None:
                 nonlocal made
                 store.add(self._hash, rows)
+                stopping.add(rows)
                 made += len(rows)
                 if report is not None:
                     report(made, total)
 
-            driver = Driver(engine, self._job(own=engine.own_processes), keep, lambda: self._stop(store, made))
-            driver.drive(left)
-        return self.status(driver.stopped)
+            if not stopping.ends():
+                Driver(engine, self._job(own=engine.own_processes), keep, stopping.ends).drive(left)
+        return replace(self.status(), stopped=stopping.failing, enough=stopping.enough)
 
     def _engine(self, executor: Executor | None, workers: int | None, dask: str) -> Engine:
         if executor is not None:
@@ -214,14 +187,6 @@ class Campaign:
         metrics, timeout = self.config.kept_metrics, self.config.limits.timeout_s or 0.0
         scenario = str(self.folder.scenario.resolve())
         return Job(scenario, metrics, row_versions(), timeout, self._laws, own)
-
-    def _stop(self, store: Store, made: int) -> str:
-        """Why to stop now."""
-        first, share = min(_FIRST, len(self.design.rows)), self.config.limits.max_failed
-        failed = store.failed(self._hash, first) if made <= 2 * first else 0
-        if failed <= share * first:
-            return ""
-        return f"{failed} of the first {first} runs failed, more than limits.max_failed = {share:g}"
 
     def extend(self, n: int) -> None:
         """Add runs to the design; those that it has stay as they are.
@@ -252,14 +217,26 @@ class Campaign:
         """All rows as a ``pyarrow.Table``; ``to_pandas()`` makes it a data frame."""
         return as_arrow(self.table_rows())
 
-    def status(self, stopped: str = "") -> Status:
+    def status(self) -> Status:
         """How far it is."""
         with self._store() as store:
-            outcomes, failures = store.outcomes(self._hash), store.failures(self._hash, _SHOWN)
-            failed = store.failed(self._hash, len(self.design.rows))
-        done = sum(outcomes.values())
-        messages = tuple(f"run {row.index}: {_why(row)}" for row in failures)
-        return Status(self.config.campaign, len(self.design.rows), done, failed, outcomes, messages, stopped)
+            return status_of(store, self._hash, self.config.campaign, len(self.design.rows))
+
+    def results(self) -> Results:
+        """All rows so far with the names of their columns, as report and statistics look at them."""
+        rows, design, config = self.table_rows(), self.design, self.config
+        parameters = tuple(column_of(name, "parameter", rows) for name in design.parameters)
+        metrics = tuple(column_of(name, "metric", rows) for name in config.kept_metrics)
+        return Results(config.campaign, design.kind, design.n, len(design.rows), parameters, metrics, rows)
+
+    def fraction(self, what: str = "success") -> Share:
+        """Share of the runs that are a success, or for which a metric is true, with its interval."""
+        rows = self.results().sample
+        return Share(sum(row.get(what) is True for row in rows), len(rows))
+
+    def quantile(self, metric: str, share: float) -> Quantile:
+        """Quantile of a metric over the runs that did not fail, with its interval."""
+        return quantile(measured(self.results().sample, metric), share)
 
     def replay(self, index: int) -> Replay:
         """Make a run again and keep its log in the folder.
@@ -285,13 +262,6 @@ class Campaign:
             known = [row for row in ended if isinstance(row.metrics.get(metric), int | float)]
             wanted += [row.index for row in sorted(known, key=lambda row: -row.metrics[metric])[:count]]
         return list(dict.fromkeys(wanted))
-
-
-def _why(row: Row) -> str:
-    """Why a run failed."""
-    if row.outcome == "completed":
-        return "a law is violated"
-    return f"{row.outcome}: {row.message}" if row.message else row.outcome
 
 
 def _settings(plan: Plan, laws: Mapping[str, Any]) -> str:

@@ -102,25 +102,19 @@ class _Queue:
 
 
 class Driver:
-    """Makes runs on an engine until none is left.
+    """Makes runs on an engine until none is left."""
 
-    Attributes:
-        stopped: Why it stopped before, in a sentence; empty where it did not.
-    """
-
-    def __init__(
-        self, engine: Engine, job: Job, store: Callable[[Sequence[Row]], None], stop: Callable[[], str] = lambda: ""
-    ) -> None:
+    def __init__(self, engine: Engine, job: Job, store: Callable[[Sequence[Row]], None], stop: Callable[[], bool]) -> None:
         """Nothing is begun.
 
         Args:
             engine: Where runs are made.
             job: The campaign.
             store: Keeps rows.
-            stop: Asked after every batch: why to stop, empty to go on.
+            stop: Asked after every batch: whether to stop.
         """
         self._engine, self._job, self._store, self._stop = engine, job, store, stop
-        self.stopped = ""
+        self._stopped = False
 
     def drive(self, runs: Sequence[Planned]) -> None:
         """Make these runs.
@@ -131,7 +125,7 @@ class Driver:
         """
         queue = _Queue(deque(runs), len(runs), self._engine.workers)
         lost = 0
-        while (queue.runs or queue.suspects) and not self.stopped:
+        while (queue.runs or queue.suspects) and not self._stopped:
             made = queue.made
             try:
                 with self._opened(lost) as executor:
@@ -172,13 +166,13 @@ class Driver:
         """
         flying: dict[Future[list[Row]], _Batch] = {}
         try:
-            while not self.stopped and (queue.runs or queue.suspects or flying):
+            while not self._stopped and (queue.runs or queue.suspects or flying):
                 for batch in queue.batches(list(flying.values())):
                     flying[executor.submit(make_rows, self._job, batch.runs)] = batch
                 done, _ = wait(flying, return_when=FIRST_COMPLETED)
                 for future in done:
                     self._take(future, flying, queue)
-                self.stopped = self._stop()
+                self._stopped = self._stop()
         except (BrokenExecutor, CancelledError, OSError) as error:
             queue.lost(list(flying.values()))
             raise _LostError(described(error)) from error

@@ -9,7 +9,7 @@ from typing import Any
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.folder import REPLAYS
-from ffsm_mj.campaign.results import Results, TableRow
+from ffsm_mj.campaign.results import TableRow
 from ffsm_mj.campaign.table import as_arrow
 from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.log.run_folder import find_log
@@ -20,26 +20,6 @@ PAGE, PARQUET, CSV = "report.md", "results.parquet", "results.csv"
 FIGURES = "figures"
 _MOST_REPLAYS = 100
 """More paths than this are a patch of colour."""
-
-
-def results_of(found: Campaign) -> Results:
-    """The rows of a campaign with the names of their columns."""
-    rows, design = found.table_rows(), found.design
-    return Results(
-        name=found.config.campaign,
-        kind=design.kind,
-        n=design.n,
-        runs=len(design.rows),
-        parameters=tuple(_column(name, "parameter", rows) for name in design.parameters),
-        metrics=tuple(_column(name, "metric", rows) for name in found.config.kept_metrics),
-        rows=rows,
-    )
-
-
-def _column(name: str, kind: str, rows: Sequence[TableRow]) -> str:
-    """Column of a parameter or metric, whose name another may have taken."""
-    own = f"{kind}:{name}"
-    return own if any(own in row for row in rows) else name
 
 
 def write_report(found: Campaign, page: Path | None = None) -> list[Path]:
@@ -60,7 +40,7 @@ def write_report(found: Campaign, page: Path | None = None) -> list[Path]:
     from ffsm_mj.campaign.report_figures import save_figures  # Matplotlib costs: for those who want pictures
     from ffsm_mj.campaign.report_page import report_page
 
-    results = results_of(found)
+    results = found.results()
     page = page or found.folder.path / PAGE
     pictures = page.parent / FIGURES / page.stem
     usable_folder(pictures)

@@ -61,6 +61,12 @@ class Results:
         return self.sample
 
 
+def column_of(name: str, kind: str, rows: Sequence[TableRow]) -> str:
+    """Column of a parameter or metric, whose name another may have taken."""
+    own = f"{kind}:{name}"
+    return own if any(own in row for row in rows) else name
+
+
 def is_good(row: TableRow) -> bool:
     """Whether a run is what was hoped for: a success, or where nothing says what that is, no failure."""
     return not row["failed"] and (row["success"] is None or bool(row["success"]))

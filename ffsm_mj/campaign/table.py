@@ -8,10 +8,9 @@ from typing import Any
 import pyarrow as pa
 
 from ffsm_mj.campaign.design import Design
+from ffsm_mj.campaign.results import TableRow
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.campaign.success import Condition
-
-TableRow = dict[str, Any]
 
 
 def table_rows(rows: Iterable[Row], design: Design, conditions: Sequence[Condition]) -> list[TableRow]:

@@ -8,8 +8,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ffsm_mj.campaign.campaign import Campaign, Status
+from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.driver import EngineLostError
+from ffsm_mj.campaign.status import Status
 from ffsm_mj.cli.commands import Say, Stage
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.standard_streams import complain
@@ -76,6 +77,8 @@ def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) 
     if status.stopped:
         complain(f"{status.stopped}; go on all the same with a greater one: ffsm campaign run -s limits.max_failed=1 ...")
         return RUN_FAILED
+    if status.enough:
+        say(f"ended early: {status.enough}")
     _keep(found, say, stage)
     say(f"look at it: ffsm campaign report {folder}   make a run again, with its log: ffsm campaign replay {folder} 0")
     return OK

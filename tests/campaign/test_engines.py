@@ -128,6 +128,21 @@ def test_too_many_failures_stop_a_campaign(tmp_path: Path) -> None:
     assert status.stopped == "1 of the first 2 runs failed, more than limits.max_failed = 0.4"
 
 
+def test_a_campaign_ends_when_enough_is_known(tmp_path: Path) -> None:
+    """All runs succeed: the Wilson interval of k of k is z^2 / (k + z^2) wide, 0.324 for 8 and 0.194 for 16 runs."""
+    path = collisions(tmp_path, n=64, success="impacts.count == 1", stop={"metric": "success", "width": 0.2})
+    campaign = Campaign.load(path, tmp_path / "out")
+    status = campaign.run(loop().open())
+    assert (status.done, status.left, status.stopped) == (16, 48, "")
+    assert status.enough == "the 95 % interval of success is narrower than 0.2 after 16 runs"
+    assert campaign.run(loop().open()).done == 16  # nor does it go on
+    share = campaign.fraction()
+    assert share.interval[1] - share.interval[0] == pytest.approx(0.194, abs=1e-3)
+    spread = campaign.quantile("impacts.0.impulse_N_s", 0.5)
+    values = sorted(row.metrics["impacts.0.impulse_N_s"] for row in campaign.rows())
+    assert values[0] <= spread.value <= values[-1]
+
+
 def test_a_pool_of_somebody_s_is_used_and_told_when_it_cannot(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
     campaign = Campaign.load(collisions(tmp_path), tmp_path / "out")
     with ProcessPoolExecutor(1, initializer=_breaks) as broken, pytest.raises(InputError, match="needs if __name__"):
