@@ -121,10 +121,10 @@ def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> Overridden:
 
 
 def _alone(files: ModelFiles, vfs: Any) -> Any:
-    """The model by itself, each body in the frame that its file gives it, with the masses that it has in a scene."""
+    """The model by itself with the bodies, geoms and masses that it has in a scene, each body in the frame of its file."""
     spec = load_spec(files, vfs)
-    spec.compiler.settotalmass = -1.0  # only the compiler of the scene could do this
-    spec.compiler.fusestatic = False
+    spec.compiler.settotalmass = -1.0  # only the compiler of the scene could do these
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False
     for joint in spec.joints:
         joint.align = _NOT_ALIGNED
     return spec
@@ -157,6 +157,8 @@ def _weigh(alone: Any, layer: Overrides, done: Overridden, vfs: Any) -> None:
     of_geoms = [body for body, asked in layer.bodies.items() if asked.mass_from_geoms]
     before = dict(done.inertials)
     if of_geoms:
+        for body, inertial in done.inertials.items():
+            inertial.write(alone.body(body))
         done.inertials |= _of_geoms(alone, of_geoms, (layer.key, done.name), vfs)
     for body, asked in layer.bodies.items():
         if asked.weighs:
@@ -174,7 +176,7 @@ _NO_MASS = "the body has no mass that an inertia could be scaled with; give mass
 
 
 def _of_geoms(alone: Any, bodies: list[str], path: tuple[str, str], vfs: Any) -> dict[str, Inertial]:
-    """What bodies weigh by their geoms.
+    """What bodies weigh by their geoms, all others having explicit inertials.
 
     Raises:
         ScenarioFaults: They weigh nothing.

@@ -18,12 +18,12 @@ class Part:
 
     Attributes:
         spec: Its specification; all its elements have names.
-        stripped: What was taken out, for people.
+        notes: What was taken out, and what the file says in vain, for people.
         overridden: What was changed, to be read back out of the compiled scene; None where nothing was.
     """
 
     spec: Any
-    stripped: list[str]
+    notes: list[str]
     overridden: Overridden | None
 
 
@@ -40,11 +40,13 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
         ScenarioFaults: A site cannot be put where it is wanted, or a property is none that the model can have.
     """
     spec = load_spec(files, vfs)
-    stripped = [f"taken out of {name}: {what}" for what in strip(spec, files.strip)]
+    notes = [f"taken out of {name}: {what}" for what in strip(spec, files.strip)]
+    if spec.compiler.settotalmass > 0.0:
+        notes.append(f"{files.place}: <compiler settotalmass> has no effect on a model in a scene; say masses under 'model'")
     overridden = None
     if files.overrides:
         overridden = override(spec, name, files, vfs)  # which compiles the model by itself too
     else:
         compiled_alone(load_spec(files, vfs), files, vfs)
     add_sites(spec, files.sites)
-    return Part(spec, stripped, overridden)
+    return Part(spec, notes, overridden)

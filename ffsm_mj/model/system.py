@@ -214,7 +214,7 @@ def compile_system(
         files=files,
         faults=tuple(faults),
         notes=(
-            *(what for each in parts for what in each.stripped),
+            *(what for each in parts for what in each.notes),
             *(_notes(model) if conservative else ()),
             *told(warned, files),
         ),

@@ -181,6 +181,19 @@ def test_sizes_leave_the_mass_unless_it_is_asked_for():
     np.testing.assert_allclose(both.body_inertia[1], new.mj.body_inertia[1] * 2.0 / mass, rtol=1e-14)
 
 
+def test_bodies_that_weigh_by_a_bound_alone_are_no_hindrance():
+    """Without ``boundmass`` the tool has no mass, and MuJoCo would take no model with it."""
+    tool = "<body name='tool' pos='1 0 0'><joint/></body>"
+    text = f"<mujoco><compiler boundmass='0.5' boundinertia='0.1'/>{HEAD}<worldbody><body name='b'><freejoint/>{GEOM}{tool}"
+    system = compiled(f"{text}</body></worldbody></mujoco>", {"b": {"mass_from_geoms": True}}, {"b": ASKED})
+    assert system.mj.body_mass.tolist() == [0.0, 7.0, 0.5]
+
+
+def test_a_total_mass_that_has_no_effect_is_noted():
+    (note,) = [note for note in compiled(mjcf("settotalmass")).notes if "has no effect" in note]
+    assert note == "robot.xml: <compiler settotalmass> has no effect on a model in a scene; say masses under 'model'"
+
+
 def test_a_capsule_given_by_its_ends_stays_between_them():
     own, other = compiled(ARM).mj, compiled(ARM, {"upper": {"geoms": {"upper": {"size_m": [0.03, 0.22]}}}}).mj
     geom = own.geom("robot/upper").id
@@ -198,6 +211,22 @@ def test_in_a_frame_too():
     assert property_value(same, "model.robot.leg1.mass_kg") == 3.0
     np.testing.assert_array_equal(same.geom_pos[rod], own.geom_pos[rod])
     np.testing.assert_allclose(same.geom_quat[rod], own.geom_quat[rod], atol=4e-16)
+
+
+def test_a_geom_that_is_only_looked_at_has_a_size_too():
+    """``discardvisual`` of a model is the scene's to follow, which does not: the geom is there."""
+    seen = f"<body name='b'><freejoint/>{GEOM}<geom name='look' size='0.1' contype='0' conaffinity='0'/></body>"
+    text = f"<mujoco><compiler discardvisual='true'/>{HEAD}<worldbody>{seen}</worldbody></mujoco>"
+    (change,) = compiled(text, {"b": {"geoms": {"look": {"size_m": [0.2]}}}}).changes
+    assert (change.before, change.after) == ((0.1,), (0.2,))
+
+
+def test_a_body_whose_frame_mujoco_aligns_keeps_it_where_only_its_geoms_change():
+    text = mjcf("explicit").replace("<freejoint/>", '<freejoint align="true"/>')
+    own, sized = compiled(text).mj, compiled(text, {"b": {"geoms": {"hull": {"size_m": [0.2, 0.2, 0.2]}}}}).mj
+    assert_same(own, compiled(text, {"b": {}}).mj)
+    for name in ("body_quat", "body_pos", "body_ipos", "body_inertia", "geom_pos", "geom_quat"):
+        np.testing.assert_array_equal(getattr(sized, name), getattr(own, name))
 
 
 def test_a_layer_starts_from_the_one_below():
