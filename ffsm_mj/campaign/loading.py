@@ -22,7 +22,7 @@ from ffsm_mj.campaign.row_check import refuse_wrong_rows
 from ffsm_mj.campaign.sampler import EXTENDABLE
 from ffsm_mj.campaign.shipped import campaign_path
 from ffsm_mj.campaign.targets import Targets
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.scenario import located
 from ffsm_mj.scenario.shipped import scenario_path
@@ -153,7 +153,8 @@ def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, contro
     except InputError as error:
         lines = []
         for line in error.lines:
-            key = next((key for key, change in changes.items() if line.startswith(f"-s {change}: ")), None)
-            told = line if key is None else line.removeprefix(f"-s {changes[key]}: ")
+            begins = {key: one_line(f"-s {change}: ") for key, change in changes.items()}
+            key = next((key for key, begin in begins.items() if line.startswith(begin)), None)
+            told = line if key is None else line.removeprefix(begins[key])
             lines.append(line if key is None else source.line(Fault(told, ("overrides", key))))
         raise InputError(lines) from error

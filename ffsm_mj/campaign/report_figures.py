@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.campaign.convergence import SUCCESS, looks
-from ffsm_mj.campaign.results import Results, TableRow, is_good, numbers
+from ffsm_mj.campaign.results import Results, TableRow, is_good, measured, numbers
+from ffsm_mj.campaign.statistics import is_constant
 from ffsm_mj.present.plots.motion import draw_plane
 from ffsm_mj.present.plots.panels import envelope
 from ffsm_mj.present.plots.silhouette import Plane
@@ -25,12 +26,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _COLUMNS = 4
+_DPI = 130
 _MOST_POINTS = 5000
 """More points than this are one dark patch, and a large file."""
 
 
 def save_figures(results: Results, replayed: Sequence[tuple[TableRow, Run]], folder: Path) -> list[tuple[str, str]]:
-    """Draw what there is to draw.
+    """Draw what there is to draw: nothing of a metric that is constant.
 
     Args:
         results: What the campaign came to.
@@ -42,7 +44,7 @@ def save_figures(results: Results, replayed: Sequence[tuple[TableRow, Run]], fol
     """
     drawn = []
     for metric in results.metrics:
-        if np.isfinite(numbers(results.rows, metric)).any():
+        if not is_constant(measured(results.rows, metric)):
             name = f"metric-{identifier(metric)}"
             drawn.append((f"{metric} against each parameter", name, _against_parameters(results, metric)))
     watched = [what for what in ([SUCCESS] if results.judges else []) + [*results.metrics] if len(looks(results, what)) > 1]
@@ -51,7 +53,7 @@ def save_figures(results: Results, replayed: Sequence[tuple[TableRow, Run]], fol
     if replayed:
         drawn.append(("runs made again, over each other", "trajectories", _trajectories(replayed)))
     for _, name, figure in drawn:
-        write(figure, folder, name, ("png",))
+        write(figure, folder, name, ("png",), dpi=_DPI)
     return [(what, f"{name}.png") for what, name, _ in drawn]
 
 
@@ -75,6 +77,8 @@ def _against_parameters(results: Results, metric: str) -> Figure:
             x, ticks = _axis(rows, name)
             for side, colour, label, size in ((good, BLUE, "good", 3.0), (~good, VERMILLION, "not good", 6.0)):
                 axes.scatter(x[side], y[side], s=size, color=colour, alpha=0.6, linewidths=0.0, label=label)
+            lacking = x[~good & ~np.isfinite(y)]
+            axes.plot(lacking, np.zeros(len(lacking)), "|", color=VERMILLION, transform=axes.get_xaxis_transform())
             axes.set_xlabel(_in_two_lines(name), fontsize=7.0)
             axes.tick_params(labelsize=6.5)
             if ticks:

@@ -57,6 +57,7 @@ def report_page(results: Results, description: str, success: str | None, figures
         *_failures(results),
         "## What was drawn",
         _drawn(results),
+        *(["## Pictures", "A mark at the lower edge is a run that has no such metric."] if figures else []),
         *(f"![{what}]({file})" for what, file in figures),
     ]
     return "\n\n".join(parts) + "\n"

@@ -12,7 +12,7 @@ from ffsm_mj.assembly.prepare import Prepared, recipe
 from ffsm_mj.campaign.design import Design
 from ffsm_mj.campaign.dispersions import Draw
 from ffsm_mj.campaign.targets import Targets
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource
 
@@ -61,7 +61,7 @@ def extreme_rows(design: Design) -> list[int]:
 def _told(line: str, run: int, changes: Mapping[str, str], owners: Mapping[str, str], source: YamlSource) -> str:
     """A fault of a run's scenario as one of the campaign file."""
     for key, change in changes.items():
-        if line.startswith(prefix := f"-s {change}: "):
+        if line.startswith(prefix := one_line(f"-s {change}: ")):
             return source.line(Fault(f"run {run}: {line.removeprefix(prefix)}", ("dispersions", owners[key])))
     return source.line(Fault(f"run {run}: {line}", ("dispersions",)))
 

@@ -207,6 +207,7 @@ def test_samples_that_cannot_be(tmp_path, samples, message):
             "scenario: basline: no such file, and unknown shipped scenario 'basline' (did you mean 'baseline'?)",
         ),
         ({"overrides": {"duration_s": -1}}, "overrides.duration_s: duration_s: should be greater than 0, got -1"),
+        ({"overrides": {"dur\x00ation": 3}}, r"overrides.dur\x00ation: dur\x00ation: unknown key"),
         ({"overrides": {"phases.5.name": "x"}}, "overrides.phases.5.name: phases is a list of 1: its positions are 0 to 0"),
         ({"success": "tip.error_m"}, "success: 'tip.error_m' is no condition; write METRIC OPERATOR NUMBER, e.g. "),
         ({"success": "duration_s < 3 or steps > 1"}, "is no condition"),

@@ -113,7 +113,7 @@ def test_an_unfinished_campaign_says_so(many):
 def test_pictures(many, tmp_path):
     texts = [each | {"x_law": "newton" if each["run"] % 2 else "blend"} for each in many]
     made = save_figures(results(texts), [], tmp_path)
-    assert [name for _, name in made] == ["metric-y.png", "metric-y_flat.png", "metric-y_some.png", "convergence.png"]
+    assert [name for _, name in made] == ["metric-y.png", "metric-y_some.png", "convergence.png"]
     before = {name: (tmp_path / name).read_bytes() for _, name in made}
     save_figures(results(texts), [], tmp_path)
     assert {name: (tmp_path / name).read_bytes() for _, name in made} == before

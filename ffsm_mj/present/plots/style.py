@@ -65,13 +65,13 @@ def publication() -> Iterator[None]:
         yield
 
 
-def write(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = FORMATS) -> list[Path]:
+def write(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = FORMATS, *, dpi: int = 220) -> list[Path]:
     """Write a figure in each format; the same data give the same bytes."""
     paths = []
     with publication():
         for form in formats:
             path = folder / f"{name}.{form}"
             metadata = {"Date": None, "Creator": "ffsm-mj"} if form == "svg" else {"Software": "ffsm-mj"}
-            figure.savefig(path, format=form, dpi=220, metadata=metadata)
+            figure.savefig(path, format=form, dpi=dpi, metadata=metadata)
             paths.append(path)
     return paths
