@@ -95,7 +95,7 @@ class ControllerContext:
     """What a controller is built for.
 
     Attributes:
-        system: The composed model with its index maps.
+        system: The composed model with its index maps; what it is taken for where the scenario has a ``controller_model``.
         task: The tip's task, or None where the scenario has none.
         control_period_s: Time between two regular calls in s.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 
 import mujoco
 import numpy as np
@@ -142,6 +143,13 @@ def test_log_analysis_and_rerun_have_it_too(tmp_path, capfd):
     assert main(["analyze", str(out)]) == 0
     assert "columns agree with states" in capfd.readouterr().out
     assert_same_rows(ffsm_mj.run(out), run)
+
+
+def test_a_recipe_with_a_belief_runs_again_and_elsewhere_the_same(tmp_path):
+    recipe = ffsm_mj.prepare(reaching(tmp_path, duration_s=0.2), {"controller_model": HEAVY})
+    first = recipe.run()
+    assert_same_rows(recipe.run(), first)
+    assert_same_rows(pickle.loads(pickle.dumps(recipe)).run(), first)
 
 
 def test_check_judges_the_damping_that_the_law_believes_in(tmp_path, capfd):
