@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -45,7 +45,6 @@ class Campaign:
         self.design, self.folder = design, folder
         self._plan, self._laws = plan, dict(controllers)
         self._settings = _settings(plan, self._laws)
-        self._hash = settings_hash(self._settings)
 
     @classmethod
     def load(
@@ -112,19 +111,25 @@ class Campaign:
         self.folder.write_config(plan.config.model_dump(mode="json", exclude_none=True))
 
     @contextmanager
-    def _store(self, *, write: bool = False) -> Iterator[Store]:
-        """The table; what it holds was made with other packages where its settings are others."""
-        if not write and not self.folder.table.is_file():
-            yield Store(":memory:")
-            return
-        store = Store(self.folder.table, write=write)
-        try:
-            found = store.settings()
-            if found is not None and found[0] != self._hash:
-                raise InputError(f"{self.folder.path}: other settings: {differences(found[1], self._settings)}")
+    def _table(self) -> Iterator[Store]:
+        """The table, to be read: whatever it was made with."""
+        there = self.folder.table.is_file()
+        with closing(Store(self.folder.table, write=False) if there else Store(":memory:")) as store:
             yield store
-        finally:
-            store.close()
+
+    @contextmanager
+    def _open_table(self) -> Iterator[Store]:
+        """The table, to be written.
+
+        Raises:
+            InputError: Its rows were made with other settings.
+        """
+        with closing(Store(self.folder.table)) as store:
+            store.begin(settings_hash(self._settings), self._settings)
+            if store.settings != self._settings:
+                told = differences(store.settings, self._settings)
+                raise InputError(f"{self.folder.path}: its rows were made with other settings: {told}")
+            yield store
 
     def run(
         self,
@@ -153,18 +158,17 @@ class Campaign:
             LogWriteError: The table cannot be written (full disk); what was written before is kept.
         """
         engine = self._engine(executor, workers, dask)
-        with self.folder.driven(), self._store(write=True) as store:
-            store.begin(self._hash, self._settings)
+        with self.folder.driven(), self._open_table() as store:
             if retry:
-                store.drop(self._hash, retry)
-            done = store.done(self._hash)
+                store.drop(retry)
+            done = store.done()
             left = [(i, self.design.overrides(i)) for i in range(len(self.design.rows)) if i not in done]
             total, made = len(self.design.rows), len(done)
-            stopping = Stopping(self.config, total, done, store.failed(self._hash, FIRST), self.results)
+            stopping = Stopping(self.config, total, done, store.failed(FIRST), self.results)
 
             def keep(rows: Sequence[Row]) -> None:
                 nonlocal made
-                store.add(self._hash, rows)
+                store.add(rows)
                 stopping.add(rows)
                 made += len(rows)
                 if report is not None:
@@ -206,8 +210,8 @@ class Campaign:
 
     def rows(self) -> list[Row]:
         """All rows so far, in order of their numbers."""
-        with self._store() as store:
-            return store.rows(self._hash)
+        with self._table() as store:
+            return store.rows()
 
     def table_rows(self) -> list[TableRow]:
         """A dictionary per run; see :func:`ffsm_mj.campaign.table.table_rows`."""
@@ -219,8 +223,8 @@ class Campaign:
 
     def status(self) -> Status:
         """How far it is."""
-        with self._store() as store:
-            return status_of(store, self._hash, self.config.campaign, len(self.design.rows))
+        with self._table() as store:
+            return status_of(store, self.config.campaign, len(self.design.rows))
 
     def results(self) -> Results:
         """All rows so far with the names of their columns, as report and statistics look at them."""
@@ -249,9 +253,11 @@ class Campaign:
         """
         if not 0 <= index < len(self.design.rows):
             raise InputError(f"run {index}: the design has 0 to {len(self.design.rows) - 1}")
-        with self._store() as store:
-            row = store.row(self._hash, index)
-        return replay(self._job(own=False), index, self.design.overrides(index), self.folder.replay(index), row)
+        with self._table() as store:
+            row = store.row(index)
+            same = store.settings == self._settings
+        folder = self.folder.replay(index)
+        return replay(self._job(own=False), index, self.design.overrides(index), folder, row, same_settings=same)
 
     def kept(self) -> list[int]:
         """Numbers of the runs whose logs the file asks for: failures and the worst of metrics, those that have an end."""

@@ -10,7 +10,6 @@ from typing import Any
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.effort import Effort
 from ffsm_mj.campaign.metrics import Scalar, evaluated
-from ffsm_mj.campaign.settings import row_versions
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.campaign.worker import Job, prepared_run, processor
 from ffsm_mj.log.run_folder import RunFolder
@@ -49,7 +48,9 @@ class Replay:
         return f"run {self.index} is the row's, {why}"
 
 
-def replay(job: Job, index: int, overrides: Mapping[str, Any], folder: Path, row: Row | None) -> Replay:
+def replay(
+    job: Job, index: int, overrides: Mapping[str, Any], folder: Path, row: Row | None, *, same_settings: bool
+) -> Replay:
     """Make a run again and keep its log.
 
     Args:
@@ -58,6 +59,7 @@ def replay(job: Job, index: int, overrides: Mapping[str, Any], folder: Path, row
         overrides: What the design sets for it.
         folder: Run folder to write; one that is there is replaced.
         row: What it came to before; None: nothing to compare.
+        same_settings: Whether that was with the same settings, versions of packages among them.
 
     Raises:
         InputError: The run cannot be made.
@@ -67,7 +69,7 @@ def replay(job: Job, index: int, overrides: Mapping[str, Any], folder: Path, row
     run = simulate(assembly, RunFolder(folder, force=True), with_rerun=False, watchers=(effort,))
     if row is None:
         return Replay(index, run, True, ())
-    exact = row.cpu == processor() and dict(job.versions) == row_versions()
+    exact = row.cpu == processor() and same_settings
     metrics = evaluated(run, effort.told(), job.metrics)
     return Replay(index, run, exact, tuple(_differences(row, run.outcome, metrics, job.metrics, exact=exact)))
 

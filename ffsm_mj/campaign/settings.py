@@ -14,6 +14,7 @@ from ffsm_controllers import GROUP as LAWS
 from ffsm_mj.assembly.run import versions
 from ffsm_mj.campaign.metrics import GROUP as METRICS
 from ffsm_mj.compiled import is_compiled
+from ffsm_mj.yaml.parser import plain_value
 
 _LEAST_DIFFERENCES = 3
 
@@ -70,7 +71,7 @@ def settings_hash(settings: str) -> str:
 
 def differences(stored: str, now: str) -> str:
     """What differs between two settings, for a person."""
-    a, b = _leaves(json.loads(stored)), _leaves(json.loads(now))
+    a, b = (_leaves(_with_scenario_as_data(json.loads(text))) for text in (stored, now))
     found = [
         f"{key} {_short(a.get(key))} there, {_short(b.get(key))} here"
         for key in sorted({*a, *b})
@@ -80,13 +81,15 @@ def differences(stored: str, now: str) -> str:
     return "; ".join(found[:_LEAST_DIFFERENCES]) + more
 
 
+def _with_scenario_as_data(settings: dict[str, Any]) -> dict[str, Any]:
+    return settings | {"scenario": plain_value(settings["scenario"])}
+
+
 def _leaves(value: Any, key: str = "") -> dict[str, Any]:
-    """Scalars of nested data by dotted key; lines of the scenario one by one."""
-    if isinstance(value, str) and "\n" in value:
-        value = dict(enumerate(value.splitlines(), 1))
-    if isinstance(value, Mapping):
+    """Scalars of nested data by dotted key."""
+    if isinstance(value, Mapping) and value:
         pairs = value.items()
-    elif isinstance(value, list):
+    elif isinstance(value, list) and value:
         pairs = dict(enumerate(value)).items()
     else:
         return {key: value}

@@ -41,18 +41,17 @@ class Status:
         return self.runs - self.done
 
 
-def status_of(store: Store, digest: str, name: str, runs: int) -> Status:
+def status_of(store: Store, name: str, runs: int) -> Status:
     """What the table of a campaign tells.
 
     Args:
         store: The table.
-        digest: Hash of the settings.
         name: Name of the campaign.
         runs: How many its design has.
     """
-    outcomes = store.outcomes(digest)
-    messages = tuple(f"run {row.index}: {_why(row)}" for row in store.failures(digest, _SHOWN))
-    return Status(name, runs, sum(outcomes.values()), store.failed(digest, runs), outcomes, messages)
+    outcomes = store.outcomes()
+    messages = tuple(f"run {row.index}: {_why(row)}" for row in store.failures(_SHOWN))
+    return Status(name, runs, sum(outcomes.values()), store.failed(runs), outcomes, messages)
 
 
 def _why(row: Row) -> str:

@@ -58,7 +58,12 @@ class Row:
 
 
 class Store:
-    """The file. Numbers come back bit by bit: JSON keeps every digit that a double has."""
+    """The file. Numbers come back bit by bit: JSON keeps every digit that a double has.
+
+    Attributes:
+        digest: Hash of the settings with which its rows were made; empty before :meth:`begin`.
+        settings: Those settings.
+    """
 
     def __init__(self, path: Path | str, *, write: bool = True, max_pages: int | None = None) -> None:
         """Open it; it is made where it is not there and may be written.
@@ -88,6 +93,8 @@ class Store:
             raise InputError(f"{self.path}: is no table of a campaign ({error})") from error
         if found != _FORMAT:
             raise InputError(f"{self.path}: is no table of a campaign of this version")
+        told = self._db.execute("SELECT hash, content FROM settings").fetchone()
+        self.digest, self.settings = (str(told[0]), str(told[1])) if told else ("", "")
 
     def _make(self, max_pages: int | None) -> None:
         self._db.execute("PRAGMA synchronous=NORMAL")
@@ -104,20 +111,17 @@ class Store:
             raise LogWriteError(self.path, OSError(0, str(error))) from error
 
     def begin(self, digest: str, settings: str) -> None:
-        """Write the settings: their hash, and what they are.
+        """Write the settings, once: their hash, and what they are.
 
         Raises:
             LogWriteError: The disk is full.
         """
-        with self._writing(), self._db:
-            self._db.execute("INSERT OR IGNORE INTO settings VALUES (?, ?)", (digest, settings))
+        if not self.digest:
+            with self._writing(), self._db:
+                self._db.execute("INSERT INTO settings VALUES (?, ?)", (digest, settings))
+            self.digest, self.settings = digest, settings
 
-    def settings(self) -> tuple[str, str] | None:
-        """Hash and content of the settings; None before :meth:`begin`."""
-        found = self._db.execute("SELECT hash, content FROM settings").fetchone()
-        return (str(found[0]), str(found[1])) if found else None
-
-    def add(self, digest: str, rows: Iterable[Row]) -> None:
+    def add(self, rows: Iterable[Row]) -> None:
         """Add rows; one that is there stays.
 
         Raises:
@@ -125,43 +129,44 @@ class Store:
         """
         with self._writing(), self._db:
             self._db.executemany(
-                "INSERT OR IGNORE INTO rows VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", [_told(digest, row) for row in rows]
+                "INSERT OR IGNORE INTO rows VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                [_told(self.digest, row) for row in rows],
             )
 
-    def drop(self, digest: str, outcomes: Sequence[str]) -> int:
+    def drop(self, outcomes: Sequence[str]) -> int:
         """Forget rows with these outcomes, so that they are run again; returns how many."""
         marks = ", ".join("?" * len(outcomes))
         with self._writing(), self._db:
-            done = self._db.execute(f"DELETE FROM rows WHERE hash = ? AND outcome IN ({marks})", (digest, *outcomes))
+            done = self._db.execute(f"DELETE FROM rows WHERE hash = ? AND outcome IN ({marks})", (self.digest, *outcomes))
         return done.rowcount
 
-    def done(self, digest: str) -> set[int]:
+    def done(self) -> set[int]:
         """Numbers of the runs that have a row."""
-        return {int(i) for (i,) in self._db.execute("SELECT i FROM rows WHERE hash = ?", (digest,))}
+        return {int(i) for (i,) in self._db.execute("SELECT i FROM rows WHERE hash = ?", (self.digest,))}
 
-    def failed(self, digest: str, first: int) -> int:
+    def failed(self, first: int) -> int:
         """How many of the first runs of the design failed."""
-        found = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (digest, first))
+        found = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (self.digest, first))
         return int(found.fetchone()[0])
 
-    def outcomes(self, digest: str) -> dict[str, int]:
+    def outcomes(self) -> dict[str, int]:
         """How many rows by outcome, the most frequent first."""
         found = self._db.execute(
-            "SELECT outcome, count(*) n FROM rows WHERE hash = ? GROUP BY outcome ORDER BY n DESC, outcome", (digest,)
+            "SELECT outcome, count(*) n FROM rows WHERE hash = ? GROUP BY outcome ORDER BY n DESC, outcome", (self.digest,)
         )
         return {str(outcome): int(count) for outcome, count in found}
 
-    def failures(self, digest: str, most: int) -> list[Row]:
+    def failures(self, most: int) -> list[Row]:
         """The first failed runs."""
-        return self._rows("hash = ? AND failed ORDER BY i LIMIT ?", digest, most)
+        return self._rows("hash = ? AND failed ORDER BY i LIMIT ?", self.digest, most)
 
-    def rows(self, digest: str) -> list[Row]:
+    def rows(self) -> list[Row]:
         """All rows in order of their numbers."""
-        return self._rows("hash = ? ORDER BY i", digest)
+        return self._rows("hash = ? ORDER BY i", self.digest)
 
-    def row(self, digest: str, index: int) -> Row | None:
+    def row(self, index: int) -> Row | None:
         """Row of a run; None where it has none."""
-        return next(iter(self._rows("hash = ? AND i = ?", digest, index)), None)
+        return next(iter(self._rows("hash = ? AND i = ?", self.digest, index)), None)
 
     def _rows(self, which: str, *values: Any) -> list[Row]:
         columns = "i, outcome, message, phase, metrics, model, cpu, wall_s, cpu_s"
