@@ -11,6 +11,7 @@ from ffsm_mj.campaign.results import Results, numbers
 from ffsm_mj.campaign.statistics import CONFIDENCE, is_constant
 
 _RESAMPLES = 999
+_LEAST_POINTS = 8
 
 
 def rank_correlation(results: Results, parameter: str, metric: str) -> float | None:
@@ -32,7 +33,7 @@ def rank_correlation(results: Results, parameter: str, metric: str) -> float | N
 
 @dataclass(frozen=True)
 class Index:
-    """Sobol's indices of one parameter, each with its interval by bootstrap.
+    """Sobol's indices of one parameter, each with the interval between quantiles of estimates from resampled points.
 
     Attributes:
         parameter: Its column.
@@ -56,29 +57,32 @@ def sobol_indices(results: Results, metric: str) -> list[Index]:
         ValueError: The design is another, or a run of it failed, has no row, or lacks the metric: one missing number would
             make all indices meaningless. Or the metric is constant. The message says which.
     """
-    values = _whole(results, metric)
+    blocks = _whole(results, metric).reshape(len(results.parameters) + 2, results.n)
+    estimates = _estimates(blocks)
+    rng, tail = np.random.default_rng(0), 0.5 * (1.0 - CONFIDENCE)
+    again = [_estimates(blocks[:, rng.integers(results.n, size=results.n)]) for _ in range(_RESAMPLES)]
+    low, high = np.quantile(again, (tail, 1.0 - tail), axis=0)
+    first, total = ([(float(low[k, i]), float(high[k, i])) for i in range(len(results.parameters))] for k in (0, 1))
+    return [
+        Index(parameter, float(estimates[0, i]), first[i], float(estimates[1, i]), total[i])
+        for i, parameter in enumerate(results.parameters)
+    ]
+
+
+def _estimates(blocks: FloatArray) -> FloatArray:
+    """First order and total indices, (2, d), from values at the points of a Saltelli design, (d + 2, n)."""
     from scipy import stats
 
-    d, n = len(results.parameters), results.n
-    f_a, f_b, f_ab = values[:n], values[n : 2 * n], values[2 * n :].reshape(d, 1, n)
-    parts = {"f_A": f_a[None], "f_B": f_b[None], "f_AB": f_ab}
-    found = stats.sobol_indices(func=parts, n=n, rng=np.random.default_rng(0))
-    again = found.bootstrap(confidence_level=CONFIDENCE, n_resamples=_RESAMPLES)
-    return [
-        Index(
-            parameter,
-            float(np.ravel(found.first_order)[k]),
-            _ends(again.first_order.confidence_interval, k),
-            float(np.ravel(found.total_order)[k]),
-            _ends(again.total_order.confidence_interval, k),
-        )
-        for k, parameter in enumerate(results.parameters)
-    ]
+    parts = {"f_A": blocks[None, 0], "f_B": blocks[None, 1], "f_AB": blocks[2:, None]}
+    found = stats.sobol_indices(func=parts, n=blocks.shape[1])
+    return np.array([np.ravel(found.first_order), np.ravel(found.total_order)])
 
 
 def _whole(results: Results, metric: str) -> FloatArray:
     if results.kind != "saltelli":
         raise ValueError(f"Sobol indices need samples of kind saltelli, these are {results.kind}")
+    if results.n < _LEAST_POINTS:
+        raise ValueError(f"n = {results.n} is too few for indices; {_LEAST_POINTS} are the least, 128 give an idea")
     if not results.complete:
         raise ValueError(f"{results.runs - len(results.rows)} runs are not made yet")
     failed = [row["run"] for row in results.rows if row["failed"]]
@@ -88,11 +92,6 @@ def _whole(results: Results, metric: str) -> FloatArray:
     lacking = np.flatnonzero(~np.isfinite(values))
     if len(lacking):
         raise ValueError(f"{len(lacking)} runs have no {metric}, run {lacking[0]} the first; indices need every run")
-    if is_constant(values):
+    if is_constant(values[: 2 * results.n]):
         raise ValueError("constant")
     return values
-
-
-def _ends(interval: object, k: int) -> tuple[float, float]:
-    low, high = (np.ravel(getattr(interval, end))[k] for end in ("low", "high"))
-    return float(low), float(high)

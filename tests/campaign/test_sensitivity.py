@@ -49,6 +49,20 @@ def test_indices_are_refused_rather_than_wrong(ishigami, change, message):
         sobol_indices(results(change(ishigami), kind="saltelli", n=N, runs=len(ishigami)), "y")
 
 
+def test_a_parameter_without_any_effect_has_index_zero(ishigami):
+    """Exactly: f(A) and f(A mixed) are the same numbers, of which SciPy's own bootstrap makes NaN."""
+    rows = [each | {"y": each["x1"]} for each in ishigami]
+    first, *others = sobol_indices(results(rows, kind="saltelli", n=N), "y")
+    assert first.first == pytest.approx(1.0, abs=0.02)
+    for index in others:
+        assert (index.first, *index.first_interval, index.total, *index.total_interval) == (0.0,) * 6
+
+
+def test_indices_need_more_than_a_handful_of_points(ishigami):
+    with pytest.raises(ValueError, match="n = 4 is too few for indices"):
+        sobol_indices(results(ishigami[:20], kind="saltelli", n=4), "y")
+
+
 def test_indices_need_their_own_design(ishigami):
     with pytest.raises(ValueError, match="need samples of kind saltelli, these are sobol"):
         sobol_indices(results(ishigami, kind="sobol"), "y")
