@@ -1,4 +1,4 @@
-.PHONY: sync format lint type contracts schema figures screenshots reference reproduce test test-fast build check all
+.PHONY: sync format lint type contracts schema figures campaign screenshots reference reproduce test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -21,6 +21,10 @@ figures:     ## the pictures of docs/verified-result.md and docs/lasting-contact
 	uv run python docs/contact_force.py
 reproduce:   ## regenerate the reproduction report
 	uv run ffsm reproduce
+campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes on two processors
+	uv run --extra fast ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed
+	uv run --extra fast ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign.md
+	head -9 logs/campaign-baseline-dispersed/results.csv > docs/campaign-rows.csv
 screenshots: ## the pictures of the Rerun viewer (a Vulkan driver is enough, e.g. mesa-vulkan-drivers)
 	uv run python docs/screenshots.py
 reference:   ## regenerate the committed log reference
