@@ -51,7 +51,7 @@ class Motion(NamedTuple):
     """
 
     origin: Vector
-    axes: tuple[float, ...]
+    axes: list[float]
     omega: Vector
     velocity: Vector
 
@@ -79,13 +79,21 @@ class Carrier:
     def __init__(self, model: Any, body: int) -> None:
         """Bind to a body."""
         self._body, self._root = body, int(model.body_rootid[body])
+        self._data: Any = None
 
     def motion(self, data: Any) -> Motion:
         """Its pose and motion in ``data``; cvel is (angular, linear) about the centre of mass of its tree."""
-        body = self._body
-        x, y, z = data.xpos[body].tolist()
-        p, q, r, u, v, w = data.cvel[body].tolist()
-        cx, cy, cz = data.subtree_com[self._root].tolist()
+        if data is not self._data:
+            self._look_at(data)
+        x, y, z = self._xpos.tolist()
+        p, q, r, u, v, w = self._cvel.tolist()
+        cx, cy, cz = self._centre.tolist()
         i, j, k = x - cx, y - cy, z - cz
         velocity = (u + q * k - r * j, v + r * i - p * k, w + p * j - q * i)
-        return Motion((x, y, z), tuple(data.xmat[body].tolist()), (p, q, r), velocity)
+        return Motion((x, y, z), self._xmat.tolist(), (p, q, r), velocity)
+
+    def _look_at(self, data: Any) -> None:
+        """Find the body in ``data``: MuJoCo's arrays stay where they are."""
+        self._data, body = data, self._body
+        self._xpos, self._xmat, self._cvel = data.xpos[body], data.xmat[body], data.cvel[body]
+        self._centre = data.subtree_com[self._root]

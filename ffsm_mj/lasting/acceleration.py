@@ -11,11 +11,10 @@ problem, whose motion is unique even where contacts are redundant and their forc
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.impact.laws import least_norm, project
 from ffsm_mj.lasting.rows import Rows
 
@@ -30,6 +29,7 @@ class Acceleration:
     """The problem at one state.
 
     Attributes:
+        rows: The contacts.
         free: gap'' without contact forces, m/s^2, (k,).
     """
 
@@ -41,18 +41,28 @@ class Acceleration:
             rows: The contacts.
             force: All generalised forces but theirs, less the bias, (nv,).
         """
-        self._M, self._rows, self._G, self._force = M, rows, rows.G, force
+        self._M, self.rows, self._G, self._force = M, rows, rows.G, force
         self.free = rows.response.dot(force) + rows.gamma
+        self._rounding: list[float] | None = None
 
-    @cached_property
-    def rounding(self) -> FloatArray:
+    @property
+    def rounding(self) -> list[float]:
         """Gap'' within this of zero is none, m/s^2, (k,): a share of its largest term. No stage of a step asks for it."""
-        terms = np.abs(self._rows.response * self._force).max(axis=1)
-        return np.asarray(_LEAST + _SHARE * np.maximum(terms, self._rows.scale))
+        if self._rounding is None:
+            rows = self.rows
+            terms = zip((rows.response * self._force).tolist(), rows.gamma.tolist(), rows.held, strict=True)
+            self._rounding = [_LEAST + _SHARE * max(*map(abs, each), abs(gamma), here.scale) for each, gamma, here in terms]
+        return self._rounding
+
+    @property
+    def _movable(self) -> list[int]:
+        """Contacts that a force can part."""
+        return [i for i, parted in enumerate(self._G.diagonal().tolist()) if parted > _IMMOVABLE]
 
     def eased(self, forces: FloatArray) -> FloatArray:
         """What each of some forces takes off the closing of its own gap, m/s^2, (k,)."""
-        return np.asarray(forces * self._G.diagonal())
+        eased: FloatArray = forces * self._G.diagonal()
+        return eased
 
     def held(self, which: Sequence[int]) -> FloatArray:
         """Forces that keep the gap'' of some contacts at zero, pulling where they must, N, (k,); zero at the others."""
@@ -67,31 +77,31 @@ class Acceleration:
 
     def opening(self, forces: FloatArray) -> FloatArray:
         """Gap'' under some forces, m/s^2, (k,)."""
-        return np.asarray(self.free + self._G.dot(forces))
+        opening: FloatArray = self.free + self._G.dot(forces)
+        return opening
 
     def pushed(self) -> FloatArray:
         """Forces that only push, and let no gap close, N, (k,); where contacts are redundant a few of them bear all."""
-        forces = np.zeros(len(self.free))
-        movable = np.flatnonzero(self._G.diagonal() > _IMMOVABLE)
+        forces, movable = np.zeros(len(self.free)), self._movable
         if len(movable) == 1:
-            i = int(movable[0])
+            i = movable[0]
             forces[i] = max(0.0, -self.free[i] / self._G[i, i])
-        elif len(movable):
+        elif movable:
             A, w = self._mass_weighted(movable)
             forces[movable] = project(A, w)
         return forces
 
     def shared(self, forces: FloatArray) -> FloatArray:
         """Forces of the same effect that redundant contacts share evenly, N, (k,): those of least norm."""
-        if np.count_nonzero(self._G.diagonal() > _IMMOVABLE) < 2:
+        movable = self._movable
+        if len(movable) < 2:
             return forces
-        movable = np.flatnonzero(self._G.diagonal() > _IMMOVABLE)
         out = forces.copy()
         out[movable] = least_norm(self._mass_weighted(movable)[0], forces[movable])
         return out
 
-    def _mass_weighted(self, which: IntArray) -> tuple[FloatArray, FloatArray]:
+    def _mass_weighted(self, which: list[int]) -> tuple[FloatArray, FloatArray]:
         """The same problem as that of a plastic impact: A A^T = G, A w = free."""
         L = np.linalg.cholesky(self._M())
-        A = np.linalg.solve(L, self._rows.J[which].T).T
+        A = np.linalg.solve(L, self.rows.J[which].T).T
         return A, np.linalg.lstsq(A, self.free[which], rcond=None)[0]

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.feature import EDGE_M, Feature, Held, features
 from ffsm_mj.contact.pairs import REST_RATE, ContactPair, Proximity
 from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.lasting.acceleration import Acceleration
+from ffsm_mj.lasting.decision import Decision
 from ffsm_mj.lasting.exchange import Stage
 from ffsm_mj.lasting.rows import Rows, Touch, rows
+from ffsm_mj.lasting.smooth import Smooth
 from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.motion.motion import Motion
 
@@ -28,8 +30,6 @@ _LEAST_RADIUS_M = 1e-4
 """Of what is round and slides over an edge, m."""
 _DRIFT_M = 5e-10
 """A step that lets a closed gap drift further than this is cut there, and the drift taken out."""
-_OPENS = 10.0
-"""A gap opens, or a force ceases to push, where a second rate is so many times its rounding."""
 _OTHER_POINT_M = 2e-10
 """A pair that is deeper than this touches at another point than those that are held."""
 _LIFT_M, _SLOW_M_S = 1e-11, 1e-3
@@ -38,41 +38,13 @@ _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 """Geoms that touch anything convex at one point only."""
 
 
-class Decision(NamedTuple):
-    """Which of the closed contacts press, at one state and under some efforts.
-
-    Attributes:
-        touches: All of them.
-        rows: The same, at the state.
-        problem: Their accelerations.
-        forces: Forces that only push, N, (k,).
-        opening: gap'' under these, m/s^2, (k,).
-    """
-
-    touches: tuple[Touch, ...]
-    rows: Rows
-    problem: Acceleration
-    forces: FloatArray
-    opening: FloatArray
-
-    @property
-    def pressing(self) -> list[int]:
-        """Indices of those that press."""
-        pressed = self.problem.eased(self.forces) > self.problem.rounding
-        return [int(i) for i in np.flatnonzero(pressed)]
-
-    @property
-    def leaving(self) -> set[Touch]:
-        """Those whose gap opens."""
-        return {self.touches[int(i)] for i in np.flatnonzero(self.opening > _OPENS * self.problem.rounding)}
-
-
 class Closed:
     """Closed contacts of a motion.
 
     Attributes:
         motion: What moves.
-        by_pair: Touches of each closed pair.
+        by_pair: Touches of each closed pair; :meth:`hold` and :meth:`let_go` change them.
+        touches: All of them, pair by pair.
         pressing: Those that are held in the stages of a step.
         stages: What was asked in the stages since the step began.
     """
@@ -82,17 +54,34 @@ class Closed:
         self._scene, self._model = scene, scene.system.mj
         self.motion: Motion
         self.by_pair: dict[ContactPair, tuple[Touch, ...]] = {}
+        self.touches: tuple[Touch, ...] = ()
         self.pressing: tuple[Touch, ...] = ()
         self.stages: list[Stage] = []
+        self._spread: list[ContactPair] = []
         self._others = np.zeros(self._model.nv)
         self._looked: tuple[tuple[Any, ...], Rows] | None = None
-        self._decided: tuple[tuple[Any, ...], Decision] | None = None
+        self._asked: tuple[tuple[Any, ...], Acceleration] | None = None
+        self._decided: Decision | None = None
         self._deepest: tuple[tuple[Any, ...], float] | None = None
 
-    @property
-    def touches(self) -> tuple[Touch, ...]:
-        """All of them, pair by pair."""
-        return tuple(touch for touches in self.by_pair.values() for touch in touches)
+    def bind(self, motion: Motion) -> None:
+        """Move with this from here on; nothing was asked of it yet."""
+        self.motion, self._smooth = motion, Smooth(motion)
+        self.stages.clear()
+
+    def hold(self, pair: ContactPair, touches: Sequence[Touch]) -> None:
+        """Hold a pair by some features; by none where it is about to be let go."""
+        self.by_pair[pair] = tuple(touches)
+        self._count()
+
+    def let_go(self, pair: ContactPair) -> None:
+        """Hold a pair no more."""
+        del self.by_pair[pair]
+        self._count()
+
+    def _count(self) -> None:
+        self.touches = tuple(touch for touches in self.by_pair.values() for touch in touches)
+        self._spread = [pair for pair in self.by_pair if many_points(pair)]
 
     def take(self, pair: ContactPair, near: Proximity, still: float) -> None:
         """Hold a pair by all features by which it is closed and whose gap changes no faster than ``still`` in m/s.
@@ -103,7 +92,7 @@ class Closed:
             still: Slower rates than this are none.
         """
         found = [Touch(pair, feature) for feature in features(pair, self._model, self._scene.data, near)]
-        self.by_pair[pair] = tuple(touch for touch in found if abs(touch.feature.at(self._scene.data).rate) <= still)
+        self.hold(pair, [touch for touch in found if abs(touch.feature.at(self._scene.data).rate) <= still])
 
     def keep_down(self, pairs: Sequence[tuple[ContactPair, Proximity]]) -> None:
         """Hold too what of some pairs separates so slowly, pressed as it is, that its gap would not become ``_LIFT_M``.
@@ -117,11 +106,11 @@ class Closed:
         ]
         if not slow:
             return
-        _, problem = self._problem((*held, *(touch for touch, _ in slow)))
+        problem = self._problem((*held, *(touch for touch, _ in slow)))
         pressing = problem.eased(problem.pushed())[len(held) :]
         for (touch, at), b in zip(slow, pressing.tolist(), strict=True):
             if at.rate**2 <= 2.0 * b * _LIFT_M:
-                self.by_pair[touch.pair] = (*self.by_pair.get(touch.pair, ()), touch)
+                self.hold(touch.pair, (*self.by_pair.get(touch.pair, ()), touch))
 
     def _has(self, at: Held) -> bool:
         """Whether a touch at this place is held already."""
@@ -130,43 +119,42 @@ class Closed:
 
     def push(self, data: Any) -> None:
         """Add the forces of the pressing contacts to ``data.qfrc_applied``, which holds all other pushes."""
-        self._others = data.qfrc_applied.copy()
+        applied = data.qfrc_applied
+        self._others = applied.copy()
         if not self.pressing:
             return
-        here, problem = self._problem(self.pressing)
+        problem = self._problem(self.pressing)
         forces = problem.held(range(len(self.pressing)))
-        data.qfrc_applied[:] += forces.dot(here.J)
-        self.stages.append(Stage(here, forces, data.qvel.copy()))
+        generalised = forces.dot(problem.rows.J)
+        applied += generalised
+        self.stages.append(Stage(problem.rows, forces, generalised, data.qvel.copy()))
 
-    def _problem(self, touches: tuple[Touch, ...]) -> tuple[Rows, Acceleration]:
-        """Rows and accelerations at the state in ``data``, under the efforts in it."""
-        model, data = self.motion.model, self.motion.data
-        mujoco.mj_fwdActuation(model, data)
-        here = self._rows(touches)
-        force = data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator + self._others
-        return here, Acceleration(lambda: mass_matrix(model, data), here, force)
+    def _problem(self, touches: tuple[Touch, ...]) -> Acceleration:
+        """Accelerations at the state in ``data``, under the efforts in it: the last ones where both are still the same.
 
-    def _rows(self, touches: tuple[Touch, ...]) -> Rows:
-        """Rows at the state in ``data``: the last ones where that is still the state, though efforts may have changed."""
-        data = self.motion.data
-        key = (data.qpos.tobytes(), data.qvel.tobytes(), touches)
-        if self._looked is None or self._looked[0] != key:
-            self._looked = key, rows(self.motion, self._scene.data, touches)
-        return self._looked[1]
+        The rows stay where the efforts alone have changed.
+        """
+        motion, smooth = self.motion, self._smooth
+        place = touches, smooth.state()
+        key = place, smooth.efforts(), self._others.tobytes()
+        if self._asked is None or self._asked[0] != key:
+            if self._looked is None or self._looked[0] != place:
+                self._looked = place, rows(motion, self._scene.data, touches)
+            M = partial(mass_matrix, motion.model, motion.data)
+            self._asked = key, Acceleration(M, self._looked[1], smooth.force(self._others))
+        return self._asked[1]
 
     def decide(self) -> Decision:
         """Which press at the state in ``data`` under the efforts in it."""
-        data, touches = self.motion.data, self.touches
-        key = (data.qpos.tobytes(), data.qvel.tobytes(), data.ctrl.tobytes(), touches)
-        if self._decided is None or self._decided[0] != key:
-            here, problem = self._problem(touches)
-            forces = problem.pushed()
-            self._decided = key, Decision(touches, here, problem, forces, problem.opening(forces))
-        return self._decided[1]
+        touches = self.touches
+        problem = self._problem(touches)
+        if self._decided is None or self._decided.problem is not problem:
+            self._decided = Decision(touches, problem)
+        return self._decided
 
     def leaving(self) -> set[Touch]:
         """Those whose gap opens."""
-        return self.decide().leaving if self.touches else set()
+        return self.decide().leaving() if self.touches else set()
 
     def press(self) -> None:
         """From here on hold those that press at the state in ``data``."""
@@ -182,29 +170,17 @@ class Closed:
         if not self.touches:
             return math.inf
         decision = self.decide()
-        inside = min(here.inside for here in decision.rows.held) + EDGE_M
-        drift = max(abs(here.gap) for here in decision.rows.held)
-        return min(inside, _DRIFT_M - drift, self._others_clear(), self._accelerations_hold(decision))
-
-    def _accelerations_hold(self, decision: Decision) -> float:
-        """Whether the contacts that are held are those that press, up to forces that redundant contacts may share anew."""
-        problem = decision.problem
-        allowed = _OPENS * problem.rounding
-        held = [decision.touches.index(touch) for touch in self.pressing]
-        forces = problem.held(held)
-        opening = problem.opening(forces)
-        least = np.minimum(problem.eased(forces) + allowed, allowed - np.abs(opening))
-        if least.min() >= 0.0:
-            return float(least.min())
-        return float((allowed - np.maximum(np.abs(opening - decision.opening), decision.opening)).min())
+        held = decision.rows.held
+        inside, drift = min([here.inside for here in held]) + EDGE_M, max([abs(here.gap) for here in held])
+        return min(inside, _DRIFT_M - drift, self._others_clear(), decision.holds_for(self.pressing))
 
     def _others_clear(self) -> float:
         """The least gap of any point of the closed pairs, and a little."""
-        data = self.motion.data
-        key = data.qpos.tobytes(), data.qvel.tobytes(), len(self.by_pair)
+        if not self._spread:
+            return math.inf
+        key = self._smooth.state(), len(self._spread)
         if self._deepest is None or self._deepest[0] != key:
-            gaps = (self._gap_of_all_points(pair) for pair in self.by_pair if many_points(pair))
-            self._deepest = key, min(gaps, default=math.inf) + _OTHER_POINT_M
+            self._deepest = key, min(map(self._gap_of_all_points, self._spread)) + _OTHER_POINT_M
         return self._deepest[1]
 
     def deeper(self) -> bool:
@@ -214,7 +190,7 @@ class Closed:
     def landed(self) -> list[Feature]:
         """The features, at other points than those that are held, by which closed pairs overlap."""
         model, data = self._model, self._scene.data
-        found = (features(pair, model, data, pair.proximity(model, data)) for pair in self.by_pair if many_points(pair))
+        found = (features(pair, model, data, pair.proximity(model, data)) for pair in self._spread)
         return [feature for each in found for feature in each if feature.at(data).gap < -0.5 * _OTHER_POINT_M]
 
     def _gap_of_all_points(self, pair: ContactPair) -> float:

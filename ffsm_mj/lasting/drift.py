@@ -36,7 +36,7 @@ class Drift:
             return None
         touches, motion = closed.touches, closed.motion
         outside = np.any(Shares.of(system, touches).outside != 0.0, axis=0)
-        taken = wrenches(here, np.ones(len(touches)))[outside]
+        taken = np.array(wrenches(here, np.ones(len(touches))))[outside]
         before, qpos = self._accounts(), data.qpos.copy()
         project(motion.model, motion.data, lambda: rows(motion, data, touches), self._free, taken)
         motion.path.arrived()

@@ -58,8 +58,7 @@ class Lasting(Regime):
 
     def restart(self) -> None:
         """Something changed at one instant: nothing that was decided holds any more."""
-        self._closed.motion = self.motion
-        self._closed.stages.clear()
+        self._closed.bind(self.motion)
 
     def holds(self, pair: ContactPair) -> bool:
         """Whether a pair is closed; see :class:`~ffsm_mj.impact.closing.Closing`."""
@@ -90,12 +89,12 @@ class Lasting(Regime):
         if closed_and_still(near, still) and not self.refusal(pair):
             self._closed.take(pair, near, still)
         elif self.holds(pair):
-            self._closed.by_pair[pair] = ()
+            self._closed.hold(pair, ())
 
     def _settle(self) -> None:
         """Be active while anything is closed; a pair that has been told of is kept until its end is told."""
         for pair in [pair for pair, touches in self._closed.by_pair.items() if not touches and pair not in self._begun]:
-            del self._closed.by_pair[pair]
+            self._closed.let_go(pair)
         self.active = bool(self._closed.by_pair)
         self.horizon = -math.inf if self.active else math.inf
         if not self.active:
@@ -104,7 +103,8 @@ class Lasting(Regime):
     def take_up(self) -> None:
         """Find what is closed and still at the state in ``data``; it has been told of where the columns say so."""
         data, model = self.scene.data, self.scene.system.mj
-        self._closed.by_pair.clear()
+        for pair in tuple(self._closed.by_pair):
+            self._closed.let_go(pair)
         self._begun = self._report.told()
         for pair in self._impacts.pairs:
             if pair.gap(model, data, 1.0) <= _NEAR:
@@ -164,13 +164,17 @@ class Lasting(Regime):
 
     @staticmethod
     def _just_after(f: Callable[[float], float], start_s: float, end_s: float) -> float:
-        """Where a function first falls below zero between two times, from the side where it has."""
+        """Where a function first falls below zero between two times, from the side where it has, an instant after it has.
+
+        Whoever looks at that state again, a recount too, finds the same there, whatever its own rounding.
+        """
         from scipy.optimize import brentq  # a second to import, for runs in which a contact lasts
 
         root, late = float(brentq(f, start_s, end_s, xtol=_INSTANT_S, rtol=8.9e-16)), _INSTANT_S
-        while root < end_s and f(root) >= 0.0:
+        while True:
             root, late = min(root + late, end_s), 2.0 * late
-        return root
+            if root >= end_s or f(root) < 0.0:
+                return root
 
     def names(self) -> str:
         """The pairs that are closed."""
@@ -188,8 +192,9 @@ class Lasting(Regime):
             stages = closed.stages[-5:-1]  # the last one is that of the end, where the next step begins
             if self._shared is None or self._shared[0] != closed.pressing:
                 self._shared = closed.pressing, Shares.of(system, closed.pressing)
-            done = added(done, booked(stages, duration_s, system.robot.dofs, self._shared[1]))
-            self._report.book(stages, duration_s)
+            booking, impulses = booked(stages, duration_s, system.robot.dofs, self._shared[1])
+            done = added(done, booking)
+            self._report.book(impulses)
         self._impacts.deepen(-min((at.gap for at in closed.decide().rows.held), default=0.0))
         return done
 
@@ -212,7 +217,7 @@ class Lasting(Regime):
         elif kind is CONTACT_ENDS:
             for pair in pairs:
                 self._begun.remove(pair)
-                del self._closed.by_pair[pair]
+                self._closed.let_go(pair)
         else:
             self._change(pairs)
         self._settle()
@@ -252,4 +257,4 @@ class Lasting(Regime):
                 near = pair.proximity(self.scene.system.mj, self.scene.data)
                 closed.take(pair, near, switched_stillness(near))
             else:
-                closed.by_pair[pair] = tuple(touch for touch in closed.by_pair[pair] if touch not in leaving)
+                closed.hold(pair, [touch for touch in closed.by_pair[pair] if touch not in leaving])

@@ -12,7 +12,6 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Instant, Scene
 from ffsm_mj.lasting.closed import Closed
-from ffsm_mj.lasting.exchange import WEIGHTS, Stage
 from ffsm_mj.lasting.rows import Rows, Touch
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
@@ -36,6 +35,7 @@ _RESIDUAL = (
 )
 _NOTHING = np.array([FREE, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan, 0.0])
 _IMPULSE = len(_NOTHING) - 1
+_NOWHERE = [math.nan] * 3
 
 
 def force_keys(pair: ContactPair) -> tuple[str, ...]:
@@ -129,33 +129,37 @@ class Report:
         if not closed.touches:
             return
         decision = closed.decide()
-        forces = decision.problem.shared(decision.forces)
-        pressing = {decision.touches[i].pair for i in decision.pressing}
+        forces, touches = decision.shared(), decision.touches
+        pressing = {touches[i].pair for i in decision.pressing}
         held = decision.problem.held(decision.pressing)
-        for pair, touches in closed.by_pair.items():
-            if touches:
-                found = resultant(decision.touches, decision.rows, forces, pair)
-                presses = pair in pressing
-                row = self._values[self._row[pair]]
-                row[:3] = PRESSING if presses else CLOSED, found.points, found.size
-                row[3:6] = found.force
-                if presses:
-                    row[6:9] = found.centre
-                    again = resultant(decision.touches, decision.rows, held, pair).force
+        differ = held.tolist() != forces.tolist()
+        for pair, own in closed.by_pair.items():
+            if own:
+                found = resultant(touches, decision.rows, forces, pair)
+                mode, centre = (PRESSING, found.centre.tolist()) if pair in pressing else (CLOSED, _NOWHERE)
+                row = mode, found.points, found.size, *found.force.tolist(), *centre
+                self._values[self._row[pair], :_IMPULSE] = row
+                if pair in pressing and differ:
+                    again = resultant(touches, decision.rows, held, pair).force
                     self._residual[0] = max(self._residual[0], math.dist(found.force, again))
 
     def active(self) -> tuple[ActiveContact, ...]:
         """The closed pairs at the state in ``data`` under the efforts in it, as control laws see them."""
-        found = self.places([pair for pair, touches in self._closed.by_pair.items() if touches])
-        return tuple(ActiveContact(pair.name, at.force, at.centre.copy(), at.normal.copy()) for pair, at in found.items())
+        closed = self._closed
+        if not closed.touches:
+            return ()
+        decision = closed.decide()
+        forces, found = decision.shared(), []
+        for pair, touches in closed.by_pair.items():
+            if touches:
+                at = resultant(decision.touches, decision.rows, forces, pair)
+                found.append(ActiveContact(pair.name, at.force, at.centre.copy(), at.normal.copy()))
+        return tuple(found)
 
-    def book(self, stages: Sequence[Stage], duration_s: float) -> None:
-        """Integrate the resultant forces over a step."""
-        pressing = self._closed.pressing
-        for pair in dict.fromkeys(touch.pair for touch in pressing):
-            sizes = (resultant(pressing, stage.rows, stage.forces, pair).size for stage in stages)
-            impulse = sum(weight * size for weight, size in zip(WEIGHTS, sizes, strict=True))
-            self._values[self._row[pair], _IMPULSE] += duration_s * impulse
+    def book(self, impulses: Mapping[ContactPair, float]) -> None:
+        """Add what the resultant forces of some pairs came to in a step, N s."""
+        for pair, impulse in impulses.items():
+            self._values[self._row[pair], _IMPULSE] += impulse
 
     def before(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, float]:
         """Resultant forces at the end of the step that has ended, N; 0 where none was made since the last event."""
@@ -168,7 +172,7 @@ class Report:
         """Where and with what force pairs touch at the state in ``data`` under the efforts in it."""
         closed, found = self._closed, {}
         decision = closed.decide() if closed.touches else None
-        forces = decision.problem.shared(decision.forces) if decision else np.zeros(0)
+        forces = decision.shared() if decision else np.zeros(0)
         for pair in pairs:
             if decision and closed.by_pair.get(pair):
                 found[pair] = resultant(decision.touches, decision.rows, forces, pair)

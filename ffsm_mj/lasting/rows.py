@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -23,8 +23,7 @@ class Touch:
     feature: Feature
 
 
-@dataclass(frozen=True)
-class Rows:
+class Rows(NamedTuple):
     """Touches at one state, in the coordinates of what moves.
 
     Attributes:
@@ -41,11 +40,6 @@ class Rows:
     response: FloatArray
     G: FloatArray
 
-    @property
-    def scale(self) -> FloatArray:
-        """Largest of the terms that gamma is the sum of, m/s^2, (k,)."""
-        return np.maximum(np.abs(self.gamma), [here.scale for here in self.held])
-
 
 def rows(motion: Motion, data: Any, touches: Sequence[Touch]) -> Rows:
     """Rows of some touches.
@@ -56,20 +50,20 @@ def rows(motion: Motion, data: Any, touches: Sequence[Touch]) -> Rows:
         touches: Pairs and features.
     """
     model, moving, bodies = motion.model, motion.data, motion.bodies
-    k, nv = len(touches), model.nv
+    k, nv, qvel = len(touches), model.nv, moving.qvel
     J, gamma = np.empty((k, nv)), np.empty(k)
-    # Of b, then of a; rates of the same.
-    jacobians = np.empty((4, 3, nv))
-    of_b, of_a, rate_b, rate_a = jacobians
-    held = tuple(touch.feature.at(data) for touch in touches)
+    of_b, of_a, rate_b, rate_a = motion.room
+    held = tuple([touch.feature.at(data) for touch in touches])
     for i, (touch, here) in enumerate(zip(touches, held, strict=True)):
         a, b = bodies[touch.pair.body_a], bodies[touch.pair.body_b]
         mujoco.mj_jac(model, moving, of_b, None, here.point, b)
         mujoco.mj_jac(model, moving, of_a, None, here.point, a)
         mujoco.mj_jacDot(model, moving, rate_b, None, here.point_b, b)
         mujoco.mj_jacDot(model, moving, rate_a, None, here.point_a, a)
-        J[i] = here.normal.dot(of_b - of_a)
-        gamma[i] = here.normal.dot(rate_b - rate_a).dot(moving.qvel) + here.bend
-    response = np.empty_like(J)
+        of_b -= of_a
+        rate_b -= rate_a
+        J[i] = here.normal.dot(of_b)
+        gamma[i] = here.normal.dot(rate_b).dot(qvel) + here.bend
+    response = np.empty((k, nv))
     mujoco.mj_solveM(model, moving, response, J)
     return Rows(held, J, gamma, response, response.dot(J.T))

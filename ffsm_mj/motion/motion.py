@@ -20,6 +20,7 @@ class Motion:
         model: MuJoCo model, with RK4.
         data: Its data.
         momentum: Generalised momentum M qdot at the state in ``data``, (nv,).
+        room: For whoever asks for Jacobians of it, four of (3, nv).
         path: The last step.
         flight: Makes the steps and keeps account of their length.
         bodies: Id in this model of each body of the system that it stands for.
@@ -29,6 +30,7 @@ class Motion:
         """Begin at the state in ``data`` (all derived quantities current)."""
         self.model, self.data = model, data
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
+        self.room = tuple(np.empty((4, 3, model.nv)))
         self.bodies: Sequence[int] = range(model.nbody)
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self._unpushed = self.flight = fastest(Flight)(model, data, self.path.start, self.momentum)

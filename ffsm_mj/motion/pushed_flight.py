@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.dynamics import rotation_dofs
@@ -18,6 +19,8 @@ from ffsm_mj.motion.flight import WHOLE_STATE, Flight
 Push = Callable[[Any], None]
 """Adds generalised forces to ``data.qfrc_applied``; positions and velocities in ``data`` are current."""
 
+WEIGHTS = np.array((1.0, 2.0, 2.0, 1.0)) / 6.0
+"""Of the stages of a step."""
 _AFTER_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 
@@ -45,6 +48,10 @@ class PushedFlight(Flight):
         """
         super().__init__(model, data, state, momentum)
         self._pushes, self._follow, self._rotations = tuple(pushes), follow, rotation_dofs(model)
+        self._start_qpos, self._start_qvel = np.empty(model.nq), np.empty(model.nv)
+        # Of each stage the rates of the chart and the accelerations.
+        self._slopes = np.empty((4, 2, model.nv))
+        self._flat_slopes = self._slopes.reshape(4, -1)
 
     def refresh(self) -> None:
         """Bring forces and all derived quantities up to the state in ``data``."""
@@ -68,15 +75,14 @@ class PushedFlight(Flight):
     def _move(self, duration_s: float) -> None:
         """The same from where they are current."""
         data, h = self._data, duration_s
-        start_s, qpos, qvel = data.time, data.qpos.copy(), data.qvel.copy()
-        first = data.qvel.copy(), data.qacc.copy()
-        second = self._stage(qpos, qvel, 0.5 * h, *first)
-        third = self._stage(qpos, qvel, 0.5 * h, *second)
-        last = self._stage(qpos, qvel, h, *third)
-        rates, accelerations = (
-            (a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in zip(first, second, third, last, strict=True)
-        )
-        self._put(qpos, qvel, h, rates, accelerations)
+        start_s = data.time
+        self._start_qpos[:], self._start_qvel[:] = data.qpos, data.qvel
+        first, second, third, last = self._slopes
+        first[0], first[1] = data.qvel, data.qacc
+        self._stage(0.5 * h, first, second)
+        self._stage(0.5 * h, second, third)
+        self._stage(h, third, last)
+        self._go(h, WEIGHTS.dot(self._flat_slopes).reshape(2, -1))
         data.time = start_s + h
         self.refresh()
 
@@ -87,21 +93,23 @@ class PushedFlight(Flight):
         self._move(duration_s)
         return self.account(duration_s)
 
-    def _stage(
-        self, qpos: FloatArray, qvel: FloatArray, after_s: float, rates: FloatArray, accelerations: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Rates of the chart and accelerations where given ones lead in a time."""
-        self._put(qpos, qvel, after_s, rates, accelerations)
-        self.refresh()
-        chart = self._data.qvel.copy()
-        for part in self._rotations:
-            chart[part] = _rate_of_chart((after_s * rates[part]).tolist(), chart[part].tolist())
-        return chart, self._data.qacc.copy()
+    def _go(self, after_s: float, slope: FloatArray) -> None:
+        """To where rates of the chart and accelerations, (2, nv), lead in a time from the start of the step."""
+        qpos = self._data.qpos
+        qpos[:] = self._start_qpos
+        mujoco.mj_integratePos(self._model, qpos, slope[0], after_s)
+        self._rates[:] = self._start_qvel + after_s * slope[1]
 
-    def _put(self, qpos: FloatArray, qvel: FloatArray, after_s: float, rates: FloatArray, accelerations: FloatArray) -> None:
-        self._data.qpos[:] = qpos
-        mujoco.mj_integratePos(self._model, self._data.qpos, rates, after_s)
-        self._data.qvel[:] = qvel + after_s * accelerations
+    def _stage(self, after_s: float, slope: FloatArray, found: FloatArray) -> None:
+        """Rates of the chart and accelerations where given ones lead in a time, (2, nv) each."""
+        self._go(after_s, slope)
+        self.refresh()
+        found[0], found[1] = self._rates, self._data.qacc
+        if self._rotations:
+            turned, rates = (after_s * slope[0]).tolist(), self._rates.tolist()
+            for part in self._rotations:
+                rates[part] = _rate_of_chart(turned[part], rates[part])
+            found[0] = rates
 
 
 def _rate_of_chart(turned: list[float], spin: list[float]) -> tuple[float, float, float]:
