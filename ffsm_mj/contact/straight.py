@@ -28,6 +28,7 @@ class PointOnFace(Pairing):
         super().__init__(name, swapped, face.radius, point.radius)
         self._face, self._point = face, point
         self._face_body, self._point_body = face.carrier, point.carrier
+        self._level = dot(face.normal, face.centre)
 
     def at(self, data: Any) -> Held:
         """The normal is fixed to the face's body: n' = omega x n."""
@@ -39,7 +40,7 @@ class PointOnFace(Pairing):
         normal = first.turned(face.normal)
         w = minus(second.velocity_at(arm), first.velocity_at(first_arm))
         turning = 2.0 * dot(cross(first.omega, normal), w)
-        gap = dot(face.normal, minus(local, face.centre))
+        gap = dot(face.normal, local) - self._level
         return self._held(gap, dot(normal, w), normal, (point, point), (turning,), face.inside(local))
 
 

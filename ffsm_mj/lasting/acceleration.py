@@ -69,7 +69,7 @@ class Acceleration:
         forces = np.zeros(len(self.free))
         if len(which) == 1:
             i = which[0]
-            forces[i] = -self.free[i] / self._G[i, i]
+            forces[i] = -self.free.item(i) / self._G.item(i, i)
         elif len(which):
             picked = np.asarray(which)
             forces[picked] = np.linalg.lstsq(self._G[np.ix_(picked, picked)], -self.free[picked], rcond=_REDUNDANT)[0]
@@ -85,7 +85,7 @@ class Acceleration:
         forces, movable = np.zeros(len(self.free)), self._movable
         if len(movable) == 1:
             i = movable[0]
-            forces[i] = max(0.0, -self.free[i] / self._G[i, i])
+            forces[i] = max(0.0, -self.free.item(i) / self._G.item(i, i))
         elif movable:
             A, w = self._mass_weighted(movable)
             forces[movable] = project(A, w)

@@ -127,7 +127,7 @@ class Closed:
         forces = problem.held(range(len(self.pressing)))
         generalised = forces.dot(problem.rows.J)
         applied += generalised
-        self.stages.append(Stage(problem.rows, forces, generalised, data.qvel.copy()))
+        self.stages.append(Stage(problem.rows, forces, generalised * data.qvel))
 
     def _problem(self, touches: tuple[Touch, ...]) -> Acceleration:
         """Accelerations at the state in ``data``, under the efforts in it: the last ones where both are still the same.

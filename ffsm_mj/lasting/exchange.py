@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -29,14 +30,12 @@ class Stage(NamedTuple):
     Attributes:
         rows: Where the contacts are.
         forces: Theirs, N, (k,).
-        generalised: The same by dof, (nv,).
-        qvel: Generalised velocity, (nv,).
+        power: What they give to each dof, W, (nv,).
     """
 
     rows: Rows
     forces: FloatArray
-    generalised: FloatArray
-    qvel: FloatArray
+    power: FloatArray
 
 
 class Shares(NamedTuple):
@@ -82,15 +81,16 @@ def booked(
         shares: Of the contacts.
     """
     parts, on_b = duration_s * WEIGHTS, [wrenches(stage.rows, stage.forces) for stage in stages]
-    forces, rates = np.array([stage.generalised for stage in stages]), np.array([stage.qvel for stage in stages])
-    work = parts.dot(forces * rates).tolist()
-    total, own = math.fsum(work), math.fsum(work[robot])
+    work = parts.dot(np.array([stage.power for stage in stages])).tolist()
+    total, own = sum(work), sum(work[robot])
+    weights, sizes = parts.tolist(), dict.fromkeys(shares.of_pairs, 0.0)
+    for part, pushed in zip(weights, on_b, strict=True):
+        for pair, mine in shares.of_pairs.items():
+            sizes[pair] += part * _size([pushed[i] for i in mine])
+    # Plain sums: arrays of a few numbers cost more.
+    columns = [zip(*of_touch, strict=True) for of_touch in zip(*on_b, strict=True)]
+    impulses = np.array([[sum(map(mul, weights, column)) for column in six] for six in columns])
     energy = np.array((total, own, total - own))
-    impulses = np.array(on_b).transpose(1, 2, 0).dot(parts)
-    sizes = {
-        pair: sum(part * _size([pushed[i] for i in mine]) for part, pushed in zip(parts.tolist(), on_b, strict=True))
-        for pair, mine in shares.of_pairs.items()
-    }
     return Booking(energy, shares.from_robot.dot(impulses), shares.outside.dot(impulses)), sizes
 
 

@@ -104,12 +104,10 @@ class PushedFlight(Flight):
         """Rates of the chart and accelerations where given ones lead in a time, (2, nv) each."""
         self._go(after_s, slope)
         self.refresh()
-        found[0], found[1] = self._rates, self._data.qacc
-        if self._rotations:
-            turned, rates = (after_s * slope[0]).tolist(), self._rates.tolist()
-            for part in self._rotations:
-                rates[part] = _rate_of_chart(turned[part], rates[part])
-            found[0] = rates
+        turned, rates = (after_s * slope[0]).tolist(), self._rates.tolist()
+        for part in self._rotations:
+            rates[part] = _rate_of_chart(turned[part], rates[part])
+        found[0], found[1] = rates, self._data.qacc
 
 
 def _rate_of_chart(turned: list[float], spin: list[float]) -> tuple[float, float, float]:
