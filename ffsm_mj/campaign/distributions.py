@@ -101,12 +101,9 @@ class Distribution(StrictModel):
             raise ValueError(
                 f"uniform goes from a lower to a higher number, not from {self.uniform[0]:g} to {self.uniform[1]:g}"
             )
+        if len({"number" if type(each) in (int, float) else type(each) for each in self.choice or ()}) > 1:
+            raise ValueError("a choice is of numbers, of texts or of flags: they are one column of the table")
         return self
-
-    @property
-    def kind(self) -> str:
-        """Key of the distribution."""
-        return next(name for name in Distribution.model_fields if getattr(self, name) is not None)
 
     @property
     def levels(self) -> tuple[Any, ...] | None:

@@ -59,7 +59,11 @@ def test_a_mean_that_is_not_stated_is_given_by_the_use():
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.one_of(st.booleans(), st.integers(-5, 5), st.text(max_size=3)), min_size=1, max_size=7))
+@given(
+    st.sampled_from([st.booleans(), st.integers(-5, 5), st.text(max_size=3)]).flatmap(
+        lambda of: st.lists(of, min_size=1, max_size=7)
+    )
+)
 def test_a_choice_takes_every_item_as_often_as_it_stands_there(items):
     shares = (np.arange(20 * len(items)) + 0.5) / (20 * len(items))
     assert drawn({"choice": items}, shares) == [item for item in items for _ in range(20)]
@@ -113,6 +117,8 @@ def test_a_larger_share_is_no_smaller_value(middle, width, shares, kind):
         ({"values": []}, "at least 1 item"),
         ({"values": [float("nan")]}, "finite"),
         ({"choice": [1.0, float("nan")]}, "should be a finite number, a text or a flag"),
+        ({"choice": [1.0, "a"]}, "a choice is of numbers, of texts or of flags"),
+        ({"choice": [True, 1]}, "a choice is of numbers, of texts or of flags"),
         ({"grid": {"low": 0.0, "high": 1.0, "levels": 1}}, "greater than or equal to 2"),
     ],
 )
