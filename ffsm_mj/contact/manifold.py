@@ -12,6 +12,8 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.shape import PARALLEL
 from ffsm_mj.hull import hull, turn
 
+LEVEL_M = 1e-9
+"""Of a face that is tilted by rounding all corners touch; not those that are further off than this."""
 _SAME_M, _STRAIGHT = 1e-12, 1e-9
 """Corners of one feature no farther apart than the first are one, m; one that hardly turns is none."""
 _KINDS = {1: "point", 2: "edge"}
@@ -22,13 +24,14 @@ def manifold_name(count: int) -> str:
     return _KINDS.get(count, "face")
 
 
-def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray) -> FloatArray:
+def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, level: float = LEVEL_M) -> FloatArray:
     """Extreme points of the intersection of two features in the plane across the normal, (k, 3).
 
     Args:
         first: Extreme points of one geom along the normal, (m, 3).
         second: Extreme points of the other against it, (n, 3).
         normal: Common normal.
+        level: Points at which the two are further apart than at the nearest one, by more than this in m, are none.
 
     Returns:
         Points midway between both features; empty where they do not overlap within rounding.
@@ -45,8 +48,16 @@ def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray) -> F
     if not candidates:
         return np.empty((0, 3))
     corners = hull(np.array(candidates), merge=reach, straight=_STRAIGHT)
-    height = 0.5 * (float(np.mean(first @ normal)) + float(np.mean(second @ normal)))
-    return np.asarray(corners @ plane + height * normal)
+    low, high = (_heights(points @ normal, points @ plane.T, corners) for points in (first, second))
+    touching = high - low <= (high - low).min() + level
+    return np.asarray(corners[touching] @ plane + np.outer(0.5 * (low + high)[touching], normal))
+
+
+def _heights(heights: FloatArray, places: FloatArray, corners: FloatArray) -> FloatArray:
+    """Heights at some corners of the line or plane through places of known height, (k,)."""
+    middle = places.mean(axis=0)
+    slope = np.linalg.lstsq(places - middle, heights - heights.mean(), rcond=None)[0]
+    return np.asarray(heights.mean() + (corners - middle) @ slope)
 
 
 def _inside(p: FloatArray, polygon: FloatArray, reach: float) -> bool:

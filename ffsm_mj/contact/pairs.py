@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.manifold import touching_set
+from ffsm_mj.contact.manifold import LEVEL_M, touching_set
 from ffsm_mj.contact.normal import polished, separation
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
 from ffsm_mj.contact.shape import PARALLEL, Shape
@@ -193,7 +193,8 @@ class ContactPair:
         first, second = Shape(model, data, self._g1), Shape(model, data, self._g2)
         estimate, witness = self._shifted_query(model, data)
         normal = self._normal = polished(first, second, estimate)
-        points = touching_set(first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL), normal)
+        level = LEVEL_M + first.vague + second.vague
+        points = touching_set(first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL), normal, level)
         points = points if len(points) else witness[None]
         rounding = _ROUNDING + 4.0 * _EPSILON * float(np.abs(points).max())
         rates, still = self._rates(data, normal, points)

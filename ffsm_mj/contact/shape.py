@@ -39,6 +39,11 @@ class Shape:
         self._rotation: FloatArray = data.geom_xmat[geom].reshape(3, 3)
         self._position: FloatArray = data.geom_xpos[geom]
 
+    @property
+    def vague(self) -> float:
+        """How well the places of its points are known, m: 0 but for meshes."""
+        return _SINGLE * float(self._model.geom_rbound[self._geom]) if self._kind == mujoco.mjtGeom.mjGEOM_MESH else 0.0
+
     def extreme(self, direction: FloatArray, width: float = 0.0) -> FloatArray:
         """All extreme points along a unit vector, (k, 3); edges and faces within ``width`` rad of square to it whole."""
         local, size = self._rotation.T @ direction, self._size

@@ -31,7 +31,7 @@ _LEAST_RADIUS_M = 1e-4
 _DRIFT_M = 5e-10
 """A step that lets a closed gap drift further than this is cut there, and the drift taken out."""
 _OTHER_POINT_M = 2e-10
-"""A pair that is deeper than this touches at another point than those that are held."""
+"""A pair that is so much deeper than what is held of it touches at another point."""
 _LIFT_M, _SLOW_M_S = 1e-11, 1e-3
 """What would not lift off further than this counts as closed; nothing that separates faster is asked."""
 _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
@@ -84,15 +84,20 @@ class Closed:
         self._spread = [pair for pair in self.by_pair if many_points(pair)]
 
     def take(self, pair: ContactPair, near: Proximity, still: float) -> None:
-        """Hold a pair by all features by which it is closed and whose gap changes no faster than ``still`` in m/s.
+        """Hold a pair by all that is found; see :meth:`found`."""
+        self.hold(pair, self.found(pair, near, still))
+
+    def found(self, pair: ContactPair, near: Proximity, still: float) -> tuple[Touch, ...]:
+        """All features by which a pair is closed and whose gap changes no faster than ``still`` in m/s.
 
         Args:
             pair: Two geoms.
             near: How they are at the state in ``data``.
             still: Slower rates than this are none.
         """
-        found = [Touch(pair, feature) for feature in features(pair, self._model, self._scene.data, near)]
-        self.hold(pair, [touch for touch in found if abs(touch.feature.at(self._scene.data).rate) <= still])
+        data = self._scene.data
+        found = (feature for feature in features(pair, self._model, data, near) if abs(feature.at(data).rate) <= still)
+        return tuple(Touch(pair, feature) for feature in found)
 
     def keep_down(self, pairs: Sequence[tuple[ContactPair, Proximity]]) -> None:
         """Hold too what of some pairs separates so slowly, pressed as it is, that its gap would not become ``_LIFT_M``.
@@ -175,13 +180,23 @@ class Closed:
         return min(inside, _DRIFT_M - drift, self._others_clear(), decision.holds_for(self.pressing))
 
     def _others_clear(self) -> float:
-        """The least gap of any point of the closed pairs, and a little."""
+        """The least gap of any point of the closed pairs over how far what is held of the pair has drifted, and a little."""
         if not self._spread:
             return math.inf
-        key = self._smooth.state(), len(self._spread)
+        key = self._smooth.state(), self.touches
         if self._deepest is None or self._deepest[0] != key:
-            self._deepest = key, min(map(self._gap_of_all_points, self._spread)) + _OTHER_POINT_M
+            gaps = [self._gap_of_all_points(pair) - self._drifted(pair) for pair in self._spread]
+            self._deepest = key, min(gaps) + _OTHER_POINT_M
         return self._deepest[1]
+
+    def _drifted(self, pair: ContactPair) -> float:
+        """The deepest gap of what is held of a pair, m, at most 0."""
+        if not self.by_pair[pair]:
+            return 0.0
+        decision = self.decide()
+        return min(
+            [0.0, *(at.gap for touch, at in zip(decision.touches, decision.rows.held, strict=True) if touch.pair is pair)]
+        )
 
     def deeper(self) -> bool:
         """Whether a closed pair touches at another point than those that are held."""
@@ -190,8 +205,12 @@ class Closed:
     def landed(self) -> list[Feature]:
         """The features, at other points than those that are held, by which closed pairs overlap."""
         model, data = self._model, self._scene.data
-        found = (features(pair, model, data, pair.proximity(model, data)) for pair in self._spread)
-        return [feature for each in found for feature in each if feature.at(data).gap < -0.5 * _OTHER_POINT_M]
+        return [
+            feature
+            for pair in self._spread
+            for feature in features(pair, model, data, pair.proximity(model, data))
+            if feature.at(data).gap < self._drifted(pair) - 0.5 * _OTHER_POINT_M
+        ]
 
     def _gap_of_all_points(self, pair: ContactPair) -> float:
         """Gap of a pair, m; exact where it is below zero by more than MuJoCo's rounding, zero where it opens from there."""

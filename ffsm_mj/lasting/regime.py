@@ -232,11 +232,12 @@ class Lasting(Regime):
         begins = [pair for pair in closed.by_pair if pair not in self._begun]
         if begins:
             return CONTACT_BEGINS, begins
-        leaving = closed.leaving()
-        ends = [pair for pair, touches in closed.by_pair.items() if leaving.issuperset(touches)]
+        leaving, beyond = closed.leaving(), closed.beyond_an_edge()
+        lost = [pair for pair in beyond if not self._found_anew(pair)]
+        ends = [pair for pair, touches in closed.by_pair.items() if leaving.issuperset(touches) or pair in lost]
         if ends:
             return CONTACT_ENDS, ends
-        changes = [*closed.beyond_an_edge(), *(touch.pair for touch in leaving)]
+        changes = [*beyond, *(touch.pair for touch in leaving)]
         return (CONTACT_CHANGES, list(dict.fromkeys(changes))) if changes else None
 
     def _cut_inside_a_step(self) -> tuple[RecordKind, list[ContactPair]] | None:
@@ -254,7 +255,11 @@ class Lasting(Regime):
         closed, leaving, beyond = self._closed, self._closed.leaving(), self._closed.beyond_an_edge()
         for pair in pairs:
             if pair in beyond:
-                near = pair.proximity(self.scene.system.mj, self.scene.data)
-                closed.take(pair, near, switched_stillness(near))
+                closed.hold(pair, self._found_anew(pair))
             else:
                 closed.hold(pair, [touch for touch in closed.by_pair[pair] if touch not in leaving])
+
+    def _found_anew(self, pair: ContactPair) -> tuple[Touch, ...]:
+        """By what a pair touches that has left a feature: by nothing where a corner has slid off a face."""
+        near = pair.proximity(self.scene.system.mj, self.scene.data)
+        return self._closed.found(pair, near, switched_stillness(near))

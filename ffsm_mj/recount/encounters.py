@@ -56,7 +56,10 @@ def _order(event: Encounter) -> tuple[int, float, bool, int]:
 
 
 def _led_up_to(events: Sequence[Encounter]) -> list[Encounter]:
-    """The same; at one instant what leaves the state in which an impact happens goes before it: a feature that changes."""
+    """The same; at one instant what leaves the state in which an impact happens goes before it: a feature that changes.
+
+    That state or, where drift is taken out between the two, one that is nearer to it than to the state after the impact.
+    """
     out: list[Encounter] = []
     for event in events:
         place = len(out)
@@ -69,8 +72,8 @@ def _led_up_to(events: Sequence[Encounter]) -> list[Encounter]:
 def _leads_to(event: Encounter, impact: Encounter) -> bool:
     if impact.kind != "impact" or (event.step, event.time_s) != (impact.step, impact.time_s):
         return False
-    after = event.state_after.tobytes()
-    return after == impact.state.tobytes() != impact.state_after.tobytes()
+    before, after = (np.linalg.norm(event.state_after - state) for state in (impact.state, impact.state_after))
+    return bool(before < after)
 
 
 class Encounters:

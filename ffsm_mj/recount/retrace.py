@@ -33,7 +33,10 @@ from ffsm_mj.recount.scene import LogScene
 from ffsm_mj.simulation.rows import RowWriter
 
 _NO_TIME = 1e-15
-"""Of the time since the start: an event that is this little later than the state before is at it, as at a control tick."""
+"""Of the time since the start: an event that is this little later than the state before is at it, as at a control tick.
+
+Where its state is another a step has begun in between, for less time than numbers tell, and drift was taken out.
+"""
 _HUGE = 1e10
 """MuJoCo takes no larger number for a state."""
 
@@ -208,8 +211,10 @@ class Retrace:
         self._left = self._step_s
         for event in self._events.within(step):
             left = (step + 1) * self._step_s - event.time_s
-            flown = self._left - left
-            self._meet(event, self._arrive(flown if flown > _NO_TIME * event.time_s else 0.0, event.state))
+            flown, none = self._left - left, _NO_TIME * event.time_s
+            if flown <= none:
+                flown = 0.0 if np.array_equal(self._state_now(), event.state) else none
+            self._meet(event, self._arrive(flown, event.state))
             self._left = left
             if event.time_s == until_s:
                 return True
@@ -238,18 +243,26 @@ class Retrace:
     def _fly(self, duration_s: float) -> None:
         """Fly on with the efforts held, and book the flight; nothing is flown where the duration is not positive."""
         if duration_s > 0.0:
-            self._ledger.open()
-            self._course.fly(duration_s)
+            self._take_off(duration_s)
             self._book(duration_s)
 
     def _arrive(self, duration_s: float, state: FloatArray) -> FloatArray:
-        """Fly to a logged state; gives where the flight ended. It is booked to there, drift taken out of contacts."""
-        self._fly(duration_s)
-        flown = np.concatenate((self._data.qpos, self._data.qvel))
-        if flown.tobytes() != state.tobytes():
+        """Fly to a logged state, which is what is booked; gives the state at the end of the flight."""
+        if duration_s > 0.0:
+            self._take_off(duration_s)
+        flown = self._state_now()
+        if not np.array_equal(flown, state):
             self._put(state)
-            self._impacts.note_overlap()
+        if duration_s > 0.0:
+            self._book(duration_s)
         return flown
+
+    def _take_off(self, duration_s: float) -> None:
+        self._ledger.open()
+        self._course.fly(duration_s)
+
+    def _state_now(self) -> FloatArray:
+        return np.concatenate((self._data.qpos, self._data.qvel))
 
     def _book(self, duration_s: float) -> None:
         self._impacts.note_overlap()

@@ -169,6 +169,18 @@ def test_touching_set(first, second, count):
         np.testing.assert_allclose(np.sort(one.round(9), axis=0), np.sort(other.round(9), axis=0), atol=1e-9)
 
 
+@pytest.mark.parametrize(("tilt", "touching"), [(1e-10, [0, 1, 2, 3]), (1e-7, [0, 3])])
+def test_corners_of_a_tilted_face_touch_where_the_gap_is_that_of_the_pair(tilt, touching):
+    """Faces count as parallel up to 1e-6 rad, corners as touching up to 1e-9 m; each point is midway at its own height."""
+    first, second = square(1.0), square(0.5)
+    second[:, 2] = tilt * (0.5 + second[:, 0])
+    found = touching_set(first, second, UP)
+    wanted = second[touching] * [1.0, 1.0, 0.5]
+    assert len(found) == len(wanted)
+    for point in wanted:
+        assert np.abs(found - point).max(axis=1).min() < 1e-15
+
+
 @pytest.mark.parametrize("radius", [1e-3, 0.02, 0.15, 1.0])
 def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, radius):
     """Against the closed form (the centre clipped to the box), at gaps of 0 to 1e-7 m, whatever the pair saw before.

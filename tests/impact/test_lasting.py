@@ -8,8 +8,6 @@ import threading
 
 import numpy as np
 import pytest
-from hypothesis import event, given, settings
-from hypothesis import strategies as st
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
@@ -284,16 +282,21 @@ CHOICES = {
     "shape": ["ball", "box"],
 }
 RANGES = {"kp": (0.0, 300.0), "kd": (0.0, 5.0), "target": (-0.3, 0.6), "speed": (-0.5, 0.5), "spin": (-2.0, 2.0)}
-SCENES = st.fixed_dictionaries(
-    {key: st.sampled_from(values) for key, values in CHOICES.items()}
-    | {key: st.floats(*ends) for key, ends in RANGES.items()}
-)
+ODD = 1e-9, 1e-4, 0.01
+"""Numbers that are small, beside zero and the ends of a range."""
 
 
-def drawn_evenly(rng):
-    """A scene drawn evenly rather than towards simple ones."""
+def drawn(seed):
+    """A scene: of each number it is as likely as not one of the odd ones.
+
+    Not by Hypothesis, which draws numbers that stand in the source: every edit of the package would draw other scenes.
+    """
+    rng = np.random.default_rng(seed)
     chosen = {key: values[rng.integers(len(values))] for key, values in CHOICES.items()}
-    return chosen | {key: rng.uniform(*ends) for key, ends in RANGES.items()}
+    for key, (low, high) in RANGES.items():
+        odd = [x for x in (low, high, 0.0, *ODD) if low <= x <= high]
+        chosen[key] = float(rng.choice(odd)) if rng.random() < 0.5 else rng.uniform(low, high)
+    return chosen
 
 
 def _pushed(folder, d):
@@ -319,6 +322,7 @@ def _pushed(folder, d):
             "rates": {"rod": d["speed"], "block/free": [-0.5 * abs(d["speed"]), 0, 0, d["spin"], -d["spin"], d["spin"]]},
         },
         impact_pairs=[{"robot_geom": "pad", "object_geom": "block/block", "restitution": d["restitution"]}],
+        impact={"max_impacts": 100},  # what is elastic may hit thousands of times
         phases=[
             {
                 "name": "push",
@@ -329,27 +333,32 @@ def _pushed(folder, d):
     )
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
-@given(SCENES)
-def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path_factory, drawn):
-    touched = _never_stalls(tmp_path_factory.mktemp("pushed"), drawn)
-    event("touched" if touched else "never touched")
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(75))
-def test_many_pushes(tmp_path, seed):
-    """Four scenes each."""
-    rng = np.random.default_rng(seed)
-    for _ in range(4):
-        _never_stalls(tmp_path, drawn_evenly(rng))
+@pytest.mark.parametrize("seed", range(300))
+def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path, seed):
+    _never_stalls(tmp_path, drawn(seed))
+
+
+CHATTER = {"turn": 0.0, "speed": 1e-4, "step": 2e-4, "gap": 0.0, "restitution": 1.0, "kp": 52.55, "shape": "box"}
+TILTED = {"turn": 0.0, "speed": -0.47845753984450134, "step": 1e-2, "gap": 1e-9, "restitution": 0.99, "shape": "box"}
+
+
+@pytest.mark.parametrize(
+    ("scene", "outcome"),
+    [
+        (CHATTER | {"kd": 4.456, "target": 0.489, "spin": 0.0}, "event_limit"),
+        (TILTED | {"kp": 295.15374471182986, "kd": 0.01, "target": 0.45478699533887784, "spin": 1e-4}, "completed"),
+    ],
+    ids=["an elastic plate hits 342 times in 2 ms", "corners 6e-8 m above a face are not at rest on it"],
+)
+def test_pushes_that_went_wrong_once(tmp_path, scene, outcome):
+    assert _never_stalls(tmp_path, scene).outcome == outcome
 
 
 def _never_stalls(folder, drawn):
     """Every run ends, with an outcome of its own; the path is evaluated a bounded number of times per step.
 
     A touch takes two searches for a root at the most, each of 100 evaluations at worst and ten as a rule, and a few looks.
-    Says whether anything touched.
     """
     moves: dict[float, int] = {}
     move_to = StepPath.move_to
@@ -373,7 +382,7 @@ def _never_stalls(folder, drawn):
     touches = len({impact.event for impact in run.impacts}) + 1
     assert max(moves.values(), default=0) <= 200 * (touches + 1)
     check(run, fine=drawn["step"] <= 1e-3)
-    return bool(run.impacts) or run.outcome != "completed"
+    return run
 
 
 def test_an_overlap_is_never_reported_as_good(tmp_path, monkeypatch, capsys):

@@ -27,14 +27,14 @@ def wrong(path):
     for law in (*run.laws(), *again.laws()):
         if law.residual > law.tolerance * (1.0 if law.name in OWN else left):
             found.append(str(law))
-    # Longer steps are cut where drift is taken out; a recount flies through in one.
-    found += [str(each) for each in again.worst.values() if not each.holds and step <= 1e-3]
+    found += [str(each) for each in again.worst.values() if not each.holds]
     return found + ([again.obstacle] if again.obstacle else [])
 
 
-# A pair closed by no impact; drift taken out
-# at an edge; and where a contact begins.
-@pytest.mark.parametrize("seed", [62, 86, 89])
+# A pair closed by no impact; drift taken out at an edge, and where a contact begins; drift taken for a touch at another
+# point; a corner that slides off a face, with no normal from there on; an end that opens from a side tilted by 3e-7 rad;
+# drift taken out in no time between a release and an impact.
+@pytest.mark.parametrize("seed", [62, 86, 89, 192, 140, 38, 292])
 def test_scenes_that_went_wrong_once(tmp_path, seed):
     assert wrong(drawn(np.random.default_rng(seed), tmp_path)) == []
 
