@@ -35,26 +35,33 @@ class Drift:
         if here is None or not needs_projection(here):
             return None
         touches, motion = closed.touches, closed.motion
-        outside = np.any(Shares.of(system, touches).outside != 0.0, axis=0)
-        taken = np.array(wrenches(here, np.ones(len(touches))))[outside]
+        outside = np.asarray(Shares.of(system, touches).outside) != 0.0
+        taken = np.array(wrenches(here, np.ones(len(touches))))[outside.any(axis=0)]
         before, qpos = self._accounts(), data.qpos.copy()
         project(motion.model, motion.data, lambda: rows(motion, data, touches), self._free, taken)
         motion.path.arrived()
         motion.flight.account(0.0)  # its energy and momentum are those of other velocities
-        energy, impulse = (after - then for after, then in zip(self._accounts(), before, strict=True))
-        # Where a fixed body bears a part it is booked as if the robot had: 1e-11 m of drift are at stake.
+        energy, impulse, total = (after - then for after, then in zip(self._accounts(), before, strict=True))
+        # What fixed bodies take is one sum: it is booked to the robot where they touch it, else to the objects.
+        from_outside = np.zeros((2, 6))
+        if outside[0].any():
+            from_outside[0] = total
+        elif outside[1].any():
+            from_outside[1] = total
+            impulse = impulse - total
         # The books of the joints take the way for work: it is none.
         way = np.empty(system.mj.nv)
         mujoco.mj_differentiatePos(system.mj, way, 1.0, qpos, data.qpos)
         energy[:2] -= float(data.qfrc_actuator @ way)
-        return Booking(energy, impulse)
+        return Booking(energy, impulse, from_outside)
 
-    def _accounts(self) -> tuple[FloatArray, FloatArray]:
-        """Kinetic energies of (total, robot, objects), and the momentum of the objects."""
+    def _accounts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Kinetic energies of (total, robot, objects), and the momenta of the objects and of all."""
         system, data = self._scene.system, self._scene.data
         momentum = np.empty(system.mj.nv)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
         robot = system.robot.dofs
         total, own = 0.5 * float(momentum @ data.qvel), 0.5 * float(momentum[robot] @ data.qvel[robot])
         of_objects = (momentum_matrix(system.mj, data, tree.root) @ data.qvel for tree in system.objects)
-        return np.array((total, own, total - own)), sum(of_objects, np.zeros(6))
+        energy, of_all = np.array((total, own, total - own)), momentum_matrix(system.mj, data, 0) @ data.qvel
+        return energy, sum(of_objects, np.zeros(6)), of_all
