@@ -19,6 +19,7 @@ BALL, EGG, MESH = 'type="sphere" size="0.05"', 'type="ellipsoid" size="0.1 0.08 
 CUBE = " ".join(f"{x} {y} {z}" for x in (-0.1, 0.1) for y in (-0.15, 0.15) for z in (-0.2, 0.2))
 UPRIGHT, FALLEN, TURNED = (1, 0, 0, 0), (1, 1, 0, 0), (math.cos(math.pi / 12), 0, 0, math.sin(math.pi / 12))
 _DIAGONAL = 0.05 * math.sqrt(0.5)
+_ALONG_EDGE = (0.1 + _DIAGONAL, 0.1, 0.2 + _DIAGONAL)
 _ON_EDGE = (math.sqrt(0.5), 0.5, 0.5, 0)  # its long axis level, turned about it by 45 degrees
 
 TOUCHES = {
@@ -31,13 +32,7 @@ TOUCHES = {
     "a box on its edge": (BOX, LONG, (0, 0, 0.2 + 0.02 * math.sqrt(2)), _ON_EDGE, {"vertex on face": 2}),
     "a capsule on its side": (BOX, CAPSULE, (0, 0, 0.25), FALLEN, {"end on face": 2}),
     "a capsule over the edge": (BOX, CAPSULE, (0, 0.1, 0.25), FALLEN, {"end on face": 1, "side on edge": 1}),
-    "a capsule along the edge": (
-        BOX,
-        CAPSULE,
-        (0.1 + _DIAGONAL, 0.1, 0.2 + _DIAGONAL),
-        FALLEN,
-        {"end on edge": 1, "vertex on side": 1},
-    ),
+    "a capsule along the edge": (BOX, CAPSULE, _ALONG_EDGE, FALLEN, {"end on edge": 1, "vertex on side": 1}),
     "capsules side by side": (CAPSULE, CAPSULE, (0.1, 0, 0.05), UPRIGHT, {"end on side": 2}),
     "capsules side by side, ends level": (CAPSULE, CAPSULE, (0.1, 0, 0), UPRIGHT, {"end on side": 4}),
     "capsules crossed": (CAPSULE, CAPSULE, (0.1, 0, 0.05), FALLEN, {"side on side": 1}),
@@ -53,13 +48,7 @@ TOUCHES = {
     ),
     "a cylinder on its side": (BOX, CYLINDER, (0, 0, 0.25), FALLEN, {"rim on face": 2}),
     "a cylinder on its side over the edge": (BOX, CYLINDER, (0, 0.1, 0.25), FALLEN, {"rim on face": 1, "side on edge": 1}),
-    "a cylinder along the edge": (
-        BOX,
-        CYLINDER,
-        (0.1 + _DIAGONAL, 0.1, 0.2 + _DIAGONAL),
-        FALLEN,
-        {"edge on rim": 1, "vertex on side": 1},
-    ),
+    "a cylinder along the edge": (BOX, CYLINDER, _ALONG_EDGE, FALLEN, {"edge on rim": 1, "vertex on side": 1}),
     "a box inside a cap": (CYLINDER, LONG, (0.01, 0, 0.2), UPRIGHT, {"vertex on cap": 4}),
     "a box over the rim of a cap": (
         CYLINDER,

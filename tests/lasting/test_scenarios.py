@@ -32,7 +32,7 @@ def told(run, kind):
 
 def test_push():
     """Six bounces; the seventh hit is the entry; the box is pushed for a second and let go."""
-    run = ran("push", duration_s=11.0)
+    run = ran("push", duration_s=10.0)
     assert [impact.restitution_used for impact in run.impacts] == [0.3] * 6 + [0.0]
     (begins,), (ends,) = run.records["contact_beginnings"], run.records["contact_endings"]
     assert begins.time_s == run.impacts[-1].time_s == pytest.approx(8.71830, abs=1e-5)
