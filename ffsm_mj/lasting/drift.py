@@ -35,7 +35,7 @@ class Drift:
         if here is None or not needs_projection(here):
             return None
         touches, motion = closed.touches, closed.motion
-        outside = np.asarray(Shares.of(system, touches).outside) != 0.0
+        outside = Shares.of(system, touches).outside != 0.0
         taken = np.array(wrenches(here, np.ones(len(touches))))[outside.any(axis=0)]
         before, qpos = self._accounts(), data.qpos.copy()
         project(motion.model, motion.data, lambda: rows(motion, data, touches), self._free, taken)
