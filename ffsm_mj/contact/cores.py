@@ -110,11 +110,7 @@ class Face:
             offset = minus(point, self.centre)
             return self.disc - math.hypot(*shifted(offset, -dot(offset, self.normal), self.normal))
         x, y, z = point
-        least = math.inf
-        for (p, q, r), side in self.sides:
-            distance = p * x + q * y + r * z - side
-            least = min(least, distance)
-        return least
+        return min([p * x + q * y + r * z - side for (p, q, r), side in self.sides], default=math.inf)
 
     def levelled(self, normal: Vector) -> Face:
         """The same with another normal (axes of the body)."""

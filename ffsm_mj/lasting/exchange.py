@@ -106,5 +106,5 @@ def wrenches(rows: Rows, forces: FloatArray) -> list[Wrench]:
 
 def _size(wrenches: Sequence[Wrench]) -> float:
     """Of the sum of the forces of some wrenches."""
-    x, y, z, *_ = wrenches[0] if len(wrenches) == 1 else map(sum, zip(*wrenches, strict=True))
-    return math.hypot(x, y, z)
+    total = wrenches[0] if len(wrenches) == 1 else [*map(sum, zip(*wrenches, strict=True))]
+    return math.hypot(*total[:3])

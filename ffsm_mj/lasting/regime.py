@@ -195,7 +195,7 @@ class Lasting(Regime):
             booking, impulses = booked(stages, duration_s, system.robot.dofs, self._shared[1])
             done = added(done, booking)
             self._report.book(impulses)
-        self._impacts.deepen(-min((at.gap for at in closed.decide().rows.held), default=0.0))
+        self._impacts.deepen(-min([at.gap for at in closed.decide().rows.held], default=0.0))
         return done
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:

@@ -48,6 +48,7 @@ class PushedFlight(Flight):
         """
         super().__init__(model, data, state, momentum)
         self._pushes, self._follow, self._rotations = tuple(pushes), follow, rotation_dofs(model)
+        self._qpos, self._accelerations, self._applied = data.qpos, data.qacc, data.qfrc_applied
         self._start_qpos, self._start_qvel = np.empty(model.nq), np.empty(model.nv)
         # Of each stage the rates of the chart and the accelerations.
         self._slopes = np.empty((4, 2, model.nv))
@@ -62,7 +63,7 @@ class PushedFlight(Flight):
     def _force(self) -> None:
         """The same where positions and velocities are current: efforts may have changed."""
         self._follow()
-        self._data.qfrc_applied.fill(0.0)
+        self._applied.fill(0.0)
         for push in self._pushes:
             push(self._data)
         mujoco.mj_forwardSkip(self._model, self._data, _AFTER_VELOCITIES, 1)
@@ -76,9 +77,9 @@ class PushedFlight(Flight):
         """The same from where they are current."""
         data, h = self._data, duration_s
         start_s = data.time
-        self._start_qpos[:], self._start_qvel[:] = data.qpos, data.qvel
+        self._start_qpos[:], self._start_qvel[:] = self._qpos, self._rates
         first, second, third, last = self._slopes
-        first[0], first[1] = data.qvel, data.qacc
+        first[0], first[1] = self._rates, self._accelerations
         self._stage(0.5 * h, first, second)
         self._stage(0.5 * h, second, third)
         self._stage(h, third, last)
@@ -95,9 +96,8 @@ class PushedFlight(Flight):
 
     def _go(self, after_s: float, slope: FloatArray) -> None:
         """To where rates of the chart and accelerations, (2, nv), lead in a time from the start of the step."""
-        qpos = self._data.qpos
-        qpos[:] = self._start_qpos
-        mujoco.mj_integratePos(self._model, qpos, slope[0], after_s)
+        self._qpos[:] = self._start_qpos
+        mujoco.mj_integratePos(self._model, self._qpos, slope[0], after_s)
         self._rates[:] = self._start_qvel + after_s * slope[1]
 
     def _stage(self, after_s: float, slope: FloatArray, found: FloatArray) -> None:
@@ -107,7 +107,7 @@ class PushedFlight(Flight):
         turned, rates = (after_s * slope[0]).tolist(), self._rates.tolist()
         for part in self._rotations:
             rates[part] = _rate_of_chart(turned[part], rates[part])
-        found[0], found[1] = rates, self._data.qacc
+        found[0], found[1] = rates, self._accelerations
 
 
 def _rate_of_chart(turned: list[float], spin: list[float]) -> tuple[float, float, float]:
