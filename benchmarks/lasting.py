@@ -2,7 +2,8 @@
 
 ``uv run --extra fast python benchmarks/lasting.py`` prints microseconds of CPU time per control tick of 1 ms, in contact and
 free, with the same models and the same law; medians over interleaved repeats, ratios within each. The last row is two jaws
-with e = 0 that close on a cube and hold it, one second of it.
+with e = 0 that close on a cube and hold it, one second of it. ``--parts`` prints where a tick of the sphere on the box goes
+instead, in plain Python: of several runs the quickest.
 """
 
 # ruff: noqa: E402
@@ -24,8 +25,18 @@ from typing import Any
 import twins
 from loops import in_memory
 from scenes import AWAY_M, HEAD
+from tick import quickest
 
 from ffsm_mj.assembly.prepare import Prepared, prepare
+from ffsm_mj.contact.course import Course
+from ffsm_mj.contact.straight import PointOnFace
+from ffsm_mj.contact.watch import ContactWatch
+from ffsm_mj.lasting.closed import Closed
+from ffsm_mj.lasting.regime import Lasting
+from ffsm_mj.lasting.report import Report
+from ffsm_mj.motion.motion import Motion
+from ffsm_mj.plant.ledger import Ledger
+from ffsm_mj.simulation.loop import Simulation
 
 HALF_M, REACH_M, THICK_M = 0.2, 0.3, 0.05
 PUSH_N = 1.0
@@ -36,6 +47,19 @@ PADS = {
     "capsule on box, two points": f'type="capsule" size="{THICK_M} 0.1"',
     "box on box, four points": f'type="box" size="{THICK_M} 0.1 0.1"',
 }
+PARTS: dict[str, list[tuple[Any, str]]] = {
+    "contacts, for the control law": [(Course, "contacts")],
+    "contacts, for the log": [(Report, "_note")],
+    "watch for other contacts": [(ContactWatch, "look")],
+    "whether something begins or ends": [(Lasting, "due")],
+    "drift, and which press": [(Lasting, "begin_step")],
+    "step": [(Motion, "step")],
+    "whether they still press at its end": [(Lasting, "is_clear")],
+    "booking": [(Course, "bookings"), (Ledger, "book")],
+}
+FORCES: dict[str, list[tuple[Any, str]]] = {"of the step: contact forces": [(Closed, "push")]}
+GAPS: dict[str, list[tuple[Any, str]]] = {"of these: gap, normal, point": [(PointOnFace, "at")]}
+TICK: dict[str, list[tuple[Any, str]]] = {"the whole tick": [(Simulation, name) for name in ("_decide", "_record", "_step")]}
 BOX = f"""<mujoco>{HEAD}<worldbody><body name="box"><inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/>
 <freejoint name="free"/>
 <geom name="box" type="box" size="{HALF_M} {HALF_M} {HALF_M}" mass="0"/></body></worldbody></mujoco>"""
@@ -110,11 +134,27 @@ def measured(touching: Prepared, free: Prepared, repeats: int) -> dict[str, tupl
     return found
 
 
+def parts(repeats: int) -> None:
+    """Where a tick of the sphere on the box goes, in contact and free."""
+    scenes = [pressed(PADS["sphere on box"], away_m=away, duration_s=0.25) for away in (0.0, AWAY_M)]
+    print(f"{'us per tick':40}{'in contact':>12}{'free':>8}")
+    for timed in (PARTS, FORCES, GAPS, TICK):
+        runs = [twins.plain(partial(quickest, scene, timed, repeats)) for scene in scenes]
+        for label in timed:
+            held, alone = (run.parts[label].spent_us / scene.scenario.ticks for run, scene in zip(runs, scenes, strict=True))
+            print(f"{label:40}{held:>12.1f}{alone:>8.1f}")
+
+
 def main() -> None:
     """Run every case both ways, print its line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=5)
-    repeats = parser.parse_args().repeats
+    parser.add_argument("--parts", action="store_true", help="where a tick of the sphere on the box goes")
+    options = parser.parse_args()
+    if options.parts:
+        parts(options.repeats)
+        return
+    repeats = options.repeats
     near = {name: partial(pressed, pad) for name, pad in PADS.items()}
     cases = {**near, "two jaws grip a cube, e = 0": gripped}
     measured(cases["sphere on box"](away_m=0.0, duration_s=0.1), cases["sphere on box"](away_m=AWAY_M, duration_s=0.1), 1)
