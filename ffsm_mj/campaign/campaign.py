@@ -179,6 +179,8 @@ class Campaign:
         return replace(self.status(), stopped=stopping.failing, enough=stopping.enough)
 
     def _engine(self, executor: Executor | None, workers: int | None, dask: str) -> Engine:
+        if workers is not None and workers < 1:
+            raise InputError(f"workers: {workers} is less than 1")
         if executor is not None:
             return engines.given(executor, workers)
         if dask:
@@ -239,8 +241,15 @@ class Campaign:
         return Share(sum(row.get(what) is True for row in rows), len(rows))
 
     def quantile(self, metric: str, share: float) -> Quantile:
-        """Quantile of a metric over the runs that did not fail, with its interval."""
-        return quantile(measured(self.results().sample, metric), share)
+        """Quantile of a metric over the runs that did not fail, with its interval.
+
+        Raises:
+            InputError: None of them has it as a number.
+        """
+        values = measured(self.results().sample, metric)
+        if not len(values):
+            raise InputError(f"{metric}: no run that did not fail has it as a number")
+        return quantile(values, share)
 
     def replay(self, index: int) -> Replay:
         """Make a run again and keep its log in the folder.

@@ -12,7 +12,7 @@ from typing import Any
 from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.verdicts import LAW_NAMES, Law
 from ffsm_mj.campaign.effort import MEASURES
-from ffsm_mj.errors import described, unknown_name
+from ffsm_mj.errors import described, one_line, unknown_name
 from ffsm_mj.present.run import Run
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
 
@@ -20,6 +20,9 @@ GROUP = "ffsm_mj.metrics"
 """Entry points of metrics of other packages: the name is the metric's, the object a function on a
 :class:`~ffsm_mj.present.run.Run`. Its attribute ``columns``, where it has one, names the columns that it needs: only those
 are kept while the run goes."""
+
+_EXACT = 1 << 53
+"""Whole numbers up to this are doubles."""
 
 Scalar = float | int | str | bool | None
 Effort = Mapping[str, Mapping[str, float]]
@@ -67,7 +70,7 @@ def evaluated(run: Run, effort: Effort, names: Sequence[str]) -> dict[str, Scala
         ValueError: What is asked for is no scalar of the run; the message says which.
     """
     summary = run.summary() | {"effort": effort}
-    told, plugins = always(run.laws()), plugged()
+    told, plugins = {name: _scalar(name, value) for name, value in always(run.laws()).items()}, plugged()
     found: dict[str, Scalar] = {}
     for name in names:
         if name in told:
@@ -94,7 +97,7 @@ def _at(summary: Any, name: str) -> Any:
 
 
 def _scalar(name: str, value: Any) -> Scalar:
-    """A number, text or flag as plain Python; None for a number that is not finite.
+    """A number, text or flag as plain Python; None for a number that is not finite, a float for one that no double holds.
 
     Raises:
         ValueError: It is something else.
@@ -103,7 +106,11 @@ def _scalar(name: str, value: Any) -> Scalar:
         value = value.item()  # of numpy
     if isinstance(value, float):
         return value if abs(value) < float("inf") else None
-    if value is None or isinstance(value, bool | int | str):
+    if isinstance(value, str):
+        return one_line(value)
+    if isinstance(value, int) and abs(value) > _EXACT:
+        return float(value) if abs(value) < 1 << 1023 else None
+    if value is None or isinstance(value, bool | int):
         return value
     raise ValueError(f"metric {name!r} is no number, text or flag but a {type(value).__name__}")
 

@@ -10,6 +10,7 @@ from typing import Any
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.effort import Effort
 from ffsm_mj.campaign.metrics import Scalar, evaluated
+from ffsm_mj.campaign.outcomes import ERROR
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.campaign.worker import Job, prepared_run, processor
 from ffsm_mj.log.run_folder import RunFolder
@@ -70,8 +71,12 @@ def replay(
     if row is None:
         return Replay(index, run, True, ())
     exact = row.cpu == processor() and same_settings
-    metrics = evaluated(run, effort.told(), job.metrics)
-    return Replay(index, run, exact, tuple(_differences(row, run.outcome, metrics, job.metrics, exact=exact)))
+    outcome, metrics = run.outcome, dict[str, Scalar]()
+    try:
+        metrics = evaluated(run, effort.told(), job.metrics)
+    except (Exception, SystemExit):  # noqa: BLE001 (as it may where rows are made, and is such a row there)
+        outcome = ERROR
+    return Replay(index, run, exact, tuple(_differences(row, outcome, metrics, job.metrics, exact=exact)))
 
 
 def _differences(row: Row, outcome: str, metrics: Mapping[str, Scalar], asked: Sequence[str], *, exact: bool) -> list[str]:

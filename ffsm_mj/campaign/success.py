@@ -34,9 +34,9 @@ class Condition:
     bound: float
 
     def holds(self, metrics: Mapping[str, Any]) -> bool:
-        """Whether it holds; a metric that a run lacks fulfils no condition."""
+        """Whether it holds; a metric that a run lacks, or that is a text, fulfils no condition."""
         value = metrics.get(self.metric)
-        return value is not None and bool(_COMPARISONS[self.comparison](value, self.bound))
+        return isinstance(value, int | float) and bool(_COMPARISONS[self.comparison](value, self.bound))
 
 
 def conditions(text: str) -> tuple[Condition, ...]:

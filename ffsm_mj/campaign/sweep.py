@@ -10,6 +10,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.engines import importable
 from ffsm_mj.campaign.loading import planned
@@ -52,9 +54,9 @@ def sweep(
     stated = {
         "campaign": "sweep",
         "scenario": str(scenario_path(scenario).resolve()),
-        "overrides": dict(overrides),
+        "overrides": _plain(overrides),
         "samples": {"kind": "grid"},
-        "dispersions": {key: {"choice": list(each)} for key, each in values.items()},
+        "dispersions": {key: {"choice": [_plain(value) for value in each]} for key, each in values.items()},
         "metrics": list(metrics),
         "limits": {"max_failed": 1.0},
     }
@@ -72,3 +74,12 @@ def sweep(
             )
         campaign.run(workers=workers)
         return campaign.table()
+
+
+def _plain(value: Any) -> Any:
+    """Numbers of numpy as those of Python, at any depth."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value

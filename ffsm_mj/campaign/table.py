@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import pyarrow as pa
@@ -47,4 +48,17 @@ def succeeded(row: Row, conditions: Sequence[Condition]) -> bool | None:
 def as_arrow(rows: Sequence[TableRow]) -> Any:
     """A ``pyarrow.Table``; a column is there if any row has it, null where a row has not."""
     names = dict.fromkeys(name for row in rows for name in row)
-    return pa.table({name: pa.array([row.get(name) for row in rows]) for name in names})
+    return pa.table({name: pa.array(_of_one_type([row.get(name) for row in rows])) for name in names})
+
+
+def _of_one_type(values: list[Any]) -> list[Any]:
+    """A column whose values are of several types as numbers, or where there are texts among them as texts."""
+    types = {type(value) for value in values if value is not None}
+    if len(types) <= 1:
+        return values
+    one: Callable[[Any], Any] = float if types <= {bool, int, float} else _as_text
+    return [None if value is None else one(value) for value in values]
+
+
+def _as_text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

@@ -111,7 +111,7 @@ def make_row(job: Job, index: int, overrides: Mapping[str, Any]) -> Row:
         told = {"outcome": TIMEOUT, "message": f"took more than {job.timeout_s:g} s"}
     except InputError as error:
         told = {"outcome": ERROR, "message": f"InputError: {'; '.join(error.lines)}"}
-    except Exception as error:  # noqa: BLE001 (a law or a metric of somebody's may fail in any way)
+    except (Exception, SystemExit) as error:  # noqa: BLE001 (a law or a metric of somebody's may fail in any way)
         told = {"outcome": ERROR, "message": described(error) + raised_at(error)}
     wall, cpu = time.perf_counter() - begun, time.process_time() - used
     return Row(index, cpu=processor(), wall_s=round(wall, 6), cpu_s=round(cpu, 6), **told)
