@@ -115,6 +115,8 @@ class Campaign:
         """The table, to be read: whatever it was made with."""
         there = self.folder.table.is_file()
         with closing(Store(self.folder.table, write=False) if there else Store(":memory:")) as store:
+            if store.last() >= len(self.design.rows):  # extended since by somebody
+                self.design = self.folder.design()
             yield store
 
     @contextmanager
@@ -159,6 +161,7 @@ class Campaign:
         """
         engine = self._engine(executor, workers, dask)
         with self.folder.driven(), self._open_table() as store:
+            self.design = self.folder.design()  # another may have extended it
             if retry:
                 store.drop(retry)
             done = store.done()
@@ -176,7 +179,7 @@ class Campaign:
 
             if not stopping.ends():
                 Driver(engine, self._job(own=engine.own_processes), keep, stopping.ends).drive(left)
-        return replace(self.status(), stopped=stopping.failing, enough=stopping.enough)
+        return replace(self.status(), stopped=stopping.failing if self.status().left else "", enough=stopping.enough)
 
     def _engine(self, executor: Executor | None, workers: int | None, dask: str) -> Engine:
         if workers is not None and workers < 1:

@@ -16,8 +16,6 @@ from ffsm_mj.campaign.store import Row
 from ffsm_mj.campaign.worker import Job, make_rows, probe
 from ffsm_mj.errors import FfsmError, InputError, described
 
-_IN_FLIGHT = 4
-"""Batches per worker that are handed out at once."""
 _BATCH_S, _BATCH_RUNS = 30.0, 100
 """How long a batch lasts and how many runs it has, at most: so much is lost with a worker."""
 _LIVES = 2
@@ -52,29 +50,32 @@ class _Queue:
         runs: Not handed out.
         total: How many there were.
         workers: How many are busy at once.
+        ahead: Batches per worker that are handed out at once.
         made: Rows so far.
         spent_s: Wall time of those.
         suspects: Runs of which one may have ended a worker: each goes alone.
         killed: How many workers were lost while a run was alone, by its number.
+        alone: Whether suspects go now.
     """
 
     runs: deque[Planned]
     total: int
     workers: int
+    ahead: int
     made: int = 0
     spent_s: float = 0.0
     suspects: deque[Planned] = field(default_factory=deque)
     killed: dict[int, int] = field(default_factory=dict)
-    _alone: bool = False
+    alone: bool = False
 
     def batches(self, flying: Sequence[_Batch]) -> Iterator[_Batch]:
         """What to hand out now, so that no worker waits."""
-        self._alone = bool(self.suspects) or (self._alone and bool(flying))
-        if self._alone:
+        self.alone = bool(self.suspects) or (self.alone and bool(flying))
+        if self.alone:
             if not flying:
                 yield _Batch([self.suspects.popleft()])
             return
-        for _ in range(_IN_FLIGHT * self.workers - len(flying)):
+        for _ in range(self.ahead * self.workers - len(flying)):
             if self.runs:
                 yield _Batch([self.runs.popleft() for _ in range(min(self._size(), len(self.runs)))])
 
@@ -123,7 +124,7 @@ class Driver:
             EngineLostError: The engine is lost and no other can be had.
             InputError: Runs cannot be made by these workers at all.
         """
-        queue = _Queue(deque(runs), len(runs), self._engine.workers)
+        queue = _Queue(deque(runs), len(runs), self._engine.workers, self._engine.ahead)
         lost = 0
         while (queue.runs or queue.suspects) and not self._stopped:
             made = queue.made
@@ -170,7 +171,8 @@ class Driver:
                 for batch in queue.batches(list(flying.values())):
                     flying[executor.submit(make_rows, self._job, batch.runs)] = batch
                 done, _ = wait(flying, return_when=FIRST_COMPLETED)
-                for future in done:
+                # Batches that are made first: none of them is one that ended a worker.
+                for future in sorted(done, key=lambda each: each.cancelled() or each.exception() is not None):
                     self._take(future, flying, queue)
                 self._stopped = self._stop()
         except (BrokenExecutor, CancelledError, OSError) as error:
@@ -205,6 +207,8 @@ class Driver:
         del flying[future]
         self._store(rows)
         queue.take(batch, rows)
+        if self._engine.here and len(rows) < len(batch.runs):
+            raise KeyboardInterrupt  # a run took it as its own
 
     def _given_up(self, begun: list[_Batch], error: BaseException, queue: _Queue) -> list[Row]:
         """The row of a run that was alone when its worker was lost: late, or for the last time."""
@@ -212,7 +216,8 @@ class Driver:
             return []
         batch = next(batch for batch in begun if batch.runs)
         index, spent = batch.runs[0][0], time.perf_counter() - batch.since
-        late = bool(self._job.timeout_s) and spent > self._job.timeout_s
+        # Only what nothing went before was begun when it was handed out.
+        late = queue.alone and bool(self._job.timeout_s) and spent > self._job.timeout_s
         queue.killed[index] = queue.killed.get(index, 0) + 1
         if not late and queue.killed[index] < _LIVES:
             return []

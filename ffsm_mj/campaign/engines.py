@@ -32,6 +32,8 @@ class Engine:
         open: Gives a new executor, and closes it when it is left.
         own_processes: Whether its processes do nothing else, so that a stuck one may be ended.
         lasting: Whether another executor can be had when one is lost.
+        here: Whether runs are made by the thread that asks for them, so that an interrupt of one is meant for all.
+        ahead: Batches per worker that are handed out at once.
     """
 
     name: str
@@ -39,6 +41,8 @@ class Engine:
     open: Callable[[], Any]
     own_processes: bool = True
     lasting: bool = True
+    here: bool = False
+    ahead: int = 4
 
 
 class Loop(Executor):
@@ -56,7 +60,7 @@ class Loop(Executor):
 
 def loop() -> Engine:
     """Runs one after the other in this process."""
-    return Engine("this process", 1, Loop, own_processes=False)
+    return Engine("this process", 1, Loop, own_processes=False, here=True, ahead=1)
 
 
 def pool(workers: int | None = None) -> Engine:
@@ -92,6 +96,8 @@ def given(executor: Executor, workers: int | None = None) -> Engine:
     def same() -> Iterator[Executor]:
         yield executor
 
+    if isinstance(executor, Loop):
+        return loop()
     count = workers or getattr(executor, "_max_workers", None) or usable_processors()
     return Engine(type(executor).__name__, int(count), same, own_processes=False, lasting=False)
 

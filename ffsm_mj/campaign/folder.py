@@ -88,6 +88,8 @@ class CampaignFolder:
         others = [each.name for each in self.path.iterdir() if each.name not in (_LOCK, CAMPAIGN, TABLE, "scenario")]
         if others:
             raise InputError(f"{self.path}: holds {sorted(others)[0]} and no campaign; choose another --out")
+        if (self.path / CAMPAIGN).is_file() and (self.path / CAMPAIGN).read_bytes() != _stated(config):
+            raise InputError(f"{self.path}: holds {CAMPAIGN}, which would be overwritten; choose another --out")
         models = {f"scenario/{name}": data for name, data in files.items()}
         for name, data in {SCENARIO: scenario_yaml.encode(), **models}.items():
             self._put(name, data)
@@ -96,7 +98,7 @@ class CampaignFolder:
 
     def write_config(self, config: Mapping[str, Any]) -> None:
         """Write the campaign file, which means the scenario of the folder."""
-        self._put(CAMPAIGN, write_yaml({**config, "scenario": SCENARIO, "overrides": {}}).encode())
+        self._put(CAMPAIGN, _stated(config))
 
     def write_design(self, design: Design) -> None:
         """Write the design, whole or not at all."""
@@ -126,3 +128,8 @@ class CampaignFolder:
         except OSError as error:
             unfinished.unlink(missing_ok=True)
             raise LogWriteError(file, error) from error
+
+
+def _stated(config: Mapping[str, Any]) -> bytes:
+    """The campaign file as it is written, which means the scenario of the folder."""
+    return write_yaml({**config, "scenario": SCENARIO, "overrides": {}}).encode()

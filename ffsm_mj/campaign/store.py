@@ -144,6 +144,11 @@ class Store:
         """Numbers of the runs that have a row."""
         return {int(i) for (i,) in self._db.execute("SELECT i FROM rows WHERE hash = ?", (self.digest,))}
 
+    def last(self) -> int:
+        """The greatest number of a run that has a row; -1 where none has."""
+        found = self._db.execute("SELECT max(i) FROM rows WHERE hash = ?", (self.digest,)).fetchone()[0]
+        return -1 if found is None else int(found)
+
     def failed(self, first: int) -> int:
         """How many of the first runs of the design failed."""
         found = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (self.digest, first))

@@ -1,0 +1,103 @@
+"""What a driver makes of interrupts and of workers that are lost, and what it goes on with."""
+
+from __future__ import annotations
+
+import os
+import signal
+from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import pytest
+
+from ffsm_mj.campaign import driver
+from ffsm_mj.campaign.campaign import Campaign
+from ffsm_mj.campaign.driver import Driver
+from ffsm_mj.campaign.engines import Engine, loop
+from ffsm_mj.campaign.store import Row
+from ffsm_mj.campaign.worker import Job, probe
+from ffsm_mj.errors import InputError
+from tests.campaign.files import campaign_file, rock_hits, two_rocks
+from tests.campaign.laws import Fuse
+
+
+class Interrupted(Fuse):
+    """Ctrl-C comes while it is asked."""
+
+    def control(self, *_: Any) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_an_interrupted_run_interrupts_a_loop(tmp_path: Path) -> None:
+    two_rocks(tmp_path, phases=[{"name": "only", "controller": {"kind": "fuse"}, "until": "end"}], duration_s=0.02)
+    path = campaign_file(tmp_path, {"impact_pairs.second.restitution": {"uniform": [0.2, 1.0]}})
+    campaign = Campaign.load(path, tmp_path / "out", controllers={"fuse": Interrupted})
+    calls: list[float] = []
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            campaign.run(loop().open(), report=lambda *_: calls.append(0.0) if len(calls) < 9 else pytest.fail("goes on"))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert campaign.status().done == 0
+
+
+class Lossy(Executor):
+    """Makes nothing the first time: its worker is lost once a batch has waited for long."""
+
+    losses = 1
+
+    def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if fn is probe:
+            future.set_result("here")
+        elif Lossy.losses:
+            Lossy.losses -= 1
+            future.set_exception(BrokenProcessPool("lost"))
+        else:
+            future.set_result([Row(index, "completed") for index, _ in args[1]])
+        return future
+
+
+def test_a_run_that_waited_is_not_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker is lost after more than a run's time: whether its run or the wait before it took that, nobody knows."""
+    monkeypatch.setattr(Lossy, "losses", 1)
+    clock = iter(range(0, 10_000, 100))
+    monkeypatch.setattr(driver.time, "perf_counter", lambda: float(next(clock)))
+    rows: list[Row] = []
+    job = Job("", (), MappingProxyType({}), timeout_s=5.0)
+    Driver(Engine("lossy", 1, Lossy), job, rows.extend, lambda: False).drive([(0, {})])
+    assert [(row.index, row.outcome) for row in rows] == [(0, "completed")]
+
+
+def test_a_campaign_that_is_whole_is_not_stopped(tmp_path: Path) -> None:
+    """Its only run fails: more than a half, but nothing is left to be made."""
+    two_rocks(tmp_path, phases=[{"name": "only", "controller": {"kind": "fuse"}, "until": "end"}], duration_s=0.02)
+    path = campaign_file(tmp_path, {"phases.0.controller.act": {"choice": ["raise"]}}, {"kind": "grid"})
+    campaign = Campaign.load(path, tmp_path / "out", controllers={"fuse": Fuse})
+    status = campaign.run(loop().open())
+    assert (status.done, status.failed, status.left, status.stopped) == (1, 1, 0, "")
+
+
+def test_who_opened_a_campaign_before_it_was_extended_sees_all_of_it(tmp_path: Path) -> None:
+    path, out = rock_hits(tmp_path, samples={"kind": "random", "n": 2, "seed": 1}), tmp_path / "out"
+    early = Campaign.load(path, out)
+    other = Campaign.open(out)
+    other.extend(3)
+    assert early.run(loop().open()).runs == 3
+    late = Campaign.open(out)
+    other.extend(4)
+    other.run(loop().open())
+    assert (late.status().runs, late.table().num_rows) == (4, 4)
+
+
+def test_a_campaign_file_in_the_way_is_kept(tmp_path: Path) -> None:
+    path = rock_hits(tmp_path)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "campaign.yaml").write_text("# mine\n")
+    with pytest.raises(InputError, match=r"holds campaign\.yaml, which would be overwritten"):
+        Campaign.load(path, out)
+    assert (out / "campaign.yaml").read_text() == "# mine\n"
