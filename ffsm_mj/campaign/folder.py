@@ -85,7 +85,11 @@ class CampaignFolder:
             InputError: Something else is there.
             LogWriteError: A file cannot be written (full disk).
         """
-        others = [each.name for each in self.path.iterdir() if each.name not in (_LOCK, CAMPAIGN, TABLE, "scenario")]
+        ours = (_LOCK, CAMPAIGN, TABLE, "scenario")
+        unfinished = (f".{CAMPAIGN}-", f".{DESIGN}-")  # of a process that was killed as it began
+        others = [
+            each.name for each in self.path.iterdir() if each.name not in ours and not each.name.startswith(unfinished)
+        ]
         if others:
             raise InputError(f"{self.path}: holds {sorted(others)[0]} and no campaign; choose another --out")
         if (self.path / CAMPAIGN).is_file() and (self.path / CAMPAIGN).read_bytes() != _stated(config):

@@ -98,3 +98,10 @@ def test_a_campaign_file_in_the_way_is_kept(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"holds campaign\.yaml, which would be overwritten"):
         Campaign.load(path, out)
     assert (out / "campaign.yaml").read_text() == "# mine\n"
+
+
+def test_what_a_killed_process_left_is_not_in_the_way(tmp_path: Path) -> None:
+    path, out = rock_hits(tmp_path), tmp_path / "out"
+    out.mkdir()
+    (out / ".design.json-77").write_text("{")
+    assert Campaign.load(path, out).status().done == 0
