@@ -96,6 +96,7 @@ class ControllerContext:
 
     Attributes:
         system: The composed model with its index maps; what it is taken for where the scenario has a ``controller_model``.
+            ``system.grasp`` says which object is held in it, if one is.
         task: The tip's task, or None where the scenario has none.
         control_period_s: Time between two regular calls in s.
     """
@@ -110,11 +111,14 @@ class Observation(NamedTuple):
 
     Attributes:
         time_s: Simulation time in s.
-        data: MuJoCo data with all derived quantities current; read only.
+        data: MuJoCo data of the system that the law was made for, with all derived quantities current; read only.
         events: Records of what has happened at contacts since it was asked last: an impact just now, contacts that began or
             ended since.
         at_tick: This is a regular control tick, not an impact between two.
         contacts: Closed pairs with their forces, under the efforts held until now; empty where nothing is closed.
+        free: MuJoCo data of the scene as it began, in which every object keeps its own joints; while nothing is held the
+            same as ``data``.
+        grasp: Name of the capture that holds an object; empty where none does.
     """
 
     time_s: float
@@ -122,6 +126,8 @@ class Observation(NamedTuple):
     events: tuple[Any, ...] = ()
     at_tick: bool = True
     contacts: tuple[ActiveContact, ...] = ()
+    free: Any = None
+    grasp: str = ""
 
 
 @dataclass(frozen=True)

@@ -114,6 +114,7 @@ def test_the_log_reference_is_current():
         "docs/log-reference.md",
         "docs/lasting-contact.md",
         "docs/contact-regimes.md",
+        "docs/capture.md",
         "docs/campaigns.md",
     ],
 )

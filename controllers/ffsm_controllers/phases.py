@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from numbers import Integral, Real
 from typing import Any
 
@@ -38,6 +38,9 @@ class Phase:
         ending: Class of the records that do.
         settled: Says when the tip has settled, which ends it; None where that does not.
         duration_s: It ends at the first control tick at or after this time since its start; None: no such end.
+        arm: Names of the captures that may close while it lasts.
+        release: Names of those that let go as it begins.
+        held: The same law made for the systems in which objects are held, by the name of the capture.
     """
 
     name: str
@@ -47,6 +50,13 @@ class Phase:
     ending: type | None = None
     settled: Settled | None = None
     duration_s: float | None = None
+    arm: tuple[str, ...] = ()
+    release: tuple[str, ...] = ()
+    held: Mapping[str, Controller] = field(default_factory=dict)
+
+    def law(self, grasp: str) -> Controller:
+        """The controller of the system in which a capture holds; empty: the free one."""
+        return self.held[grasp] if grasp else self.controller
 
 
 class PhaseMachine:
@@ -74,6 +84,9 @@ class PhaseMachine:
         self.phase_index = -1
         self._start_s = 0.0
         self._begun: list[PhaseRecord] = []
+        self._grasp = ""
+        self._requests: list[str] = []
+        self._asked: dict[tuple[int, str], Controller] = {}
 
     @property
     def in_charge(self) -> str:
@@ -88,8 +101,13 @@ class PhaseMachine:
         reason = self._ended(observation)
         if reason and self.phase_index + 1 < len(self.phases):
             self._begin(self.phase_index + 1, observation, reason)
-        controller = self.phases[self.phase_index].controller
+        if observation.grasp != self._grasp:
+            self._take_over(observation)
+        controller = self.phases[self.phase_index].law(self._grasp)
         controller.control(observation, command)
+        if self._requests:
+            command.requests.update(self._requests)
+            self._requests.clear()
         if controller.telemetry_signals:
             report = controller.telemetry()
             if len(report) != len(controller.telemetry_signals):
@@ -101,7 +119,7 @@ class PhaseMachine:
         phase = self.phases[self.phase_index]
         if phase.ending is not None and any(isinstance(event, phase.ending) for event in observation.events):
             return phase.until
-        if phase.settled is not None and phase.settled.look(observation):
+        if phase.settled is not None and phase.settled.look(_of_free(observation)):
             return phase.until
         elapsed = observation.time_s - self._start_s
         if observation.at_tick and phase.duration_s is not None and elapsed >= phase.duration_s - TIME_TOLERANCE_S:
@@ -109,14 +127,24 @@ class PhaseMachine:
         return ""
 
     def _begin(self, index: int, observation: Observation, reason: str) -> None:
-        phase = self.phases[index]
+        phase, before = self.phases[index], self.phases[self.phase_index].arm if self.phase_index >= 0 else ()
         self.phase_index = index
+        self._requests += [f"{name}.release" for name in phase.release]
+        self._requests += [f"{name}.disarm" for name in before if name not in phase.arm]
+        self._requests += [f"{name}.arm" for name in phase.arm]
         self._live_index[0], self._start_s = index, observation.time_s
         self.telemetry.fill(np.nan)
         self._begun.append(PhaseRecord(index, phase.name, phase.kind, observation.time_s, reason))
         if phase.settled is not None:
-            phase.settled.begin(observation)
-        phase.controller.start(observation)
+            phase.settled.begin(_of_free(observation))
+        self._take_over(observation)
+
+    def _take_over(self, observation: Observation) -> None:
+        """Let the phase's law for what moves now begin."""
+        self._grasp = observation.grasp
+        law = self.phases[self.phase_index].law(self._grasp)
+        self._asked[self.phase_index, self._grasp] = law
+        law.start(observation)
 
     def drain_phases(self) -> list[PhaseRecord]:
         """Phases begun since the last call."""
@@ -130,10 +158,20 @@ class PhaseMachine:
             ControllerError: One says what is neither a finite number nor text.
         """
         found: dict[str, Report] = {}
-        for phase in self.phases[: self.phase_index + 1]:
-            told = phase.controller.summary() if isinstance(phase.controller, Summarises) else {}
-            found[phase.name] = {str(name): _plain(phase, name, value) for name, value in told.items()}
+        for i, phase in enumerate(self.phases[: self.phase_index + 1]):
+            report: dict[str, float | int | str] = {}
+            for grasp in ("", *phase.held):
+                law = self._asked.get((i, grasp))
+                told: Report = law.summary() if isinstance(law, Summarises) else {}
+                before = f"{grasp}: " if grasp else ""
+                report |= {f"{before}{name}": _plain(phase, name, value) for name, value in told.items()}
+            found[phase.name] = report
         return found
+
+
+def _of_free(observation: Observation) -> Observation:
+    """What the free system would show: its data alone, whatever is held."""
+    return observation._replace(data=observation.free) if observation.grasp else observation
 
 
 def _plain(phase: Phase, name: str, value: Any) -> float | int | str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ffsm_mj.analysis.captures import CaptureSpells, capture_records
 from ffsm_mj.analysis.contacts import Contacts, contact_records
 from ffsm_mj.analysis.residuals import norms
 from ffsm_mj.analysis.verdicts import Audit
@@ -55,6 +56,7 @@ class Digest:
     Attributes:
         audit: The laws.
         contacts: Contacts that last.
+        captures: What was held.
         tip: The tip; None without a task.
         samples: Rows so far.
         end_s: Time of the last of them, 0 without any.
@@ -64,7 +66,7 @@ class Digest:
         """Nothing was told yet."""
         self._layout = header.layout
         self.audit = Audit(header.layout, header.facts)
-        self.contacts = Contacts(header.layout)
+        self.contacts, self.captures = Contacts(header.layout), CaptureSpells(header.layout)
         task = logged_task(header.facts)
         self.tip = TipDigest(task) if task is not None else None
         self.samples, self.end_s = 0, 0.0
@@ -74,6 +76,7 @@ class Digest:
         self.samples, self.end_s = self.samples + len(block), float(block[-1, self._layout.time])
         self.audit.rows(block)
         self.contacts.rows(block)
+        self.captures.rows(block)
         if self.tip is not None:
             self.tip.rows(block, self._layout)
 
@@ -83,6 +86,8 @@ def digest(log: RunLog) -> Digest:
     found = Digest(log.header)
     for record in contact_records(log):
         found.contacts.event(record)
+    for held in capture_records(log):
+        found.captures.event(held)
     for block in log.blocks():
         found.rows(block)
     return found
@@ -106,8 +111,9 @@ class DigestSink:
         self.digest.rows(block)
 
     def event(self, event: Event) -> None:
-        """Take what is told of contacts; all other events are few, and kept."""
+        """Take what is told of contacts and captures; all other events are few, and kept."""
         self.digest.contacts.event(event)
+        self.digest.captures.event(event)
 
     def flush(self) -> None:
         """Nothing to do: memory does not survive a kill."""

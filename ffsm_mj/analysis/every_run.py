@@ -1,10 +1,11 @@
-"""The kinds of records of every run, registered in the order of ``summary.json``; importing this is enough.
+"""The kinds of records of every run and of captures, registered in the order of ``summary.json``; importing this is enough.
 
 Every run and every log that is read passes through :mod:`.run`, which does: here alone floors above and below the log meet.
 """
 
 from __future__ import annotations
 
+from ffsm_mj.capture.record import KINDS as CAPTURES
 from ffsm_mj.contact.unhandled import UNHANDLED_CONTACT
 from ffsm_mj.impact.kind import IMPACT
 from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
@@ -13,5 +14,8 @@ from ffsm_mj.records.run_kinds import OUTCOME, PHASE
 
 IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, OUTCOME)
 
-for kind in IN_EVERY_RUN:
+DECLARED = CAPTURES
+"""Of runs whose scenario declares what leaves them."""
+
+for kind in (*IN_EVERY_RUN, *DECLARED):
     register(kind)

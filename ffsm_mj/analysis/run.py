@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import ffsm_mj.analysis.every_run  # noqa: F401 (registers the kinds of records of every run)
+from ffsm_mj.analysis.captures import Capture
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.digest import Digest, digest
@@ -134,6 +135,11 @@ class Run:
     def contacts(self) -> tuple[Contact, ...]:
         """Contacts that lasted, each from its beginning to its end."""
         return self.digest.contacts.told()
+
+    @property
+    def captures(self) -> tuple[Capture, ...]:
+        """What was held, each from when a grasp took hold to when it let go."""
+        return self.digest.captures.told()
 
     @property
     def phases(self) -> tuple[PhaseRecord, ...]:

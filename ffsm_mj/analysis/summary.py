@@ -10,6 +10,7 @@ import numpy as np
 from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.analysis.verdicts import Audit
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.capture.record import CAPTURE
 from ffsm_mj.records.facts import is_conservative, logged_models, logged_task
 from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.run_log import RunLog
@@ -62,7 +63,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
 
 
 def _records(log: RunLog, digest: Digest, end_s: float) -> dict[str, list[dict[str, Any]]]:
-    """A list for each kind of record, and of contacts; when a phase ends, the next one's beginning tells."""
+    """A list for each kind of record, of contacts and of captures; when a phase ends, the next one's beginning tells."""
     contacts = {"contacts": [all_fields(contact) for contact in digest.contacts.told()]}
     lists = {
         kind.plural: [kind.summary(record) for record in log.records.get(kind.plural, ())]
@@ -72,7 +73,9 @@ def _records(log: RunLog, digest: Digest, end_s: float) -> dict[str, list[dict[s
     ends = [phase.start_s for phase in log.phases[1:]] + [end_s] * bool(log.phases)
     for phase, end in zip(lists.get("phases", ()), ends, strict=True):
         phase["end_s"] = end
-    return {"impacts": lists.pop("impacts"), **contacts, **lists}
+    captures = [all_fields(capture) for capture in digest.captures.told()]
+    declared = {"captures": captures} if CAPTURE.name in log.header.kinds else {}
+    return {"impacts": lists.pop("impacts"), **contacts, **declared, **lists}
 
 
 def tip_summary(tip: TipDigest | None) -> dict[str, Any] | None:

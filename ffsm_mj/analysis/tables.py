@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ffsm_mj.analysis.captures import COLUMNS as _CAPTURE_COLUMNS
+from ffsm_mj.analysis.captures import Capture
 from ffsm_mj.analysis.contacts import COLUMNS as _CONTACT_COLUMNS
 from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.digest import digest
 from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Tolerance, check_laws
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.capture.record import CAPTURE
 from ffsm_mj.errors import MissingPackageError, unknown_name
 from ffsm_mj.records.kinds import field_of
 from ffsm_mj.records.run_log import RunLog
@@ -77,8 +80,9 @@ def _package(name: str, purpose: str) -> Any:
 
 
 def table_names(log: RunLog) -> tuple[str, ...]:
-    """Names of the tables of a run: its samples, one table for each kind of record that it may have, contacts and laws."""
-    return "samples", *(kind.plural for kind in log.kinds), "contacts", "laws"
+    """Names of the tables of a run: samples, one for each kind of record that it may have, contacts, captures and laws."""
+    captures = ("captures",) if CAPTURE in log.kinds else ()
+    return "samples", *(kind.plural for kind in log.kinds), "contacts", *captures, "laws"
 
 
 def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> Table:
@@ -93,6 +97,8 @@ def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> T
         return _of_columns(name, _LAW_COLUMNS, check_laws(log, tolerance))
     if name == "contacts":
         return _of_columns(name, _CONTACT_COLUMNS, [_ended(contact) for contact in digest(log).contacts.told()])
+    if name == "captures" and CAPTURE in log.kinds:
+        return _of_columns(name, _CAPTURE_COLUMNS, [_released(capture) for capture in digest(log).captures.told()])
     for kind in log.kinds:
         if kind.plural == name:
             return _of_columns(name, kind.columns, log.records.get(name, ()))
@@ -102,6 +108,11 @@ def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> T
 def _ended(contact: Contact) -> Contact:
     """The same with a number for its end in any case."""
     return replace(contact, end_s=nan) if contact.end_s is None else contact
+
+
+def _released(capture: Capture) -> Capture:
+    """The same with a number for its release in any case."""
+    return replace(capture, release_s=nan) if capture.release_s is None else capture
 
 
 def samples(layout: Layout, rows: FloatArray) -> Table:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,14 @@ from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_controllers.settled import Settled
 
 from ffsm_mj.assembly.belief import Belief, BelievingMachine
+from ffsm_mj.assembly.captures import HeldSystem, captures_of
 from ffsm_mj.assembly.column_faults import refuse_same_names, refuse_telemetry
 from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.models import changes_of
 from ffsm_mj.assembly.regimes import declared_regimes, impacts_of
 from ffsm_mj.assembly.run_size import too_large
+from ffsm_mj.capture.regime import Captures
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Scene
@@ -89,6 +92,7 @@ def assemble(
     system: System,
     laws: Mapping[str, Any],
     believed: System | None = None,
+    held: Mapping[str, HeldSystem] = MappingProxyType({}),
 ) -> Assembly:
     """Build everything that one run needs.
 
@@ -98,6 +102,7 @@ def assemble(
         system: Robot and objects, with a model that is the run's own: the run writes its time step.
         laws: Control laws of a script, classes by kind, beside those that are installed.
         believed: The scene that the control laws take it for, likewise the run's own; None: they know it.
+        held: The systems in which captures hold, likewise the run's own, by the names of these.
 
     Raises:
         InputError: One line per fault, with the place in the scenario or the model.
@@ -108,14 +113,17 @@ def assemble(
         ignored = ignored_pairs(scenario, system, pairs)
         refuse_undetectable(system, data, pairs)
         scene = Scene(system, data)
-        regimes = (*impacts_of(scenario, scene, pairs), *declared_regimes(scenario, scene))
-        course = Course(motion := Motion(system.mj, data), regimes)
+        motion = Motion(system.mj, data)
+        impacts, lasting = impacts_of(scenario, scene, pairs)
+        captures = captures_of(scenario, scene, motion, impacts, held)
+        regimes = (impacts, lasting, *captures, *declared_regimes(scenario, scene))
+        course = Course(motion, regimes)
         course.take_up(motion)
         actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
-        phases = _phases(scenario, ControllerContext(believed or system, task, scenario.control_period_s), laws)
+        phases = _phases(scenario, _context(scenario, believed or system, task), laws, held)
         belief = Belief(believed.mj, data) if believed is not None else None
-        controller = PhaseMachine(phases) if belief is None else BelievingMachine(phases, belief)
+        controller = PhaseMachine(phases) if belief is None else BelievingMachine(phases, belief, _beliefs(captures, held))
         ledger = Ledger(system, data, course.motion.momentum, notes=BLOCK_ROWS)
         state = StateReport(system, data, task.tip_site if task is not None else None)
         columns = [*state.columns, *ledger.columns, *course.columns, *actuation.columns, *controller.columns]
@@ -161,32 +169,59 @@ def task_of(scenario: Scenario, system: System) -> Task | None:
     return Task(site, tuple(_AXES[axis] for axis in config.axes), np.array(config.target_m, dtype=np.float64))
 
 
-def _phases(scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any]) -> list[Phase]:
-    """The phases with their control laws, in their order.
+def _context(scenario: Scenario, system: System, task: Task | None) -> ControllerContext:
+    return ControllerContext(system, task, scenario.control_period_s)
+
+
+def _beliefs(captures: Sequence[Captures], held: Mapping[str, HeldSystem]) -> dict[str, Belief]:
+    """What control laws believe while an object is held, by the name of the capture."""
+    return {
+        name: Belief(each.believed.mj, regime.data_of(name), each.system.mj)
+        for regime in captures
+        for name, each in held.items()
+        if each.believed is not None
+    }
+
+
+def _phases(
+    scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any], held: Mapping[str, HeldSystem]
+) -> list[Phase]:
+    """The phases with their control laws, in their order: each is made for the scene, and for where an object is held.
 
     Raises:
         ScenarioFaults: A control law cannot be made.
     """
     classes = {**kinds().classes, **laws}
+    contexts = {"": context}
+    for name, each in held.items():
+        system = each.believed or each.system
+        contexts[name] = _context(scenario, system, task_of(scenario, system))
     phases, faults = [], []
     for i, config in enumerate(scenario.phases):
-        kind = config.controller.kind
-        try:
-            controller = classes[kind](config.controller, context)
-        except ScenarioFaults as error:
-            faults += [Fault(f.message, ("phases", i, "controller", *f.path)) for f in error.faults]
-            continue
-        except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is a fault of this phase)
-            faults.append(Fault(f"the controller cannot be made ({described(error)})", ("phases", i, "controller", "kind")))
-            continue
-        phases.append(_phase(config, controller, context))
+        made: dict[str, Any] = {}
+        for name, of_system in contexts.items():
+            try:
+                made[name] = classes[config.controller.kind](config.controller, of_system)
+            except ScenarioFaults as error:
+                faults += [Fault(f"{_where(name)}{f.message}", ("phases", i, "controller", *f.path)) for f in error.faults]
+            except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is a fault of this phase)
+                message = f"{_where(name)}the controller cannot be made ({described(error)})"
+                faults.append(Fault(message, ("phases", i, "controller", "kind")))
+            if name not in made:
+                break
+        else:
+            phases.append(_phase(config, made.pop(""), context, made))
     if faults:
         raise ScenarioFaults(faults)
     refuse_telemetry(phases)
     return phases
 
 
-def _phase(config: PhaseConfig, controller: Any, context: ControllerContext) -> Phase:
+def _where(capture: str) -> str:
+    return f"while {capture!r} holds: " if capture else ""
+
+
+def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, held: Mapping[str, Any]) -> Phase:
     """A phase with what ends it."""
     until = config.until if config.until not in (None, "end") else ""
     ending, settled = None, None
@@ -194,7 +229,18 @@ def _phase(config: PhaseConfig, controller: Any, context: ControllerContext) -> 
         settled = Settled(config.settled, context.system, context.task)
     elif until:
         ending = ImpactRecord if until == "impact" else kind_named(until).record
-    return Phase(config.name, config.controller.kind, controller, until, ending, settled, config.for_s)
+    return Phase(
+        name=config.name,
+        kind=config.controller.kind,
+        controller=controller,
+        until=until,
+        ending=ending,
+        settled=settled,
+        duration_s=config.for_s,
+        arm=config.arm,
+        release=config.release,
+        held=held,
+    )
 
 
 def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
@@ -203,6 +249,19 @@ def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
     watch.look(0.0)
     for record in watch.finish(0.0):
         yield record.geoms[0], record.geoms[1]
+
+
+def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
+    """Impact pairs that are none while a capture holds, and pairs that nobody watches then."""
+    for regime in assembly.course.regimes:
+        if isinstance(regime, Captures):
+            for name, pairs in regime.disarmed.items():
+                found = [pair.name for pair in assembly.pairs if pair.geom_ids in pairs]
+                others = len(pairs) - len(found)
+                yield (
+                    f"while {name!r} holds, {len(pairs)} pairs of geoms are on one rigid body and cannot meet: "
+                    f"{', '.join([*found, *([f'{others} that are no impact pairs'] if others else [])]) or 'none'}"
+                )
 
 
 def refused_rest(assembly: Assembly) -> Iterator[str]:

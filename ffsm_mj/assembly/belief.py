@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -20,14 +20,15 @@ class Belief:
         data: MuJoCo data of that model, the same object for good.
     """
 
-    def __init__(self, model: Any, truth: Any) -> None:
+    def __init__(self, model: Any, truth: Any, held: Any = None) -> None:
         """Take over the state in the plant's data.
 
         Args:
             model: The model that is believed in, with the degrees of freedom and the actuators of the true one.
             truth: The plant's data.
+            held: The true model, where it is one in which an object is held.
         """
-        self._model, self.data = model, mujoco.MjData(model)
+        self._model, self.data, self._truth = model, mujoco.MjData(model), held
         self._state = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
         self.follow(truth)
 
@@ -35,18 +36,30 @@ class Belief:
         """Take over time, coordinates, rates and forces in the plant's data; all that derives from them is this model's."""
         mujoco.mj_getState(self._model, truth, self._state, WHOLE_STATE)
         mujoco.mj_setState(self._model, self.data, self._state, WHOLE_STATE)
+        if self._truth is not None:  # where an object is held is written at its capture
+            self._model.body_pos[:], self._model.body_quat[:] = self._truth.body_pos, self._truth.body_quat
         mujoco.mj_forward(self._model, self.data)
 
 
 class BelievingMachine(PhaseMachine):
     """The phase machine, all of whose control laws see the data of a model that they believe in."""
 
-    def __init__(self, phases: Sequence[Phase], belief: Belief) -> None:
-        """Know the laws, made for the model that is believed in, and its data."""
+    def __init__(self, phases: Sequence[Phase], belief: Belief, held: Mapping[str, Belief]) -> None:
+        """Know the laws, made for the models that are believed in, and their data.
+
+        Args:
+            phases: The phases with these laws.
+            belief: In the scene as it begins.
+            held: In the systems in which an object is held, by the name of the capture.
+        """
         super().__init__(phases)
-        self._belief = belief
+        self._belief, self._held = belief, held
 
     def control(self, observation: Observation, command: Command) -> None:
         """Change phase where it is due, then ask its controller."""
-        self._belief.follow(observation.data)
-        super().control(observation._replace(data=self._belief.data), command)
+        self._belief.follow(observation.free)
+        seen = self._belief
+        if observation.grasp:
+            seen = self._held[observation.grasp]
+            seen.follow(observation.data)
+        super().control(observation._replace(data=seen.data, free=self._belief.data), command)

@@ -7,20 +7,24 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from ffsm_mj.assembly.captures import HeldSystem, held_systems
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.files import ModelFiles, read_model
+from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import Change, Overrides
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 
+_BELIEVED = ("model", "controller_model")
 
-def compile_scenario(scenario: Scenario, source: YamlSource) -> tuple[System, System | None]:
+
+def compile_scenario(scenario: Scenario, source: YamlSource) -> tuple[System, System | None, Mapping[str, HeldSystem]]:
     """Compile robot and objects of a scenario.
 
     Returns:
-        The scene, and what the control laws take it for; None: they know it.
+        The scene, what the control laws take it for (None: they know it), and the systems in which its captures hold.
 
     Raises:
         InputError: A file is missing or malformed, or a model is not what a free-floating system needs.
@@ -28,12 +32,15 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> tuple[System, Sy
     files = _model_files(scenario, source)
     try:
         system = _compiled(scenario, files, "model")
-        believed = (
-            _compiled(scenario, files, "model", "controller_model") if any(scenario.controller_model.values()) else None
+        believed = _compiled(scenario, files, *_BELIEVED) if any(scenario.controller_model.values()) else None
+        held = held_systems(
+            scenario,
+            system,
+            lambda grasp, believed: _compiled(scenario, files, *(_BELIEVED if believed else ("model",)), grasp=grasp),
         )
     except ScenarioFaults as faulty:
         raise located(faulty, source) from faulty
-    return system, believed
+    return system, believed, held
 
 
 def changes_of(system: System, believed: System | None) -> tuple[Change, ...]:
@@ -43,8 +50,8 @@ def changes_of(system: System, believed: System | None) -> tuple[Change, ...]:
     return (*system.changes, *(change for change in others if change.path not in known))
 
 
-def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str) -> System:
-    """The scene with what these keys change.
+def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, grasp: Grasp | None = None) -> System:
+    """The scene with what these keys change, an object held where there is a grasp.
 
     Raises:
         ScenarioFaults: See :func:`ffsm_mj.model.system.compile_system`.
@@ -57,7 +64,7 @@ def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str) -
         for name, each in files.items()
     }
     robot = changed.pop("robot")
-    return compile_system(robot, changed, time_step_s=scenario.time_step_s, conservative=scenario.conservative)
+    return compile_system(robot, changed, time_step_s=scenario.time_step_s, conservative=scenario.conservative, grasp=grasp)
 
 
 def _model_files(scenario: Scenario, source: YamlSource) -> dict[str, ModelFiles]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ffsm_mj.assembly.assemble import Assembly, assemble, refused_rest, unwatched_overlaps
+from ffsm_mj.assembly.assemble import Assembly, assemble, disarmed_pairs, refused_rest, unwatched_overlaps
+from ffsm_mj.assembly.captures import HeldSystem
 from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.models import changes_of, compile_scenario
 from ffsm_mj.assembly.resolved import resolved_yaml
@@ -98,8 +99,8 @@ def recipe(config: Scenario, source: YamlSource, controllers: Mapping[str, Any] 
     Raises:
         InputError: A model is wrong.
     """
-    system, believed = compile_scenario(config, source)
-    return Prepared(config, source, system, dict(controllers), believed)
+    system, believed, held = compile_scenario(config, source)
+    return Prepared(config, source, system, dict(controllers), believed, held)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +116,7 @@ class Prepared:
         system: Robot and objects; its model is copied, never run.
         laws: Control laws of a script, classes by kind.
         believed: The scene that the control laws take it for, likewise copied; None: they know it.
+        held: The systems in which captures hold, likewise copied, by the names of these.
     """
 
     scenario: Scenario
@@ -122,6 +124,7 @@ class Prepared:
     system: System
     laws: Mapping[str, Any]
     believed: System | None = None
+    held: Mapping[str, HeldSystem] = field(default_factory=dict)
 
     @property
     def changes(self) -> tuple[Change, ...]:
@@ -140,7 +143,8 @@ class Prepared:
             InputError: One line per fault, with the place in the scenario or the model.
         """
         believed = self.believed.copy() if self.believed is not None else None
-        return assemble(self.scenario, self.source, self.system.copy(), self.laws, believed)
+        held = {name: each.copy() for name, each in self.held.items()}
+        return assemble(self.scenario, self.source, self.system.copy(), self.laws, believed, held)
 
     def run(
         self,
@@ -174,5 +178,7 @@ class Prepared:
         lines += [f"note: {change.told}" for change in self.changes]
         lines += [f"note: {note}" for note in system.notes]
         lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
-        lines += [f"note: {told}" for told in (*unstable_damping(assembly), *refused_rest(assembly))]
+        lines += [
+            f"note: {told}" for told in (*unstable_damping(assembly), *refused_rest(assembly), *disarmed_pairs(assembly))
+        ]
         return lines

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ffsm_mj.capture.record import KINDS
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Regime, Scene, regime_of
 from ffsm_mj.errors import Fault, ScenarioFaults
@@ -45,5 +46,9 @@ def declared_regimes(scenario: Scenario, scene: Scene) -> tuple[Regime, ...]:
 
 
 def record_kinds(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the kinds of record that the declared regimes may leave."""
-    return tuple(dict.fromkeys(kind.name for config in scenario.regimes for kind in regime_of(config.kind).records))
+    """Names of the kinds of record that captures and the declared regimes may leave."""
+    kinds = [
+        *(KINDS if scenario.captures else ()),
+        *(kind for each in scenario.regimes for kind in regime_of(each.kind).records),
+    ]
+    return tuple(dict.fromkeys(kind.name for kind in kinds))

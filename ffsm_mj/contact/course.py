@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from ffsm_mj.contact.exchange import Booking
-from ffsm_mj.contact.regimes import Regime
+from ffsm_mj.contact.regimes import Instant, Regime
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
@@ -124,6 +125,10 @@ class Course:
         for regime in self._active:
             regime.begin_step()
         self.motion.step(duration_s)
+
+    def finish(self, instant: Instant) -> list[Any]:
+        """Records that the regimes leave at the end of the run."""
+        return [record for regime in self.regimes for record in regime.finish(instant)]
 
     def bookings(self, duration_s: float) -> list[Booking]:
         """What the wrenches of the active regimes did in the (sub-)step that has ended."""

@@ -89,7 +89,7 @@ class Regime:
     kind: ClassVar[str]
     Config: ClassVar[type[StrictModel]]
     records: ClassVar[tuple[RecordKind, ...]] = ()
-    requests: ClassVar[tuple[str, ...]] = ()
+    requests: Sequence[str] = ()
     columns: Sequence[Columns] = ()
     watched: frozenset[frozenset[int]] = frozenset()
     active = False
@@ -163,6 +163,13 @@ class Regime:
             What moves from here on; None: the system itself.
         """
         return None
+
+    def finish(self, instant: Instant) -> Sequence[Any]:
+        """The run is over: records that are still to be left; they change nothing."""
+        return ()
+
+    def meet(self, records: Sequence[Any]) -> None:
+        """``analyze`` is where a log has these records of its: be about to leave them."""
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:
         """What it holds closed, with the forces under the efforts in ``data``: control laws see them; asked while active."""

@@ -17,7 +17,13 @@ from ffsm_mj.records.events import UnhandledContactRecord
 
 
 class ContactWatch:
-    """Follows overlaps from their first tick to their last."""
+    """Follows overlaps from their first tick to their last.
+
+    Attributes:
+        rigid: Pairs of geoms that are on one rigid body now, and left out.
+    """
+
+    rigid: frozenset[frozenset[int]] = frozenset()
 
     def __init__(self, model: Any, data: Any, known: Iterable[frozenset[int]]) -> None:
         """Watch all pairs of geoms that MuJoCo would collide, except the known ones."""
@@ -65,11 +71,12 @@ class ContactWatch:
         """Depth by pair of what overlaps now and is not known."""
         contact = self._data.contact
         pairs = [frozenset(geoms) for geoms in contact.geom.tolist()]
-        if self._known.issuperset(pairs):
+        known = self._known | self.rigid if self.rigid else self._known
+        if known.issuperset(pairs):
             return {}
         depths: dict[frozenset[int], float] = {}
         for pair, distance in zip(pairs, contact.dist.tolist(), strict=True):
-            if distance < 0.0 and pair not in self._known:
+            if distance < 0.0 and pair not in known:
                 depths[pair] = max(depths.get(pair, 0.0), -distance)
         return depths
 

@@ -36,6 +36,8 @@ class Impacts(Detector):
     """Resolves what its pairs run into; see :class:`~ffsm_mj.contact.regimes.Regime`."""
 
     kind = "impact"
+    struck: frozenset[str] = frozenset()
+    """Names of the pairs of the last impact, until somebody has heard of it."""
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair], rules: ImpactRules) -> None:
         """Watch pairs from the state in ``scene.data`` on."""
@@ -70,6 +72,7 @@ class Impacts(Detector):
         records = impact_records(system, data, touching, met, energies, self._impacts, instant)
         self.closing.close(touching)
         self._impacts += 1
+        self.struck = frozenset(pair.name for pair, _ in touching)
         return Effect(records, self.booking(energies, impact), end=self._end())
 
     def resolve(self, touching: Touching) -> Settled:
@@ -84,7 +87,8 @@ class Impacts(Detector):
             ]
             return resolve(model, data, contacts, self._rules.law)
 
-        return settled(self.scene.system.mj, self.scene.data, touching, self._rules.rest, with_restitution)
+        other = self.motion if self.motion.data is not self.scene.data else None
+        return settled(self.scene.system.mj, self.scene.data, touching, self._rules.rest, with_restitution, other)
 
     def apply(self, touching: Touching, impact: Impact) -> Impact:
         """Give what moves its velocities after; returns the impact in the coordinates of the system."""

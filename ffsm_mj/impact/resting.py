@@ -8,7 +8,8 @@ A contact that separates at u flies for 2 u / b.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +23,7 @@ from ffsm_mj.impact.resolution import Impact, contact_jacobian, resolve
 from ffsm_mj.impact.touching import Touching, touching_points
 from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.motion.flight import WHOLE_STATE
+from ffsm_mj.motion.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,12 @@ class Settled:
 
 
 def settled(
-    model: Any, data: Any, touching: Touching, rule: RestRule, resolve_with: Callable[[FloatArray], Impact]
+    model: Any,
+    data: Any,
+    touching: Touching,
+    rule: RestRule,
+    resolve_with: Callable[[FloatArray], Impact],
+    motion: Motion | None = None,
 ) -> Settled:
     """Resolve an impact, plastic where a contact would fly for too short a time.
 
@@ -71,6 +78,7 @@ def settled(
         touching: Pairs in contact.
         rule: What counts as lasting.
         resolve_with: Resolves the impact of all their points with a coefficient of restitution for each.
+        motion: What moves and stands for it, where that is another model; the bodies of its impacts are those of it.
     """
     points = touching_points(touching)
     used = np.array([pair.restitution for pair, _, _ in points])
@@ -79,7 +87,7 @@ def settled(
     stated, speeds, pressing = used, np.zeros(len(points)), np.zeros(len(points))
     if np.all((stated >= 1.0) & (impact.separation_speeds > still)):
         return Settled(impact, used, pressing, speeds)
-    pressing = _pressing(model, data, points, impact)
+    pressing = _pressing(model, data, points, impact, motion)
     for _ in points:
         after = impact.separation_speeds
         rests = (after <= still) | ((stated < 1.0) & (after < rule.least_speeds(pressing)))
@@ -93,21 +101,48 @@ def settled(
 
 
 def _pressing(
-    model: Any, data: Any, points: Sequence[tuple[ContactPair, Proximity, FloatArray]], impact: Impact
+    model: Any,
+    data: Any,
+    points: Sequence[tuple[ContactPair, Proximity, FloatArray]],
+    impact: Impact,
+    motion: Motion | None,
 ) -> FloatArray:
     """The b of each contact in m/s^2, (k,); zero where it is not pressed."""
-    plastic = resolve(model, data, [replace(contact, restitution=0.0) for contact in impact.contacts])
-    scratch = mujoco.MjData(model)
-    state = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
-    mujoco.mj_getState(model, data, state, WHOLE_STATE)
-    mujoco.mj_setState(model, scratch, state, WHOLE_STATE)
-    scratch.qvel[:] = plastic.after.qvel
-    mujoco.mj_forward(model, scratch)
-    rates = [pair.second_rate(model, scratch, near, point) for pair, near, point in points]
-    free, rounding = np.array([[rate.value, rate.rounding] for rate in rates]).T
-    J = np.stack([contact_jacobian(model, scratch, contact) for contact in impact.contacts])
-    A = np.linalg.solve(np.linalg.cholesky(mass_matrix(model, scratch)), J.T).T
+    plastic_contacts = [replace(contact, restitution=0.0) for contact in impact.contacts]
+    moving = (model, data) if motion is None else (motion.model, motion.data)
+    plastic = resolve(*moving, plastic_contacts)
+    with _after(model, data, plastic.after.qvel, motion) as (seen, moved):
+        rates = [pair.second_rate(model, seen, near, point) for pair, near, point in points]
+        free, rounding = np.array([[rate.value, rate.rounding] for rate in rates]).T
+        J = np.stack([contact_jacobian(moving[0], moved, contact) for contact in impact.contacts])
+        A = np.linalg.solve(np.linalg.cholesky(mass_matrix(moving[0], moved)), J.T).T
     # The laws of impact solve the same problem in velocities: any w with A w = gap'' will do.
     w = np.linalg.lstsq(A, free, rcond=None)[0]
     pressing = np.sum(A * A, axis=1) * least_norm(A, project(A, w))
     return np.where(pressing > rounding, pressing, 0.0)
+
+
+@contextmanager
+def _after(model: Any, data: Any, qvel: FloatArray, motion: Motion | None) -> Iterator[tuple[Any, Any]]:
+    """Data of the system, and of what moves, at other velocities of this, under the efforts held; for a while."""
+    if motion is None:
+        scratch = mujoco.MjData(model)
+        state = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
+        mujoco.mj_getState(model, data, state, WHOLE_STATE)
+        mujoco.mj_setState(model, scratch, state, WHOLE_STATE)
+        scratch.qvel[:] = qvel
+        mujoco.mj_forward(model, scratch)
+        yield scratch, scratch
+        return
+    before = motion.data.qvel.copy()
+    try:
+        _put(motion, qvel)
+        yield data, motion.data
+    finally:
+        _put(motion, before)
+
+
+def _put(motion: Motion, qvel: FloatArray) -> None:
+    motion.data.qvel[:] = qvel
+    mujoco.mj_forward(motion.model, motion.data)
+    motion.path.arrived()

@@ -77,10 +77,14 @@ class Detector(Regime):
     def _look_ahead(self) -> None:
         # How far the flight must go before each pair can have touched; held ones have no touch to come.
         self._safe = [
-            math.inf if self.closing.holds(pair) else (pair.gap(self._model, self._data, FAR) - _NEAR) / reach
+            math.inf if self._elsewhere(pair) else (pair.gap(self._model, self._data, FAR) - _NEAR) / reach
             for pair, reach in zip(self.pairs, self._reach, strict=True)
         ]
         self.horizon = min(self._safe, default=math.inf)
+
+    def _elsewhere(self, pair: ContactPair) -> bool:
+        """Whether a pair is none to watch now: somebody holds it closed, or what moves has it on one rigid body."""
+        return self.closing.holds(pair) or pair.geom_ids in self.motion.rigid
 
     def is_clear(self) -> bool:
         """Whether no pair can have touched in the last step, given how far it went; distances are asked as needed."""
@@ -121,7 +125,8 @@ class Detector(Regime):
     def contacts(self) -> list[tuple[ContactPair, Proximity]]:
         """All pairs in contact at the state in ``data``."""
         model, data = self._model, self._data
-        close = [pair for pair in self.pairs if pair.gap(model, data, _LOOK) <= _NEAR]
+        rigid = self.motion.rigid
+        close = [pair for pair in self.pairs if pair.geom_ids not in rigid and pair.gap(model, data, _LOOK) <= _NEAR]
         near = [(pair, pair.proximity(model, data)) for pair in close]
         return [(pair, proximity) for pair, proximity in near if proximity.gap <= GAP_TOLERANCE]
 
@@ -132,7 +137,7 @@ class Detector(Regime):
             time: Since the start of the step, where what was seen in it may be used.
         """
         for i, pair in enumerate(self.pairs):
-            if not self.closing.holds(pair) and pair.gap(self._model, self._data, _LOOK) <= _NEAR:
+            if not self._elsewhere(pair) and pair.gap(self._model, self._data, _LOOK) <= _NEAR:
                 self.deepen(-self._look(i, time).gap)
 
     def deepen(self, depth: float) -> None:
@@ -188,7 +193,7 @@ class Detector(Regime):
         open_pairs = [
             i
             for i, pair in enumerate(self.pairs)
-            if a.gaps[i] + b.gaps[i] - 2.0 * _NEAR <= max(a.bounds[i], b.bounds[i]) * span and not self.closing.holds(pair)
+            if a.gaps[i] + b.gaps[i] - 2.0 * _NEAR <= max(a.bounds[i], b.bounds[i]) * span and not self._elsewhere(pair)
         ]
         if not open_pairs:
             return None

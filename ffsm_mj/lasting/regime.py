@@ -8,7 +8,7 @@ feature, or where a pair touches at another point.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ffsm_mj.contact.exchange import Booking
@@ -74,10 +74,17 @@ class Lasting(Regime):
         self._closed.keep_down([(pair, near) for pair, near in now if pair in held])
         self._settle()
 
-    def meet(self, names: Iterable[str]) -> None:
+    def meet(self, records: Sequence[Any]) -> None:
         """Take up pairs of which a log tells something, where they are in contact and not held: no impact closed them."""
-        if set(names) - {pair.name for pair in self._closed.by_pair}:
+        if {record.pair for record in records} - {pair.name for pair in self._closed.by_pair}:
             self.close(self._impacts.contacts())
+
+    def let_go(self, pairs: frozenset[frozenset[int]]) -> None:
+        """Hold some pairs of geoms no more; one that was told of ends."""
+        for pair in self._closed.by_pair:
+            if pair.geom_ids in pairs:
+                self._closed.by_pair[pair] = ()
+        self._settle()
 
     def refusal(self, pair: ContactPair) -> str:
         """Why a pair cannot be held; empty where it can."""

@@ -7,11 +7,12 @@ from dataclasses import replace
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import logged_scenario
 from ffsm_mj.model.files import ModelFiles, carried_model, logged_name
+from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.records.run_log import RunLog
 
 
-def compile_log(log: RunLog, place: str = "the log") -> System:
+def compile_log(log: RunLog, place: str = "the log", grasp: Grasp | None = None) -> System:
     """Compile what the log carries, by what a run compiles with; control laws of others need not be installed for that.
 
     Nothing is written, and nothing but the log is read: a model of the log that refers to another file is refused.
@@ -19,6 +20,7 @@ def compile_log(log: RunLog, place: str = "the log") -> System:
     Args:
         log: The log.
         place: Its name for messages.
+        grasp: Let an object be held; None: the scene as it begins.
 
     Raises:
         InputError: The log carries no scenario, or a model that is not whole or does not compile any more.
@@ -40,6 +42,7 @@ def compile_log(log: RunLog, place: str = "the log") -> System:
             {name: carried(name, main) for name, main in scenario.objects.items()},
             time_step_s=scenario.time_step_s,
             conservative=scenario.conservative,
+            grasp=grasp,
         )
     except ScenarioFaults as unplaced:
         raise InputError([f"{place}: {fault.message}" for fault in unplaced.faults]) from unplaced

@@ -21,6 +21,7 @@ from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model.conservative import model_faults, spec_faults
 from ffsm_mj.model.files import ModelFiles, logged_name
 from ffsm_mj.model.fixed import Fixed, fixed_model, moving_parts, place
+from ffsm_mj.model.grasp import Grasp, join
 from ffsm_mj.model.mujoco_warnings import collected_warnings, told
 from ffsm_mj.model.part import Part, part
 from ffsm_mj.model.properties import Change
@@ -82,6 +83,7 @@ class System:
         notes: What was taken out of models; what MJCF says and the simulation does not do (joint limits); what MuJoCo
             warned of.
         changes: Properties of bodies and geoms that the scenario gives, as the scene was compiled.
+        grasp: What makes an object a part of the robot's tree; None in the scene as it begins.
     """
 
     mj: Any
@@ -93,6 +95,7 @@ class System:
     notes: tuple[str, ...] = ()
     joints: Mapping[str, Joint] = field(default_factory=dict)
     changes: tuple[Change, ...] = ()
+    grasp: Grasp | None = None
 
     @property
     def trees(self) -> tuple[Tree, ...]:
@@ -167,7 +170,12 @@ class System:
 
 
 def compile_system(
-    robot: ModelFiles, objects: Mapping[str, ModelFiles], *, time_step_s: float, conservative: bool = True
+    robot: ModelFiles,
+    objects: Mapping[str, ModelFiles],
+    *,
+    time_step_s: float,
+    conservative: bool = True,
+    grasp: Grasp | None = None,
 ) -> System:
     """Compose robot and objects into one model and freeze its index maps; nothing is read from disk.
 
@@ -179,6 +187,7 @@ def compile_system(
         objects: MJCF or URDF of each object by name; the name becomes its prefix. One with a pose is fixed there.
         time_step_s: Integration step in s.
         conservative: Refuse whatever breaks the conservation of energy or momentum.
+        grasp: Let an object be held: a part of the robot's tree, at a pose that is written into the model.
 
     Raises:
         InputError: A model is malformed, has no single moving tree, moves though it is fixed, or is not conservative.
@@ -197,7 +206,10 @@ def compile_system(
                 spec = parts[-1].spec
                 faults += spec_faults(spec, model_files)
                 take_options(scene, spec, conservative=conservative)
-                scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
+                if grasp is not None and name == grasp.tree:
+                    join(scene, spec, grasp)
+                else:
+                    scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
         if moving := list(moving_parts(scene, files)):
             raise InputError(moving)
         model = compile_scene(scene, files, vfs)
@@ -205,7 +217,8 @@ def compile_system(
     faults += model_faults(model, scene, files)
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
-    trees = [_tree(model, name, each.place) for name, each in files.items() if each.pose is None]
+    held = grasp.tree if grasp is not None else ""
+    trees = [_tree(model, name, each.place) for name, each in files.items() if each.pose is None and name != held]
     return System(
         mj=model,
         robot=trees[0],
@@ -220,6 +233,7 @@ def compile_system(
         ),
         joints={joint.name: joint for tree in trees for joint in tree.joints},
         changes=changes,
+        grasp=grasp,
     )
 
 
@@ -241,7 +255,7 @@ def _tree(model: Any, name: str, place: str) -> Tree:
                 else "Put each in a file of its own"
             )
         )
-    members = tuple(i for i in bodies if model.body_rootid[i] == roots[0])
+    members = tuple(i for i in range(1, model.nbody) if model.body_rootid[i] == roots[0])  # and what it holds
     joints = tuple(_joint(model, j) for j in range(model.njnt) if model.jnt_bodyid[j] in members)
     base = [joint for joint in joints if joint.body == roots[0]]
     if not base:

@@ -24,7 +24,12 @@ class Motion:
         path: The last step.
         flight: Makes the steps and keeps account of their length.
         bodies: Id in this model of each body of the system that it stands for.
+        grasp: Name of the grasp that holds an object while it moves; empty where it is the system itself.
+        rigid: Pairs of the system's geoms that cannot move against each other in it, though they can in the system.
     """
+
+    grasp = ""
+    rigid: frozenset[frozenset[int]] = frozenset()
 
     def __init__(self, model: Any, data: Any) -> None:
         """Begin at the state in ``data`` (all derived quantities current)."""
@@ -47,6 +52,9 @@ class Motion:
 
     def follow(self) -> None:
         """Bring what this stands for to the state in ``data``, positions and velocities: nothing where it is that itself."""
+
+    def seat(self) -> None:
+        """Go on from the state of what this stands for, derived quantities current: nothing where it is that itself."""
 
     def step(self, duration_s: float) -> bool:
         """Integrate for a time, refresh derived quantities; says whether nothing that is watched can have happened."""

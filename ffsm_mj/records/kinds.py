@@ -16,7 +16,7 @@ from ffsm_mj.records.events import Report
 
 _TAKEN = frozenset(
     (
-        *("samples", "contacts", "laws", "plumes"),  # tables and topics of every run
+        *("samples", "contacts", "captures", "laws", "plumes"),  # tables and topics of every run
         *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "wall_s", "real_time_factor"),
         *("conservative", "tip", "controller", "conservation", "versions"),  # keys of summary.json
     )

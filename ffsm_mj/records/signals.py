@@ -44,6 +44,12 @@ OVERLAP = "deepest_overlap_m"
 FORCE_RESIDUAL = "contact_force_residual_N"
 """Signal of the ledger that tells how far contact forces are from those that the state asks for."""
 
+CAPTURE_LOADS = {
+    **{f"contact.capture_force_{x}_N": "N" for x in "xyz"},
+    **{f"contact.capture_torque_{x}_N_m": "N m" for x in "xyz"},
+}
+"""Columns of the load on a held object, with units."""
+
 _COORDINATES = {
     "free": ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"),
     "ball": ("qw", "qx", "qy", "qz"),

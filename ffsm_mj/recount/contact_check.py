@@ -36,12 +36,19 @@ class ContactCheck:
         self._modes = layout.places(mode_key(pair) for pair in pairs)
         self._scratch = mujoco.MjData(scene.system.mj)
 
-    def residual(self, row: FloatArray) -> float:
-        """Largest difference of a pair's resultant force from that in a row, N; 0 where no pair is closed."""
+    def residual(self, row: FloatArray, rigid: frozenset[frozenset[int]]) -> float:
+        """Largest difference of a pair's resultant force from that in a row, N; 0 where no pair is closed.
+
+        Args:
+            row: Of the log.
+            rigid: Pairs of geoms that are on one rigid body there: they exert no contact forces.
+        """
         logged = row[self._forces].reshape(-1, 3)
         told = row[self._modes] > 0.0
         touching = [
-            (pair, near) for pair, lasts in zip(self._pairs, told, strict=True) if (near := self._closed(pair, lasts))
+            (pair, near)
+            for pair, lasts in zip(self._pairs, told, strict=True)
+            if pair.geom_ids not in rigid and (near := self._closed(pair, lasts))
         ]
         if not touching and not np.any(logged):
             return 0.0

@@ -72,7 +72,12 @@ def _led_up_to(events: Sequence[Encounter]) -> list[Encounter]:
 def _leads_to(event: Encounter, impact: Encounter) -> bool:
     if impact.kind != "impact" or (event.step, event.time_s) != (impact.step, impact.time_s):
         return False
-    before, after = (np.linalg.norm(event.state_after - state) for state in (impact.state, impact.state_after))
+    return _nearer(event.state, impact) and _nearer(event.state_after, impact)
+
+
+def _nearer(state: FloatArray, impact: Encounter) -> bool:
+    """Whether a state is nearer to that before an impact than to that after: a grasp that closes at a touch begins after."""
+    before, after = (np.linalg.norm(state - other) for other in (impact.state, impact.state_after))
     return bool(before < after)
 
 

@@ -8,7 +8,6 @@ from ffsm_mj.analysis.agreement import Agreement
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.regimes import Effect, Instant, Regime
 from ffsm_mj.errors import UnsupportedContactError
-from ffsm_mj.lasting.regime import Lasting
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.recount.encounters import Encounter, Encounters
@@ -38,8 +37,7 @@ class RegimeCheck:
 
     def _effect(self, regime: Regime, event: Encounter) -> Effect | None:
         try:
-            if isinstance(regime, Lasting):
-                regime.meet(record.pair for record in event.records)
+            regime.meet(event.records)
             return regime.act(Instant(event.time_s, event.step))
         except (RunEnded, UnsupportedContactError, ValueError, ArithmeticError):
             return None

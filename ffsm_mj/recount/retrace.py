@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ffsm_mj.analysis.agreement import Agreement, scales
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.assembly.captures import captures_of
 from ffsm_mj.assembly.regimes import declared_regimes, impacts_of
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.regimes import Scene
@@ -72,7 +73,9 @@ class Retrace:
         mujoco.mj_forward(model, self._data)
         self._scene, self._free = Scene(scene.system, self._data), Motion(model, self._data)
         self._impacts, lasting = impacts_of(scenario, self._scene, scene.pairs)
-        self._course = Course(self._free, (self._impacts, lasting, *declared_regimes(scenario, self._scene)))
+        captures = captures_of(scenario, self._scene, self._free, self._impacts, scene.held)
+        declared = declared_regimes(scenario, self._scene)
+        self._course = Course(self._free, (self._impacts, lasting, *captures, *declared))
         self._ledger = Ledger(scene.system, self._data, self._free.momentum, notes=BLOCK_ROWS)
         self.free = self._ledger.free
         self._actuation, self._command = scene.actuation, Command.off(int(model.nu))
@@ -173,7 +176,7 @@ class Retrace:
         self._data.ctrl[:] = lines.ctrl[line]
         self._telling[:] = lines.rows[line, self._told]
         self._rows.fill(line, time)
-        self._forces_apart[line] = self._contacts.residual(lines.rows[line])
+        self._forces_apart[line] = self._contacts.residual(lines.rows[line], self._course.motion.rigid)
         self._tick = None if tick == BETWEEN else tick
 
     def _seat(self, line: int, tick: int, time_s: float) -> None:
@@ -277,6 +280,7 @@ class Retrace:
         if not np.isfinite(self._data.qacc_warmstart).all():  # a flight with absurd efforts leaves that behind
             self._data.qacc_warmstart.fill(0.0)
         mujoco.mj_forward(self._model, self._data)
+        self._course.motion.seat()
         self._course.motion.flight.clear(math.inf)
 
     def _compare(self, block: FloatArray, again: FloatArray, flown: FloatArray) -> None:

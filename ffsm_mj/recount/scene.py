@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pydantic import ValidationError
 
 from ffsm_mj.assembly.assemble import task_of
+from ffsm_mj.assembly.captures import HeldSystem, held_systems
 from ffsm_mj.assembly.impact_pairs import impact_pairs
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.controller_protocol import Task
@@ -30,6 +32,7 @@ class LogScene:
     pairs: tuple[ContactPair, ...]
     actuation: Actuation
     task: Task | None
+    held: Mapping[str, HeldSystem]
 
 
 def log_scene(log: RunLog) -> LogScene:
@@ -47,6 +50,7 @@ def log_scene(log: RunLog) -> LogScene:
             impact_pairs(scenario, system),
             Actuation(system, scenario.actuators),
             task_of(scenario, system),
+            held_systems(scenario, system, lambda grasp, _: compile_log(log, grasp=grasp)),
         )
     except ScenarioFaults as error:
         raise InputError([f"{'.'.join(map(str, fault.path))}: {fault.message}" for fault in error.faults]) from error
@@ -59,7 +63,7 @@ def _scenario(log: RunLog) -> Scenario:
         InputError: It is none of this version.
     """
     try:
-        scenario = with_regimes(Scenario.model_validate(scenario_data(log) | {"phases": _NO_LAW}))
+        scenario = with_regimes(Scenario.model_validate(scenario_data(log) | {"phases": _NO_LAW, "controller_model": {}}))
     except ValidationError as error:
         keys = ", ".join(sorted({".".join(map(str, fault["loc"])) for fault in error.errors()}))
         raise InputError(f"the scenario in the log is not of this version ({keys})") from error

@@ -109,13 +109,29 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
     for i, phase in enumerate(scenario.phases):
         if phase.name in names[:i]:
             faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
-        if fault := fault_of_ending(phase.until, scenario.regimes):
+        if fault := fault_of_ending(phase.until, scenario.regimes, captures=bool(scenario.captures)):
             faults.append(Fault(fault, ("phases", i, "until")))
         if phase.until == "settled" and scenario.task is None:
             faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, "until")))
         if phase.until == "impact" and not scenario.impact_pairs:
             faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
+    faults += _capture_faults(scenario)
     for i, phase in enumerate(scenario.phases[:-1]):
         if phase.until == "end":
             faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
+    return faults
+
+
+def _capture_faults(scenario: Scenario) -> list[Fault]:
+    """Captures that phases name and pairs that captures name: what there is not."""
+    faults = []
+    for i, phase in enumerate(scenario.phases):
+        for key, names in (("arm", phase.arm), ("release", phase.release)):
+            unknown = ((k, name) for k, name in enumerate(names) if name not in scenario.captures)
+            faults += [Fault(unknown_name("capture", name, scenario.captures), ("phases", i, key, k)) for k, name in unknown]
+    pairs = [pair.name for pair in scenario.impact_pairs]
+    for name, capture in scenario.captures.items():
+        touched = enumerate(capture.when.touch or ())
+        place = ("captures", name, "when", "touch")
+        faults += [Fault(unknown_name("impact pair", pair, pairs), (*place, k)) for k, pair in touched if pair not in pairs]
     return faults

@@ -47,13 +47,13 @@ def _checked(given: Any) -> StrictModel:
         raise ScenarioFaults(plain_faults(error, KindNames(config, (), (), {}))) from error
 
 
-def endings(configs: tuple[Any, ...]) -> tuple[str, ...]:
-    """What may end a phase: impacts, contacts that begin or end, and the records of declared regimes."""
+def endings(configs: tuple[Any, ...], *, captures: bool) -> tuple[str, ...]:
+    """What may end a phase: impacts, contacts that begin or end, captures, releases, and records of declared regimes."""
     named = (kind.name for config in configs for kind in regime_of(config.kind).records)
-    return ("impact", "contact_begins", "contact_ends", *named)
+    return ("impact", "contact_begins", "contact_ends", *(("capture", "release") if captures else ()), *named)
 
 
-def fault_of_ending(until: str | None, configs: tuple[Any, ...]) -> str:
+def fault_of_ending(until: str | None, configs: tuple[Any, ...], *, captures: bool) -> str:
     """What is wrong with a phase's ``until``, or nothing."""
-    allowed = (*endings(configs), "settled", "end")
+    allowed = (*endings(configs, captures=captures), "settled", "end")
     return "" if until is None or until in allowed else unknown_name("end of a phase", until, allowed)

@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from ffsm_mj.capture.config import CaptureConfig
 from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.impact.laws import LAWS
@@ -183,12 +184,17 @@ class PhaseConfig(StrictModel):
 
     name: Name
     until: Name | None = None
-    """``impact``, ``contact_begins``, ``contact_ends`` or a record of a declared regime: the first one after its start;
+    """``impact``, ``contact_begins``, ``contact_ends``, ``capture``, ``release`` or a record of a declared regime: the first
+    one after its start;
     ``settled``: see there; ``end``: of the run."""
     settled: SettledConfig | None = None
     """With ``until: settled``: the phase ends once the tip has been near its target and slow for a time."""
     for_s: PositiveFloat | None = None
     """Duration in s; it ends at the first control tick at or after that, with ``until: impact`` at an impact before it."""
+    arm: tuple[Name, ...] = ()
+    """Captures that may close while it lasts; their bounds may hold already as it begins."""
+    release: tuple[Name, ...] = ()
+    """Captures that let go as it begins."""
     controller: SerializeAsAny[ControllerConfig]
     """Control law, chosen by ``kind``."""
 
@@ -268,6 +274,8 @@ class Scenario(StrictModel):
     task: TaskConfig | None = None
     impact_pairs: tuple[ImpactPairConfig, ...] = ()
     ignored_pairs: tuple[IgnoredPairConfig, ...] = ()
+    captures: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")], CaptureConfig] = {}
+    """Grasps by name: a site of the robot takes hold of a site of a floating object while a phase arms it."""
     script_laws: tuple[Name, ...] | None = None
     """Kinds of control laws that a script handed to the run that wrote this scenario; they name no code."""
     phases: Annotated[tuple[PhaseConfig, ...], Field(min_length=1)]

@@ -118,7 +118,7 @@ class Simulation:
             return Outcome.CONTROLLER_FAILED, f"{self._controller.in_charge} at its end: {reason}", {}
 
     def _loop(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> None:
-        settings, data = self._settings, self._plant.data
+        settings = self._settings
         period = settings.time_step_s * settings.steps_per_tick
 
         def poll() -> None:
@@ -129,7 +129,7 @@ class Simulation:
         try:
             for tick in range(settings.ticks):
                 now = tick * period
-                self._decide(Observation(now, data, self._unheard, contacts=self._plant.course.contacts()))
+                self._decide(self._observed(now, self._unheard, contacts=self._plant.course.contacts()))
                 self._record(now)
                 report(now)
                 poll()
@@ -139,6 +139,14 @@ class Simulation:
         finally:
             for record in self._plant.watch.finish(self._done.time_s):
                 self._recorder.event(record)
+            for record in self._plant.course.finish(Instant(self._done.time_s, self._done.steps)):
+                self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
+
+    def _observed(self, time_s: float, events: tuple[Any, ...], **others: Any) -> Observation:
+        """What the controller is shown."""
+        free, motion = self._plant.data, self._plant.course.motion
+        shown = motion.data if motion.grasp else free
+        return Observation(time_s, shown, events, free=free, grasp=motion.grasp, **others)
 
     def _decide(self, observation: Observation) -> None:
         """Ask the controller, and record the phase that begins with that."""
@@ -151,7 +159,7 @@ class Simulation:
         self._unheard = ()
         try:
             self._controller.control(observation, self._command)
-            self._plant.actuation.apply(self._command, observation.data, observation.time_s)
+            self._plant.actuation.apply(self._command, self._plant.data, observation.time_s)
             if self._command.requests:
                 self._pass_requests_on()
         except Exception as error:
@@ -226,6 +234,7 @@ class Simulation:
             plant.course.restart()
         else:
             plant.course.bind(effect.motion)
+            plant.watch.rigid = effect.motion.rigid
         if effect.booking is not None:
             plant.ledger.book(*effect.booking)
         self._after_event(effect, time_s)
@@ -234,7 +243,7 @@ class Simulation:
         """Ask the controller at once, and record the event with the efforts that act from there on."""
         end, events = effect.end, (*self._unheard, *effect.records)
         contacts = self._plant.course.contacts() if effect.asks else ()
-        observation = Observation(time_s, self._plant.data, events, at_tick=False, contacts=contacts)
+        observation = self._observed(time_s, events, at_tick=False, contacts=contacts)
         try:
             if not effect.asks:
                 self._unheard = events
