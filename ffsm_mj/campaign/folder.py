@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,6 +13,8 @@ from filelock import FileLock, Timeout
 
 from ffsm_mj.campaign.design import Design
 from ffsm_mj.errors import InputError, LogWriteError
+from ffsm_mj.log.run_folder import SUMMARY
+from ffsm_mj.records.events import Outcome
 from ffsm_mj.scenario.source import write_yaml
 
 CAMPAIGN = "campaign.yaml"
@@ -51,6 +54,14 @@ class CampaignFolder:
     def replay(self, index: int) -> Path:
         """Run folder of a run that was made again."""
         return self.path / REPLAYS / f"{index:06d}"
+
+    def has_replay(self, index: int) -> bool:
+        """Whether a run was made again, to its end."""
+        try:
+            summary = json.loads((self.replay(index) / SUMMARY).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        return bool(summary.get("outcome") != Outcome.INTERRUPTED)
 
     @contextmanager
     def driven(self) -> Iterator[None]:

@@ -90,7 +90,7 @@ def _at(summary: Any, name: str) -> Any:
         elif isinstance(summary, list | tuple):
             if part == "count":
                 return len(summary)
-            summary = summary[int(part)] if part.isdigit() and int(part) < len(summary) else None
+            summary = summary[int(part)] if part.isdecimal() and int(part) < len(summary) else None
         else:
             return None
     return summary
@@ -177,7 +177,7 @@ def _fault_in_list(head: str, rest: str) -> str | None:
     number, _, key = rest.partition(".")
     names = [*(each.name for each in fields(_LISTS[head])), *_ENDS.get(head, ())]
     field, _, item = key.partition(".")
-    if not number.isdigit():
+    if not number.isdecimal():
         return f"{head} is a list: {head}.count, or {head}.0.KEY with a number and one of {', '.join(names)}"
     if field not in names or (item and not re.fullmatch(r"[\w./-]+", item)):
         return unknown_name(f"key of {head}", field, names)

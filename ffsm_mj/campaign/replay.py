@@ -15,6 +15,7 @@ from ffsm_mj.campaign.store import Row
 from ffsm_mj.campaign.worker import Job, prepared_run, processor
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.present.run import Run
+from ffsm_mj.records.events import Outcome
 
 TOLERANCE = 1e-6
 """How far a number x may be from that of a row of another machine or of other versions, times max(1, |x|)."""
@@ -68,6 +69,8 @@ def replay(
     assembly = prepared_run(job.scenario, overrides, job.laws).assemble()
     effort = Effort(assembly.system, assembly.actuation.keys)
     run = simulate(assembly, RunFolder(folder, force=True), with_rerun=False, watchers=(effort,))
+    if run.outcome == Outcome.INTERRUPTED:
+        raise KeyboardInterrupt  # its log is kept, the rest of what was asked for is not made
     if row is None:
         return Replay(index, run, True, ())
     exact = row.cpu == processor() and same_settings

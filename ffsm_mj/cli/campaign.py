@@ -6,6 +6,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from ffsm_mj.campaign.campaign import Campaign
@@ -85,7 +86,7 @@ def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) 
 
 
 def _keep(found: Campaign, say: Say, stage: Stage) -> None:
-    wanted = [index for index in found.kept() if not found.folder.replay(index).is_dir()]
+    wanted = [index for index in found.kept() if not found.folder.has_replay(index)]
     report = stage("logs of the runs that are kept", "runs")
     for done, index in enumerate(wanted):
         say(found.replay(index).verdict)
@@ -144,9 +145,12 @@ class _Lines:
         self._next = now + _LINE_EVERY_S
         per_s = (done - self._first) / (now - self._begun)
         left = f", {(total - done) / per_s / 60.0:.0f} min left" if per_s > 0.0 else ""
-        print(
-            f"{self._name}: {done:.0f} of {total:.0f} runs, {per_s * 60.0:.0f} a minute{left}", file=sys.stderr, flush=True
-        )
+        with suppress(OSError):  # whoever listened has gone; the runs go on
+            print(
+                f"{self._name}: {done:.0f} of {total:.0f} runs, {per_s * 60.0:.0f} a minute{left}",
+                file=sys.stderr,
+                flush=True,
+            )
 
 
 _ACTIONS: dict[str, Callable[[argparse.Namespace, Say, Stage], int]] = {

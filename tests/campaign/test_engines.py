@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -265,6 +265,20 @@ def _address(file: Path) -> str:
     with Client(scheduler_file=str(file), set_as_default=False) as client:
         client.wait_for_workers(2)
         return str(client.scheduler.address)
+
+
+def test_an_interrupted_replay_is_no_replay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its log is kept, and it is made again where it is asked for."""
+    campaign = Campaign.load(collisions(tmp_path, keep={"worst": {"duration_s": 1}}), tmp_path / "out")
+    campaign.run(loop().open())
+    with monkeypatch.context() as patched:
+        patched.setattr("ffsm_mj.assembly.run.noted", lambda: nullcontext(lambda: True))
+        with pytest.raises(KeyboardInterrupt):
+            campaign.replay(0)
+    assert (campaign.folder.replay(0) / "run.mcap").is_file()
+    assert not campaign.folder.has_replay(0)
+    assert campaign.replay(0).verdict == "run 0 is the row's, bit by bit"
+    assert campaign.folder.has_replay(0)
 
 
 def test_a_second_driver_is_refused(tmp_path: Path) -> None:
