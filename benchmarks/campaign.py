@@ -14,7 +14,7 @@ from ffsm_mj.cli.main import one_blas_thread
 one_blas_thread()
 
 import argparse
-import multiprocessing
+import os
 import statistics
 import time
 from collections.abc import Callable
@@ -80,10 +80,10 @@ def rate(found: Campaign, pool: Executor, first: int, runs: int) -> float:
     return runs / (time.perf_counter() - begun)
 
 
-def memory_MiB() -> float:
-    """Resident memory of the one worker."""
-    (worker,) = multiprocessing.active_children()
-    lines = Path(f"/proc/{worker.pid}/status").read_text().splitlines()
+def memory_MiB(pool: Executor) -> float:
+    """Resident memory of the one worker of a pool."""
+    worker = pool.submit(os.getpid).result()
+    lines = Path(f"/proc/{worker}/status").read_text().splitlines()
     return int(next(line.split()[1] for line in lines if line.startswith("VmRSS"))) / 1024.0
 
 
@@ -93,9 +93,9 @@ def growth(found: Campaign, runs: int) -> tuple[float, float]:
         job = found._job(own=False)
         batch = [(i, found.design.overrides(i)) for i in range(runs)]
         pool.submit(make_rows, job, batch[: runs // 10]).result()
-        early = memory_MiB()
+        early = memory_MiB(pool)
         pool.submit(make_rows, job, batch[runs // 10 :]).result()
-        return early, memory_MiB()
+        return early, memory_MiB(pool)
 
 
 def engines(stack: ExitStack) -> dict[str, Executor]:
