@@ -88,13 +88,13 @@ def memory_MiB(pool: Executor) -> float:
 
 
 def growth(found: Campaign, runs: int) -> tuple[float, float]:
-    """Memory of a worker after a tenth of its runs, and after all, MiB."""
+    """Memory of a worker after two fifths of its runs, and after all, MiB."""
     with executor(1) as pool:
         job = found._job(own=False)
         batch = [(i, found.design.overrides(i)) for i in range(runs)]
-        pool.submit(make_rows, job, batch[: runs // 10]).result()
+        pool.submit(make_rows, job, batch[: runs * 2 // 5]).result()
         early = memory_MiB(pool)
-        pool.submit(make_rows, job, batch[runs // 10 :]).result()
+        pool.submit(make_rows, job, batch[runs * 2 // 5 :]).result()
         return early, memory_MiB(pool)
 
 
@@ -135,7 +135,7 @@ def main() -> None:
             print(f"{name}, 2 workers / 2 loops  {middle:5.2f}  ({low:.2f} to {high:.2f}; goal {GOALS[name]:.2f})")
         early, late = growth(campaign(Path(folder), given.memory_runs, 0.2), given.memory_runs)
         print(
-            f"memory of a worker  {early:.0f} MiB after {given.memory_runs // 10} runs, {late:.0f} after {given.memory_runs}"
+            f"memory of a worker  {early:.0f} MiB after {given.memory_runs * 2 // 5} runs, {late:.0f} after {given.memory_runs}"
         )
 
 
