@@ -134,9 +134,8 @@ def main() -> None:
             low, middle, high = min(each), statistics.median(each), max(each)
             print(f"{name}, 2 workers / 2 loops  {middle:5.2f}  ({low:.2f} to {high:.2f}; goal {GOALS[name]:.2f})")
         early, late = growth(campaign(Path(folder), given.memory_runs, 0.2), given.memory_runs)
-        print(
-            f"memory of a worker  {early:.0f} MiB after {given.memory_runs * 2 // 5} runs, {late:.0f} after {given.memory_runs}"
-        )
+        begun = given.memory_runs * 2 // 5
+        print(f"memory of a worker  {early:.0f} MiB after {begun} runs, {late:.0f} after {given.memory_runs}")
 
 
 if __name__ == "__main__":
