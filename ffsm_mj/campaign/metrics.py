@@ -9,12 +9,13 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
 
+from ffsm_mj.analysis.captures import Capture
 from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.verdicts import LAW_NAMES, Law
 from ffsm_mj.campaign.effort import MEASURES
 from ffsm_mj.errors import described, one_line, unknown_name
 from ffsm_mj.present.run import Run
-from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.records.kinds import kinds
 
 GROUP = "ffsm_mj.metrics"
 """Entry points of metrics of other packages: the name is the metric's, the object a function on a
@@ -31,15 +32,9 @@ _DRIFTING = LAW_NAMES[:3]
 _ALWAYS = ("laws_hold", "drift", "deepest_overlap_m", *(f"laws.{name.replace(' ', '_')}" for name in LAW_NAMES))
 """What is told of every run: whether every law holds; the worst drift of energy and momenta, over (1 + scale) each; the
 deepest overlap in m; the worst residual of each law, in its unit, null where it is not judged."""
-_TIP = ("min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s", "target_m")
+_TIP = ("min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s", *(f"target_m.{axis}" for axis in range(3)))
 _SCALARS = ("outcome", "message", "duration_s", "steps", "conservative", "controller.ticks")
 _CONSERVATION = ("energy_residual_J", "linear_momentum_residual_N_s", "angular_momentum_residual_N_m_s")
-_LISTS: dict[str, Any] = {
-    "impacts": ImpactRecord,
-    "contacts": Contact,
-    "phases": PhaseRecord,
-    "unhandled_contacts": UnhandledContactRecord,
-}
 _ENDS = {"phases": ("end_s",)}
 
 
@@ -154,8 +149,9 @@ def fault_of(name: str, actuators: Sequence[str]) -> str | None:
         actuators: Those of the scenario, as columns of a log name them.
     """
     head, _, rest = name.partition(".")
-    if head in _LISTS:
-        return _fault_in_list(head, rest)
+    lists = _lists()
+    if head in lists:
+        return _fault_in_list(head, rest, lists[head])
     if head == "effort":
         actuator, _, measure = rest.rpartition(".")
         if actuator in actuators and measure in MEASURES:
@@ -164,18 +160,25 @@ def fault_of(name: str, actuators: Sequence[str]) -> str | None:
     if re.fullmatch(r"controller\.phases\.\d+\.reports\.\w+", name):
         return None
     known = [*_ALWAYS, *_SCALARS, *plugged()]
-    known += [f"tip.{key}" for key in _TIP[:4]] + [f"conservation.{key}" for key in _CONSERVATION]
-    known += [f"tip.target_m.{axis}" for axis in range(3)]
-    known += [f"{head}.count" for head in _LISTS]
-    known += [f"{each}.0.KEY" for each in _LISTS] + ["effort.ACTUATOR.MEASURE", "controller.phases.0.reports.NAME"]
+    known += [f"tip.{key}" for key in _TIP] + [f"conservation.{key}" for key in _CONSERVATION]
+    known += [f"{each}.{what}" for each in lists for what in ("count", "0.KEY")] + [
+        "effort.ACTUATOR.MEASURE",
+        "controller.phases.0.reports.NAME",
+    ]
     return None if name in known else unknown_name("metric", name, known)
 
 
-def _fault_in_list(head: str, rest: str) -> str | None:
+def _lists() -> dict[str, Any]:
+    """Lists of ``summary.json`` and what their items are: records of all kinds, and spells that are worked out of them."""
+    told = {kind.plural: kind.record for kind in kinds() if kind.plural and kind.summarised}
+    return told | {"contacts": Contact, "captures": Capture}
+
+
+def _fault_in_list(head: str, rest: str, record: Any) -> str | None:
     if rest == "count":
         return None
     number, _, key = rest.partition(".")
-    names = [*(each.name for each in fields(_LISTS[head])), *_ENDS.get(head, ())]
+    names = [*(each.name for each in fields(record)), *_ENDS.get(head, ())]
     field, _, item = key.partition(".")
     if not number.isdecimal():
         return f"{head} is a list: {head}.count, or {head}.0.KEY with a number and one of {', '.join(names)}"
