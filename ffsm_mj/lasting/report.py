@@ -145,16 +145,8 @@ class Report:
 
     def active(self) -> tuple[ActiveContact, ...]:
         """The closed pairs at the state in ``data`` under the efforts in it, as control laws see them."""
-        closed = self._closed
-        if not closed.touches:
-            return ()
-        decision = closed.decide()
-        forces, found = decision.shared(), []
-        for pair, touches in closed.by_pair.items():
-            if touches:
-                at = resultant(decision.touches, decision.rows, forces, pair)
-                found.append(ActiveContact(pair.name, at.force, at.centre.copy(), at.normal.copy()))
-        return tuple(found)
+        found = self.places([pair for pair, touches in self._closed.by_pair.items() if touches])
+        return tuple(ActiveContact(pair.name, at.force, at.centre.copy(), at.normal.copy()) for pair, at in found.items())
 
     def book(self, impulses: Mapping[ContactPair, float]) -> None:
         """Add what the resultant forces of some pairs came to in a step, N s."""
