@@ -42,12 +42,12 @@ def save_figures(results: Results, replayed: Sequence[tuple[TableRow, Run]], fol
     Returns:
         What each picture shows, and its file's name.
     """
-    drawn = []
-    for metric in results.metrics:
-        if not is_constant(measured(results.rows, metric)):
-            name = f"metric-{identifier(metric)}"
-            drawn.append((f"{metric} against each parameter", name, _against_parameters(results, metric)))
-    watched = [what for what in ([SUCCESS] if results.judges else []) + [*results.metrics] if len(looks(results, what)) > 1]
+    varied = [metric for metric in results.metrics if not is_constant(measured(results.rows, metric))]
+    drawn = [
+        (f"{metric} against each parameter", f"metric-{identifier(metric)}", _against_parameters(results, metric))
+        for metric in varied
+    ]
+    watched = [what for what in ([SUCCESS] if results.judges else []) + varied if len(looks(results, what)) > 1]
     if watched:
         drawn.append(("intervals against the number of runs", "convergence", _convergence(results, watched)))
     if replayed:
@@ -120,7 +120,8 @@ def _convergence(results: Results, watched: Sequence[str]) -> Figure:
             axes.set_xscale("log", base=2)
             axes.set_xticks(runs[:: -(-len(runs) // 5)], labels=[f"{each}" for each in runs[:: -(-len(runs) // 5)]])
             axes.set_xlabel("runs", fontsize=7.0)
-            axes.set_title("share of successes" if what == SUCCESS else f"median of {what}", fontsize=7.0)
+            axes.set_ylabel("share" if what == SUCCESS else "median", fontsize=7.0)
+            axes.set_title("successes" if what == SUCCESS else _in_two_lines(what), fontsize=7.0)
             axes.tick_params(labelsize=6.5)
     return figure
 

@@ -159,6 +159,7 @@ def _of_near_miss(record: NearMissRecord) -> dict[str, Any]:
     return {name: value for name, value in all_fields(record).items() if name in NEAR_MISS.columns}
 
 
+_GRASP = {"event": ("", "number of what happened to grasps, from 0"), "grasp": ("", "name of the grasp")}
 _SITES = {
     "position_m": ("m", "distance of the sites"),
     "angle_rad": ("rad", "angle between their frames"),
@@ -176,8 +177,7 @@ CAPTURE = RecordKind(
     summarised=False,  # a capture is summed up with its release
     columns={
         "time_s": ("s", "simulation time"),
-        "event": ("", "number of what happened to grasps, from 0"),
-        "grasp": ("", "name of the grasp"),
+        **_GRASP,
         "robot_site": ("", "site of the robot"),
         "object_site": ("", "site of the object"),
         "point_{xyz}_m": ("m", "the object's site, world frame"),
@@ -214,8 +214,7 @@ RELEASE = RecordKind(
     summarised=False,
     columns={
         "time_s": ("s", "simulation time"),
-        "event": ("", "number of what happened to grasps, from 0"),
-        "grasp": ("", "name of the grasp"),
+        **_GRASP,
         "point_{xyz}_m": ("m", "the object's site, world frame"),
     },
     lengths={"point_m": 3},
@@ -232,8 +231,7 @@ NEAR_MISS = RecordKind(
     summary=_of_near_miss,
     columns={
         "time_s": ("s", "when it is disarmed"),
-        "event": ("", "number of what happened to grasps, from 0"),
-        "grasp": ("", "name of the grasp"),
+        **_GRASP,
         "least_ratio": ("", "least of the largest value over its bound while it was armed"),
         "least_s": ("s", "when that was"),
         **{name: (unit, f"{meaning} then") for name, (unit, meaning) in _SITES.items()},
