@@ -6,7 +6,6 @@ from typing import Any
 
 from ffsm_mj.capture.config import CaptureConfig
 from ffsm_mj.capture.held import Held
-from ffsm_mj.capture.load import ObjectAccount
 from ffsm_mj.capture.nearness import Nearness, Sites
 from ffsm_mj.capture.passing import Bounds
 from ffsm_mj.contact.regimes import Scene
@@ -24,7 +23,6 @@ class Grip:
         sites: The same in the system that is logged.
         pairs: Names of the pairs at whose impact it closes.
         held: What moves while it holds.
-        account: Of the object's energy and momentum.
         armed: Whether it may close.
         least: Nearest that it has come to its bounds since it was armed, and when in s; None where it was not looked at.
     """
@@ -42,8 +40,6 @@ class Grip:
         """
         self.number, self.grasp, self._data = number, grasp, scene.data
         self.sites, self.held = Sites(scene.system, grasp), Held(free, scene, system, grasp)
-        tree = next(tree for tree in scene.system.objects if tree.name == grasp.tree)
-        self.account = ObjectAccount(scene, tree, self.held, free.momentum)
         self.pairs = frozenset(config.when.touch or ())
         self._bounds = Bounds(config.when.within.bounds) if config.when.within is not None else None
         self._start: Nearness | None = None

@@ -46,10 +46,10 @@ class Held(Motion):
         """
         super().__init__(system.mj, mujoco.MjData(system.mj))
         self.system, self.grasp = system, grasp.name
+        tree = self.carried = next(tree for tree in scene.system.objects if tree.name == grasp.tree)
         self._free, self._model = free, scene.system.mj
         self.root, self.link = system.index("body", grasp.root), system.index("body", grasp.link)
         self.bodies = [_same_body(scene.system, body, system) for body in range(self._model.nbody)]
-        tree = next(tree for tree in scene.system.objects if tree.name == grasp.tree)
         shared = [(joint, system.joints[name]) for name, joint in scene.system.joints.items() if name in system.joints]
         self._qpos, self._held_qpos = _places(shared, "qpos")
         self._dofs, self._held_dofs = _places(shared, "dofs")

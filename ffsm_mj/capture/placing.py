@@ -48,7 +48,7 @@ class Placing:
         self._origin = model.body_pos[tree.root].tolist()
         self._back, self._relative = model.body_quat[tree.root] * (1.0, -1.0, -1.0, -1.0), np.empty(4)
         self._zero = model.qpos0[joints[0].qpos.start : joints[-1].qpos.stop].tolist()
-        self._at, self._axes = data.xpos[tree.root], data.xmat[tree.root].reshape(3, 3)
+        self._axes = data.xmat[tree.root].reshape(3, 3)
 
     def _constant_twists(self, kinds: list[str]) -> FloatArray | None:
         """Orthonormal twists of slides and then at most one hinge through the origin; None of any other joints."""
@@ -136,23 +136,3 @@ class Placing:
             return np.asarray(twist.dot(self.twists))
         mujoco.mj_jacBody(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._root)
         return np.asarray(np.linalg.lstsq(self._jacobian[:, self._dofs], twist, rcond=None)[0])
-
-    def momentum(self, h: FloatArray) -> FloatArray:
-        """Momentum (P, L about the origin) of the object as far as its base's joints leave it free, (6,).
-
-        Args:
-            h: Generalised momentum M qdot of the system, (nv,).
-        """
-        own = h[self._dofs]
-        linear: Any
-        angular: Any
-        if self.free:
-            linear, angular = own[:3], self._axes.dot(own[3:])
-        elif self.twists is not None:
-            linear, angular = self.twists.dot(own).reshape(2, 3)
-        else:
-            mujoco.mj_jacBody(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._root)
-            wrench = np.linalg.lstsq(self._jacobian[:, self._dofs].T, own, rcond=None)[0]
-            linear, angular = wrench.reshape(2, 3)
-        (x, y, z), (p, q, r), (i, j, k) = self._at.tolist(), linear.tolist(), angular.tolist()
-        return np.array((p, q, r, i + y * r - z * q, j + z * p - x * r, k + x * q - y * p))

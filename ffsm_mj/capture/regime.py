@@ -174,7 +174,7 @@ class Captures(Regime):
         held.hold()
         energies_after, momentum_after = self._energies(), self._momentum()
         gained, change = energies_after - energies, momentum_after - momentum
-        grip.armed, self._holding, self.active = False, grip, True
+        grip.armed, self._holding = False, grip
         self._impacts.closing.let_go(held.rigid)
         force, moment = found.impulse[:3], found.impulse[3:]
         record = CaptureRecord(
@@ -205,7 +205,7 @@ class Captures(Regime):
 
     def _release(self, grip: Grip, instant: Instant) -> ReleaseRecord:
         """Let the object go at the velocities that it has as a part of the link."""
-        self._holding, self.active = None, False
+        self._holding = None
         mujoco.mj_forward(self.scene.system.mj, self.scene.data)
         point = _plain(grip.sites.point(self.scene.data))
         who = self._number(), grip.grasp.name
@@ -246,15 +246,6 @@ class Captures(Regime):
     def _momentum(self) -> FloatArray:
         return np.asarray(momentum_matrix(self.scene.system.mj, self.scene.data, 0) @ self.scene.data.qvel)
 
-    def begin_step(self) -> None:
-        """A (sub-)step begins with an object held."""
-        if self._holding is not None:
-            self._holding.account.begin()
-
-    def end_step(self, duration_s: float) -> Booking | None:  # noqa: ARG002
-        """What the link gave to the object that it holds."""
-        return self._holding.account.end() if self._holding is not None else None
-
     def _note(self) -> None:
         """Who holds, and with what load under the efforts that act from here on."""
         grip = self._holding
@@ -271,7 +262,6 @@ class Captures(Regime):
         """Hold what the columns say is held, at the state in ``data``."""
         told, grips = self._values[0], [*self._grips.values()]
         self._holding = grips[int(told) - 1] if 1.0 <= told <= len(grips) else None
-        self.active = self._holding is not None
         if self._holding is None:
             return None
         self._holding.held.hold()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.compiled import fastest
+from ffsm_mj.model.system import Tree
 from ffsm_mj.motion.flight import Flight
 from ffsm_mj.motion.pushed_flight import Push, PushedFlight, release
 from ffsm_mj.motion.step_path import StepPath, time_step
@@ -25,10 +26,12 @@ class Motion:
         flight: Makes the steps and keeps account of their length.
         bodies: Id in this model of each body of the system that it stands for.
         grasp: Name of the grasp that holds an object while it moves; empty where it is the system itself.
+        carried: The object that it holds, as the system has it; None where it holds none.
         rigid: Pairs of the system's geoms that cannot move against each other in it, though they can in the system.
     """
 
     grasp = ""
+    carried: Tree | None = None
     rigid: frozenset[frozenset[int]] = frozenset()
 
     def __init__(self, model: Any, data: Any) -> None:

@@ -11,6 +11,9 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.signals import COMPONENTS, PARTIES, Signal, unit_of
 
+ACCOUNTS = 28
+"""How many numbers all accounts have."""
+
 
 @dataclass(frozen=True)
 class Accounts:

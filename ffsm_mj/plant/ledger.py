@@ -18,8 +18,9 @@ from ffsm_mj.books.parties import party_energies, party_momenta, unexplained_ene
 from ffsm_mj.books.thrusters import Thrusters, thrusters
 from ffsm_mj.compiled import fastest
 from ffsm_mj.model.dynamics import BaseMomentum, external_actuators, free_components
-from ffsm_mj.model.system import System
-from ffsm_mj.plant.balance import Accounts, Balance, Statement
+from ffsm_mj.model.system import System, Tree
+from ffsm_mj.plant.balance import ACCOUNTS, Accounts, Balance, Statement
+from ffsm_mj.plant.carried import Carried
 from ffsm_mj.plant.notes import Notes
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import PARTIES
@@ -28,7 +29,8 @@ from ffsm_mj.records.signals import PARTIES
 class Ledger:
     """Books of one run. ``open`` before each (sub-)step, ``close`` after it, ``book`` at each event, ``note`` at a tick.
 
-    A note copies what MuJoCo knows of the state; energies, momenta and residuals of many notes are worked out at once.
+    A note copies what MuJoCo knows of the state; energies, momenta and residuals of many notes are worked out at once. So is
+    what the robot gives to an object that it carries: nothing is done for it in a step.
 
     Attributes:
         free: Which of (P, L about the origin) the base joints of (total, robot, objects) leave free, 1 or 0, (3, 6).
@@ -52,8 +54,9 @@ class Ledger:
         self.free = np.array([robot_free & objects_free, robot_free, objects_free], dtype=np.float64)
         self._base = BaseMomentum(system, system.robot)
         self._statement = Statement(fixed=bool(system.fixed))
-        self._numbers = np.zeros(28)
-        self._accounts = Accounts.of(self._numbers)
+        self._numbers = np.zeros(ACCOUNTS + Carried.SIZE)
+        self._accounts = Accounts.of(self._numbers[:ACCOUNTS])
+        self._carried = Carried(system, data, momentum, self._numbers[ACCOUNTS:])
         external = external_actuators(system)
         on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
         flags = on_joint.astype(np.float64), external.astype(np.float64)
@@ -78,6 +81,7 @@ class Ledger:
             told: The ledger's columns of the row, zeros to begin, (number of signals,).
         """
         before = self._statement.balance(told[None])
+        self._carried.forget()
         self._accounts.take(before.accounts)
         self._energy_0, self._momentum_0 = np.zeros(3), np.zeros((3, 6))
         self.note()
@@ -97,7 +101,10 @@ class Ledger:
         """Work out all notes, and use them up."""
         notes, robot = self._notes, self._system.robot
         used, notes.used = slice(0, notes.used), 0
-        h, accounts = notes.h[used], Accounts.of(notes.accounts[used])
+        h, accounts = notes.h[used], Accounts.of(notes.accounts[used, :ACCOUNTS])
+        for rows, gained in self._carried.gained(notes, used):
+            accounts.gained[rows] += gained.energy_J
+            accounts.contact[rows] += gained.impulse
         energy = party_energies(h * notes.rates[used], robot.dofs)
         of_objects = sum((notes.momenta(tree.root, used) for tree in self._system.objects), np.zeros((used.stop, 6)))
         momentum = party_momenta(notes.momenta(robot.root, used), of_objects)
@@ -113,6 +120,18 @@ class Ledger:
         energy_residual, momentum_residual = (np.stack(parts, axis=1) for parts in zip(*left, strict=True))
         by_matrix = self._base.momenta(notes.jacp[used], notes.jacr[used], notes.position[used], h)
         return Balance(energy, momentum, by_matrix, accounts, energy_residual, momentum_residual)
+
+    def carry(self, tree: Tree | None) -> None:
+        """From the state in ``data`` on the robot gives what this object gains; what it gave to the last one is booked.
+
+        To be told before and after each jump of the state, which is booked by who makes it.
+
+        Args:
+            tree: The object that it carries; None: nothing.
+        """
+        booked = self._carried.carry(tree)
+        if booked is not None:
+            self.book(*booked)
 
     def open(self) -> None:
         """Remember the state at the start of a (sub-)step, as far as the efforts held in it need it."""

@@ -23,7 +23,7 @@ class Notes:
         jacp: Jacobians of the frame of the robot's base, (room, 3, nv).
         jacr: Their angular parts, (room, 3, nv).
         position: Positions of that frame, (room, 3), m.
-        accounts: What was booked, (room, number of accounts).
+        accounts: What was booked, and what is carried, (room, numbers of both).
     """
 
     def __init__(self, system: System, data: Any, room: int, momentum: FloatArray, accounts: FloatArray) -> None:
@@ -34,7 +34,7 @@ class Notes:
             data: Their state.
             room: For so many notes.
             momentum: M qdot, kept current by others, (nv,).
-            accounts: The accounts, (number of accounts,).
+            accounts: The accounts, and what is carried, (numbers of both,).
         """
         model, root = system.mj, system.robot.root
         self.used, self._mass = 0, model.body_subtreemass

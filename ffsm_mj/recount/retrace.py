@@ -187,6 +187,7 @@ class Retrace:
         for resume, places in self._resume:
             resume(lines.rows[line, places] if tick else np.zeros(len(places)))
         self._course.take_up(self._free)
+        self._ledger.carry(self._course.motion.carried)
         if not tick:
             self._decide(line, time_s)
             return
@@ -225,12 +226,14 @@ class Retrace:
 
     def _meet(self, event: Encounter, flown: FloatArray) -> None:
         self._events.compare_state(event, flown)
+        self._ledger.carry(None)
         if event.kind == "impact":
             self._impact_check.meet(event, self._events, self._ledger)
         else:
             self._regime_check.meet(event, self._ledger)
         self._put(event.state_after)
         self._course.restart()
+        self._ledger.carry(self._course.motion.carried)
         # Where the run ended with an impact nobody decided anew, or a control law failed: those efforts never acted.
         if self._events.pending or not self._ending:
             self._let_act(event)

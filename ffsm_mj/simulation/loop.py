@@ -226,15 +226,16 @@ class Simulation:
         if events > MOST_EVENTS_PER_STEP:
             message = f"{regime.names()} touched {events - 1} times within the step before t = {time_s:.6g} s"
             raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; a shorter time_step_s follows it further")
+        plant.ledger.carry(None)
         effect = regime.act(Instant(time_s, done.steps))
-        if effect is None:
-            plant.course.restart()
-            return
-        if effect.motion is None:
+        if effect is None or effect.motion is None:
             plant.course.restart()
         else:
             plant.course.bind(effect.motion)
             plant.watch.rigid = effect.motion.rigid
+        plant.ledger.carry(plant.course.motion.carried)
+        if effect is None:
+            return
         if effect.booking is not None:
             plant.ledger.book(*effect.booking)
         self._after_event(effect, time_s)

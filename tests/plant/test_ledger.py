@@ -10,6 +10,7 @@ import ffsm_mj
 from ffsm_mj.books.base_motors import BaseMotors
 from ffsm_mj.books.midpoint import hermite_midpoint
 from ffsm_mj.books.thrusters import thrusters
+from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.records.columns import Row
 from ffsm_mj.records.signals import COMPONENTS, PARTIES
@@ -235,3 +236,51 @@ def test_a_wrong_account_is_noticed(tmp_path):
     mujoco.mj_forward(system.mj, data)
     _, momentum = residuals(ledger, system, data)
     assert momentum[0, 0] == pytest.approx(3e-6, rel=1e-9)
+
+
+def test_what_is_carried_is_booked_by_its_states_and_jumps_are_not(tmp_path, rng):
+    """Rows of two objects in one block, each from where it was taken; the other object's gains are nobody's."""
+    (tmp_path / "robot.xml").write_text(TUMBLER)
+    for name in ("one", "other"):
+        (tmp_path / f"{name}.xml").write_text(ball(name, mass=2.0))
+    system = compile_paths(tmp_path / "robot.xml", {name: tmp_path / f"{name}.xml" for name in ("one", "other")})
+    data = mujoco.MjData(system.mj)
+    ledger = Ledger(system, data, np.empty(system.mj.nv), notes=9)
+    layout = Row(ledger.columns).layout
+    contact = layout.places(f"ledger.contact_{component}" for component in COMPONENTS)
+    gained = layout.places(f"ledger.{party}_impact_energy_J" for party in PARTIES)
+    given, energy = np.zeros(6), 0.0
+    expected = []
+
+    def moved():
+        before = states()
+        mujoco.mj_integratePos(system.mj, data.qpos, rng.normal(size=system.mj.nv), 0.3)
+        data.qvel[:] = rng.normal(size=system.mj.nv)
+        mujoco.mj_forward(system.mj, data)
+        mujoco.mj_mulM(system.mj, data, ledger.momentum, data.qvel)
+        return states() - before
+
+    def states():
+        mujoco.mj_subtreeVel(system.mj, data)
+        rows = []
+        for tree in system.objects:
+            P = system.mj.body_subtreemass[tree.root] * data.subtree_linvel[tree.root]
+            L = data.subtree_angmom[tree.root] + np.cross(data.subtree_com[tree.root], P)
+            M = mass_matrix(system.mj, data)
+            rows.append([0.5 * data.qvel[tree.dofs] @ (M @ data.qvel)[tree.dofs], *P, *L])
+        return np.array(rows)
+
+    moved()
+    for k in (0, 0, 1):
+        ledger.carry(system.objects[k])
+        for _ in range(2):
+            change = moved()[k]
+            energy, given = energy + change[0], given + change[1:]
+            ledger.note()
+            expected.append([*given, 0.0, -energy, energy])
+        ledger.carry(None)
+        moved()  # a jump, which is booked by who makes it
+        ledger.note()
+        expected.append(expected[-1])
+    table = ledger.table()
+    np.testing.assert_allclose(table[:, [*contact, *gained]], expected, rtol=0, atol=1e-13 * np.abs(expected).max())
