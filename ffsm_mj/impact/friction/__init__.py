@@ -1,0 +1,13 @@
+"""Coulomb friction at an impact that never creates energy: pure mathematics in mass-weighted velocities.
+
+One contact goes by Stronge's energetic restitution along Routh's path of impulse, several by a law of discrete Coulomb
+friction under a guard of the energy.
+"""
+
+from __future__ import annotations
+
+from ffsm_mj.impact.friction.result import FrictionResult
+from ffsm_mj.impact.friction.routh import stronge
+from ffsm_mj.impact.friction.tangents import tangents
+
+__all__ = ["FrictionResult", "stronge", "tangents"]
