@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
+from ffsm_mj.model.driven_joints import DrivenJoints, driven_joints
 from ffsm_mj.model.dynamics import (
     ReducedModel,
     base_jacobian,
@@ -32,6 +33,7 @@ from ffsm_mj.model.dynamics import (
     skew,
     subtree_momenta,
 )
+from ffsm_mj.model.site_motion import SiteMotion
 from ffsm_mj.model.system import Joint, System, Tree
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
@@ -47,6 +49,7 @@ __all__ = [
     "ControllerError",
     "Damping",
     "Damps",
+    "DrivenJoints",
     "Fault",
     "FloatArray",
     "ImpactRecord",
@@ -58,6 +61,7 @@ __all__ = [
     "Report",
     "ScenarioFaults",
     "Signal",
+    "SiteMotion",
     "StrictModel",
     "Summarises",
     "System",
@@ -66,6 +70,7 @@ __all__ = [
     "Tree",
     "base_jacobian",
     "base_wrench",
+    "driven_joints",
     "external_actuators",
     "free_components",
     "identifier",

@@ -7,28 +7,23 @@ momentum are all allocated the same way; what an on-off thruster makes of its sh
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 import mujoco
-import numpy as np
 
-from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation, actuators_by_name
+from ffsm_controllers.base_control import BaseControl, Stiffness
 from ffsm_controllers.pd import Gain, Pd, PdConfig
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
     Damping,
     Fault,
-    FloatArray,
     Observation,
     ScenarioFaults,
     Signal,
     StrictModel,
 )
-
-_BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 
 
 class BaseGains(StrictModel):
@@ -82,30 +77,20 @@ class FreeFlying:
         Raises:
             ScenarioFaults: An unknown name, or a demand that no actuator can serve.
         """
-        system = context.system
-        if config.translation is not None and not config.thrusters:
-            raise ScenarioFaults([Fault("needs 'thrusters' to act with", ("translation",))])
-        if config.rotation is not None and not (config.thrusters or config.wheels):
-            raise ScenarioFaults([Fault("needs 'wheels' or 'thrusters' to act with", ("rotation",))])
-        self._model, self._root, self._base = system.mj, system.robot.root, system.robot.base_dofs
-        self._translation = config.translation or BaseGains(kp=0.0, kd=0.0)
-        self._rotation = config.rotation or BaseGains(kp=0.0, kd=0.0)
-        self._thrusters = actuators_by_name(system, config.thrusters, "thrusters")
-        self._wheels = actuators_by_name(system, config.wheels, "wheels")
-        self._by_thrusters = ThrusterAllocation(system, self._thrusters)
-        self._by_wheels = WheelAllocation(system, self._wheels)
+        self._model, self._base_dofs = context.system.mj, context.system.robot.base_dofs
+        self._base = BaseControl(
+            context.system, config.thrusters, config.wheels, _stiffness(config.translation), _stiffness(config.rotation)
+        )
         self._arm = self._arm_control(config.arm, context)
-        self._twist, self._turn = np.empty(6), np.empty(3)
-        self._report = (0.0, 0.0)
 
     def _arm_control(self, arm: ArmGains | None, context: ControllerContext) -> Pd | None:
         if arm is None:
             return None
         joints = arm.joints
         if joints is None:
-            model, wheels = self._model, {int(self._model.actuator_trnid[w, 0]) for w in self._wheels}
+            model, wheels = self._model, {int(self._model.actuator_trnid[w, 0]) for w in self._base.wheels}
             driven = [int(model.actuator_trnid[i, 0]) for i in range(model.nu) if _drives_joint(model, i)]
-            base = range(self._base.start, self._base.stop)
+            base = range(self._base_dofs.start, self._base_dofs.stop)
             arm_joints = [j for j in driven if j not in wheels and model.jnt_dofadr[j] not in base]
             joints = tuple(model.joint(j).name for j in arm_joints)
         try:
@@ -115,33 +100,15 @@ class FreeFlying:
 
     def start(self, observation: Observation) -> None:
         """Take pose and configuration as the reference."""
-        self._position = observation.data.xpos[self._root].copy()
-        self._orientation = observation.data.xquat[self._root].copy()
+        self._base.start(observation)
         if self._arm is not None:
             self._arm.start(observation)
 
     def control(self, observation: Observation, command: Command) -> None:
         """Ask for the wrench and drive the arm."""
-        data = observation.data
-        force, torque = self._wrench(data)
-        if len(self._wheels):
-            command.drive(self._wheels, self._by_wheels.efforts(data, torque))
-            torque = np.zeros(3)
-        if len(self._thrusters):
-            command.drive(self._thrusters, self._by_thrusters.efforts(data, force, torque))
+        self._base.control(observation, command)
         if self._arm is not None:
             self._arm.control(observation, command)
-
-    def _wrench(self, data: Any) -> tuple[FloatArray, FloatArray]:
-        """PD force and torque on the base in world axes, at the base frame's origin."""
-        twist, turn = self._twist, self._turn
-        mujoco.mj_objectVelocity(self._model, data, _BODY, self._root, twist, 0)
-        offset = data.xpos[self._root] - self._position
-        mujoco.mju_subQuat(turn, data.xquat[self._root], self._orientation)
-        mujoco.mju_rotVecQuat(turn, turn.copy(), self._orientation)
-        self._report = math.sqrt(offset.dot(offset)), math.sqrt(turn.dot(turn))
-        force = -self._translation.kp * offset - self._translation.kd * twist[3:]
-        return force, -self._rotation.kp * turn - self._rotation.kd * twist[:3]
 
     def damping_at(self, data: Any) -> Damping | None:
         """That of the arm, as if the base floated."""
@@ -149,7 +116,11 @@ class FreeFlying:
 
     def telemetry(self) -> Sequence[float]:
         """Position and rotation error of the base at the last tick."""
-        return self._report
+        return self._base.error
+
+
+def _stiffness(gains: BaseGains | None) -> Stiffness | None:
+    return None if gains is None else Stiffness(gains.kp, gains.kd)
 
 
 def _drives_joint(model: Any, actuator: int) -> bool:

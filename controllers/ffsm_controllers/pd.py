@@ -8,17 +8,18 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from ffsm_controllers.joints import DrivenJoints, driven_joints
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
     Damping,
+    DrivenJoints,
     Fault,
     FloatArray,
     Observation,
     ScenarioFaults,
     Signal,
     StrictModel,
+    driven_joints,
 )
 
 Gain = Annotated[float, Field(ge=0.0)]

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ffsm_controllers.joints import driven_joints
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.errors import InputError, ScenarioFaults
+from ffsm_mj.model.driven_joints import driven_joints
 from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.system import System, compile_system

@@ -13,7 +13,6 @@ import numpy as np
 from pydantic import Field
 
 from ffsm_controllers.indices import compact
-from ffsm_controllers.joints import driven_joints
 from ffsm_controllers.osdre.block_law import BlockLaw
 from ffsm_controllers.osdre.planar_law import PlanarLaw
 from ffsm_controllers.osdre.riccati import planar_riccati
@@ -32,6 +31,7 @@ from ffsm_mj.controller_protocol import (
     ScenarioFaults,
     Signal,
     StrictModel,
+    driven_joints,
     mass_matrix,
 )
 

@@ -8,12 +8,21 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ffsm_mj.controller_protocol import Fault, IntArray, ScenarioFaults, System, unknown_name
+from ffsm_mj.arrays import IntArray
+from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.model.system import System
 
 
 @dataclass(frozen=True)
 class DrivenJoints:
-    """Addresses of some hinge or slide joints of the robot and of the motors on them, in the order asked for."""
+    """Some hinge or slide joints of the robot and the motors on them, in the order asked for.
+
+    Attributes:
+        names: Full names of the joints.
+        qpos: Their addresses in ``qpos``, (n,).
+        dofs: Their addresses in ``qvel``, (n,).
+        actuators: Ids of their motors, (n,).
+    """
 
     names: tuple[str, ...]
     qpos: IntArray
@@ -23,6 +32,11 @@ class DrivenJoints:
 
 def driven_joints(system: System, names: Sequence[str] | None, key: str = "joints") -> DrivenJoints:
     """Resolve joints by name; ``None`` means every motor-driven joint of the robot that is not a base joint.
+
+    Args:
+        system: The scene.
+        names: Full or unambiguous names, or None.
+        key: What the list is called in the controller's section.
 
     Raises:
         ScenarioFaults: A joint is unknown, no part of the robot, or has no motor.
