@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import cache
 from ipaddress import ip_address
 from typing import Any, NoReturn
 
@@ -70,8 +71,9 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     return options
 
 
+@cache
 def parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line."""
+    """The parser of the whole command line, built once in a process."""
     root = _Parser(
         prog="ffsm", description="Exact impacts for free-floating space manipulators, on MuJoCo.", epilog=EXIT_CODES
     )

@@ -7,6 +7,7 @@ aliases until the memory is full, and recurse as deep as the file likes.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ MAX_VALUES = 20_000
 """Values that a text may hold, those behind aliases counted each time."""
 MAX_DEPTH = 32
 """Mappings and lists that may lie inside one another."""
+_KEPT = 64  # trees of texts read last: a file is asked for its kind before it is loaded, and is what others extend
 
 
 class YamlFault(Exception):
@@ -78,8 +80,9 @@ def plain_value(text: str) -> Any:
     return parse(text, Path()).plain()
 
 
+@lru_cache(_KEPT)
 def parse(text: str, path: Path) -> Node:
-    """Tree of a text with at most one document.
+    """Tree of a text with at most one document; the same text from the same file gives the same object, to be only read.
 
     Args:
         text: YAML.

@@ -35,6 +35,7 @@ _COSTLY = (
         "pandas",
         "pyarrow.compute",
         "pyarrow.pandas_compat",
+        "scipy.linalg",
     ),
     *("PIL.GifImagePlugin", "matplotlib.style"),
 )

@@ -17,7 +17,7 @@ from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.schema import scenario_schema
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path, scenarios_dir
 from ffsm_mj.scenario.source import read_yaml, write_yaml
-from ffsm_mj.yaml.parser import plain_value
+from ffsm_mj.yaml.parser import parse, plain_value
 from tests.conftest import MJCF
 from tests.scenes import ball, scene, two_balls
 
@@ -211,6 +211,19 @@ def test_merged_keys_and_aliases(tmp_path):
     assert source.data["d"] == {"x": 1, "y": 1}
     assert source.data["e"] == {"y": 2, "z": 2}
     assert source.line(Fault("here", ("c", "z"))).startswith(f"{path}:4:3: c.z: ")
+
+
+def test_a_text_is_parsed_once_and_what_is_made_of_it_is_one_s_own(tmp_path):
+    """The same text of the same file is the same tree; another text or file is not, and data of one is no other's."""
+    path = tmp_path / "some.yaml"
+    path.write_text("a: [1, 2]\n")
+    first = read_yaml(path)
+    first.data["a"].append(3)
+    assert parse("a: [1, 2]\n", path) is parse("a: [1, 2]\n", path)
+    assert read_yaml(path).data == {"a": [1, 2]}
+    path.write_text("a: [1, 4]\n")
+    assert read_yaml(path).data == {"a": [1, 4]}
+    assert parse("a: [1, 2]\n", tmp_path / "other.yaml").find(("a",)).place.path == tmp_path / "other.yaml"
 
 
 @pytest.mark.parametrize(
