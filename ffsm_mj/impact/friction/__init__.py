@@ -6,8 +6,9 @@ friction under a guard of the energy.
 
 from __future__ import annotations
 
+from ffsm_mj.impact.friction.laws import impact_with_friction
 from ffsm_mj.impact.friction.result import FrictionResult
 from ffsm_mj.impact.friction.routh import stronge
 from ffsm_mj.impact.friction.tangents import tangents
 
-__all__ = ["FrictionResult", "stronge", "tangents"]
+__all__ = ["FrictionResult", "impact_with_friction", "stronge", "tangents"]
