@@ -183,9 +183,9 @@ def test_what_is_refused(count, rng):
 
 
 def test_no_solution_is_said(monkeypatch):
-    """Newton without steps and without pyramids leaves its residual, and the result is not to be used."""
-    monkeypatch.setattr("ffsm_mj.impact.friction.coulomb._STEPS", 0)
-    monkeypatch.setattr("ffsm_mj.impact.friction.coulomb._PYRAMIDS", ())
+    """No steps and no pyramids leave a residual, and the result is not to be used."""
+    for name, value in (("_STEPS", 0), ("_DAMPED_STEPS", 0), ("_PYRAMIDS", ())):
+        monkeypatch.setattr(f"ffsm_mj.impact.friction.coulomb.{name}", value)
     A, _, w = spheres(1.0, 2.0)
     result = impact_with_friction(A, w, np.full(2, 0.2), np.ones(2), "poisson")
     assert result.status == "unconverged"
