@@ -14,6 +14,7 @@ friction pyramids gives both another start.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,8 +34,8 @@ _MEMORY = 4
 """A step need only lower the largest of so many residuals: a kink may raise it for a while."""
 _CUT = 1e-12
 _ALIGNED = None
-_PYRAMIDS = ((8, 0.0), (16, 0.0), (32, 0.0), (64, 0.0), (8, np.pi / 8), *6 * ((12, _ALIGNED),))
-"""Facets, and the angle of the first; aligned: against the slip of the best impulses so far."""
+_FACETS = ((8, 0.0), (16, 0.0), (32, 0.0), (64, 0.0), (8, np.pi / 8), (128, 0.0), *6 * ((12, _ALIGNED),))
+"""Of a pyramid, and the angle of the first; aligned: against the slip of the best impulses so far."""
 
 
 @dataclass
@@ -75,18 +76,25 @@ def coulomb(contacts: Contacts) -> tuple[FloatArray, float]:
     least_only = np.zeros((len(contacts.mu), 3))
     least_only[:, 0] = contacts.least
     best, residual = _solve(contacts, least_only)
-    for facets, turn in _PYRAMIDS:
+    for facets, turn, wider in _pyramids():
         if residual <= ACCEPTED:
             break
         first = _against_slip(contacts, best) if turn is _ALIGNED else np.full(len(contacts.mu), turn)
-        scales = (contacts.least, contacts.speed)
-        impulses, left = _solve(contacts, on_pyramids(contacts.G, contacts.u, contacts.mu, *scales, facets, first))
+        mu, scales = wider * contacts.mu, (contacts.least, contacts.speed)
+        impulses, left = _solve(contacts, on_pyramids(contacts.G, contacts.u, mu, *scales, facets, first))
         if left < residual:
             best, residual = impulses, left
     open_ = _split(contacts, best)[1] <= contacts.least
     best[open_, 0] = contacts.least[open_]
     best[:, 0] = np.maximum(best[:, 0], contacts.least)
     return np.stack([on_cone(impulse, mu) for impulse, mu in zip(best, contacts.mu, strict=True)]), residual
+
+
+def _pyramids() -> Iterator[tuple[int, float | None, float]]:
+    """Facets, angle of the first, and what widens mu: each inside the cone, and around it, which holds what nearly slips."""
+    for facets, turn in _FACETS:
+        yield facets, turn, 1.0
+        yield facets, turn, 1.0 / np.cos(np.pi / facets)
 
 
 def _against_slip(contacts: Contacts, impulses: FloatArray) -> FloatArray:

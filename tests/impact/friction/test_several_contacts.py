@@ -184,7 +184,7 @@ def test_what_is_refused(count, rng):
 
 def test_no_solution_is_said(monkeypatch):
     """No steps and no pyramids leave a residual, and the result is not to be used."""
-    for name, value in (("_STEPS", 0), ("_DAMPED_STEPS", 0), ("_PYRAMIDS", ())):
+    for name, value in (("_STEPS", 0), ("_DAMPED_STEPS", 0), ("_FACETS", ())):
         monkeypatch.setattr(f"ffsm_mj.impact.friction.coulomb.{name}", value)
     A, _, w = spheres(1.0, 2.0)
     result = impact_with_friction(A, w, np.full(2, 0.2), np.ones(2), "poisson")
