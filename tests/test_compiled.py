@@ -20,11 +20,13 @@ from ffsm_controllers.osdre.tip_kinematics import TipKinematics
 import ffsm_mj
 from ffsm_mj import compiled
 from ffsm_mj.books.joint_work import JointWork
+from ffsm_mj.capture import following
 from ffsm_mj.compiled import fastest, is_compiled
 from ffsm_mj.errors import TwinsError
 from ffsm_mj.motion.flight import WHOLE_STATE, Flight
 from ffsm_mj.plant.limits import Envelope, Limits
 from ffsm_mj.plant.sampler import Sampler
+from tests.capture import scenes as capture
 from tests.scenes import compile_paths, scene
 
 twins = pytest.importorskip("ffsm_mj_fast", reason="the extra 'fast' is not installed")
@@ -374,3 +376,25 @@ def test_whole_runs_agree(scenario, seconds, monkeypatch):
         run = ffsm_mj.run(scenario, {"duration_s": seconds})
         runs.append(np.column_stack([run[key] for key in run.keys]))
     np.testing.assert_allclose(*runs, rtol=0.0, atol=1e-10, equal_nan=True)
+
+
+@pytest.mark.parametrize("models", [(capture.ARM, capture.TARGET), (capture.FLAT_ARM, capture.FLAT_TARGET)])
+def test_what_is_logged_follows_what_moves_alike(tmp_path, rng, monkeypatch, models):
+    """Free joint, and slides with a hinge that has turned a few times; the twin is there, and gives the same to rounding."""
+    runs, start = [], rng.bit_generator.state
+    for way, kind in (("0", following.Follow), ("1", twins.Follow)):
+        monkeypatch.setenv("FFSM_COMPILED", way)
+        rng.bit_generator.state = start
+        bench = capture.Bench(tmp_path, *models)
+        bench.draw(rng)
+        if models[0] is capture.FLAT_ARM:
+            bench.data.qpos[-1] = 40.0
+            mujoco.mj_forward(bench.model, bench.data)
+        bench.capture()
+        assert type(bench.held.followed) is kind
+        for _ in range(20):
+            bench.held.step(1e-3)
+        data = bench.data
+        runs.append((data.qpos, data.qvel, data.xpos, data.cvel, data.qfrc_bias, bench.motion.momentum, [data.time]))
+    for plain, twin in zip(*runs, strict=True):
+        np.testing.assert_allclose(plain, twin, rtol=0.0, atol=ROUNDING * (1.0 + np.abs(plain).max()))

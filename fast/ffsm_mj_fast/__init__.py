@@ -6,6 +6,7 @@ MuJoCo's C functions without the bindings in between.
 
 from ffsm_mj_fast.block_law import BlockLaw
 from ffsm_mj_fast.flight import Flight
+from ffsm_mj_fast.follow import Follow
 from ffsm_mj_fast.joint_work import JointWork
 from ffsm_mj_fast.limits import Limits
 from ffsm_mj_fast.planar_law import PlanarLaw
@@ -14,4 +15,15 @@ from ffsm_mj_fast.riccati_planar import PlanarRiccati
 from ffsm_mj_fast.sampler import Sampler
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-__all__ = ["BlockLaw", "Doubling", "Flight", "JointWork", "Limits", "PlanarLaw", "PlanarRiccati", "Sampler", "TipKinematics"]
+__all__ = [
+    "BlockLaw",
+    "Doubling",
+    "Flight",
+    "Follow",
+    "JointWork",
+    "Limits",
+    "PlanarLaw",
+    "PlanarRiccati",
+    "Sampler",
+    "TipKinematics",
+]

@@ -5,7 +5,7 @@
 /* One name for each member of Functions in functions.pxd; mj_ comes before it. */
 #define EACH(X) \
   X(step) X(forward) X(forwardSkip) X(RungeKutta) X(checkPos) X(checkVel) X(checkAcc) X(getState) X(mulM) X(solveM) \
-  X(jacSite) X(jacBody) X(jacDot) X(subtreeVel) X(objectVelocity)
+  X(jacSite) X(jacBody) X(jacDot) X(subtreeVel) X(objectVelocity) X(fwdPosition) X(fwdVelocity) X(fwdActuation)
 
 #define NAMED(name) "mj_" #name,
 static const char* const NAMES[] = {EACH(NAMED)};

@@ -6,7 +6,7 @@ cdef extern from "mujoco/mujoco.h":
         pass
     ctypedef struct mjData:
         pass
-    const int mjOBJ_SITE
+    const int mjOBJ_SITE, mjOBJ_XBODY
     const int mjSTAGE_VEL  # positions and velocities are current, forces are not
 
 cdef struct Functions:
@@ -25,6 +25,9 @@ cdef struct Functions:
     void (*jacDot)(const mjModel* m, const mjData* d, double* jacp, double* jacr, const double* point, int body) noexcept nogil
     void (*subtreeVel)(const mjModel* m, mjData* d) noexcept nogil
     void (*objectVelocity)(const mjModel* m, const mjData* d, int objtype, int objid, double* res, int flg_local) noexcept nogil
+    void (*fwdPosition)(const mjModel* m, mjData* d) noexcept nogil
+    void (*fwdVelocity)(const mjModel* m, mjData* d) noexcept nogil
+    void (*fwdActuation)(const mjModel* m, mjData* d) noexcept nogil
 
 cdef Functions mj
 

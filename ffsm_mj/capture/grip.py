@@ -6,6 +6,7 @@ from typing import Any
 
 from ffsm_mj.capture.config import CaptureConfig
 from ffsm_mj.capture.held import Held
+from ffsm_mj.capture.load import InterfaceLoad
 from ffsm_mj.capture.nearness import Nearness, Sites
 from ffsm_mj.capture.passing import Bounds
 from ffsm_mj.contact.regimes import Scene
@@ -23,6 +24,7 @@ class Grip:
         sites: The same in the system that is logged.
         pairs: Names of the pairs at whose impact it closes.
         held: What moves while it holds.
+        load: What the link puts on the object then.
         armed: Whether it may close.
         least: Nearest that it has come to its bounds since it was armed, and when in s; None where it was not looked at.
     """
@@ -40,6 +42,7 @@ class Grip:
         """
         self.number, self.grasp, self._data = number, grasp, scene.data
         self.sites, self.held = Sites(scene.system, grasp), Held(free, scene, system, grasp)
+        self.load = InterfaceLoad(number, self.held, scene.data.site_xpos[self.sites.object])
         self.pairs = frozenset(config.when.touch or ())
         self._bounds = Bounds(config.when.within.bounds) if config.when.within is not None else None
         self._start: Nearness | None = None

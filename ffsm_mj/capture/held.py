@@ -12,7 +12,8 @@ import math
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.arrays import FloatArray, numbers
+from ffsm_mj.capture.following import Follow, Shared
 from ffsm_mj.capture.placing import Placing
 from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.model.grasp import Grasp
@@ -31,6 +32,7 @@ class Held(Motion):
         root: Id of the object's base in it.
         link: Id of the body that holds it.
         placing: Writes what the object's own joints must be.
+        followed: Brings the system that is logged to the state here.
         interface: Torque and force of the link on the object as MuJoCo has them, about ``centre``, (6,).
         centre: Mass centre of robot and object, (3,).
     """
@@ -51,13 +53,17 @@ class Held(Motion):
         self.root, self.link = system.index("body", grasp.root), system.index("body", grasp.link)
         self.bodies = [_same_body(scene.system, body, system) for body in range(self._model.nbody)]
         shared = [(joint, system.joints[name]) for name, joint in scene.system.joints.items() if name in system.joints]
-        self._qpos, self._held_qpos = _places(shared, "qpos")
-        self._dofs, self._held_dofs = _places(shared, "dofs")
+        (self._qpos, self._held_qpos), (self._dofs, self._held_dofs) = both = (
+            _places(shared, "qpos"),
+            _places(shared, "dofs"),
+        )
         self.placing = Placing(self._model, scene.data, tree)
-        self._twist, self._jacobian = np.empty(6), np.empty((6, self.model.nv))
+        logged, moving = (self._model, scene.data, free.momentum), (self.model, self.data, self.root)
+        self.followed = Follow.of(logged, moving, both, self.placing)
+        self._ctrl, self._asked = numbers(self.data.ctrl), numbers(scene.data.ctrl)
+        self._jacobian = np.empty((6, self.model.nv))
         self.interface = self.data.cfrc_int[self.root]
         self.centre = self.data.subtree_com[int(self.model.body_rootid[self.root])]
-        self._position, self._quaternion = self.data.xpos[self.root], self.data.xquat[self.root]
         self.rigid = frozenset(self._rigid_pairs())
         self.path.arrived = self._arrived
 
@@ -109,43 +115,34 @@ class Held(Motion):
         """Id of a body in the system that is logged."""
         return self.bodies.index(body)
 
+    def take_efforts(self) -> None:
+        """Let the efforts in the system's data act here."""
+        self._ctrl[:] = self._asked
+
     def step(self, duration_s: float) -> bool:
         """Integrate for a time under the efforts in the system's data; it follows."""
-        self.data.ctrl[:] = self._free.data.ctrl
+        self.take_efforts()
         clear = super().step(duration_s)
-        self._follow_with_efforts()
+        self.followed.step()
         return clear
-
-    def _follow_with_efforts(self) -> None:
-        self.follow()
-        mujoco.mj_mulM(self._model, self._free.data, self._free.momentum, self._free.data.qvel)
-        mujoco.mj_fwdActuation(self._model, self._free.data)
 
     def follow(self) -> None:
         """Bring the system's data to the state here: positions, velocities and what derives from them."""
-        data, free = self.data, self._free.data
-        free.qpos[self._qpos], free.qvel[self._dofs] = data.qpos[self._held_qpos], data.qvel[self._held_dofs]
-        free.time = data.time
-        self.placing.pose(self._position, self._quaternion)
-        mujoco.mj_fwdPosition(self._model, free)
-        mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_XBODY, self.root, self._twist, 0)
-        self.placing.rates(self._twist[3:], self._twist[:3])
-        mujoco.mj_fwdVelocity(self._model, free)
+        self.followed.state()
 
     def _arrived(self) -> None:
         """The same with accelerations: those under the forces that act here."""
-        self._follow_with_efforts()
+        self.followed.step()
         data, free = self.data, self._free.data
         free.qacc[self._dofs] = data.qacc[self._held_dofs]
-        acceleration = self.acceleration_of_object()
-        self.placing.accelerations(acceleration[:3], acceleration[3:])
+        self.placing.accelerations(self._acceleration_of_object())
 
-    def acceleration_of_object(self) -> FloatArray:
-        """Of the origin of the object's base, m/s^2, and angular, rad/s^2, world axes, (6,); accelerations are current."""
+    def _acceleration_of_object(self) -> FloatArray:
+        """Of its base: angular in rad/s^2, then of the origin in m/s^2, world axes, (6,); accelerations are current."""
         data, rows = self.data, self._jacobian
-        mujoco.mj_jacBody(self.model, data, rows[:3], rows[3:], self.root)
+        mujoco.mj_jacBody(self.model, data, rows[3:], rows[:3], self.root)
         total = rows @ data.qacc
-        mujoco.mj_jacDot(self.model, data, rows[:3], rows[3:], data.xpos[self.root], self.root)
+        mujoco.mj_jacDot(self.model, data, rows[3:], rows[:3], data.xpos[self.root], self.root)
         return np.asarray(total + rows @ data.qvel)
 
 
@@ -192,14 +189,10 @@ def _same_body(system: System, body: int, other: System) -> int:
     return int(other.mj.body(system.mj.body(body).name).id)
 
 
-def _places(shared: list[tuple[Joint, Joint]], which: str) -> tuple[slice | IntArray, slice | IntArray]:
-    """Entries of ``qpos`` or ``dofs`` of joints that two systems have, in each of them; slices are faster."""
+def _places(shared: list[tuple[Joint, Joint]], which: str) -> Shared:
+    """Entries of ``qpos`` or ``dofs`` of joints that two systems have, in each of them."""
     ours, theirs = (
         np.concatenate([np.arange(part.start, part.stop) for part in (getattr(pair[i], which) for pair in shared)])
         for i in (0, 1)
     )
-    return _compact(ours), _compact(theirs)
-
-
-def _compact(places: IntArray) -> slice | IntArray:
-    return slice(int(places[0]), int(places[-1]) + 1) if np.all(np.diff(places) == 1) else places
+    return ours, theirs

@@ -3,29 +3,75 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.capture.held import Held
 
 _AFTER_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
+_NUMBERS = 13
+_NONE = bytes(8 * _NUMBERS)
 
 
-def interface_load(held: Held, site_m: FloatArray, ctrl: FloatArray) -> tuple[float, ...]:
-    """Force on the object and its torque about a point under some efforts: Newton and Euler of all its bodies.
+class InterfaceLoad:
+    """Force on the object and its torque about its site: Newton and Euler of all its bodies.
 
-    Args:
-        held: What moves, at its state.
-        site_m: The point, world axes, m, (3,).
-        ctrl: Efforts as MuJoCo has them, (nu,).
-
-    Returns:
-        Force in N, torque in N m, world axes, six numbers.
+    MuJoCo's numbers are asked for at a state; what they come to is worked out for many at once.
     """
-    model, data = held.model, held.data
-    data.ctrl[:] = ctrl
-    mujoco.mj_forwardSkip(model, data, _AFTER_VELOCITIES, 1)
-    mujoco.mj_rnePostConstraint(model, data)
-    a, b, c, x, y, z = held.interface.tolist()  # torque about the mass centre of the whole tree, force
-    (i, j, k), (p, q, r) = held.centre.tolist(), site_m.tolist()
-    i, j, k = i - p, j - q, k - r
-    return x, y, z, a + j * z - k * y, b + k * x - i * z, c + i * y - j * x
+
+    def __init__(self, number: int, held: Held, site: FloatArray) -> None:
+        """Bind to what moves.
+
+        Args:
+            number: Of the grasp.
+            held: What moves.
+            site: Where the object's site is, world axes, m: a live array, (3,).
+        """
+        self._model, self._data, self._efforts = held.model, held.data, held.take_efforts
+        # Torque about the mass centre of the whole tree and force, that centre, the site.
+        self._raw = held.interface, held.centre, site
+        self._number, self._views = np.array([number], dtype=np.float64).tobytes(), [numbers(part) for part in self._raw]
+
+    def _refresh(self) -> None:
+        """Ask MuJoCo at the state of what moves, under the efforts in the system's data."""
+        self._efforts()
+        mujoco.mj_forwardSkip(self._model, self._data, _AFTER_VELOCITIES, 1)
+        mujoco.mj_rnePostConstraint(self._model, self._data)
+
+    def now(self) -> FloatArray:
+        """Force in N and torque in N m, world axes, (6,)."""
+        self._refresh()
+        return np.asarray(_loads(np.concatenate(self._raw)[None])[0])
+
+    def note(self, kept: list[bytes]) -> None:
+        """Keep what MuJoCo says now."""
+        self._refresh()
+        interface, centre, site = self._views
+        kept += self._number, interface.tobytes(), centre.tobytes(), site.tobytes()
+
+
+class LoadNotes:
+    """Numbers of the grasps that hold, and loads, at some rows."""
+
+    def __init__(self) -> None:
+        """Nothing is noted yet."""
+        self._kept: list[bytes] = []
+
+    def note(self, load: InterfaceLoad | None) -> None:
+        """Keep the next row; None: nothing is held."""
+        if load is None:
+            self._kept.append(_NONE)
+        else:
+            load.note(self._kept)
+
+    def table(self) -> FloatArray:
+        """Number, force and torque at all rows since the last table, (n, 7)."""
+        rows = np.frombuffer(b"".join(self._kept)).reshape(-1, _NUMBERS)
+        self._kept.clear()
+        return np.concatenate((rows[:, :1], _loads(rows[:, 1:])), axis=1)
+
+
+def _loads(raw: FloatArray) -> FloatArray:
+    """Forces and torques about the site, (n, 6), of torques and forces about a centre, that centre and the site, (n, 12)."""
+    torque, force, centre, site = np.split(raw, 4, axis=1)
+    return np.concatenate((force, torque + np.cross(centre - site, force)), axis=1)

@@ -7,25 +7,69 @@ their coordinates are read off. Any others are found by Newton's method from whe
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
-from ffsm_mj.model.system import Tree
+from ffsm_mj.arrays import FloatArray, numbers
+from ffsm_mj.model.system import Joint, Tree
 
 _ROUNDING = 1e-15
 _MOST = 8
 _TURN = 2.0 * math.pi
 
 
+@dataclass(frozen=True)
+class Reading:
+    """How coordinates of slides, and of a hinge after them, are read off a pose.
+
+    Attributes:
+        slides: Of each its coordinate at the world's origin in m, then its axis in world axes, (number of slides, 4).
+        axis: Of the hinge, world axes, (3,); None where there is none.
+        zero: Angle of the hinge where sine is 0 and cosine is 1, rad.
+        sine: What gives the sine of half its angle of a quaternion, by product, (4,).
+        cosine: Likewise the cosine, (4,).
+    """
+
+    slides: FloatArray
+    axis: FloatArray | None
+    zero: float
+    sine: FloatArray
+    cosine: FloatArray
+
+    @classmethod
+    def of(cls, model: Any, root: int, joints: list[Joint]) -> Reading | None:
+        """Of the joints of a base; None where they are others, or not along orthonormal axes and through its origin."""
+        kinds, first = [joint.kind for joint in joints], int(model.body_jntadr[root])
+        slides = len(kinds) - kinds.count("hinge")
+        if kinds != ["slide"] * slides + ["hinge"] * (len(kinds) - slides) or len(kinds) > slides + 1:
+            return None
+        turn, own = np.empty(9), model.body_quat[root]
+        mujoco.mju_quat2Mat(turn, own)
+        axes = model.jnt_axis[first : first + len(kinds)] @ turn.reshape(3, 3).T
+        along, hinge = axes[:slides], axes[slides:]
+        zeros = np.array([model.qpos0[joint.qpos.start] for joint in joints])
+        unlike = [np.abs(one @ one.T - np.eye(len(one))).max(initial=0.0) for one in (along, hinge)]
+        if max(unlike) > _ROUNDING or model.jnt_pos[first + slides : first + len(kinds)].any():
+            return None
+        rows = np.column_stack((zeros[:slides] - along @ model.body_pos[root], along))
+        if not len(hinge):
+            return cls(rows, None, 0.0, np.zeros(4), np.zeros(4))
+        relative = np.empty((4, 4))  # of each unit quaternion the one that is left of it, in world axes
+        for unit, left in zip(np.eye(4), relative, strict=True):
+            mujoco.mju_mulQuat(left, unit, own * (1.0, -1.0, -1.0, -1.0))
+        return cls(rows, hinge[0], float(zeros[-1]), relative[:, 1:] @ hinge[0], relative[:, 0].copy())
+
+
 class Placing:
     """Writes coordinates, rates and accelerations of the base of one object.
 
     Attributes:
-        twists: Twist of the base's frame by rate of its joints, where that never changes, (6, number of base dofs); None
-            where it does.
+        free: Whether its only joint is a free one.
+        reading: How its joints are read off; None where they are not.
+        base: Its coordinates, its rates, and the axes of its frame row by row: live arrays.
     """
 
     def __init__(self, model: Any, data: Any, tree: Tree) -> None:
@@ -39,29 +83,17 @@ class Placing:
         joints = [joint for joint in tree.joints if joint.body == tree.root]
         self._model, self._data, self._root, self._dofs = model, data, tree.root, tree.base_dofs
         self.free = len(joints) == 1 and joints[0].kind == "free"
-        self._qpos = data.qpos[joints[0].qpos.start : joints[-1].qpos.stop]
-        self._qvel = data.qvel[self._dofs]
+        self.reading = None if self.free else Reading.of(model, tree.root, joints)
+        qpos = data.qpos[joints[0].qpos.start : joints[-1].qpos.stop]
+        self.base: tuple[FloatArray, FloatArray, FloatArray] = qpos, data.qvel[self._dofs], data.xmat[tree.root]
+        self._qpos, self._qvel, self._axes = map(numbers, self.base)
+        self._qacc = numbers(data.qacc[self._dofs])
         self._jacobian, self._rate = np.empty((6, model.nv)), np.empty((6, model.nv))
         self._step, self._turn, self._axis = np.zeros(model.nv), np.empty(3), np.empty(3)
-        self.twists = None if self.free else self._constant_twists([joint.kind for joint in joints])
-        self._rows: list[list[float]] = self.twists.T.tolist() if self.twists is not None else []
-        self._origin = model.body_pos[tree.root].tolist()
-        self._back, self._relative = model.body_quat[tree.root] * (1.0, -1.0, -1.0, -1.0), np.empty(4)
-        self._zero = model.qpos0[joints[0].qpos.start : joints[-1].qpos.stop].tolist()
-        self._axes = data.xmat[tree.root].reshape(3, 3)
-
-    def _constant_twists(self, kinds: list[str]) -> FloatArray | None:
-        """Orthonormal twists of slides and then at most one hinge through the origin; None of any other joints."""
-        model, first = self._model, int(self._model.body_jntadr[self._root])
-        slides = len(kinds) - kinds.count("hinge")
-        if kinds != ["slide"] * slides + ["hinge"] * (len(kinds) - slides) or len(kinds) > slides + 1:
-            return None
-        turn, twists = np.empty(9), np.zeros((6, len(kinds)))
-        mujoco.mju_quat2Mat(turn, model.body_quat[self._root])
-        axes = model.jnt_axis[first : first + len(kinds)] @ turn.reshape(3, 3).T
-        twists[:3, :slides], twists[3:, slides:] = axes[:slides].T, axes[slides:].T
-        orthonormal = np.abs(twists.T @ twists - np.eye(len(kinds))).max() <= _ROUNDING
-        return twists if orthonormal and not model.jnt_pos[first + slides : first + len(kinds)].any() else None
+        if (read := self.reading) is not None:
+            self._slides: list[list[float]] = read.slides.tolist()
+            own = None if read.axis is None else (read.axis.tolist(), read.zero, read.sine.tolist(), read.cosine.tolist())
+            self._hinge: tuple[list[float], float, list[float], list[float]] | None = own
 
     def pose(self, position: FloatArray, quaternion: FloatArray) -> None:
         """Give the base a pose; all other coordinates are current, derived quantities need not be after.
@@ -71,24 +103,22 @@ class Placing:
             quaternion: Of its frame, (4,).
         """
         if self.free:
-            self._qpos[:3], self._qpos[3:] = position, quaternion
-        elif self.twists is not None:
-            self._read_off(position, quaternion, self._rows)
+            self._qpos[:3], self._qpos[3:] = position.data, quaternion.data
+        elif self.reading is not None:
+            self._read_off(position, quaternion)
         else:
             self._search(position, quaternion)
 
-    def _read_off(self, position: FloatArray, quaternion: FloatArray, twists: list[list[float]]) -> None:
+    def _read_off(self, position: FloatArray, quaternion: FloatArray) -> None:
         """Coordinates of slides and a hinge, from their own zero."""
-        (x, y, z), (i, j, k) = position.tolist(), self._origin
-        x, y, z = x - i, y - j, z - k
-        own = [zero + a * x + b * y + c * z for zero, (a, b, c, *_) in zip(self._zero, twists, strict=True)]
-        *_, a, b, c = twists[-1]
-        if a or b or c:
-            mujoco.mju_mulQuat(self._relative, quaternion, self._back)  # world axes
-            w, x, y, z = self._relative.tolist()
-            angle = self._zero[-1] + 2.0 * math.atan2(a * x + b * y + c * z, w)
-            own[-1] = angle + _TURN * round((float(self._qpos[-1]) - angle) / _TURN)
-        self._qpos[:] = own
+        x, y, z = position.tolist()
+        for i, (o, a, b, c) in enumerate(self._slides):
+            self._qpos[i] = o + a * x + b * y + c * z
+        if self._hinge is not None:
+            _, zero, (a, b, c, d), (p, q, r, s) = self._hinge
+            w, x, y, z = quaternion.tolist()
+            angle = zero + 2.0 * math.atan2(a * w + b * x + c * y + d * z, p * w + q * x + r * y + s * z)
+            self._qpos[-1] = angle + _TURN * round((self._qpos[-1] - angle) / _TURN)
 
     def _search(self, position: FloatArray, quaternion: FloatArray) -> None:
         """Newton's method."""
@@ -98,7 +128,7 @@ class Placing:
             mujoco.mj_kinematics(model, data)
             mujoco.mju_subQuat(self._turn, quaternion, data.xquat[self._root])
             mujoco.mju_rotVecQuat(self._axis, self._turn, data.xquat[self._root])
-            error = np.concatenate((position - data.xpos[self._root], self._axis))
+            error = np.concatenate((self._axis, position - data.xpos[self._root]))
             before, left = left, float(np.abs(error).max())
             if left <= _ROUNDING * scale or left > 0.5 * before:
                 break
@@ -106,33 +136,40 @@ class Placing:
             self._step[self._dofs] = self._least(error)
             mujoco.mj_integratePos(model, data.qpos, self._step, 1.0)
 
-    def rates(self, linear: FloatArray, angular: FloatArray) -> None:
+    def rates(self, twist: FloatArray) -> None:
         """Give the base a twist; positions are current.
 
         Args:
-            linear: Velocity of its frame's origin, world axes, m/s, (3,).
-            angular: Angular velocity, world axes, rad/s, (3,).
+            twist: Angular velocity in rad/s, then velocity of its frame's origin in m/s, world axes, (6,).
         """
-        self._qvel[:] = self._own(linear, angular)
+        self._write(twist, self._qvel)
 
-    def accelerations(self, linear: FloatArray, angular: FloatArray) -> None:
-        """Give the base accelerations, as :meth:`rates`, in m/s^2 and rad/s^2; positions and velocities are current."""
-        if not self.free:
+    def accelerations(self, twist: FloatArray) -> None:
+        """Give the base accelerations, as :meth:`rates`, in rad/s^2 and m/s^2; positions and velocities are current."""
+        if not self.free and self.reading is None:
             model, data = self._model, self._data
-            mujoco.mj_jacDot(model, data, self._rate[:3], self._rate[3:], data.xpos[self._root], self._root)
-            bias = self._rate @ data.qvel
-            linear, angular = linear - bias[:3], angular - bias[3:]
-        self._data.qacc[self._dofs] = self._own(linear, angular)
+            mujoco.mj_jacDot(model, data, self._rate[3:], self._rate[:3], data.xpos[self._root], self._root)
+            twist = twist - self._rate @ data.qvel
+        self._write(twist, self._qacc)
 
-    def _own(self, linear: FloatArray, angular: FloatArray) -> FloatArray:
-        """Rates of the base's joints for a twist."""
+    def _write(self, twist: FloatArray, own: memoryview[float]) -> None:
+        """Rates of the base's joints for a twist of its frame."""
+        if not self.free and self.reading is None:
+            own[:] = self._least(twist).data
+            return
+        p, q, r, x, y, z = twist.tolist()
         if self.free:
-            return np.concatenate((linear, angular.dot(self._axes)))
-        return self._least(np.concatenate((linear, angular)))
+            a, b, c, d, e, f, g, h, i = self._axes
+            own[0], own[1], own[2] = x, y, z
+            own[3], own[4], own[5] = a * p + d * q + g * r, b * p + e * q + h * r, c * p + f * q + i * r
+            return
+        for k, (_, a, b, c) in enumerate(self._slides):
+            own[k] = a * x + b * y + c * z
+        if self._hinge is not None:
+            a, b, c = self._hinge[0]
+            own[-1] = a * p + b * q + c * r
 
     def _least(self, twist: FloatArray) -> FloatArray:
-        """Rates of the base's joints nearest to a twist of its frame."""
-        if self.twists is not None:
-            return np.asarray(twist.dot(self.twists))
-        mujoco.mj_jacBody(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._root)
+        """Rates of the base's joints nearest to a twist of its frame, angular part first, (6,)."""
+        mujoco.mj_jacBody(self._model, self._data, self._jacobian[3:], self._jacobian[:3], self._root)
         return np.asarray(np.linalg.lstsq(self._jacobian[:, self._dofs], twist, rcond=None)[0])

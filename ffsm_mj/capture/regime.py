@@ -17,7 +17,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.capture.config import CaptureConfig
 from ffsm_mj.capture.grip import Grip
 from ffsm_mj.capture.impulse import plastic_impulse
-from ffsm_mj.capture.load import interface_load
+from ffsm_mj.capture.load import LoadNotes
 from ffsm_mj.capture.nearness import Nearness
 from ffsm_mj.capture.record import KINDS, CaptureRecord, NearMissRecord, ReleaseRecord
 from ffsm_mj.contact.exchange import Booking
@@ -75,8 +75,8 @@ class Captures(Regime):
         self._asked: set[str] = set()
         self._events = 0
         self.requests = tuple(f"{name}.{what}" for name in self._grips for what in (ARM, DISARM, RELEASE))
-        self._values = np.zeros(len(_SIGNALS))
-        self.columns = (Columns(_SIGNALS, live=self._values, note=lambda _: self._note(), resume=self._resume),)
+        self._loads, self._told = LoadNotes(), 0.0
+        self.columns = (Columns(_SIGNALS, table=self._loads.table, note=lambda _: self._note(), resume=self._resume),)
 
     @property
     def disarmed(self) -> dict[str, frozenset[frozenset[int]]]:
@@ -248,19 +248,14 @@ class Captures(Regime):
 
     def _note(self) -> None:
         """Who holds, and with what load under the efforts that act from here on."""
-        grip = self._holding
-        if grip is None:
-            self._values.fill(0.0)
-            return
-        self._values[0] = grip.number
-        self._values[1:] = interface_load(grip.held, grip.sites.point(self.scene.data), self.scene.data.ctrl)
+        self._loads.note(self._holding.load if self._holding is not None else None)
 
     def _resume(self, values: FloatArray) -> None:
-        self._values[:] = values
+        self._told = float(values[0])
 
     def take_up(self) -> Motion | None:
         """Hold what the columns say is held, at the state in ``data``."""
-        told, grips = self._values[0], [*self._grips.values()]
+        told, grips = self._told, [*self._grips.values()]
         self._holding = grips[int(told) - 1] if 1.0 <= told <= len(grips) else None
         if self._holding is None:
             return None

@@ -7,9 +7,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ffsm_mj.capture.following import Follow
 from ffsm_mj.capture.held import Held, refuse_unlike
 from ffsm_mj.capture.impulse import relative_twist_rows
-from ffsm_mj.capture.load import interface_load
+from ffsm_mj.capture.load import InterfaceLoad
 from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.motion.pushed_flight import PushedFlight
 from tests.capture.scenes import ARM, FLAT_ARM, FLAT_TARGET, TARGET, Bench
@@ -188,7 +189,7 @@ def test_the_load_is_what_holds_the_object(tmp_path, rng):
         bench.draw(rng)
         bench.capture()
         point = bench.sites.point(bench.data)
-        load = interface_load(bench.held, point, bench.data.ctrl)
+        load = InterfaceLoad(1, bench.held, point).now()
         model, data, sites = bench.model, bench.data, bench.sites
         J = relative_twist_rows(model, data, sites.link, sites.root, point)
         mujoco.mj_forward(model, data)
@@ -202,6 +203,7 @@ def test_the_load_is_what_holds_the_object(tmp_path, rng):
 @pytest.mark.parametrize("wrong", ["pose", "rate", "centre"])
 def test_mistakes_on_purpose_are_noticed(tmp_path, rng, monkeypatch, wrong):
     """A pose snapped to the sites, rates of the object in world axes, its mass centre taken for its origin."""
+    monkeypatch.setenv("FFSM_COMPILED", "0")  # the twin asks nobody
     bench = Bench(tmp_path)
     bench.draw(rng)
     if wrong == "pose":
@@ -214,7 +216,8 @@ def test_mistakes_on_purpose_are_noticed(tmp_path, rng, monkeypatch, wrong):
 
         monkeypatch.setattr(Held, "hold", snapped)
     elif wrong == "rate":
-        monkeypatch.setattr(bench.held.placing, "_own", lambda linear, angular: np.concatenate((linear, angular)))
+        own = bench.data.qvel[bench.system.joint("target/free").dofs]
+        monkeypatch.setattr(bench.held.placing, "rates", lambda twist: np.copyto(own, np.roll(twist, 3)))
     else:
         pose = bench.held.placing.pose
         body = bench.sites.root
@@ -242,3 +245,17 @@ def test_what_cannot_follow_is_refused(tmp_path):
     for models in ((ARM, TARGET), (FLAT_ARM, FLAT_TARGET)):
         bench = Bench(tmp_path, *models)
         refuse_unlike(bench.system, bench.held_system, bench.grasp)
+
+
+def test_joints_that_are_not_read_off_are_searched_for(tmp_path, rng):
+    """Skewed slides take the poses that the plane's robot brings them to, by Newton's method."""
+    skewed = FLAT_TARGET.replace('axis="0 1 0"', 'axis="1 1 0"')
+    bench = Bench(tmp_path, FLAT_ARM, skewed)
+    bench.draw(rng)
+    bench.capture()
+    assert bench.held.placing.reading is None
+    assert type(bench.held.followed) is Follow
+    for _ in range(20):
+        bench.held.step(1e-3)
+    np.testing.assert_allclose(bench.data.xpos[bench.sites.root], bench.held.data.xpos[bench.held.root], atol=1e-13)
+    assert np.abs(bench.twist()).max() < 1e-12
