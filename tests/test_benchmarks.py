@@ -85,3 +85,19 @@ def test_what_presses_in_a_benchmark_presses_all_the_while(benchmark):
         assert 0.5 < force[0] < 1.0
         free = simulate(lasting.pressed(pad, away_m=lasting.AWAY_M, duration_s=0.01).assemble())
         assert not free["contact.pad_box_box_force_N"].any()
+
+
+def test_ticks_of_a_capture_are_those_before_it_and_while_it_holds(benchmark, monkeypatch):
+    """And both events are timed; a stretch has ticks of one kind only."""
+    capture = benchmark("capture")
+    for name, short in (("HELD_S", 0.03), ("AFTER_S", 0.02), ("BLOCK_ROWS", 20), ("EVERY", 5)):
+        monkeypatch.setattr(capture, name, short)
+    cost = capture.measured(capture.holding())
+    assert 0.0 < min(cost)
+    assert max(cost) < 1e5
+    free = capture.measured(capture.undeclared())
+    assert free.free_us > 0.0
+    assert np.isnan([free.held_us, free.capture_ms, free.release_ms]).all()
+    ticks = [(float(i), "grasp" if i >= 30 else "") for i in range(60)]
+    assert capture._quickest(ticks, held=True) == capture._quickest(ticks, held=False) == 1e6
+    assert np.isnan(capture._quickest(ticks[:40], held=True))
