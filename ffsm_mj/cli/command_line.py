@@ -32,6 +32,7 @@ _EXPORTS = {
     "parquet": "a table as Parquet, units and descriptions as metadata of the columns",
     "gif": "the motion as an animated GIF",
     "mp4": "the motion as a film (needs the extra 'mp4')",
+    "html": "one page for a browser: scene, plots, verdicts (needs the extra 'html')",
 }
 _WORKS_WITH: dict[str, dict[str, tuple[str, ...]]] = {
     "run": {"--viewer": ("--live",), "--force": ("--out",)},

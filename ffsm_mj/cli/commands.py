@@ -30,7 +30,9 @@ from ffsm_mj.recount import recount
 Say = Callable[[str], None]
 Stage = Callable[[str, str], Report | None]
 """Begins a part of the work, given its name and the unit of what it reports; see :class:`ffsm_mj.cli.progress.Progress`."""
-_EXPORT_SUFFIX = {"csv": ".csv", "parquet": ".parquet", "gif": ".gif", "mp4": ".mp4"}
+_EXPORT_SUFFIX = {"csv": ".csv", "parquet": ".parquet", "gif": ".gif", "mp4": ".mp4", "html": ".html"}
+_FILE_NAMES = {"gif": "motion", "mp4": "motion", "html": "run"}
+"""Of what is no table."""
 
 
 # A log may hold any double. What is not finite is no small residual and says so itself; numpy's warnings would say it twice.
@@ -158,7 +160,7 @@ def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | N
 
 @_any_double
 def export(options: argparse.Namespace, say: Say, stage: Stage) -> str:
-    """Write a table or an animation of a run.
+    """Write a table, an animation or a page of a run.
 
     Returns:
         What of the run the log does not tell, in a line; empty where it is whole.
@@ -168,16 +170,21 @@ def export(options: argparse.Namespace, say: Say, stage: Stage) -> str:
         MissingPackageError: A package that only this needs is not installed.
         OutputLostError: The file could not be written to its end.
     """
-    film, table = options.form in ("gif", "mp4"), options.table or "samples"
+    table = options.table or "samples"
     log = find_log(Path(options.run))
     suffix = _EXPORT_SUFFIX[options.form]
-    out = Path(options.out) if options.out else log.with_name(("motion" if film else table) + suffix)
-    if out.suffix.lower() != suffix and (film or out.suffix.lower() in _EXPORT_SUFFIX.values()):
+    out = Path(options.out) if options.out else log.with_name(_FILE_NAMES.get(options.form, table) + suffix)
+    if out.suffix.lower() != suffix and (options.form in _FILE_NAMES or out.suffix.lower() in _EXPORT_SUFFIX.values()):
         raise InputError(f"--{options.form} writes {suffix}, --out {out} ends otherwise")
     usable_file(out)
     stage(f"read {log}", "")
     run = load_run(log)
-    if film:
+    if options.form == "html":
+        from ffsm_mj.present.page import write_page
+
+        stage(out.name, "")
+        say(f"{out}: {write_page(run, out)}")
+    elif options.form in _FILE_NAMES:
         from ffsm_mj.present.animation import write_animation
 
         report, rate = stage(out.name, "pictures"), options.fps or 20.0

@@ -24,7 +24,14 @@ _KINDS = {
     mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
     mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
     mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+    mujoco.mjtGeom.mjGEOM_PLANE: "box",
 }
+_NO_COLOUR = (0.5, 0.5, 0.5, 1.0)
+"""What MuJoCo gives a geom whose model says nothing."""
+_OF_BODIES = ("#4E79A7", "#F28E2B", "#59A14F", "#B07AA1", "#9C755F", "#76B7B2", "#E15759", "#EDC948")
+"""Colours of bodies in turn whose geoms have none."""
+_PLANE_M, _THICK_M = 10.0, 1e-3
+"""Half width of a plane that has no end, and half thickness of any, as drawn."""
 # MuJoCo's own viewer draws groups 0 to 2; contact-only geoms live in higher ones.
 _DRAWN_GROUPS = 3
 _MOST_VERTICES = 2_000_000
@@ -86,21 +93,27 @@ def geoms_to_draw(model: Any) -> list[int]:
 
 
 def colour_of(model: Any, geom: int) -> tuple[float, ...]:
-    """Colour of a geom or of its material: red, green, blue and opacity, each from 0 to 1."""
-    material = int(model.geom_matid[geom])
-    return tuple(map(float, model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]))
+    """Colour of a geom or of its material, else one of its body's own: red, green, blue and opacity, each from 0 to 1."""
+    material, body = int(model.geom_matid[geom]), int(model.geom_bodyid[geom])
+    colour = tuple(map(float, model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]))
+    if material >= 0 or colour != _NO_COLOUR or not body:
+        return colour
+    code = _OF_BODIES[(body - 1) % len(_OF_BODIES)]
+    return (*(int(code[i : i + 2], 16) / 255 for i in (1, 3, 5)), 1.0)
 
 
 def shapes(system: System) -> Iterator[Shape]:
-    """Every geom that is drawn; planes and height fields are not."""
+    """Every geom that is drawn; planes as thin boxes below them, height fields not at all."""
     model, corners = system.mj, 0
     for geom in geoms_to_draw(model):
         kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[geom]))
         if kind is None:
             continue
-        size = model.geom_size[geom].copy()
+        size, position = model.geom_size[geom].copy(), model.geom_pos[geom].copy()
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE:
             size[:] = size[0]
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+            size, position = _slab(size, position, model.geom_quat[geom])
         mesh = int(model.geom_dataid[geom]) if kind == "mesh" else -1
         corners += 3 * int(model.mesh_facenum[mesh]) if mesh >= 0 else 0
         if mesh >= 0 and corners > _MOST_VERTICES:
@@ -111,12 +124,19 @@ def shapes(system: System) -> Iterator[Shape]:
             body=int(model.geom_bodyid[geom]),
             kind=kind,
             size=size,
-            position=model.geom_pos[geom].copy(),
+            position=position,
             quaternion=model.geom_quat[geom].copy(),
             rgba=colour_of(model, geom),
             vertices=vertices,
             triangles=triangles,
         )
+
+
+def _slab(size: FloatArray, position: FloatArray, quaternion: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Half sizes and centre of a box whose upper face is a plane."""
+    normal = np.zeros(3)
+    mujoco.mju_rotVecQuat(normal, np.array([0.0, 0.0, 1.0]), quaternion)
+    return np.array([size[0] or _PLANE_M, size[1] or _PLANE_M, _THICK_M]), position - _THICK_M * normal
 
 
 def shapes_by_body(system: System) -> dict[int, list[Shape]]:

@@ -144,7 +144,7 @@ def test_bad_input_exits_2_without_a_traceback(arguments, capsys):
         ("analyse", "ffsm: unknown command 'analyse' (did you mean 'analyze'?); allowed: analyze, campaign, check, "),
         ("run --what", "ffsm run: unexpected '--what'; 'ffsm run --help' says what it takes"),
         ("check baseline twice", "ffsm check: unexpected 'twice'; 'ffsm check --help' says what it takes"),
-        ("export", "ffsm export: one of the arguments --csv --parquet --gif --mp4 is required"),
+        ("export", "ffsm export: one of the arguments --csv --parquet --gif --mp4 --html is required"),
         ("export --csv --gif", "ffsm export: argument --gif: not allowed with argument --csv"),
         ("--version schema", "ffsm: --version has no effect with the command schema"),
         ("run baseline --viewer 127.0.0.1:1", "ffsm run: --viewer has no effect without --live"),
@@ -180,7 +180,7 @@ def test_help_says_the_exit_codes(capsys):
 
 def test_a_film_is_of_the_form_that_its_name_says(tmp_path, capsys):
     assert main(["run", str(two_balls(tmp_path, duration_s=0.1)), "--no-rerun", "--out", "a"]) == 0
-    for form, name in (("--gif", "a.mp4"), ("--gif", "a"), ("--csv", "a.parquet")):
+    for form, name in (("--gif", "a.mp4"), ("--gif", "a"), ("--html", "a.htm"), ("--csv", "a.parquet")):
         assert main(["export", "a", form, "--out", name]) == 2
         assert f"{form} writes .{form[2:]}, --out {name} ends otherwise" in capsys.readouterr().err
     assert main(["export", "a", "--csv", "--out", "a.txt"]) == 0

@@ -64,7 +64,7 @@ def test_a_reader_who_has_gone_is_no_failure(arguments):
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio-ffmpeg leaves its pipe open
-@pytest.mark.parametrize("form", ["--csv --table impacts", "--csv", "--parquet", "--gif", "--mp4"])
+@pytest.mark.parametrize("form", ["--csv --table impacts", "--csv", "--parquet", "--gif", "--mp4", "--html"])
 def test_a_file_on_a_full_disk_is_lost(form, run, capsys):
     """Through a link: what a library tidies away after a failure is the link, not the device."""
     name = f"x.{form.split()[0][2:]}"
