@@ -101,3 +101,16 @@ def test_ticks_of_a_capture_are_those_before_it_and_while_it_holds(benchmark, mo
     ticks = [(float(i), "grasp" if i >= 30 else "") for i in range(60)]
     assert capture._quickest(ticks, held=True) == capture._quickest(ticks, held=False) == 1e6
     assert np.isnan(capture._quickest(ticks[:40], held=True))
+
+
+def test_impacts_of_the_benchmark_of_friction_rub(benchmark):
+    """Bodies do touch there, with friction at every contact, and every impact is solved."""
+    friction = benchmark("friction")
+    for count in (1, 3):
+        scenes = [friction.scene(seed, count) for seed in range(4)]
+        assert {friction.with_friction(one, "blend") for one in scenes} <= {"ok", "jammed", "energy_guard"}
+        for one in scenes:
+            found = friction.impact_with_friction(one.A, one.w, one.mu, one.e, "blend")
+            assert np.any(found.friction_work < 0.0)
+        cost = friction.cost(count, lambda one: friction.with_friction(one, "poisson"), 4)
+        assert 0.0 < cost.median_ms <= cost.p95_ms

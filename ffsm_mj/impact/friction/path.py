@@ -56,11 +56,11 @@ class Problem:
         """Direction in which slip grows out of rest, (2,), or None where friction holds it.
 
         Slip along s grows at the rate a > 0 if g - mu H s = a s, so s = (mu H + a)^-1 g of length one. The length falls
-        with a and is above one at a = 0; Newton's method on its inverse, which is concave, rises to the root.
+        with a and is above one at a = 0; Newton's method on its inverse, which is concave, rises to the root from below.
         """
         if hypot(*self.hold) <= self.mu:
             return None
-        rate = 0.0
+        rate = max(0.0, float(np.linalg.norm(self._g)) - self.mu * float(self._values[-1]))
         for _ in range(_ITERATIONS):
             parts = self._g / (self.mu * self._values + rate)
             length = float(np.linalg.norm(parts))

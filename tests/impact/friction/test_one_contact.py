@@ -169,6 +169,14 @@ def test_little_friction_is_nearly_none(rng):
         np.testing.assert_allclose(stronge(A, w, 1e-6, e).w, plain, rtol=0, atol=1e-4 * size)
 
 
+@pytest.mark.parametrize("G", [rod(55), GENERAL])
+def test_no_friction_is_reflection(G):
+    """Mu = 0 exactly, also where slip passes zero and grows again."""
+    A, w = rows(G, (-1, 0.1, 0))
+    plain = w + 1.8 / G[0, 0] * A[0]
+    np.testing.assert_allclose(stronge(A, w, 0.0, 0.8).w, plain, rtol=0, atol=1e-12)
+
+
 def test_a_contact_that_separates_gets_nothing():
     A, w = rows(rod(45), (1.0, 0.5, 0.0))
     result = stronge(A, w, 0.5, 0.5)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -146,3 +149,15 @@ def test_newtons_law_gains_energy_at_random_contacts(monkeypatch, rng):
         gained += after is not None and energy(after) > energy(w) * (1 + 1e-9)
         assert energy(stronge(A, w, mu, e).w) <= energy(w)
     assert gained > 3
+
+
+def test_the_figure_shows_who_gains():
+    """Newton gains half at mu = 0.3, e = 1 ; Stronge's law keeps all only without friction."""
+    page = runpy.run_path(str(Path(__file__).parents[3] / "docs" / "friction_energy.py"))
+    mu, e, found = page["energies"](11)
+    assert (mu[3], e[-1]) == (pytest.approx(0.3), 1.0)
+    stronge_s, newton_s = found.values()
+    assert newton_s[-1, 3] == pytest.approx(1 + 0.1249674136 / 0.2516613632, abs=1e-9)
+    assert stronge_s[-1, 3] == pytest.approx(1 - 0.0687596295 / 0.2516613632, abs=1e-9)
+    assert stronge_s.max() == pytest.approx(1.0, abs=1e-12)
+    assert stronge_s[:, 1:].max() < 1.0
