@@ -16,10 +16,11 @@ from ffsm_controllers.free_flying import FreeFlying
 from ffsm_controllers.off import Off
 from ffsm_controllers.osdre.law import Osdre
 from ffsm_controllers.pd import Pd
+from ffsm_controllers.track.law import Track
 from ffsm_mj.controller_protocol import StrictModel
 
 GROUP = "ffsm_mj.controllers"
-_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying)
+_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying, Track)
 
 
 @dataclass(frozen=True)

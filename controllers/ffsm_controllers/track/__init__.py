@@ -1,0 +1,1 @@
+"""Following a site of an object: the approach to a grasp."""

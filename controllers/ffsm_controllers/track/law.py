@@ -1,0 +1,225 @@
+"""Computed torque on a site that follows a site of an object: position, attitude and their rates.
+
+With the words of :class:`~ffsm_mj.task_model.TaskModel` u = alpha^T Lambda (wanted - drift), Lambda the inverse of
+alpha M_c^-1 alpha^T. What is wanted is what the object's site does, coasting, less kd times the relative rates and kp times
+the error: that obeys e'' = -kd e' - kp e whatever object, base and momentum do, the position in world axes, a turn about one
+axis in the object's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ffsm_controllers.allocation import moments, unit_moments
+from ffsm_controllers.base_control import BaseControl, Stiffness
+from ffsm_controllers.pd import per_joint
+from ffsm_controllers.track.config import BaseConfig, TrackConfig
+from ffsm_controllers.track.mobility import effective_inertia
+from ffsm_mj.controller_protocol import (
+    Command,
+    ControllerContext,
+    Damping,
+    Fault,
+    FloatArray,
+    Observation,
+    Report,
+    ScenarioFaults,
+    Signal,
+    SiteMotion,
+    System,
+    skew,
+)
+from ffsm_mj.task_model import TaskModel
+
+_POSITION = (
+    Signal("controller", "track_error_m", "m", "distance of the robot's site from where it is to be"),
+    Signal("controller", "track_speed_m_s", "m/s", "speed of the robot's site against where it is to be"),
+)
+_ATTITUDE = (
+    Signal("controller", "track_angle_rad", "rad", "angle of the robot's site against the object's"),
+    Signal("controller", "track_rate_rad_s", "rad/s", "angular speed of the robot's site against the object's"),
+)
+_ARM = (
+    Signal("controller", "track_mass_kg", "kg", "largest effective inertia of the robot's site along a principal direction"),
+    Signal("controller", "track_share", "", "share of the feedback that the bound on torques leaves"),
+)
+
+
+class Track:
+    """A site of the robot follows a site of an object.
+
+    While that very object is held there is nothing to follow: the law only damps the joints.
+    """
+
+    Config = TrackConfig
+
+    def __init__(self, config: TrackConfig, context: ControllerContext) -> None:
+        """Resolve sites, joints and actuators.
+
+        Raises:
+            ScenarioFaults: An unknown name, no site to follow with, or a demand on the base that no actuator can serve.
+        """
+        system, turns = context.system, config.attitude is not None
+        self._model, self._config = system.mj, config
+        target = _object_site(system, config.object_site)
+        self._task = TaskModel(context, config.joints, (), site=_robot_site(config, context), attitude=turns)
+        count = len(self._task.joints.dofs)
+        self._target, self._offset = SiteMotion(self._model, target), np.array(config.offset_m)
+        held = system.grasp.tree if system.grasp is not None else ""
+        self._holds = bool(held) and self._model.site(target).name.startswith(f"{held}/")
+        bound = config.max_torque_N_m
+        self._bound = None if bound is None else per_joint(bound, count, "max_torque_N_m")
+        self._base = None if config.base is None else _base_control(config.base, system)
+        self._unit = unit_moments(self._model)
+        self.telemetry_signals: tuple[Signal, ...] = (*_POSITION, *(_ATTITUDE if turns else ()), *_ARM)
+        self._report: tuple[float, ...] = (math.nan,) * len(self.telemetry_signals)
+        self._largest, self._least_share = 0.0, 1.0
+
+    def start(self, observation: Observation) -> None:
+        """The base is to stay where it is now."""
+        if self._base is not None:
+            self._base.start(observation)
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Drive base and arm."""
+        data, task = observation.data, self._task
+        if self._base is not None:
+            self._base.control(observation, command)
+        if self._holds:
+            damped = -self._config.joint_damping_N_m_s_rad * data.qvel[task.joints.dofs]
+            command.drive(
+                task.joints.actuators, damped if self._bound is None else np.clip(damped, -self._bound, self._bound)
+            )
+            return
+        carried, feedback = self._wanted(data)
+        carried -= task.drift
+        if self._base is not None:
+            carried -= task.response(data, moments(self._model, data, self._unit).T.dot(command.effort))
+        inertia, largest = effective_inertia(task.B.dot(task.alpha.T), self._config.singular_mass_kg)
+        damped = -self._config.joint_damping_N_m_s_rad * task.qd
+        needed = damped + inertia.dot(carried - task.B.dot(damped)).dot(task.alpha)
+        torque, share = self._bounded(needed, inertia.dot(feedback).dot(task.alpha))
+        command.drive(task.joints.actuators, torque)
+        self._report = (*self._errors, largest, share)
+        self._largest, self._least_share = max(self._largest, largest), min(self._least_share, share)
+
+    def _wanted(self, data: Any) -> tuple[FloatArray, FloatArray]:
+        """Accelerations of the robot's site: those of where it is to be, and the feedback on top, (p,) each."""
+        task, target, config = self._task, self._target, self._config
+        target.update(data)
+        arm, spin = target.frame.dot(self._offset), skew(target.rates[3:])
+        task.target_m, task.target_frame = target.point + arm, target.frame
+        task.update(data)
+        rates, carried = target.rates.copy(), target.acceleration(task.coasting)
+        rates[:3] += spin.dot(arm)
+        carried[:3] += skew(carried[3:]).dot(arm) + spin.dot(spin.dot(arm))
+        error, relative = task.e, task.yd - rates[: task.site.size]
+        gains = config.position
+        feedback = _feedback(error[:3], relative[:3], gains.kp_1_s2, gains.kd_1_s, gains.max_speed_m_s)
+        self._errors: tuple[float, ...] = (_length(error[:3]), _length(relative[:3]))
+        if config.attitude is None:
+            return carried[:3], feedback
+        turns = config.attitude
+        turning = _feedback(error[3:], relative[3:], turns.kp_1_s2, turns.kd_1_s, turns.max_rate_rad_s)
+        carried[3:] += spin.dot(relative[3:])  # what is relative is to fall in the object's frame, which turns
+        self._errors = (*self._errors, _length(error[3:]), _length(relative[3:]))
+        return carried, np.concatenate((feedback, turning))
+
+    def _bounded(self, needed: FloatArray, feedback: FloatArray) -> tuple[FloatArray, float]:
+        """Torques within their bound: as much of the feedback as fits beside what is needed anyway, and that share."""
+        if self._bound is None:
+            return needed + feedback, 1.0
+        pushed = feedback != 0.0
+        room = (np.copysign(self._bound, feedback) - needed)[pushed] / feedback[pushed]
+        share = min(max(float(room.min(initial=1.0)), 0.0), 1.0)
+        return np.clip(needed + share * feedback, -self._bound, self._bound), share
+
+    def damping_at(self, data: Any) -> Damping:
+        """That of motions which the site does not feel."""
+        task, gain = self._task, self._config.joint_damping_N_m_s_rad
+        task.update(data)
+        unseen = np.eye(len(task.qd))
+        if not self._holds:
+            inertia, _ = effective_inertia(task.B.dot(task.alpha.T), self._config.singular_mass_kg)
+            unseen -= task.alpha.T.dot(inertia).dot(task.B)
+        return Damping("joint_damping_N_m_s_rad", task.joints.dofs, np.full(len(unseen), gain), gain * unseen)
+
+    def telemetry(self) -> Sequence[float]:
+        """Errors, relative rates, the largest effective inertia and the share of the feedback at the last tick."""
+        return self._report
+
+    def summary(self) -> Report:
+        """How near to a singularity it came, and how much of the feedback the bound on torques left at the least."""
+        if self._holds:
+            return {}
+        mass = self._largest if math.isfinite(self._largest) else "infinite"
+        return {"largest_mass_kg": mass, "least_share": self._least_share}
+
+
+def _feedback(error: FloatArray, rate: FloatArray, kp: float, kd: float, fastest: float | None) -> FloatArray:
+    """-kd (rate - that which the error asks for); without a bound on the latter -kp error - kd rate."""
+    asked = (-kp / kd) * error
+    speed = _length(asked)
+    if fastest is not None and speed > fastest:
+        asked *= fastest / speed
+    return -kd * (rate - asked)
+
+
+def _length(vector: FloatArray) -> float:
+    return math.hypot(*vector.tolist())
+
+
+def _object_site(system: System, name: str) -> int:
+    """Id of a site that is of an object.
+
+    Raises:
+        ScenarioFaults: There is none of that name, or it is of the robot.
+    """
+    try:
+        full = system.resolve("site", name)
+    except LookupError as error:
+        raise ScenarioFaults([Fault(str(error.args[0]), ("object_site",))]) from error
+    if full.startswith("robot/"):
+        sites = [each for each in system.names("site") if not each.startswith("robot/")]
+        allowed = f"write one of {', '.join(sites)}" if sites else "add one to an object's model"
+        raise ScenarioFaults([Fault(f"{full} is a site of the robot; {allowed}", ("object_site",))])
+    return system.index("site", full)
+
+
+def _robot_site(config: TrackConfig, context: ControllerContext) -> str:
+    """Full name of the site that follows.
+
+    Raises:
+        ScenarioFaults: None is named and there is no task, or it is no site of the robot.
+    """
+    system = context.system
+    if config.robot_site is None:
+        if context.task is None:
+            raise ScenarioFaults([Fault("track needs 'robot_site', or a 'task' whose tip it takes", ("kind",))])
+        return str(system.mj.site(context.task.tip_site).name)
+    sites = [each for each in system.names("site") if each.startswith("robot/")]
+    try:
+        full = system.resolve("site", config.robot_site)
+    except LookupError as error:
+        raise ScenarioFaults([Fault(str(error.args[0]), ("robot_site",))]) from error
+    if full not in sites:
+        raise ScenarioFaults([Fault(f"{full} is no site of the robot; write one of {', '.join(sites)}", ("robot_site",))])
+    return full
+
+
+def _base_control(config: BaseConfig, system: System) -> BaseControl:
+    translation, rotation = config.translation, config.rotation
+    try:
+        return BaseControl(
+            system,
+            config.thrusters,
+            config.wheels,
+            None if translation is None else Stiffness(translation.kp_N_m, translation.kd_N_s_m),
+            None if rotation is None else Stiffness(rotation.kp_N_m_rad, rotation.kd_N_m_s_rad),
+        )
+    except ScenarioFaults as faults:
+        raise ScenarioFaults([Fault(f.message, ("base", *f.path)) for f in faults.faults]) from faults

@@ -1,0 +1,275 @@
+"""The law that follows a site of an object: its error obeys the equation that the gains say, whatever moves."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from ffsm_controllers.track.mobility import effective_inertia
+
+import ffsm_mj
+from ffsm_mj.controller_protocol import SiteMotion
+from ffsm_mj.errors import InputError
+from ffsm_mj.task_model import TaskModel
+
+W = 0.6
+GAINS = {"kp_1_s2": W**2, "kd_1_s": 2.0 * W}
+ARM = ["yaw", "shoulder", "upper_roll", "elbow", "fore_roll", "wrist", "hand_roll"]
+WHEELS = ["wheel_x", "wheel_y", "wheel_z"]
+SPIN = np.array([0.08, -0.06, 0.1])
+"""Angular velocity of robot and satellite alike, rad/s in world axes: no relative rate, and a base that turns."""
+TURN = np.array([0.9, 0.25, -0.2, 0.3]) / np.linalg.norm([0.9, 0.25, -0.2, 0.3])
+"""Attitude of the satellite: nothing of it is along the world's axes."""
+
+
+def following(**law):
+    """A law that follows the satellite's grapple at a distance."""
+    return {
+        "kind": "track",
+        "robot_site": "tip",
+        "object_site": "satellite/grapple",
+        "joints": ARM,
+        "offset_m": [-0.2, 0.05, 0.1],
+        "position": GAINS,
+        "attitude": GAINS,
+        **law,
+    }
+
+
+def in_body_axes(vector):
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, TURN)
+    return matrix.reshape(3, 3).T @ vector
+
+
+def scene(law, **changes):
+    """Robot and satellite turn alike, the satellite drifts; ideal motors, one phase."""
+    return {
+        "duration_s": 3.0,
+        "time_step_s": 0.005,
+        "control_period_s": 0.005,
+        "actuators": {},
+        "captures": {},
+        "initial.joints.satellite/free": [2.4, -0.1, 0.5, *TURN],
+        "initial.rates.robot/base": [0.01, 0.02, -0.01, *SPIN],
+        "initial.rates.satellite/free": [-0.02, 0.01, 0.015, *in_body_axes(SPIN)],
+        "phases": [{"name": "all", "until": "end", "controller": law}],
+        **changes,
+    }
+
+
+def told(run, name):
+    return run[f"controller.track_{name}"]
+
+
+def deviations(run):
+    """Largest deviation of distance in m and of angle in rad from e'' = -kd e' - kp e.
+
+    Robot and satellite turn alike at first, so that the angle falls from rest, about one axis of the satellite.
+    """
+    t, decay = run.time, np.exp(-W * run.time)
+    angle = told(run, "angle_rad")
+    offset, velocity = start(run)
+    distance = np.linalg.norm((offset + np.outer(t, velocity + W * offset)) * decay[:, None], axis=1)
+    return np.abs(told(run, "error_m") - distance).max(), np.abs(angle - angle[0] * (1.0 + W * t) * decay).max()
+
+
+def start(run):
+    """How far the robot's site is from where it is to be at the start, and how that changes, world axes, (3,) each.
+
+    Nothing of the law is used: the sites are moved by the state's own rates for a moment.
+    """
+    system = ffsm_mj.prepare("capture").system
+    data = mujoco.MjData(system.mj)
+
+    def at(time_s):
+        data.qpos[:] = run.qpos[0]
+        mujoco.mj_integratePos(system.mj, data.qpos, run.qvel[0], time_s)
+        mujoco.mj_kinematics(system.mj, data)
+        tip, site = system.index("site", "tip"), system.index("site", "satellite/grapple")
+        return data.site_xpos[tip] - data.site_xpos[site] - data.site_xmat[site].reshape(3, 3) @ [-0.2, 0.05, 0.1]
+
+    return at(0.0), (at(1e-5) - at(-1e-5)) / 2e-5
+
+
+@pytest.fixture(scope="module")
+def recipes():
+    """The scene with the base afloat, and held by its wheels."""
+    base = {"wheels": WHEELS, "rotation": {"kp_N_m_rad": 8.0, "kd_N_m_s_rad": 30.0}}
+    laws = {"afloat": following(joint_damping_N_m_s_rad=2.0), "held": following(base=base)}
+    return {name: ffsm_mj.prepare("capture", scene(law)) for name, law in laws.items()}
+
+
+# Torques are held for 5 ms, an error of first order: measured 7.3e-4 m and 3.7e-4 rad, half of it at half the period.
+NEAR_M, NEAR_RAD = 1e-3, 6e-4
+
+
+@pytest.mark.parametrize("base", ["afloat", "held"])
+def test_the_error_falls_as_the_gains_say(recipes, base):
+    run = recipes[base].run()
+    assert run.outcome == "completed", run.message
+    off_m, off_rad = deviations(run)
+    assert off_m < NEAR_M
+    assert off_rad < NEAR_RAD
+    assert told(run, "speed_m_s")[0] > 0.02
+    assert told(run, "error_m")[0] > 0.2
+    assert told(run, "angle_rad")[0] > 0.5
+    assert all(law.holds for law in run.laws())
+
+
+def body_axes(self):
+    return self.site.frame.T @ ERROR(self)
+
+
+def without_momentum(self, data):
+    UPDATE(self, data)
+    self.yd = self.yd - self.v_h
+
+
+def turned_round(self, data):
+    MOTION(self, data)
+    if self._rows.size == 6 and not self._is_robot:
+        self.rates = np.concatenate((self.rates[:3], -self.rates[3:]))
+
+
+def still_object(self, qacc):
+    return np.zeros(6) if not self._is_robot else ACCELERATION(self, qacc)
+
+
+def unknown_wheels(*_):
+    return np.zeros(6)
+
+
+ERROR, UPDATE, RESPONSE = TaskModel._attitude_error, TaskModel.update, TaskModel.response
+MOTION, ACCELERATION = SiteMotion.update, SiteMotion.acceleration
+
+
+@pytest.mark.parametrize(
+    ("base", "cls", "method", "mistake"),
+    [
+        ("afloat", TaskModel, "_attitude_error", body_axes),
+        ("afloat", TaskModel, "update", without_momentum),
+        ("afloat", SiteMotion, "update", turned_round),
+        ("afloat", SiteMotion, "acceleration", still_object),
+        ("held", TaskModel, "response", unknown_wheels),
+    ],
+    ids=["error in body axes", "momentum left out", "object's rate turned round", "object taken as still", "wheels unknown"],
+)
+def test_likely_mistakes_are_noticed(recipes, monkeypatch, base, cls, method, mistake):
+    monkeypatch.setattr(SiteMotion, "_is_robot", property(lambda self: self._body < 12), raising=False)
+    monkeypatch.setattr(cls, method, mistake)
+    run = recipes[base].run()
+    off_m, off_rad = deviations(run) if run.outcome == "completed" else (1.0, 1.0)
+    assert off_m > 3.0 * NEAR_M or off_rad > 3.0 * NEAR_RAD
+
+
+def test_torques_keep_their_bound():
+    """As one vector: the feedback is scaled, and the site goes on towards the object."""
+    law = following(max_torque_N_m=2.0, joint_damping_N_m_s_rad=2.0)
+    run = ffsm_mj.run("capture", scene(law))
+    torques = np.stack([run[f"actuators.robot_{name}_command_N_m"] for name in ARM])
+    assert np.abs(torques).max() == pytest.approx(2.0, abs=1e-12)
+    share = told(run, "share")
+    assert 0.0 < share.min() < 0.5
+    assert share[-1] == 1.0
+    assert run.summary()["controller"]["phases"][0]["reports"]["least_share"] == share.min()
+    assert told(run, "error_m")[-1] < 0.8 * told(run, "error_m")[0]
+
+
+def test_speeds_that_are_asked_for_are_bounded():
+    """Far away the site comes at that speed, whatever it had: (v_0 - v) exp(-kd t) is 2e-4 m/s after 3 s."""
+    fast = {"kp_1_s2": 1.44, "kd_1_s": 2.4}
+    law = following(position={**fast, "max_speed_m_s": 0.04}, attitude={**fast, "max_rate_rad_s": 0.05})
+    run = ffsm_mj.run("capture", scene(law, duration_s=3.2))
+    late = run.time > 3.0
+    assert told(run, "speed_m_s")[late] == pytest.approx(0.04, abs=5e-4)
+    assert told(run, "rate_rad_s")[late] == pytest.approx(0.05, abs=5e-4)
+
+
+def test_a_stretched_arm_is_damped():
+    """Where the arm is straight it cannot move the tip along itself: torques stay small instead of growing without bound."""
+    straight = {f"initial.joints.{name}": 0.0 for name in ARM}
+    run = ffsm_mj.run("capture", scene(following(), duration_s=2.0, **straight))
+    assert run.outcome == "completed", run.message
+    assert told(run, "mass_kg")[0] > 1e6
+    torques = np.stack([run[f"actuators.robot_{name}_command_N_m"] for name in ARM])
+    assert np.abs(torques).max() < 50.0
+
+
+def test_the_effective_inertia_is_damped_smoothly(rng):
+    directions = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    values = np.array([1e-2, 0.1, 0.3, 1.0, 2.0, 5.0])
+    mobility = directions @ np.diag(values) @ directions.T
+    inertia, largest = effective_inertia(mobility, 101.0)
+    np.testing.assert_allclose(inertia @ mobility, np.eye(6), atol=1e-12)
+    assert largest == pytest.approx(100.0)
+    damped, _ = effective_inertia(mobility, 50.0)  # the first direction is at half the bound on mobility
+    shares = np.diag(directions.T @ damped @ mobility @ directions)
+    np.testing.assert_allclose(shares, [0.75, 1.0, 1.0, 1.0, 1.0, 1.0], atol=1e-12)
+    at, step = 0.02, 1e-7
+    around = [effective_inertia(np.diag([at + side, 1.0]), 1.0 / at)[0][0, 0] for side in (-step, step)]
+    assert (around[1] - around[0]) / (2.0 * step) == pytest.approx(-1.0 / at**2, rel=1e-4)
+    nothing, infinite = effective_inertia(np.zeros((2, 2)), 100.0)
+    np.testing.assert_array_equal(nothing, 200.0 * np.eye(2))
+    assert infinite == np.inf
+
+
+def test_a_planar_arm_follows_in_its_plane():
+    """What it cannot move is left alone: no axes need to be named."""
+    law = {
+        "kind": "track",
+        "object_site": "object/grapple",
+        "offset_m": [0.9, 0.6, 0.0],
+        "position": GAINS,
+        "attitude": GAINS,
+    }
+    changes = {"actuators": {}, "captures": {}, "duration_s": 4.0, "initial.rates.object/yaw": 0.05}
+    run = ffsm_mj.run("capture-planar", changes | {"phases": [{"name": "all", "until": "end", "controller": law}]})
+    assert run.outcome == "completed", run.message
+    t = run.time
+    angle = told(run, "angle_rad")
+    exact = (angle[0] + t * (W * angle[0] + np.sign(angle[1] - angle[0]) * told(run, "rate_rad_s")[0])) * np.exp(-W * t)
+    np.testing.assert_allclose(angle, np.abs(exact), atol=2e-3)
+    assert told(run, "error_m")[-1] < 0.5 * told(run, "error_m")[0]
+
+
+def test_what_holds_the_object_follows_nothing():
+    """A phase that goes on after the capture: the joints are only damped, and come to rest."""
+    law = following(offset_m=[0.0, 0.0, 0.0], joint_damping_N_m_s_rad=20.0)
+    near = {"within": {"position_m": 1.0, "angle_rad": 2.0}}
+    captures = {"grasp": {"robot_site": "tip", "object_site": "satellite/grapple", "when": near}}
+    phases = [{"name": "all", "until": "end", "arm": ["grasp"], "controller": law}]
+    changes = {"captures": captures, "phases": phases, "initial.rates.elbow": 0.1, "duration_s": 3.0}
+    run = ffsm_mj.run("capture", scene(law, **changes))
+    assert run.outcome == "completed", run.message
+    assert run.captures[0].time_s == 0.0
+    rates = run.qvel[:, 9:16]
+    assert np.abs(rates[0]).max() > 0.01
+    assert np.abs(rates[-1]).max() < 0.2 * np.abs(rates[0]).max()
+    assert np.isnan(told(run, "error_m")[-1])
+    assert all(law.holds for law in run.laws())
+
+
+@pytest.mark.parametrize(
+    ("change", "place", "what"),
+    [
+        ({"object_site": "handle"}, "object_site", "unknown site 'handle'"),
+        ({"object_site": "tip"}, "object_site", "robot/tip is a site of the robot; write one of satellite/grapple"),
+        ({"robot_site": "grapple"}, "robot_site", "satellite/grapple is no site of the robot; write one of robot/front_1"),
+        ({"robot_site": None}, "kind", "track needs 'robot_site', or a 'task' whose tip it takes"),
+        ({"joints": ["yaw", "elbo"]}, "joints.1", "unknown joint of the robot 'elbo'"),
+        ({"max_torque_N_m": [1.0, 2.0]}, "max_torque_N_m", "2 values for 7 joints; write one, or one each"),
+        ({"max_torque_N_m": -1.0}, "max_torque_N_m", "greater than 0"),
+        ({"position": {"kp": 1.0, "kd_1_s": 1.0}}, "position.kp", "unknown key"),
+        ({"position": {"kp_1_s2": 1.0, "kd_1_s": 0.0}}, "position.kd_1_s", "greater than 0"),
+        ({"base": {"wheels": ["wheel_w"]}}, "base.wheels.0", "unknown actuator 'wheel_w'"),
+        ({"base": {"rotation": {"kp_N_m_rad": 1, "kd_N_m_s_rad": 1}}}, "base.rotation", "needs 'wheels' or 'thrusters'"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place(change, place, what):
+    law = {key: value for key, value in (following() | change).items() if value is not None}
+    with pytest.raises(InputError) as error:
+        ffsm_mj.prepare("capture", scene(law))
+    line = error.value.lines[0]
+    assert f"phases.0.controller.{place}: " in line
+    assert what in line
