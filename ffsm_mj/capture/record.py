@@ -142,7 +142,7 @@ class NearMissRecord:
 def _captured(record: CaptureRecord) -> str:
     impulse, moment = math.hypot(*record.impulse_N_s), math.hypot(*record.angular_impulse_N_m_s)
     sites = f"{record.robot_site} takes hold at {record.object_site}"
-    return f"capture by {record.grasp}: {sites}, {impulse:.5g} N s and {moment:.5g} N m s, {record.loss_J:.5g} J lost"
+    return f"{impulse:.5g} N s and {moment:.5g} N m s, {sites}, {record.loss_J:.5g} J lost: capture by {record.grasp}"
 
 
 def _capture_marks(record: CaptureRecord) -> list[Mark]:

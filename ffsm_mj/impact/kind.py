@@ -10,10 +10,11 @@ from ffsm_mj.records.kinds import Mark, RecordKind
 
 
 def _sentence(record: ImpactRecord) -> str:
-    rests = ", comes to rest" if record.restitution_used == 0.0 < record.restitution else ""
-    pair = f"{' on '.join(record.geoms)}, e = {record.restitution:g}{rests}"
-    speeds = f"approach {record.approach_speed_m_s:.4g} m/s, separation {record.separation_speed_m_s:.4g} m/s"
-    return f"impact of {record.pair}: {record.impulse_N_s:.5g} N s, {pair}, {speeds}"
+    rests = record.restitution_used == 0.0 < record.restitution
+    apart = "comes to rest" if rests else f"{record.separation_speed_m_s:.4g} m/s apart"
+    speeds = f"{record.approach_speed_m_s:.4g} m/s together, {apart}"
+    pair = f"{' on '.join(record.geoms)}, e = {record.restitution:g}"
+    return f"{record.impulse_N_s:.5g} N s, {pair}, {speeds}: impact of {record.pair}"
 
 
 def _marks(record: ImpactRecord) -> list[Mark]:

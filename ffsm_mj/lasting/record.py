@@ -66,6 +66,8 @@ class ContactChanges(ContactRecord):
 
 
 def _marks(record: Any) -> list[Mark]:
+    if record.force_after_N == 0.0:
+        return [Mark(record.point_m, text="touches" if record.mode else "opens", name=record.pair)]
     return [Mark(record.point_m, record.normal, record.force_after_N, f"{record.force_after_N:.4g} N", record.pair)]
 
 
@@ -88,8 +90,8 @@ _LENGTHS = {"geoms": 2, "point_m": 3, "normal": 3}
 def _kind(record: type, name: str, plural: str, when: str, says: str) -> RecordKind:
     def sentence(record: Any) -> str:
         touching = f", {record.mode}" if record.mode else ""
-        force = f"{record.force_before_N:.4g} N before, {record.force_after_N:.4g} N after"
-        return f"contact of {record.pair} {says}: {' on '.join(record.geoms)}{touching}, {force}"
+        force = f"{record.force_after_N:.4g} N after {record.force_before_N:.4g} N"
+        return f"{force}, {' on '.join(record.geoms)}{touching}: contact of {record.pair} {says}"
 
     return RecordKind(
         record=record,

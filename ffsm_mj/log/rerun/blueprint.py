@@ -1,47 +1,119 @@
-"""How a recording opens: the scene large, beside it the plots that tell the story, below the states and events."""
+"""How a recording opens: the scene large, at the first event; beside it the plots that tell the story."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.rerun.opening import Opening, Stretch
 from ffsm_mj.log.rerun.plots import BASE, FORCES, JOINTS, Plot
 
 TIMELINE = "sim_time"
+_BACKGROUND, _GRID = [24, 27, 33], [90, 98, 112, 110]
+_AXES = ((224, 82, 82), (92, 184, 92), (92, 140, 240))
+"""Of x, y and z, as everywhere."""
 _LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
 _QUIET = rrb.PlotLegend(visible=False)
+_LETTER_PX, _BESIDE_PX, _PLOT_PX = 6.4, 34.0, 290.0
+"""Widths of a letter in a legend, of what is beside its words, and of a plot in a window of 1300 pixels."""
+_MOST_LANES = 5
+_HALF_VIEW = np.array([0.55, 0.42])
+"""Tangents of half the angles of the viewer's camera, across and up, less a margin."""
 
 
-def blueprint(
-    low: FloatArray,
-    high: FloatArray,
-    plots: Sequence[Plot],
-    trails: Iterable[str],
-    *,
-    tip: bool,
-    forces: bool,
-    following: bool,
-) -> rrb.Blueprint:
-    """Layout of a recording.
+@dataclass(frozen=True, kw_only=True)
+class Contents:
+    """What a recording holds.
 
-    Args:
-        low: Lower corner of what moves at the start, world axes, m.
-        high: Upper corner of the same.
+    Attributes:
+        points: What is to be in view, world axes, (n, 3), m.
         plots: What is plotted.
         trails: Names of the trails.
         tip: Whether there is a tip error to plot.
-        forces: Whether there are forces of contacts to plot.
-        following: Open at the latest time and follow it, instead of playing from the start.
+        forces: Pairs whose forces there are to plot.
+        lanes: Lanes of states: of phases and thrusters.
     """
-    scene = rrb.Spatial3DView(
+
+    points: FloatArray
+    plots: Sequence[Plot]
+    trails: Sequence[str]
+    tip: bool
+    forces: Sequence[str]
+    lanes: int
+
+    @property
+    def low(self) -> FloatArray:
+        """Lower corner of what is in view, (3,), m."""
+        return np.asarray(self.points.min(axis=0))
+
+    @property
+    def high(self) -> FloatArray:
+        """Upper corner of the same, (3,), m."""
+        return np.asarray(self.points.max(axis=0))
+
+    @property
+    def grid_m(self) -> float:
+        """Distance of the lines of the ground, a power of ten, m."""
+        reach_m = max(float(np.linalg.norm(self.high - self.low)), 1e-3)
+        return float(10.0 ** math.floor(math.log10(reach_m / 3.0)))
+
+
+class _Curves(NamedTuple):
+    """What one view plots: its entity, its title (the unit early, ends are cut), and names in its legend."""
+
+    origin: str
+    title: str
+    names: Sequence[str] = ()
+
+    def room(self, views: int) -> float:
+        """Time after the end of a plot where its legend stands, of what it shows, with so many views in a row."""
+        if not self.names:
+            return 0.0
+        legend, plot = _BESIDE_PX + _LETTER_PX * max(map(len, self.names)), _PLOT_PX * (1.0 if views > 1 else 1.6)
+        return legend / max(plot - legend, 0.25 * plot)
+
+
+def blueprint(contents: Contents, opening: Opening | None) -> rrb.Blueprint:
+    """Layout of a recording.
+
+    Args:
+        contents: What it holds.
+        opening: Where it opens, and with what plotted; None where it is watched as it grows: at the latest time.
+    """
+    begins = opening.loop if opening is not None else None
+    lanes = 2.0 + min(contents.lanes, _MOST_LANES)
+    left = rrb.Vertical(
+        _scene(contents),
+        rrb.StateTimelineView(origin="/states", name="Phase and thrusters" if contents.lanes > 1 else "Phase"),
+        rrb.TextLogView(origin="/events", name="Events", columns=_event_columns()),
+        row_shares=[22.0 - lanes, lanes, 6.0],
+    )
+    playing: dict[str, Any] = {"play_state": "following" if opening is None else "playing"}
+    if begins is not None:
+        playing |= {"loop_mode": "selection", "time_selection": _selection(begins)}
+    return rrb.Blueprint(
+        rrb.Horizontal(left, rrb.Tabs(*_tabs(contents, opening), active_tab=0)),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", **playing),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def _scene(contents: Contents) -> rrb.Spatial3DView:
+    ground = rr.components.Plane3D.XY.with_distance(float(contents.low[2]))
+    return rrb.Spatial3DView(
         origin="/world",
-        name="Scene",
-        line_grid=rrb.LineGrid3D(visible=False),
-        background=[24, 27, 33],
-        eye_controls=_eye(low, high),
+        name=f"Scene, lines every {contents.grid_m:g} m",
+        line_grid=rrb.LineGrid3D(visible=True, spacing=contents.grid_m, plane=ground, color=_GRID, stroke_width=1.0),
+        background=_BACKGROUND,
+        eye_controls=_eye(contents),
         overrides={
             f"world/trails/{name}": [
                 rrb.VisibleTimeRanges(
@@ -50,32 +122,39 @@ def blueprint(
                     end=rrb.TimeRangeBoundary.cursor_relative(),
                 )
             ]
-            for name in trails
+            for name in contents.trails
         },
     )
-    below = rrb.Horizontal(
-        rrb.StateTimelineView(origin="/states", name="Phase and thrusters"),
-        rrb.TextLogView(origin="/events", name="Events", columns=_event_columns()),
-        column_shares=[1, 1],
-    )
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(scene, below, row_shares=[7, 2]),
-            rrb.Tabs(*_tabs(plots, tip=tip, forces=forces)),
-            column_shares=[11, 9],
-        ),
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following" if following else "playing"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-    )
 
 
-def _eye(low: FloatArray, high: FloatArray) -> rrb.EyeControls3D:
-    """From above and a little behind, so that the plane of a planar robot fills the view."""
-    centre = 0.5 * (low + high)
-    reach = float(np.linalg.norm(high - low))
-    position = centre + reach * np.array([-0.1, -0.42, 0.62])
+def _eye(contents: Contents) -> rrb.EyeControls3D:
+    """From above and a little behind, so that the plane of a planar robot fills the view; as near as shows all."""
+    back = np.array([-0.1, -0.56, 0.82]) / np.linalg.norm([-0.1, -0.56, 0.82])
+    right = np.cross([0.0, 0.0, 1.0], back) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], back))
+    view = np.stack((right, np.cross(back, right), back))
+    centre = 0.5 * (contents.low + contents.high)
+    distance = 0.0
+    for _ in range(4):  # what is nearer looks larger: the middle of the picture is not that of the box
+        seen = (contents.points - centre) @ view.T
+        distance = float(np.max(np.abs(seen[:, :2]) / _HALF_VIEW + seen[:, 2:]))
+        flat = seen[:, :2] / np.maximum(distance - seen[:, 2:], 1e-9)
+        middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0)) * distance
+        centre = centre + middle @ view[:2]
+    # Nearer than this a lone small body would look as large as a planet.
+    position = centre + max(distance, 2.0 * contents.grid_m) * back
     return rrb.EyeControls3D(position=position, look_target=centre, eye_up=[0.0, 0.0, 1.0])
+
+
+def axes_of(contents: Contents) -> rr.Arrows3D:
+    """The world's axes on the ground, each as long as its lines are apart, left behind what is in view."""
+    corner, vectors = (contents.low[0], contents.high[1], contents.low[2]), contents.grid_m * np.eye(3)
+    return rr.Arrows3D(
+        origins=[corner] * 3, vectors=vectors, colors=_AXES, labels=["x", "y", "z"], radii=0.02 * contents.grid_m
+    )
+
+
+def _selection(stretch: Stretch) -> rr.encodings.AbsoluteTimeRange:
+    return rr.encodings.AbsoluteTimeRange(*(rr.encodings.TimeInt(seconds=time) for time in stretch))
 
 
 def _event_columns() -> rrb.TextLogColumns:
@@ -83,36 +162,60 @@ def _event_columns() -> rrb.TextLogColumns:
     return rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["body"])
 
 
-def _tabs(plots: Sequence[Plot], *, tip: bool, forces: bool) -> list[rrb.Container | rrb.View]:
-    entities = {plot.entity for plot in plots}
-    story: list[rrb.View] = []
-    if tip:
-        story.append(_series("plots/tip_error", "Tip error [m]", _QUIET))
-    story.append(_series("plots/energy", "Kinetic energy [J]", _LEGEND))
-    for kind, title in (("linear", "Linear momentum [N s]"), ("angular", "Angular momentum [N m s]")):
-        if any(entity.startswith(f"plots/{kind}_momentum") for entity in entities):
-            story.append(_series(f"plots/{kind}_momentum", title, _LEGEND))
-    if forces:
-        story.append(_series(FORCES, "Contact force [N]", _LEGEND))
-    joints, base = _effort_views(plots, JOINTS), _effort_views(plots, BASE)
-    if len(joints) <= 4:  # as many as stay readable beside the rest
-        story += joints
-    story.append(_series("plots/ledger", "Ledger residuals [SI]", _LEGEND))
-    tabs: list[rrb.Container | rrb.View] = [rrb.Grid(*story, grid_columns=2, name="Story")]
-    if len(joints) > 4:
-        tabs.append(rrb.Grid(*joints, grid_columns=2, name="Joints"))
-    if base:
-        tabs.append(rrb.Grid(*base, grid_columns=2, name="Thrusters and base"))
+def _tabs(contents: Contents, opening: Opening | None) -> list[rrb.Container]:
+    whole = Stretch(0.0, opening.end_s) if opening is not None else None
+    close_up = opening.close_up if opening is not None else None
+    tabs = [_in_two_columns("Story", _story(contents), whole)]
+    if close_up is not None:
+        tabs.append(_in_two_columns("Close-up of the events", _story(contents), close_up))
+    for name, parent in (("Joints", JOINTS), ("Thrusters and base", BASE)):
+        if efforts := _efforts(contents.plots, parent):
+            tabs.append(_in_two_columns(name, efforts, whole))
     return tabs
 
 
-def _effort_views(plots: Sequence[Plot], parent: str) -> list[rrb.View]:
+def _in_two_columns(name: str, plotted: Sequence[_Curves], stretch: Stretch | None) -> rrb.Container:
+    """Views two by two; the last one of an odd number is as wide as two."""
+    rows = (plotted[first : first + 2] for first in range(0, len(plotted), 2))
+    views = ([_series(curves, stretch, len(row)) for curves in row] for row in rows)
+    return rrb.Vertical(*(rrb.Horizontal(*row) if len(row) > 1 else row[0] for row in views), name=name)
+
+
+def _story(contents: Contents) -> list[_Curves]:
+    def names(origin: str) -> list[str]:
+        return [name for plot in contents.plots if plot.entity.startswith(origin) for name in plot.names]
+
+    story = [
+        _Curves("plots/energy", "Kinetic energy [J]", names("plots/energy")),
+        _Curves("plots/linear_momentum", "Momentum P [N s]", names("plots/linear_momentum")),
+        _Curves("plots/angular_momentum", "Momentum L [N m s]", names("plots/angular_momentum")),
+        _Curves(FORCES, "Contact force [N]", contents.forces),
+        _Curves("plots/ledger", "Residuals [log10 of SI]", names("plots/ledger")),
+    ]
+    tip = [_Curves("plots/tip_error", "Tip error [m]")] if contents.tip else []
+    return tip + [curves for curves in story if curves.names]
+
+
+def _efforts(plots: Sequence[Plot], parent: str) -> list[_Curves]:
     return [
-        _series(plot.entity, f"{plot.names[-1]} and its bounds [{plot.unit}]", _QUIET)
+        _Curves(plot.entity, f"{plot.names[-1]} [{plot.unit}] and its bounds")
         for plot in plots
         if plot.entity.startswith(f"{parent}/")
     ]
 
 
-def _series(origin: str, name: str, legend: rrb.PlotLegend) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin=f"/{origin}", name=name, plot_legend=legend)
+def _series(curves: _Curves, stretch: Stretch | None, views: int) -> rrb.TimeSeriesView:
+    """Curves over a part of the run, with room for the legend after it; over all of it as it grows."""
+    return rrb.TimeSeriesView(
+        origin=f"/{curves.origin}",
+        name=curves.title,
+        plot_legend=_LEGEND if curves.names else _QUIET,
+        axis_x=None if stretch is None else _time_axis(stretch, curves.room(views)),
+    )
+
+
+def _time_axis(stretch: Stretch, room: float) -> rrb.TimeAxis:
+    span = max(stretch.end_s - stretch.start_s, 1e-6)
+    ends = stretch.start_s - 0.02 * span, stretch.end_s + (0.04 + room) * span
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in ends)
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))

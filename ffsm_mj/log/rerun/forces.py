@@ -9,12 +9,12 @@ import rerun as rr
 
 from ffsm_mj.log.contact_forces import force_columns
 from ffsm_mj.log.drawing import Frames
-from ffsm_mj.log.rerun.plots import FORCES, GREEN, PURPLE, SKY, VERMILION, YELLOW
+from ffsm_mj.log.rerun.plots import BLUE, FORCES, GREEN, PURPLE, SKY, VERMILION
 from ffsm_mj.records.signals import Layout
 
 ARROW_M = (0.4, 1.5)
 """Drawn lengths of an arrow, m; between them 1 m is 1 N, or 1 N s of an impulse."""
-_COLOURS = (GREEN, PURPLE, YELLOW, SKY, VERMILION)
+_COLOURS = (GREEN, PURPLE, SKY, VERMILION, BLUE)
 """One for each pair, those of the lines among them."""
 
 
@@ -27,17 +27,17 @@ class Forces:
         self._pressed: list[str] = []
 
     @property
-    def possible(self) -> bool:
-        """Whether there is a pair that may last."""
-        return bool(self._pairs)
+    def possible(self) -> list[str]:
+        """Pairs that may last."""
+        return [pair.pair for pair in self._pairs]
 
-    def send(self, frames: Frames, index: Any) -> bool:
-        """Send the arrows and sizes of some frames.
+    @property
+    def pressed(self) -> list[str]:
+        """Pairs that have pressed."""
+        return list(self._pressed)
 
-        Returns:
-            Whether these are the first in which anything presses.
-        """
-        none_yet = not self._pressed
+    def send(self, frames: Frames, index: Any) -> None:
+        """Send the arrows and sizes of some frames."""
         for pair in self._pairs:
             pressing = pair.pressing(frames.rows)
             if pair.pair not in self._pressed:
@@ -51,7 +51,6 @@ class Forces:
             origins = np.where(shown[:, None], frames.rows[:, pair.centre] - vectors, 0.0)
             self._columns(f"world/contacts/{pair.pair}", index, rr.Arrows3D.columns(origins=origins, vectors=vectors))
             self._columns(f"{FORCES}/{pair.pair}", index, rr.Scalars.columns(scalars=sizes))
-        return none_yet and bool(self._pressed)
 
     def _begin(self, pair: str) -> None:
         colour = _COLOURS[len(self._pressed) % len(_COLOURS)]

@@ -67,7 +67,7 @@ class LiveSink:
             return
         self._relay = Relay(self._host, self._port)
         viewer = f"rerun+http://127.0.0.1:{self._relay.port}/proxy"
-        self._sink = RerunSink(viewer, self._system, self._rate, following=True)
+        self._sink = RerunSink(viewer, self._system, self._rate)
         self._guarded(lambda sink: sink.open(header))
 
     def rows(self, block: FloatArray) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.dynamics import external_actuators
 from ffsm_mj.model.system import System
 from ffsm_mj.records.facts import free_components
@@ -14,16 +15,19 @@ from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout, effort_key, ide
 
 Colour = tuple[int, int, int]
 # Okabe and Ito's colours: told apart by every eye. Orange is the robot, blue are the objects.
-WHITE, GREY = (230, 230, 230), (130, 130, 130)
+# Those of curves are seen on black and on white, for a viewer has a dark and a light theme.
+PALE, GREY = (165, 165, 165), (130, 130, 130)
 ORANGE, VERMILION, YELLOW = (230, 159, 0), (213, 94, 0), (240, 228, 66)
 SKY, BLUE, GREEN, PURPLE = (86, 180, 233), (0, 114, 178), (0, 158, 115), (204, 121, 167)
 _OF_PARTY = {
-    "total": (WHITE, WHITE, WHITE),
+    "total": (PALE, PALE, PALE),
     "robot": (ORANGE, VERMILION, PURPLE),
     "objects": (SKY, BLUE, GREEN),
 }
 JOINTS, BASE = "plots/joints", "plots/base"
 """Entities above the efforts of the joints' motors, and of thrusters and ideal base torques."""
+_LEAST = 1e-18
+"""What is less counts as this on a logarithmic axis: far below what rounding leaves."""
 FORCES = "plots/contact_forces"
 """Entity above the forces of contacts that last."""
 
@@ -38,6 +42,7 @@ class Plot:
         names: One per line.
         colours: One per line.
         unit: Unit of the lines where they share one.
+        logarithmic: The decimal logarithms of the values' sizes are shown.
     """
 
     entity: str
@@ -45,15 +50,22 @@ class Plot:
     names: list[str]
     colours: list[Colour]
     unit: str = ""
+    logarithmic: bool = False
+
+    def values(self, rows: FloatArray) -> FloatArray:
+        """What is shown of rows, (n, lines)."""
+        values = rows[:, self.columns]
+        return np.log10(np.maximum(np.abs(values), _LEAST)) if self.logarithmic else values
 
 
 def plots(layout: Layout, system: System, facts: Mapping[str, str]) -> list[Plot]:
     """All plots of a run but the tip's error, which is no column of its own."""
     index = layout.index
-    energy = [index[f"energy.{party}_J"] for party in PARTIES]
+    parties = [party for party in PARTIES if party != "objects" or system.objects]
+    energy = [index[f"energy.{party}_J"] for party in parties]
     return [
-        Plot("plots/energy", energy, list(PARTIES), [_OF_PARTY[party][0] for party in PARTIES]),
-        *_momenta(index, facts),
+        Plot("plots/energy", energy, parties, [_OF_PARTY[party][0] for party in parties]),
+        *_momenta(index, facts, parties[1:]),
         _ledger(index, facts),
         *_efforts(layout, system),
     ]
@@ -65,9 +77,9 @@ def _free(facts: Mapping[str, str], party: str) -> list[str]:
     return [component for component, flag in zip(COMPONENTS, flags, strict=True) if flag]
 
 
-def _momenta(index: Mapping[str, int], facts: Mapping[str, str]) -> list[Plot]:
+def _momenta(index: Mapping[str, int], facts: Mapping[str, str], parties: Sequence[str]) -> list[Plot]:
     found = []
-    for party in ("robot", "objects"):
+    for party in parties:
         for kind, letter in (("linear", "P"), ("angular", "L")):
             components = [c for c in _free(facts, party) if c.startswith(letter)]
             colours = [_OF_PARTY[party]["xyz".index(c[2])] for c in components]
@@ -82,9 +94,8 @@ def _ledger(index: Mapping[str, int], facts: Mapping[str, str]) -> Plot:
     colours = dict(zip(COMPONENTS, (ORANGE, VERMILION, PURPLE, SKY, BLUE, GREEN), strict=True))
     components = _free(facts, "total")
     columns = [index["ledger.total_energy_residual_J"], *(index[f"ledger.total_residual_{c}"] for c in components)]
-    return Plot(
-        "plots/ledger", columns, ["energy", *(c[:3] for c in components)], [WHITE, *(colours[c] for c in components)]
-    )
+    names = ["energy", *(c[:3] for c in components)]
+    return Plot("plots/ledger", columns, names, [PALE, *(colours[c] for c in components)], logarithmic=True)
 
 
 def _efforts(layout: Layout, system: System) -> list[Plot]:

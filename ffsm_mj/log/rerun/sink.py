@@ -5,7 +5,7 @@ A derived view: positions are float32 there. The physics is proved from the MCAP
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -16,37 +16,38 @@ import rerun as rr
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies
-from ffsm_mj.log.instants import SHOWN_S, Instants
-from ffsm_mj.log.rerun.blueprint import TIMELINE, blueprint
-from ffsm_mj.log.rerun.forces import ARROW_M, Forces
-from ffsm_mj.log.rerun.plots import ORANGE, SKY, VERMILION, YELLOW, plots, thrusters
+from ffsm_mj.log.rerun.blueprint import TIMELINE, Contents, axes_of, blueprint
+from ffsm_mj.log.rerun.forces import Forces
+from ffsm_mj.log.rerun.marks import Marks
+from ffsm_mj.log.rerun.opening import Opening
+from ffsm_mj.log.rerun.phases import phase_looks
+from ffsm_mj.log.rerun.plots import ORANGE, PURPLE, SKY, VERMILION, YELLOW, plots, thrusters
 from ffsm_mj.log.rerun.plumes import Switching, plume_vectors
 from ffsm_mj.log.rerun.scene import body_path, log_shapes
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.header import RunHeader
-from ffsm_mj.records.kinds import Mark, kind_of
-from ffsm_mj.records.signals import TIP, identifier
+from ffsm_mj.records.kinds import kind_of
+from ffsm_mj.records.signals import TIP
 
 _FLAME = (255, 170, 60, 200)
+_TIP_AFTER = PURPLE
+"""The tip's path from the first event on."""
 
 
 class RerunSink:
     """Writes one recording to a file at its end, or sends it to a viewer whenever the recorder flushes."""
 
-    def __init__(
-        self, output: Callable[[], Path] | str, system: System, view_rate_hz: float, *, following: bool = False
-    ) -> None:
+    def __init__(self, output: Callable[[], Path] | str, system: System, view_rate_hz: float) -> None:
         """Name where it goes; nothing is written yet.
 
         Args:
-            output: Gives the file, when the recording begins; or the address of a viewer that listens.
+            output: Gives the file, when the recording begins; or the address of a viewer that listens, and follows.
             system: What is drawn.
             view_rate_hz: Frames per simulated second.
-            following: The viewer opens at the latest time and follows it.
         """
-        self._output, self._system, self._following = output, system, following
+        self._output, self._system = output, system
         self._view_rate_hz, self._pending = view_rate_hz, list[Frames]()
 
     def open(self, header: RunHeader) -> None:
@@ -70,7 +71,9 @@ class RerunSink:
         self._switching = Switching(layout.time, {name: thruster.applied for name, thruster in self._thrusters.items()})
         self._fired: set[str] = set()
         self._trail_colours()
-        self._framed, self._instants, self._marked = False, Instants(), list[tuple[float, str]]()
+        self._opening = Opening(self._system)
+        self._marks = Marks(self._at, self._opening)
+        self._framed, self._states = False, dict[str, list[tuple[float, str]]]()
 
     def _connect(self) -> None:
         if isinstance(self._output, str):
@@ -85,14 +88,15 @@ class RerunSink:
             raise LogWriteError(self._path, error) from error
 
     def _target(self, header: RunHeader) -> None:
-        """A small cross where the tip is wanted."""
+        """A small cross where the tip is wanted, on a pole whose name stands above what happens there."""
         self._task = task = logged_task(header.facts)
         if task is None:
             return
         goal = task.point_m
         line = rr.SeriesLines(names=["tip error"], colors=[ORANGE], widths=[1.5])
         self._recording.log("plots/tip_error", line, static=True)
-        arms = [[goal - 0.2 * e, goal + 0.2 * e] for e in np.eye(3)]
+        x, y, z = np.eye(3)
+        arms = [[goal, goal + 0.6 * z], *([goal - 0.2 * axis, goal + 0.2 * axis] for axis in (x, y))]
         cross = rr.LineStrips3D(arms, colors=[YELLOW], radii=[0.02], labels=["target", "", ""], show_labels=True)
         self._recording.log("world/target", cross, static=True)
 
@@ -107,7 +111,7 @@ class RerunSink:
                 self._fired.add(name)
                 self._at(0.0, f"states/thrusters/{name}", rr.StateChange.columns(state=["off"]))
                 colours = rr.StateConfiguration(
-                    values=["off", "fires +", "fires -"], labels=["", "+", "-"], colors=[(60, 60, 60), ORANGE, SKY]
+                    values=["off", "fires +", "fires -"], labels=[" ", "+", "-"], colors=[(60, 60, 60), ORANGE, SKY]
                 )
                 self._recording.log(f"states/thrusters/{name}", colours, static=True)
                 look = rr.Arrows3D.from_fields(colors=[_FLAME], radii=[0.06])
@@ -131,8 +135,10 @@ class RerunSink:
             np.concatenate([part.quaternions for part in parts]),
         )
         index = [rr.TimeColumn(TIMELINE, duration=frames.times)]
-        if not self._framed:
-            self._frame_scene(frames.positions[0])
+        self._opening.see(frames)
+        if self._watched and not self._framed:
+            # A viewer that is watched keeps its layout: what may come has its place from the start.
+            self._arrange(self._forces.possible)
         for body in posed_bodies(self._system):
             turned = np.roll(frames.quaternions[:, body], -1, axis=-1)  # xyzw
             poses = rr.Transform3D.columns(translation=frames.positions[:, body], quaternion=turned)
@@ -140,9 +146,12 @@ class RerunSink:
         self._trails(frames, index)
         self._plumes(frames, index)
         self._lines(frames, index)
-        if self._forces.send(frames, index) and not isinstance(self._output, str):
-            self._arrange(forces=True)
-        self._clear_marks(float(frames.times[-1]))
+        self._forces.send(frames, index)
+        self._marks.clear(float(frames.times[-1]))
+
+    @property
+    def _watched(self) -> bool:
+        return isinstance(self._output, str)
 
     def _write(self) -> None:
         """Write the file, at once: the pieces of a recording do not add up to one that every reader takes."""
@@ -154,32 +163,32 @@ class RerunSink:
         except OSError as error:
             raise LogWriteError(self._path, error) from error
 
-    def _clear_marks(self, now_s: float) -> None:
-        """Take marks away that have been shown long enough; never ahead of the motion, or a viewer would jump there."""
-        for end_s, entity in [mark for mark in self._marked if mark[0] <= now_s]:
-            self._marked.remove((end_s, entity))
-            self._at(end_s, entity, rr.Clear.columns(is_recursive=[False]))
-
-    def _frame_scene(self, positions: FloatArray) -> None:
-        bodies = positions[posed_bodies(self._system)]
-        points = np.vstack((bodies, self._task.point_m[None])) if self._task is not None else bodies
-        self._box = points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
-        # A viewer that is watched keeps its layout: what may come has its place from the start.
-        self._arrange(forces=isinstance(self._output, str) and self._forces.possible)
+    def _arrange(self, forces: Sequence[str]) -> None:
+        """Send the layout, and where the ground and the axes are."""
         self._framed = True
-
-    def _arrange(self, *, forces: bool) -> None:
-        tip = self._task is not None
-        layout = blueprint(*self._box, self._plots, self._colours, tip=tip, forces=forces, following=self._following)
-        self._recording.send_blueprint(layout)
+        targets = np.empty((0, 3)) if self._task is None else self._task.point_m[None]
+        contents = Contents(
+            points=self._opening.points(targets),
+            plots=self._plots,
+            trails=list(self._colours),
+            tip=self._task is not None,
+            forces=forces,
+            lanes=1 + len(self._thrusters if self._watched else self._fired),
+        )
+        self._recording.log("world/axes", axes_of(contents), static=True)
+        self._recording.send_blueprint(blueprint(contents, None if self._watched else self._opening))
 
     def _trails(self, frames: Frames, index: Any) -> None:
         trails = {tree.name: frames.positions[:, tree.root] for tree in self._system.trees}
         if TIP[0] in self._layout.index:
             trails["tip"] = frames.rows[:, self._layout.places(TIP)]
+        first_s = self._opening.first_s
+        after = frames.times >= (np.inf if first_s is None else first_s)
         for name, points in trails.items():
             count = len(points)
-            looks = rr.Points3D.columns(positions=points, colors=[self._colours[name]] * count, radii=[0.015] * count)
+            late = _TIP_AFTER if name == "tip" else self._colours[name]
+            colours = np.where(after[:, None], late, self._colours[name])
+            looks = rr.Points3D.columns(positions=points, colors=colours, radii=[0.015] * count)
             self._send(f"world/trails/{name}", index, looks)
 
     def _plumes(self, frames: Frames, index: Any) -> None:
@@ -198,7 +207,7 @@ class RerunSink:
             error = np.linalg.norm(self._task.errors_m(tip), axis=1)
             self._send("plots/tip_error", index, rr.Scalars.columns(scalars=error))
         for plot in self._plots:
-            values = frames.rows[:, plot.columns]
+            values = plot.values(frames.rows)
             flat = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(values), len(plot.columns)))
             self._send(plot.entity, index, flat)
 
@@ -211,14 +220,10 @@ class RerunSink:
         kind = kind_of(event)
         time = kind.time(event)
         if kind.state is not None:
-            self._at(time, f"states/{kind.name}", rr.StateChange.columns(state=[kind.state(event)]))
-        drawn = self._instants.add(event)
-        if drawn is not None:
-            instant, before = drawn
-            for i, mark in enumerate(instant.marks[before:], before):
-                entity = f"world/{kind.plural}/{instant.number}/{identifier(mark.name)}_{i + 1}"
-                self._at(time, entity, _shape(mark))
-                self._marked.append((time + SHOWN_S, entity))
+            state = kind.state(event)
+            self._at(time, f"states/{kind.name}", rr.StateChange.columns(state=[state]))
+            self._states.setdefault(kind.name, []).append((time, state))
+        self._marks.event(event)
 
     def _text(self, event: Event | OutcomeRecord) -> None:
         kind = kind_of(event)
@@ -240,6 +245,10 @@ class RerunSink:
         self.flush()
         if outcome is not None:
             self._text(outcome)
+        for name, begins in self._states.items():
+            self._recording.log(f"states/{name}", phase_looks(begins, self._opening.end_s), static=True)
+        if self._opening.seen and not self._watched:
+            self._arrange(self._forces.pressed)
         try:
             self._write()
         finally:
@@ -259,13 +268,3 @@ class RerunSink:
         if not isinstance(self._output, str):
             with suppress(OSError):  # said already, when it was written
                 self._file.close()
-
-
-def _shape(mark: Mark) -> Any:
-    """An arrow that ends at its point, where nothing hides it, or a dot; the text beside it."""
-    along = np.array(mark.direction)
-    if not along.any():
-        return rr.Points3D.columns(positions=[mark.point_m], colors=[YELLOW], radii=[0.06], labels=[mark.text])
-    push = along * float(np.clip(mark.magnitude, *ARROW_M))
-    origins = [np.array(mark.point_m) - push]
-    return rr.Arrows3D.columns(origins=origins, vectors=[push], colors=[YELLOW], radii=[0.04], labels=[mark.text])
