@@ -115,7 +115,11 @@ def test_an_impact_is_an_arrow_along_the_normal(tumbling):
 def test_what_happens_is_told_in_words(tumbling):
     _, topics, _ = tumbling
     texts = [message.message for _, message in topics["/log"]]
-    assert [text.split()[0] for text in texts] == ["phase", "impact", "completed"]
+    assert [text.split()[0] for text in (texts[0], texts[-1])] == ["phase", "completed"]
+    (impact,) = texts[1:-1]
+    number, unit, *_ = impact.split()  # what differs from impact to impact leads
+    assert (float(number) > 0.0, unit) == (True, "N")
+    assert ": impact of " in impact
     overlap = UnhandledContactRecord(("a", "b"), 0.5, 1.25, 1e-3)
     kind = kind_of(overlap)
     assert kind.sentence(overlap) == "unhandled contact: a and b overlapped from 0.500 to 1.250 s, up to 0.001 m deep"

@@ -1,0 +1,159 @@
+"""How a recording opens: at the first event with everything in view, legends beside curves, texts that have room."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ffsm_mj.log.drawing import shapes
+from ffsm_mj.log.rerun.blueprint import Contents, blueprint
+from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.log.rerun.marks import Marks
+from ffsm_mj.log.rerun.opening import Opening
+from ffsm_mj.log.rerun.phases import short_name
+from ffsm_mj.log.rerun.plots import Plot
+from ffsm_mj.records.events import ImpactRecord
+from tests.log.test_recording import read
+from tests.scenes import ball, compile_paths, scene, two_balls
+
+TASK = {"tip": "tip", "axes": ["x", "y"], "target_m": [1.0, 0.0]}
+
+
+@pytest.fixture
+def layout(monkeypatch, tmp_path):
+    """Makes the recording of a run; gives the layout that it opens with."""
+    sent: list[rrb.Blueprint] = []
+    monkeypatch.setattr(rr.RecordingStream, "send_blueprint", lambda _, layout: sent.append(layout))
+
+    def made(run):
+        write_recording(run.log, tmp_path / "run.rrd")
+        (layout,) = sent
+        return layout
+
+    return made
+
+
+def views(container):
+    """Views in a container, row by row."""
+    for part in container.contents:
+        yield from views(part) if isinstance(part, rrb.Container) else [part]
+
+
+def ends(view):
+    """From when to when a view shows its curves, s."""
+    (axis,) = [part for name, part in view.properties.items() if name == "TimeAxis"]
+    (span,) = axis.view_range.as_arrow_array().to_pylist()
+    return span["start"] * 1e-9, span["end"] * 1e-9
+
+
+def test_a_recording_opens_at_the_first_impact(layout, tmp_path, ffsm_run):
+    """Balls 0.3 m apart at 1 m/s meet at 0.3 s; the loop ends 2 s later, and is less than half of 5 s."""
+    opened = layout(ffsm_run(two_balls(tmp_path, duration_s=5.0)))
+    panel = opened.time_panel
+    assert (panel.play_state, panel.loop_mode, panel.timeline) == ("playing", "selection", "sim_time")
+    assert panel.time_selection.min.value == 0
+    assert panel.time_selection.max.value == pytest.approx(2.3e9, abs=1e3)
+    tabs = opened.root_container.contents[1].contents[:2]
+    assert [tab.name for tab in tabs] == ["Story", "Close-up of the events"]
+    story, close = (next(views(tab)) for tab in tabs)
+    assert story.name == close.name == "Kinetic energy [J]"
+    assert -0.5 < ends(story)[0] < 0.0
+    assert -0.5 < ends(close)[0] < 0.0
+    # A legend of "objects" is 79 of 290 pixels wide, and stands behind the curves' end.
+    for view, end_s in ((story, 5.0), (close, 2.3)):
+        start_s, shown_s = ends(view)
+        assert (shown_s - end_s) / (shown_s - start_s) > 0.27
+
+
+def test_without_events_a_recording_plays_from_its_start(layout, tmp_path, ffsm_run):
+    opened = layout(ffsm_run(two_balls(tmp_path, duration_s=0.1)))
+    assert opened.time_panel.time_selection is opened.time_panel.loop_mode is None
+    assert "Close-up of the events" not in [tab.name for tab in opened.root_container.contents[1].contents]
+
+
+def laid_out(points, *, forces=()):
+    plots = [Plot(f"plots/{name}", [0], ["total"], [(0, 0, 0)]) for name in ("energy", "ledger")]
+    return Contents(points=points, plots=plots, trails=[], tip=True, forces=forces, lanes=1)
+
+
+@pytest.mark.parametrize("forces", [(), ("a_b",)])
+def test_no_cell_of_the_plots_is_empty(forces):
+    """Rows of two; a last one of one, as wide as two."""
+    story = blueprint(laid_out(np.eye(3), forces=forces), None).root_container.contents[1].contents[0]
+    rows = [row.contents if isinstance(row, rrb.Horizontal) else [row] for row in story.contents]
+    assert [len(row) for row in rows] == ([2, 2] if forces else [2, 1])
+
+
+def test_the_eye_sees_everything(rng):
+    """Within 0.55 and 0.42 of the way, half the angles of the viewer's camera; not from farther off than needed."""
+    for _ in range(20):
+        points = rng.uniform(-5.0, 5.0, size=3) + rng.uniform(-1.0, 1.0, size=(30, 3)) * rng.uniform(0.2, 4.0, size=3)
+        scene_view = blueprint(laid_out(points), None).root_container.contents[0].contents[0]
+        eye = scene_view.properties["EyeControls3D"]
+        place, target = (np.array(part.as_arrow_array().to_pylist()[0]) for part in (eye.position, eye.look_target))
+        ahead = (target - place) / np.linalg.norm(target - place)
+        across = np.cross(ahead, [0.0, 0.0, 1.0])
+        across /= np.linalg.norm(across)
+        rest = points - place
+        depth = rest @ ahead
+        assert (depth > 0.0).all()
+        wide, high = np.abs(rest @ across / depth).max() / 0.55, np.abs(rest @ np.cross(across, ahead) / depth).max() / 0.42
+        assert 0.8 < max(wide, high) < 1.05
+
+
+@pytest.mark.parametrize(("room", "shown"), [(12, "safety pause"), (11, "pause"), (5, "pause"), (4, " "), (-1, " ")])
+def test_names_of_phases_fit(room, shown):
+    assert short_name("safety_pause", room) == shown
+
+
+def hit(time_s, impulse, x):
+    values = dict.fromkeys(ImpactRecord.__dataclass_fields__, 0)
+    values |= {"time_s": time_s, "pair": "a-b", "geoms": ("a", "b"), "impulse_N_s": impulse}
+    return ImpactRecord(**values | {"point_m": (x, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)})
+
+
+def test_one_of_many_hits_at_a_place_is_told(tmp_path):
+    """The greatest so far; what is elsewhere or much later has a text too."""
+    path = two_balls(tmp_path)
+    system = compile_paths(path.parent / "robot.xml", {"target": path.parent / "target.xml"})
+    texts: dict[str, str] = {}
+
+    def send(_, entity, columns):
+        for column in columns:
+            if column.component_descriptor().component.endswith(":labels"):
+                texts[entity] = column.as_arrow_array().to_pylist()[0][0]
+
+    marks = Marks(send, Opening(system))
+    for time_s, impulse, x in ((1.0, 2.0, 0.0), (1.1, 0.5, 0.01), (1.2, 3.0, 0.02), (1.3, 0.5, 1.0), (4.0, 0.5, 0.0)):
+        marks.event(hit(time_s, impulse, x))
+    assert list(texts.values()) == ["", "", "3 N s", "0.5 N s", "0.5 N s"]
+
+
+def test_the_path_of_the_tip_changes_its_colour_at_the_impact(tmp_path, ffsm_run):
+    """At 0.3 s; the base's stays."""
+    robot = ball("ball", mass=2.0, joints="x", extra='<site name="tip" pos="0.1 0 0"/>')
+    path = scene(
+        tmp_path,
+        robot,
+        {"target": ball("target", mass=3.0, joints="x")},
+        initial={"joints": {"target/x": 0.5}, "rates": {"robot/x": 1.0}},
+        impact_pairs=[{"robot_geom": "ball", "object_geom": "target/target", "restitution": 1.0}],
+        task=TASK,
+        duration_s=0.6,
+    )
+    write_recording(ffsm_run(path).log, tmp_path / "run.rrd")
+    data = read(tmp_path / "run.rrd")
+    of_tip, of_base = (data[f"/world/trails/{name}", "Points3D:colors"] for name in ("tip", "robot"))
+    before, after = ({value[0] for t, value in of_tip if (t < 0.3 - 1e-9) == early} for early in (True, False))
+    assert len(before) == len(after) == 1
+    assert before != after
+    assert len({value[0] for _, value in of_base}) == 1
+
+
+def test_bodies_without_colours_are_told_apart(tmp_path):
+    path = two_balls(tmp_path)
+    system = compile_paths(path.parent / "robot.xml", {"target": path.parent / "target.xml"})
+    one, other = (np.array(shape.rgba[:3]) for shape in shapes(system))
+    assert np.linalg.norm(one - other) > 0.3
