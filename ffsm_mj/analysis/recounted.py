@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ffsm_mj.analysis.agreement import Difference
+from ffsm_mj.analysis.friction_check import FrictionCheck
 from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Audit, Law, Tolerance
 from ffsm_mj.records.events import ImpactRecord
 
@@ -30,6 +31,7 @@ class Recount:
     obstacle: str
     audit: Audit
     _impacts: tuple[ImpactRecord, ...]
+    _friction: FrictionCheck
 
     @property
     def agrees(self) -> bool:
@@ -42,4 +44,4 @@ class Recount:
         Args:
             tolerance: See :func:`ffsm_mj.analysis.verdicts.check_laws`.
         """
-        return self.audit.laws(self._impacts, tolerance)
+        return self.audit.laws(self._impacts, tolerance, self._friction)

@@ -15,6 +15,7 @@ from ffsm_mj.analysis.captures import Capture
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.digest import Digest, digest
+from ffsm_mj.analysis.friction_check import FrictionCheck
 from ffsm_mj.analysis.summary import summarise, tip_error
 from ffsm_mj.analysis.tables import Table, table
 from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Law, Tolerance
@@ -188,7 +189,11 @@ class Run:
 
     def laws(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
         """Every law with its worst residual; see :func:`ffsm_mj.analysis.verdicts.check_laws`."""
-        return self.digest.audit.laws(self.log.impacts, tolerance)
+        return self.digest.audit.laws(self.log.impacts, tolerance, self._friction)
+
+    @cached_property
+    def _friction(self) -> FrictionCheck:
+        return FrictionCheck(self.log)
 
     @property
     def digested(self) -> bool:

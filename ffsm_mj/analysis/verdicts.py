@@ -22,6 +22,7 @@ from itertools import groupby
 
 import numpy as np
 
+from ffsm_mj.analysis.friction_check import FrictionCheck, Miss
 from ffsm_mj.analysis.residuals import Accounts, Change, Peak, stretch_s
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import ImpactRecord
@@ -130,15 +131,22 @@ class Audit:
             forces = block[:, self._forces].max(axis=1)
             self._complementarity.add(times, block[:, [self._residual]], forces)
 
-    def laws(self, impacts: Sequence[ImpactRecord], tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
+    def laws(
+        self,
+        impacts: Sequence[ImpactRecord],
+        tolerance: Tolerance = DEFAULT_TOLERANCE,
+        friction: FrictionCheck | None = None,
+    ) -> tuple[Law, ...]:
         """Every law that the run should obey, with its worst residual; none without rows.
 
         Args:
             impacts: The contacts of the run.
             tolerance: See :func:`check_laws`.
+            friction: Judges those with friction; needed where there are some.
 
         Raises:
             KeyError: A tolerance for a law that there is not.
+            ValueError: Nobody judges impacts with friction.
         """
         allowed = _tolerances(tolerance)
         if not self.samples:
@@ -153,7 +161,7 @@ class Audit:
             laws.append(_law("no penetration", "total", self._deepest, allowed))
         if self._complementarity.scale > 0.0 or self._complementarity.size > 0.0:
             laws.append(_law("contact complementarity", "total", self._complementarity, allowed))
-        return (*laws, *_impact_laws(impacts, allowed))
+        return (*laws, *_impact_laws(impacts, allowed, friction))
 
 
 def check_laws(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
@@ -168,7 +176,7 @@ def check_laws(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[L
     Raises:
         KeyError: A tolerance for a law that there is not.
     """
-    return audit(log).laws(log.impacts, tolerance)
+    return audit(log).laws(log.impacts, tolerance, FrictionCheck(log))
 
 
 def audit(log: RunLog) -> Audit:
@@ -195,14 +203,34 @@ def _law(name: str, party: str, worst: Peak, allowed: Mapping[str, float], drift
     return Law(name, party, components[worst.component], worst.size, worst.time_s, limit, unit, drift)
 
 
-def _impact_laws(impacts: Sequence[ImpactRecord], allowed: Mapping[str, float]) -> list[Law]:
-    """What every impact must obey whatever law of contact made it.
+def _impact_laws(impacts: Sequence[ImpactRecord], allowed: Mapping[str, float], friction: FrictionCheck | None) -> list[Law]:
+    """What every impact must obey whatever law of contact made it."""
+    events = [list(contacts) for _, contacts in groupby(impacts, key=lambda record: record.event)]
+    rough = [any(contact.mu > 0.0 for contact in event) for event in events]
+    laws = _frictionless_laws([event for event, rubs in zip(events, rough, strict=True) if not rubs], allowed)
+    if not any(rough):
+        return laws
+    if friction is None:
+        raise ValueError("impacts with friction are judged with the models of their log: a FrictionCheck is needed")
+    judged = [_friction_law(event, friction, allowed) for event, rubs in zip(events, rough, strict=True) if rubs]
+    energy = max((*laws[:1], *judged), key=lambda law: Miss(law.residual, law.tolerance).excess)
+    return [energy, *laws[1:]]
+
+
+def _friction_law(event: Sequence[ImpactRecord], friction: FrictionCheck, allowed: Mapping[str, float]) -> Law:
+    """The energy of an impact with friction: a share of its kinetic energy is allowed."""
+    miss, record = friction.worst(event, allowed["impact energy"]), event[0]
+    place = f"impact {record.event + 1}"
+    return Law("impact energy", "total", place, miss.size, record.time_s, miss.allowed, "J", miss.size)
+
+
+def _frictionless_laws(events: Sequence[Sequence[ImpactRecord]], allowed: Mapping[str, float]) -> list[Law]:
+    """What an impact without friction must obey.
 
     The work of frictionless impulses is the sum of impulse (separation - approach) / 2, exactly; the accounts of energy take
     its change as given, so it is checked here. One contact alone separates at e times its approach, with the e that
     the record says was used.
     """
-    events = [list(contacts) for _, contacts in groupby(impacts, key=lambda record: record.event)]
     if not events:
         return []
     works = [sum(c.impulse_N_s * (c.separation_speed_m_s - c.approach_speed_m_s) / 2 for c in event) for event in events]

@@ -27,7 +27,7 @@ from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.controller_protocol import ControllerContext, Task
 from ffsm_mj.errors import Fault, ScenarioFaults, described
-from ffsm_mj.lasting.refusals import refusal
+from ffsm_mj.lasting.refusals import FRICTION, refusal
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.properties import Change
 from ffsm_mj.model.system import System
@@ -267,5 +267,6 @@ def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
 def refused_rest(assembly: Assembly) -> Iterator[str]:
     """Impact pairs that end the run where they come to rest, and why."""
     for pair in assembly.pairs:
-        if pair.restitution < 1.0 and (why := refusal(assembly.system.mj, pair)):
+        why = FRICTION if pair.mu > 0.0 else refusal(assembly.system.mj, pair) if pair.restitution < 1.0 else ""
+        if why:
             yield f"the run ends where pair {pair.name!r} comes to rest: {why}"

@@ -27,7 +27,7 @@ def impact_pairs(scenario: Scenario, system: System) -> tuple[ContactPair, ...]:
         if wrong:
             continue
         try:
-            pair = ContactPair(system, config.name, *config.sides, config.restitution)
+            pair = ContactPair(system, config.name, *config.sides, config.restitution, config.mu)
             # An elastic pair never comes to rest.
             if config.restitution < 1.0 and (fault := lasting_fault(system.mj, *pair.ids)):
                 faults.append(Fault(f"{pair}: {fault}; or let restitution be 1", ("impact_pairs", i)))

@@ -161,7 +161,10 @@ class Prepared:
     def describe(self) -> list[str]:
         """Lines that tell a person what would run, and what to know of it."""
         assembly, system = self.assemble(), self.system
-        pairs = ", ".join(f"{p.name} (e = {p.restitution:g}: {p})" for p in assembly.pairs) or "none"
+        pairs = (
+            ", ".join(f"{p.name} (e = {p.restitution:g}{f', mu = {p.mu:g}' if p.mu else ''}: {p})" for p in assembly.pairs)
+            or "none"
+        )
         phases = ", ".join(f"{p.name} ({p.controller.kind})" for p in self.scenario.phases)
         lines = [
             f"{self.scenario.name}: valid",

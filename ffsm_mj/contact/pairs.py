@@ -87,11 +87,12 @@ class ContactPair:
         body_b: Id of the body of b.
         robot_on_object: Whether a is the robot's and b an object's, floating or fixed.
         restitution: Coefficient e of this pair.
+        mu: Coefficient of friction of this pair.
         geom_ids: Ids of both geoms.
         size: Length in m below which the pair's gap is a simple function of time (half the thinnest extent).
     """
 
-    def __init__(self, system: System, name: str, geom_a: str, geom_b: str, restitution: float) -> None:
+    def __init__(self, system: System, name: str, geom_a: str, geom_b: str, restitution: float, mu: float = 0.0) -> None:
         """Resolve names and constants.
 
         Raises:
@@ -107,7 +108,7 @@ class ContactPair:
         self._check(system)
         on_robot = [body in system.robot.bodies for body in (self.body_a, self.body_b)]
         self.robot_on_object = on_robot == [True, False]
-        self.restitution = restitution
+        self.restitution, self.mu = restitution, mu
         self.size = 0.5 * float(min(model.geom_aabb[self._g1, 3:].min(), model.geom_aabb[self._g2, 3:].min()))
         self._r1, self._r2 = float(model.geom_rbound[self._g1]), float(model.geom_rbound[self._g2])
         self._root1, self._root2 = int(model.body_rootid[self.body_a]), int(model.body_rootid[self.body_b])
@@ -223,6 +224,12 @@ class ContactPair:
         """Whether a pair that is closed and still begins to overlap with the efforts in ``data``."""
         rates = (self.second_rate(model, data, near, point) for point in near.points)
         return any(rate.value < -rate.rounding for rate in rates)
+
+    def slip(self, data: Any, normal: FloatArray, point: FloatArray) -> FloatArray:
+        """Velocity of b relative to a at a point, less its part along the normal, world axes, (3,), m/s."""
+        here = self._velocity(data, self.body_a, self._root1, point)
+        relative = self._velocity(data, self.body_b, self._root2, point) - here
+        return np.asarray(relative - (relative @ normal) * normal)
 
     @staticmethod
     def _velocity(data: Any, body: int, root: int, points: FloatArray) -> FloatArray:

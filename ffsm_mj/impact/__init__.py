@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from ffsm_mj.impact.contact import Contact, contact_jacobian
 from ffsm_mj.impact.laws import reflect
 from ffsm_mj.impact.paper import PaperSolution, solve_paper_system
-from ffsm_mj.impact.resolution import Contact, Impact, ImpactState, compare_laws, contact_jacobian, resolve
+from ffsm_mj.impact.resolution import Impact, ImpactState, compare_laws, resolve
+from ffsm_mj.impact.with_friction import Friction
 
 __all__ = [
     "Contact",
+    "Friction",
     "Impact",
     "ImpactState",
     "PaperSolution",

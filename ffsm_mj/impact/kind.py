@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,11 +15,41 @@ def _sentence(record: ImpactRecord) -> str:
     apart = "comes to rest" if rests else f"{record.separation_speed_m_s:.4g} m/s apart"
     speeds = f"{record.approach_speed_m_s:.4g} m/s together, {apart}"
     pair = f"{' on '.join(record.geoms)}, e = {record.restitution:g}"
-    return f"{record.impulse_N_s:.5g} N s, {pair}, {speeds}: impact of {record.pair}"
+    return f"{record.impulse_N_s:.5g} N s, {pair}, {speeds}{_rubs(record)}{_went(record)}: impact of {record.pair}"
+
+
+def _rubs(record: ImpactRecord) -> str:
+    """What friction did, or nothing where there was none."""
+    if not record.mu:
+        return ""
+    size, before, after = map(_size, (record.tangential_impulse_N_s, record.slip_before_m_s, record.slip_after_m_s))
+    path = f" ({record.path})" if record.path else ""
+    return f", mu = {record.mu:g}: friction {size:.4g} N s, slip {before:.4g} to {after:.4g} m/s{path}"
+
+
+def _went(record: ImpactRecord) -> str:
+    """What a user should look into."""
+    if record.status == "ok":
+        return ""
+    theta = f", restitution times theta = {record.theta:.6g}" if record.theta < 1.0 else ""
+    return f", {record.status.replace('_', ' ')}{theta}"
+
+
+def _warns(record: ImpactRecord) -> bool:
+    return record.status in ("energy_guard", "jammed")
+
+
+def _size(vector: tuple[float, ...]) -> float:
+    return math.hypot(*vector)
 
 
 def _marks(record: ImpactRecord) -> list[Mark]:
-    return [Mark(record.point_m, record.normal, record.impulse_N_s, f"{record.impulse_N_s:.4g} N s", record.pair)]
+    normal = Mark(record.point_m, record.normal, record.impulse_N_s, f"{record.impulse_N_s:.4g} N s", record.pair)
+    size = _size(record.tangential_impulse_N_s)
+    if size == 0.0:
+        return [normal]
+    along = tuple(x / size for x in record.tangential_impulse_N_s)
+    return [normal, Mark(record.point_m, along, size, f"{size:.4g} N s friction", record.pair)]
 
 
 def _summary(record: ImpactRecord) -> dict[str, Any]:
@@ -31,6 +62,9 @@ def _summary(record: ImpactRecord) -> dict[str, Any]:
         "point_m": list(record.point_m),
         "normal": list(record.normal),
         "manifold": record.manifold,
+        "law": record.law,
+        "status": record.status,
+        "theta": record.theta,
         "restitution": record.restitution,
         "restitution_used": record.restitution_used,
         "dropped_gap_m": record.dropped_gap_m,
@@ -39,6 +73,14 @@ def _summary(record: ImpactRecord) -> dict[str, Any]:
         "separation_speed_m_s": record.separation_speed_m_s,
         "impulse_N_s": record.impulse_N_s,
         "angular_impulse_N_m_s": list(record.angular_impulse_N_m_s),
+        "mu": record.mu,
+        "tangential_impulse_N_s": list(record.tangential_impulse_N_s),
+        "slip_before_m_s": list(record.slip_before_m_s),
+        "slip_after_m_s": list(record.slip_after_m_s),
+        "path": record.path,
+        "normal_work_J": record.normal_work_J,
+        "friction_work_J": record.friction_work_J,
+        "compression_work_J": record.compression_work_J,
         "qvel_before": _by_joint(record.qvel_before),
         "qvel_after": _by_joint(record.qvel_after),
         "energy_change_J": record.energy_change_J,
@@ -60,6 +102,8 @@ _COLUMNS = {
     "object_geom": ("", "geom b where the robot touches an object, else empty"),
     "manifold": ("", "point, edge or face"),
     "law": ("", "contact law that made the result"),
+    "status": ("", "how it went: ok, energy_guard, jammed or wedged"),
+    "theta": ("", "share of the restitution that the energy guard left; 1 where it was not needed"),
     "restitution": ("", "coefficient of restitution of the pair"),
     "restitution_used": ("", "the one that made the result: 0 where the contact comes to rest"),
     "dropped_gap_m": ("m", "where it comes to rest: the highest gap of the flights that it would have made yet"),
@@ -71,8 +115,16 @@ _COLUMNS = {
     "impulse_N_s": ("N s", "impulse on b along the normal"),
     "angular_impulse_{xyz}_N_m_s": (
         "N m s",
-        "angular impulse on b about the mass centre of its robot or object, or the origin of a fixed model",
+        "angular impulse on b, with friction, about the mass centre of its robot or object, or the origin of a fixed model",
     ),
+    "mu": ("", "coefficient of friction of the pair"),
+    "tangential_impulse_{xyz}_N_s": ("N s", "impulse of friction on b, world frame"),
+    "slip_before_{xyz}_m_s": ("m/s", "velocity of b along a before, world frame; zero where nothing has friction"),
+    "slip_after_{xyz}_m_s": ("m/s", "velocity of b along a after, world frame; zero where nothing has friction"),
+    "path": ("", "what the contact passed through: slip, stick, reverse slip"),
+    "normal_work_J": ("J", "work of the normal impulse"),
+    "friction_work_J": ("J", "work of friction"),
+    "compression_work_J": ("J", "work of the normal impulse up to the end of compression, with friction"),
     "gap_m": ("m", "signed distance at the event"),
     "energy_change_J": ("J", "kinetic energy gained by the whole system"),
     "linear_momentum_change_N_s": ("N s", "norm of the change of the whole system's linear momentum"),
@@ -93,11 +145,15 @@ IMPACT = RecordKind(
         "point_m": 3,
         "normal": 3,
         "angular_impulse_N_m_s": 3,
+        "tangential_impulse_N_s": 3,
+        "slip_before_m_s": 3,
+        "slip_after_m_s": 3,
         "energy_before_J.total": 1,
         "energy_after_J.total": 1,
         "momentum_before.total": 6,
         "momentum_after.total": 6,
     },
     marks=_marks,
+    warning=_warns,
     in_every_run=True,
 )

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.impact.resolution import Contact
+from ffsm_mj.impact.contact import Contact
 from ffsm_mj.model.dynamics import base_jacobian, kinetic_energy, mass_matrix, momentum_matrix
 from ffsm_mj.model.system import System
 

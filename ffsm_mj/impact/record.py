@@ -37,11 +37,11 @@ def impulses_between(system: System, impact: Impact) -> FloatArray:
     party and adds nothing.
     """
     impulses = np.zeros((3, 6))
-    for contact, impulse in zip(impact.contacts, impact.impulses, strict=True):
+    for contact, vector in zip(impact.contacts, impact.vectors, strict=True):
         a, b = (_party(system, body) for body in (contact.body_a, contact.body_b))
         for number, (giver, taker) in enumerate(_EXCHANGES):
             if {a, b} == {giver, taker}:
-                force = (impulse if b == taker else -impulse) * contact.normal
+                force = vector if b == taker else -vector
                 impulses[number] += np.concatenate((force, np.cross(contact.point, force)))
     return impulses
 
@@ -72,13 +72,12 @@ def impact_records(
     def by_party(values: Any) -> dict[str, tuple[float, ...]]:
         return {party: (float(value),) for party, value in zip(("total", "robot", "objects"), values, strict=True)}
 
-    impact, used = met.impact, met.used.tolist()
+    impact, used, vectors = met.impact, met.used.tolist(), met.impact.vectors
     change = impact.momentum_change
     stated = [pair.restitution for pair, _, _ in touching_points(touching)]
     dropped = [_dropped(*each) for each in zip(met.speeds.tolist(), met.pressing.tolist(), stated, strict=True)]
     records = []
     for i, (pair, near, point) in enumerate(touching_points(touching)):
-        vector = impact.impulses[i] * near.normal
         arm = point - _centre(system, data, pair.body_b)
         records.append(
             ImpactRecord(
@@ -93,7 +92,7 @@ def impact_records(
                 normal=tuple(near.normal.tolist()),
                 manifold=manifold_name(len(near.points)),
                 law=impact.law,
-                jammed=int(impact.jammed),
+                status=impact.status,
                 restitution=pair.restitution,
                 restitution_used=used[i],
                 dropped_gap_m=dropped[i][0],
@@ -101,7 +100,9 @@ def impact_records(
                 approach_speed_m_s=float(impact.approach_speeds[i]),
                 separation_speed_m_s=float(impact.separation_speeds[i]),
                 impulse_N_s=float(impact.impulses[i]),
-                angular_impulse_N_m_s=tuple(np.cross(arm, vector).tolist()),
+                angular_impulse_N_m_s=tuple(np.cross(arm, vectors[i]).tolist()),
+                mu=pair.mu,
+                **_friction(impact, i),
                 gap_m=near.gap,
                 qpos=tuple(data.qpos.tolist()),
                 qvel_before=system.by_joint(impact.before.qvel),
@@ -116,6 +117,24 @@ def impact_records(
             )
         )
     return tuple(records)
+
+
+def _friction(impact: Impact, i: int) -> dict[str, Any]:
+    """Fields of a record that say what friction did at a contact, or that there was none."""
+    found = impact.friction
+    if found is None:
+        mean = 0.5 * float(impact.separation_speeds[i] - impact.approach_speeds[i])
+        return {"normal_work_J": float(impact.impulses[i]) * mean}
+    return {
+        "theta": found.theta,
+        "tangential_impulse_N_s": tuple(found.impulses[i].tolist()),
+        "slip_before_m_s": tuple(found.slip_before[i].tolist()),
+        "slip_after_m_s": tuple(found.slip_after[i].tolist()),
+        "path": found.paths[i],
+        "normal_work_J": float(found.normal_work[i]),
+        "friction_work_J": float(found.friction_work[i]),
+        "compression_work_J": float(found.compression_work[i]),
+    }
 
 
 def _dropped(speed: float, pressing: float, restitution: float) -> tuple[float, float]:

@@ -13,13 +13,24 @@ from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Effect, Instant, Scene
 from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.impact.contact import Contact
 from ffsm_mj.impact.record import impact_records, impulses_between, party_energies
-from ffsm_mj.impact.resolution import Contact, Impact, resolve
+from ffsm_mj.impact.resolution import Impact, resolve
 from ffsm_mj.impact.resting import RestRule, Settled, settled
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.impact.touching import Touching, touching_points
 from ffsm_mj.model.dynamics import momentum_matrix
+from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import Outcome, RunEnded
+from ffsm_mj.records.signals import Signal
+
+_HEAT = Signal(
+    "ledger",
+    "friction_heat_J",
+    "J",
+    "heat of friction at impacts: the kinetic energy lost in those with friction, less what the work of the normal impulses "
+    "took, as restitution does without friction; where several contacts meet, that split is a convention",
+)
 
 
 @dataclass(frozen=True)
@@ -44,6 +55,12 @@ class Impacts(Detector):
         super().__init__(scene, pairs)
         self._rules = rules
         self._impacts = 0
+        self._heat = np.zeros(1)
+        if any(pair.mu > 0.0 for pair in pairs):
+            self.columns = (*self.columns, Columns((_HEAT,), live=self._heat, resume=self._resume_heat))
+
+    def _resume_heat(self, told: FloatArray) -> None:
+        self._heat[:] = told
 
     def names(self) -> str:
         """The pairs in contact."""
@@ -53,7 +70,7 @@ class Impacts(Detector):
         """Resolve all contacts at this instant at once.
 
         Raises:
-            RunEnded: A contact is not supported, or would last and cannot.
+            RunEnded: A contact is not supported, has no solution, or would last and cannot.
         """
         system, data, time_s = self.scene.system, self.scene.data, instant.time_s
         touching = self.contacts()
@@ -61,6 +78,7 @@ class Impacts(Detector):
             met = self.resolve(touching)
         except (UnsupportedContactError, ValueError) as error:
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"at t = {time_s:.6g} s: {error} ({self.names()})") from error
+        self._refuse_unsolved(met.impact, time_s)
         self._refuse_rest(touching, met, time_s)
         if not any(near.approaches for _, near in touching):
             self.closing.close(touching)  # a root at rounding level, or closed and still: what comes next decides
@@ -82,7 +100,7 @@ class Impacts(Detector):
 
         def with_restitution(e: FloatArray) -> Impact:
             contacts = [
-                Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal, float(each))
+                Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal, float(each), pair.mu)
                 for (pair, near, point), each in zip(points, e, strict=True)
             ]
             return resolve(model, data, contacts, self._rules.law)
@@ -111,7 +129,7 @@ class Impacts(Detector):
         )
 
     def booking(self, energies: FloatArray, impact: Impact) -> Booking:
-        """What an impact did: its contacts, and what a grip passed on where objects are part of others.
+        """What an impact did: its contacts, and what a grip passed on where objects are part of others; counts the heat.
 
         Args:
             energies: From :func:`~ffsm_mj.impact.record.party_energies`.
@@ -123,6 +141,8 @@ class Impacts(Detector):
             change = impact.after.qvel - impact.before.qvel
             momenta = (momentum_matrix(system.mj, data, tree.root) @ change for tree in system.objects)
             on_objects = sum(momenta, -outside[1])
+        if impact.friction is not None:
+            self._heat += impact.friction.normal_work.sum() - (energies[1, 0] - energies[0, 0])
         return Booking(energies[1] - energies[0], on_objects, np.array(outside))
 
     def _end(self) -> RunEnded | None:
@@ -131,6 +151,19 @@ class Impacts(Detector):
         if self._impacts >= self._rules.max_impacts:
             return RunEnded(Outcome.EVENT_LIMIT, f"{self._impacts} impacts; raise impact.max_impacts to go on")
         return None
+
+    def _refuse_unsolved(self, impact: Impact, time_s: float) -> None:
+        """End the run where friction has no solution: its velocities are none."""
+        if impact.status == "unconverged" and impact.friction is not None:
+            of = (
+                f"the friction of {len(impact.contacts)} contacts"
+                if len(impact.contacts) > 1
+                else "the friction of a contact"
+            )
+            message = (
+                f"{of} has no solution at t = {time_s:.6g} s, status unconverged, residual {impact.friction.residual:.1e}"
+            )
+            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message} ({self.names()})")
 
     def _refuse_corners(self, touching: Touching, met: Settled, time_s: float) -> None:
         """End the run where a pair that is pressed at rest has no normal of its own: it would be asked again for ever."""

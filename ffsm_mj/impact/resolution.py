@@ -1,8 +1,9 @@
-"""Impulse and velocities after a frictionless impact: momentum and energy resolved at once (paper (15)-(18)).
+"""Impulse and velocities after an impact: momentum and energy resolved at once (paper (15)-(18)).
 
 One contact with normal n and common point p, J_n = n^T (J_b(p) - J_a(p)), u = J_n qdot < 0: the impulse is
 -(1 + e) u / (J_n M^-1 J_n^T) and qdot+ = qdot- + M^-1 J_n^T impulse. For e = 1 this is the solution of the paper's
-momentum equations (17) and energy equation (18). Several contacts at one instant go by a law of :mod:`ffsm_mj.impact.laws`.
+momentum equations (17) and energy equation (18). Several contacts at one instant go by a law of :mod:`ffsm_mj.impact.laws`;
+contacts with friction by those of :mod:`ffsm_mj.impact.friction`, others never get near them.
 """
 
 from __future__ import annotations
@@ -16,30 +17,10 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.impact.contact import Contact, contact_jacobian
 from ffsm_mj.impact.laws import IMMOVABLE, LAWS, reflect
+from ffsm_mj.impact.with_friction import Answer, Friction, resolve_with_friction
 from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix, momentum_matrix
-
-_CANCELLED = 1e-12
-"""A contact row below this share of those of its bodies is the rounding of their difference, some 1e-16."""
-
-
-@dataclass(frozen=True)
-class Contact:
-    """Two bodies touching at a point.
-
-    Attributes:
-        body_a: Body id of the first body; the impulse on it points along ``-normal``.
-        body_b: Body id of the second body; the impulse on it points along ``normal``.
-        point: Common contact point in world axes, (3,), m.
-        normal: Unit normal from the first body to the second in world axes, (3,).
-        restitution: Coefficient e: 1 elastic, 0 plastic, above 1 super-elastic (the paper's case c).
-    """
-
-    body_a: int
-    body_b: int
-    point: FloatArray
-    normal: FloatArray
-    restitution: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -63,7 +44,9 @@ class Impact:
         before: Velocities, energy and momentum before the impact.
         after: The same after the impact.
         law: Law that made the result.
-        jammed: Bodies squeezed without clearance: no elastic answer exists, energy was lost.
+        status: How it went: ``ok``; ``jammed``: bodies squeezed without clearance, so that energy was lost;
+            with friction also ``energy_guard``, ``wedged`` and ``unconverged``, see :mod:`ffsm_mj.impact.friction`.
+        friction: What friction did; None where no contact has any.
     """
 
     contacts: tuple[Contact, ...]
@@ -73,7 +56,14 @@ class Impact:
     before: ImpactState
     after: ImpactState
     law: str
-    jammed: bool
+    status: str
+    friction: Friction | None = None
+
+    @property
+    def vectors(self) -> FloatArray:
+        """Impulse on b at each contact in world axes, friction included, N s, (k, 3)."""
+        along = np.array([impulse * contact.normal for impulse, contact in zip(self.impulses, self.contacts, strict=True)])
+        return along if self.friction is None else along + self.friction.impulses
 
     @property
     def energy_change_J(self) -> float:
@@ -86,22 +76,6 @@ class Impact:
         return self.after.momentum - self.before.momentum
 
 
-def contact_jacobian(model: Any, data: Any, contact: Contact) -> FloatArray:
-    """J_n = n^T (J_b(p) - J_a(p)), shape (nv,): the normal velocity of b relative to a.
-
-    Both bodies are evaluated at the one common point, so that the impulse pair has no moment and L is exact. A row in which
-    the two cancel to rounding, as those of links about a hinge that the normal goes through, is zero.
-    """
-    jac_a, jac_b = np.empty((3, model.nv)), np.empty((3, model.nv))
-    point = np.asarray(contact.point, dtype=np.float64)
-    mujoco.mj_jac(model, data, jac_a, None, point, contact.body_a)
-    mujoco.mj_jac(model, data, jac_b, None, point, contact.body_b)
-    normal = np.asarray(contact.normal, dtype=np.float64)
-    row: FloatArray = normal @ (jac_b - jac_a)
-    size = np.linalg.norm(normal @ jac_a) + np.linalg.norm(normal @ jac_b)
-    return row if np.linalg.norm(row) > _CANCELLED * size else np.zeros_like(row)
-
-
 def resolve(model: Any, data: Any, contacts: Sequence[Contact], law: str = "blend") -> Impact:
     """Resolve an impact at the configuration and velocity in ``data``; nothing is written to ``data.qvel``.
 
@@ -112,43 +86,47 @@ def resolve(model: Any, data: Any, contacts: Sequence[Contact], law: str = "blen
         data: Its state at the instant of impact.
         contacts: All touching points.
         law: What rules where several contacts meet: ``blend``, ``poisson`` or ``newton``; see :mod:`ffsm_mj.impact.laws`.
+            With friction one contact goes by ``stronge``, and several by ``coulomb`` in place of ``blend``.
 
     Raises:
         UnsupportedContactError: The law does not cover these contacts.
-        ValueError: No contacts, an unknown law, or a contact between bodies that cannot move along its normal.
+        ValueError: No contacts, an unknown law, a negative mu, or bodies that cannot move along their normal.
     """
     if law not in LAWS:
         raise ValueError(f"unknown impact law {law!r}; allowed: {', '.join(LAWS)}")
     if not contacts:
         raise ValueError("an impact needs at least one contact")
+    if not all(contact.mu >= 0.0 for contact in contacts):
+        raise ValueError("mu, the coefficient of friction, is at least 0")
     mujoco.mj_fwdPosition(model, data)
     M = mass_matrix(model, data)
     momentum_map = momentum_matrix(model, data, 0)
     before = np.array(data.qvel)
     J = np.stack([contact_jacobian(model, data, contact) for contact in contacts])
-    e = np.array([contact.restitution for contact in contacts])
-    after, impulses, jammed = _velocities(M, J, before, e, law)
+    if any(contact.mu > 0.0 for contact in contacts):
+        answer = resolve_with_friction(model, data, M, contacts, before, law)
+    else:
+        answer = _frictionless(M, J, before, np.array([contact.restitution for contact in contacts]), law)
     return Impact(
         contacts=tuple(contacts),
-        impulses=impulses,
+        impulses=answer.impulses,
         approach_speeds=-(J @ before),
-        separation_speeds=J @ after,
+        separation_speeds=J @ answer.qvel,
         before=ImpactState(before, kinetic_energy(M, before), momentum_map @ before),
-        after=ImpactState(after, kinetic_energy(M, after), momentum_map @ after),
-        law=law,
-        jammed=jammed,
+        after=ImpactState(answer.qvel, kinetic_energy(M, answer.qvel), momentum_map @ answer.qvel),
+        law=answer.law,
+        status=answer.status,
+        friction=answer.friction,
     )
 
 
-def _velocities(
-    M: FloatArray, J: FloatArray, qvel: FloatArray, e: FloatArray, law: str
-) -> tuple[FloatArray, FloatArray, bool]:
-    """Velocities after, impulses, and whether the bodies are jammed."""
+def _frictionless(M: FloatArray, J: FloatArray, qvel: FloatArray, e: FloatArray, law: str) -> Answer:
+    """What a law without friction makes of the rows of the normals, (k, nv)."""
     if len(J) == 1:
         if J[0] @ qvel >= 0.0:
-            return qvel, np.zeros(1), False
+            return Answer(qvel, np.zeros(1), law, "ok", None)
         after, impulse = reflect(M, J[0], qvel, float(e[0]))
-        return after, np.array([impulse]), False
+        return Answer(after, np.array([impulse]), law, "ok", None)
     if e.max() > 1.0:
         raise UnsupportedContactError("super-elastic impacts (e > 1) are for one contact at a time")
     L = np.linalg.cholesky(M)
@@ -158,7 +136,7 @@ def _velocities(
     result = LAWS[law](A, L.T @ qvel, e)
     # The change, not the state, is brought back from mass-weighted velocities: what nothing pushes stays as it was.
     change = np.linalg.solve(L.T, A.T @ result.impulses)
-    return qvel + change, result.impulses, result.jammed
+    return Answer(qvel + change, result.impulses, law, "jammed" if result.jammed else "ok", None)
 
 
 def compare_laws(model: Any, data: Any, contacts: Sequence[Contact]) -> dict[str, Impact | str]:

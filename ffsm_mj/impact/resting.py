@@ -18,8 +18,9 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import ContactPair, Proximity
+from ffsm_mj.impact.contact import contact_jacobian
 from ffsm_mj.impact.laws import least_norm, project
-from ffsm_mj.impact.resolution import Impact, contact_jacobian, resolve
+from ffsm_mj.impact.resolution import Impact, resolve
 from ffsm_mj.impact.touching import Touching, touching_points
 from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.motion.flight import WHOLE_STATE

@@ -20,7 +20,7 @@ from ffsm_mj.lasting.closed import Closed, closed_and_still, held_stillness, sti
 from ffsm_mj.lasting.drift import Drift, added
 from ffsm_mj.lasting.exchange import Shares, booked
 from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
-from ffsm_mj.lasting.refusals import refusal
+from ffsm_mj.lasting.refusals import pressing_pairs, refusal, rubbing
 from ffsm_mj.lasting.report import Report
 from ffsm_mj.lasting.rows import Touch
 from ffsm_mj.records.active_contact import ActiveContact
@@ -127,13 +127,31 @@ class Lasting(Regime):
         """A (sub-)step begins: take drift out of what is closed, and hold what presses.
 
         Raises:
-            RunEnded: Another model moves from here on.
+            RunEnded: Another model moves from here on, or a pair with friction is pressed.
         """
         if self.motion.data is not self.scene.data:
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{self.names()} cannot stay in contact: {_OTHER_MODEL}")
         self._righted = self._drift.taken_out()
         self._closed.press()
+        self._refuse_friction()
         self._closed.stages.clear()
+
+    def _refuse_friction(self) -> None:
+        """End the run where a pair with friction is pressed: whatever could take it over at this instant has had its turn.
+
+        Raises:
+            RunEnded: There is such a pair.
+        """
+        if not any(pair.mu > 0.0 for pair in self._closed.by_pair) or not self._closed.touches:
+            return
+        decision, data = self._closed.decide(), self.scene.data
+        for pair, force in pressing_pairs(decision).items():
+            if pair.mu > 0.0:
+                held = [at for touch, at in zip(decision.touches, decision.rows.held, strict=True) if touch.pair is pair]
+                why = rubbing(pair, force, [pair.slip(data, at.normal, at.point) for at in held])
+                raise RunEnded(
+                    Outcome.UNSUPPORTED_CONTACT, f"{pair} would stay in contact from t = {data.time:.6g} s, {why}"
+                )
 
     def is_clear(self) -> bool:
         """Whether what is held is what presses at the end of the step too, and nothing else has happened."""

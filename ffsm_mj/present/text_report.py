@@ -74,10 +74,11 @@ def what_is_missing(run: Run) -> str:
 
 
 def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
-    """One row per contact of every impact; |dT|, |dP| and |dL| are of the whole system."""
+    """One row per contact of every impact; dT, |dP| and |dL| are of the whole system; what friction did, where it is."""
     if not impacts:
         return "no impact" if whole else "no impact in what can be read"
     named = any(map(_has_own_name, impacts))
+    rough, odd = any(record.mu for record in impacts), any(record.status != "ok" for record in impacts)
     head = (
         "impact",
         "time s",
@@ -85,11 +86,14 @@ def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
         "geom a",
         "geom b",
         "e",
+        *(("mu",) if rough else ()),
         "approach m/s",
         "impulse N s",
+        *(("friction N s",) if rough else ()),
         "dT J",
         "|dP| N s",
         "|dL| N m s",
+        *(("status",) if odd else ()),
     )
     return table(
         head,
@@ -100,15 +104,22 @@ def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
                 *((record.pair,) if named else ()),
                 *record.geoms,
                 f"{record.restitution:g}",
+                *((f"{record.mu:g}",) if rough else ()),
                 f"{record.approach_speed_m_s:.6f}",
                 f"{record.impulse_N_s:.6f}",
+                *((f"{math.hypot(*record.tangential_impulse_N_s):.6f}",) if rough else ()),
                 f"{record.energy_change_J:.1e}",
                 f"{record.linear_momentum_change_N_s:.1e}",
                 f"{record.angular_momentum_change_N_m_s:.1e}",
+                *((_status(record),) if odd else ()),
             )
             for record in impacts
         ),
     )
+
+
+def _status(record: ImpactRecord) -> str:
+    return record.status + (f", theta {record.theta:.6g}" if record.theta < 1.0 else "")
 
 
 def contact_table(contacts: Sequence[Contact]) -> str:

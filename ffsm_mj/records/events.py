@@ -62,8 +62,9 @@ class ImpactRecord:
         point_m: Contact point, the midpoint of the witness points, in world axes.
         normal: Unit normal in world axes, from a to b.
         manifold: ``point``, ``edge`` or ``face``.
-        law: Impact law that made the result.
-        jammed: 1 where bodies were squeezed without clearance: no elastic answer exists and energy was lost.
+        law: Impact law that made the result; with friction ``stronge`` (one contact), ``coulomb`` or ``poisson`` (several).
+        status: ``ok``; ``energy_guard``: restitution was lowered by ``theta`` lest energy be gained; ``jammed``: bodies were
+            squeezed without clearance, no elastic answer exists and energy was lost; ``wedged``: one contact locked itself.
         restitution: Coefficient of restitution of the pair.
         restitution_used: The one that made the result: 0 where the contact comes to rest and lasts.
         dropped_gap_m: Where it comes to rest, the highest gap of the flights that it would have made yet; else 0.
@@ -73,6 +74,17 @@ class ImpactRecord:
         impulse_N_s: Impulse on b, along the normal.
         angular_impulse_N_m_s: Its moment about the centre of mass of the robot or object that b is of, in world axes; where
             that is fixed about the origin of its model's frame.
+        mu: Coefficient of friction of the pair.
+        theta: Share of the restitution that the energy guard left; 1 where it was not needed.
+        tangential_impulse_N_s: Impulse of friction on b, across the normal, in world axes; zero without friction, as is all
+            that follows but the normal work, which is then that of the impulse alone.
+        slip_before_m_s: Velocity of b relative to a at the point before, less its normal part, in world axes; not worked out
+            (zero) where no contact of the impact has friction.
+        slip_after_m_s: The same after.
+        path: What the contact passed through: ``slip``, ``stick``, ``reverse slip``, in order; empty where nothing rubs.
+        normal_work_J: Work of the normal impulse; of one contact the integral of its speed over its impulse.
+        friction_work_J: Work of friction. Of one contact <= 0; of several the split between the two is a convention.
+        compression_work_J: Work of the normal impulse up to the end of compression, <= 0 for one contact with friction.
         gap_m: Distance of the geoms at the event; zero but for the root's tolerance.
         qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
         qvel_before: Generalised velocity before, by joint.
@@ -98,7 +110,7 @@ class ImpactRecord:
     normal: tuple[float, ...]
     manifold: str
     law: str
-    jammed: int
+    status: str
     restitution: float
     restitution_used: float
     dropped_gap_m: float
@@ -107,6 +119,8 @@ class ImpactRecord:
     separation_speed_m_s: float
     impulse_N_s: float
     angular_impulse_N_m_s: tuple[float, ...]
+    mu: float
+    normal_work_J: float
     gap_m: float
     qpos: tuple[float, ...]
     qvel_before: Mapping[str, tuple[float, ...]]
@@ -118,6 +132,13 @@ class ImpactRecord:
     energy_change_J: float
     linear_momentum_change_N_s: float
     angular_momentum_change_N_m_s: float
+    theta: float = 1.0
+    tangential_impulse_N_s: tuple[float, ...] = (0.0, 0.0, 0.0)
+    slip_before_m_s: tuple[float, ...] = (0.0, 0.0, 0.0)
+    slip_after_m_s: tuple[float, ...] = (0.0, 0.0, 0.0)
+    path: str = ""
+    friction_work_J: float = 0.0
+    compression_work_J: float = 0.0
     efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 

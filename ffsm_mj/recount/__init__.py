@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ffsm_mj.analysis.friction_check import FrictionCheck
 from ffsm_mj.analysis.recounted import Recount
 from ffsm_mj.analysis.verdicts import Audit, audit
 from ffsm_mj.arrays import FloatArray
@@ -39,7 +40,7 @@ def recount(
         scene = log_scene(log)
         retrace = Retrace(scene, log)
     except InputError as error:
-        return Recount({}, 0, 0, "", error.lines[0], audit(log), log.impacts)
+        return Recount({}, 0, 0, "", error.lines[0], audit(log), log.impacts, FrictionCheck(log))
     seen = Audit(log.header.layout, dict(log.header.facts) | _facts(scene, retrace))
     sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
     with collected_warnings([]):
@@ -55,7 +56,7 @@ def recount(
     found = {"motion": retrace.motion, "columns": retrace.columns, "impacts": retrace.impacts}
     worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
     numbers = sum(agreement.numbers for agreement in found.values())
-    return Recount(worst, seen.samples, numbers, sampling.sentence(), "", seen, log.impacts)
+    return Recount(worst, seen.samples, numbers, sampling.sentence(), "", seen, log.impacts, FrictionCheck(log))
 
 
 def _facts(scene: LogScene, retrace: Retrace) -> dict[str, str]:

@@ -15,8 +15,8 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact.regimes import Scene
+from ffsm_mj.impact.contact import Contact, contact_jacobian
 from ffsm_mj.impact.laws import project
-from ffsm_mj.impact.resolution import Contact, contact_jacobian
 from ffsm_mj.lasting.closed import closed_and_still, held_stillness
 from ffsm_mj.lasting.report import force_keys, mode_key
 from ffsm_mj.model.dynamics import mass_matrix

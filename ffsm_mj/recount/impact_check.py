@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +11,11 @@ from ffsm_mj.analysis.agreement import Agreement
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.regimes import Instant, Scene
 from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.impact.contact import Contact
 from ffsm_mj.impact.record import impact_records, party_energies
 from ffsm_mj.impact.regime import Impacts
-from ffsm_mj.impact.resolution import Contact, Impact, ImpactState
+from ffsm_mj.impact.resolution import Impact, ImpactState
+from ffsm_mj.impact.with_friction import Friction
 from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.records.events import ImpactRecord
@@ -30,7 +33,8 @@ class ImpactCheck:
     def fault_of(self, event: Encounter) -> str:
         """What of an impact is not of these models, in a word; empty where nothing is, and for other events."""
         contacts = [record for record in event.records if isinstance(record, ImpactRecord)]
-        if any((len(contact.point_m), len(contact.normal)) != (3, 3) for contact in contacts):
+        vectors = (each for c in contacts for each in (c.point_m, c.normal, c.tangential_impulse_N_s))
+        if any(len(vector) != 3 for vector in vectors):
             return "state"
         return "pair" if any(contact.pair not in self._bodies for contact in contacts) else ""
 
@@ -71,7 +75,8 @@ class ImpactCheck:
         )
         return Impact(
             contacts=tuple(
-                Contact(*self._bodies[c.pair], np.array(c.point_m), np.array(c.normal), c.restitution) for c in event.records
+                Contact(*self._bodies[c.pair], np.array(c.point_m), np.array(c.normal), c.restitution, c.mu)
+                for c in event.records
             ),
             impulses=np.array([c.impulse_N_s for c in event.records]),
             approach_speeds=np.array([c.approach_speed_m_s for c in event.records]),
@@ -79,5 +84,18 @@ class ImpactCheck:
             before=before,
             after=after,
             law=event.records[0].law,
-            jammed=bool(event.records[0].jammed),
+            status=event.records[0].status,
+            friction=_friction(event.records),
         )
+
+
+def _friction(contacts: Sequence[ImpactRecord]) -> Friction | None:
+    """What records say of friction; None where nothing rubbed."""
+    if not any(contact.mu > 0.0 for contact in contacts):
+        return None
+    vectors = ("tangential_impulse_N_s", "slip_before_m_s", "slip_after_m_s")
+    works = ("normal_work_J", "friction_work_J", "compression_work_J")
+    impulses, before, after = (np.array([getattr(contact, name) for contact in contacts]) for name in vectors)
+    normal, friction, compression = (np.array([getattr(contact, name) for contact in contacts]) for name in works)
+    paths = tuple(contact.path for contact in contacts)
+    return Friction(impulses, before, after, paths, contacts[0].theta, 0.0, normal, friction, compression)

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.analysis.agreement import Agreement, scales
+from ffsm_mj.analysis.agreement import AGREES, Agreement, Difference, scales
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.assembly.captures import captures_of
 from ffsm_mj.assembly.regimes import declared_regimes, impacts_of
@@ -24,6 +24,7 @@ from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.plant.state import StateReport
 from ffsm_mj.records.columns import Columns, Row, same_names
+from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import FORCE_RESIDUAL, Layout, coordinate_keys, rate_keys
 from ffsm_mj.recount.contact_check import ContactCheck
@@ -265,7 +266,10 @@ class Retrace:
 
     def _take_off(self, duration_s: float) -> None:
         self._ledger.open()
-        self._course.fly(duration_s)
+        try:
+            self._course.fly(duration_s)
+        except RunEnded as end:  # nothing would have moved on from here, as where a pair with friction is pressed
+            self.motion.keep(Difference(end.message, math.inf, AGREES, "", float(self._data.time)))
 
     def _state_now(self) -> FloatArray:
         return np.concatenate((self._data.qpos, self._data.qvel))

@@ -93,7 +93,7 @@ def _with_script_laws(scenario: Scenario, laws: Mapping[str, Any]) -> Scenario:
 
 
 def _other_faults(scenario: Scenario) -> list[Fault]:
-    faults = timing_faults(scenario)
+    faults = timing_faults(scenario) + _friction_faults(scenario)
     frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
     if frames > _MOST_FRAMES and not faults:
         faults.append(Fault(f"makes {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", ("log", "view_rate_hz")))
@@ -120,6 +120,14 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
         if phase.until == "end":
             faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
     return faults
+
+
+def _friction_faults(scenario: Scenario) -> list[Fault]:
+    """What is wrong with friction and the law of impact together."""
+    if scenario.impact.law != "newton":
+        return []
+    message = "friction under 'impact.law: newton' can gain energy; let mu be 0, or the law 'blend' or 'poisson'"
+    return [Fault(message, ("impact_pairs", i, "mu")) for i, pair in enumerate(scenario.impact_pairs) if pair.mu > 0.0]
 
 
 def _capture_faults(scenario: Scenario) -> list[Fault]:

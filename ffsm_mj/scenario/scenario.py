@@ -146,6 +146,8 @@ class ImpactPairConfig(StrictModel):
     """What records, columns and overrides call it, unique; left out: ``<a>-<b>``, the geoms as written here."""
     restitution: Annotated[float, Field(ge=0.0)] = 1.0
     """Coefficient of restitution e: 1 elastic, 0 plastic."""
+    mu: Annotated[float, Field(ge=0.0)] = 0.0
+    """Coefficient of Coulomb friction at impacts; that in the MJCF is of MuJoCo's own contacts, and is not taken."""
     super_elastic: bool = False
     """Allow e > 1, an impact that gains energy (the paper's case c)."""
 
@@ -167,6 +169,8 @@ class ImpactPairConfig(StrictModel):
     def _super_elastic_by_name(self) -> ImpactPairConfig:
         if self.restitution > 1.0 and not self.super_elastic:
             raise ValueError("restitution must be in [0, 1]; above 1 only with 'super_elastic: true'")
+        if self.restitution > 1.0 and self.mu > 0.0:
+            raise ValueError("an impact that gains energy (restitution above 1) has no law with friction; let mu be 0")
         return self
 
 
@@ -215,7 +219,7 @@ class ImpactConfig(StrictModel):
     """Law and limits of impact resolution."""
 
     law: LawName = "blend"
-    """What rules where several contacts meet at one instant; a single contact is the same under all."""
+    """What rules where several contacts meet at one instant; one alone is the same under all. No ``newton`` with mu."""
     rest_interval_s: Annotated[float, Field(ge=0.0)] | None = None
     """A contact with e < 1 lasts once its next flight, as it is pressed, would be shorter, s; left out: time_step_s."""
     rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 0.0

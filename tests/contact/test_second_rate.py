@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.impact.resolution import Contact, resolve
+from ffsm_mj.impact import Contact, resolve
 from ffsm_mj.impact.resting import RestRule, settled
 from tests.contact.test_geometry import PAIRS, shape
 from tests.scenes import scene

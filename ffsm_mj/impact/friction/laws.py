@@ -141,6 +141,9 @@ class _Impact:
 
 def _several(impact: _Impact, e: FloatArray, law: Law) -> FrictionResult:
     every = np.arange(len(e))
+    if impact.u[::3].min() >= 0.0:  # nothing approaches, perhaps nothing moves at all
+        nothing = np.zeros((len(e), 3))
+        return _answer(impact, law, nothing, nothing, theta=1.0, jammed=False)
     plastic = impact.solve(every, impact.u, np.zeros(len(e)))
     expansion, theta, jammed = np.zeros_like(plastic), 1.0, False
     if e.max() > 0.0:

@@ -1,0 +1,74 @@
+"""A contact of an impact, and how the bodies move there: normal and tangents at one common point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+
+_CANCELLED = 1e-12
+"""A contact row below this share of those of its bodies is the rounding of their difference, some 1e-16."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two bodies touching at a point.
+
+    Attributes:
+        body_a: Body id of the first body; the impulse on it points along ``-normal``.
+        body_b: Body id of the second body; the impulse on it points along ``normal``.
+        point: Common contact point in world axes, (3,), m.
+        normal: Unit normal from the first body to the second in world axes, (3,).
+        restitution: Coefficient e: 1 elastic, 0 plastic, above 1 super-elastic (the paper's case c).
+        mu: Coefficient of Coulomb friction, >= 0.
+    """
+
+    body_a: int
+    body_b: int
+    point: FloatArray
+    normal: FloatArray
+    restitution: float = 1.0
+    mu: float = 0.0
+
+
+def contact_jacobian(model: Any, data: Any, contact: Contact) -> FloatArray:
+    """J_n = n^T (J_b(p) - J_a(p)), shape (nv,): the normal velocity of b relative to a.
+
+    Both bodies are evaluated at the one common point, so that the impulse pair has no moment and L is exact. A row in which
+    the two cancel to rounding, as those of links about a hinge that the normal goes through, is zero.
+    """
+    jac_a, jac_b = _jacobians(model, data, contact)
+    return _row(np.asarray(contact.normal, dtype=np.float64), jac_a, jac_b)
+
+
+def contact_rows(model: Any, data: Any, contact: Contact, tangents: FloatArray) -> FloatArray:
+    """Rows of the normal and of two tangents at the common point, (3, nv): the velocity of b relative to a along each.
+
+    Args:
+        model: MuJoCo model.
+        data: Its data, kinematics current.
+        contact: The contact; its normal is the first direction.
+        tangents: Two unit vectors across the normal in world axes, (2, 3).
+    """
+    jac_a, jac_b = _jacobians(model, data, contact)
+    directions = (np.asarray(contact.normal, dtype=np.float64), *tangents)
+    return np.stack([_row(direction, jac_a, jac_b) for direction in directions])
+
+
+def _jacobians(model: Any, data: Any, contact: Contact) -> tuple[FloatArray, FloatArray]:
+    """Of both bodies at the common point, (3, nv) each."""
+    jac_a, jac_b = np.empty((3, model.nv)), np.empty((3, model.nv))
+    point = np.asarray(contact.point, dtype=np.float64)
+    mujoco.mj_jac(model, data, jac_a, None, point, contact.body_a)
+    mujoco.mj_jac(model, data, jac_b, None, point, contact.body_b)
+    return jac_a, jac_b
+
+
+def _row(direction: FloatArray, jac_a: FloatArray, jac_b: FloatArray) -> FloatArray:
+    row: FloatArray = direction @ (jac_b - jac_a)
+    size = np.linalg.norm(direction @ jac_a) + np.linalg.norm(direction @ jac_b)
+    return row if np.linalg.norm(row) > _CANCELLED * size else np.zeros_like(row)
