@@ -90,17 +90,19 @@ def test_what_presses_in_a_benchmark_presses_all_the_while(benchmark):
 def test_ticks_of_a_capture_are_those_before_it_and_while_it_holds(benchmark, monkeypatch):
     """And both events are timed; a stretch has ticks of one kind only."""
     capture = benchmark("capture")
-    for name, short in (("HELD_S", 0.03), ("AFTER_S", 0.02), ("BLOCK_ROWS", 20), ("EVERY", 5)):
+    for name, short in (("HELD_S", 0.03), ("AFTER_S", 0.02), ("STRETCH", 5)):
         monkeypatch.setattr(capture, name, short)
     cost = capture.measured(capture.holding())
-    assert min(cost) > 0.0
-    assert max(cost) < 1e5
+    told = [cost.free_us, cost.held_us, cost.free_block_us, cost.capture_ms, cost.release_ms]
+    assert min(told) > 0.0
+    assert max(told) < 1e5
     free = capture.measured(capture.undeclared())
     assert free.free_us > 0.0
-    assert np.isnan([free.held_us, free.capture_ms, free.release_ms]).all()
-    ticks = [(float(i), "grasp" if i >= 30 else "") for i in range(60)]
-    assert capture._quickest(ticks, held=True) == capture._quickest(ticks, held=False) == 1e6
-    assert np.isnan(capture._quickest(ticks[:40], held=True))
+    assert np.isnan([free.held_us, free.held_block_us, free.capture_ms, free.release_ms]).all()
+    ticks = [(1e-6 * i if i < 30 else 3e-6 * i, i >= 30) for i in range(60)]
+    assert capture._of_stretches(ticks, held=False) == pytest.approx(1.0)
+    assert capture._of_stretches(ticks, held=True) == pytest.approx(3.0)
+    assert np.isnan(capture._of_stretches(ticks[:30], held=True))
 
 
 def test_impacts_of_the_benchmark_of_friction_rub(benchmark):

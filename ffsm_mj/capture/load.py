@@ -27,14 +27,14 @@ class InterfaceLoad:
             held: What moves.
             site: Where the object's site is, world axes, m: a live array, (3,).
         """
-        self._model, self._data, self._efforts = held.model, held.data, held.take_efforts
+        self._model, self._data, self._take_efforts = held.model, held.data, held.take_efforts
         # Torque about the mass centre of the whole tree and force, that centre, the site.
         self._raw = held.interface, held.centre, site
         self._number, self._views = np.array([number], dtype=np.float64).tobytes(), [numbers(part) for part in self._raw]
 
     def _refresh(self) -> None:
         """Ask MuJoCo at the state of what moves, under the efforts in the system's data."""
-        self._efforts()
+        self._take_efforts()
         mujoco.mj_forwardSkip(self._model, self._data, _AFTER_VELOCITIES, 1)
         mujoco.mj_rnePostConstraint(self._model, self._data)
 
@@ -43,11 +43,11 @@ class InterfaceLoad:
         self._refresh()
         return np.asarray(_loads(np.concatenate(self._raw)[None])[0])
 
-    def note(self, kept: list[bytes]) -> None:
-        """Keep what MuJoCo says now."""
+    def raw(self) -> bytes:
+        """The grasp's number, and what MuJoCo says now: as many numbers as a row of notes has."""
         self._refresh()
         interface, centre, site = self._views
-        kept += self._number, interface.tobytes(), centre.tobytes(), site.tobytes()
+        return self._number + interface.tobytes() + centre.tobytes() + site.tobytes()
 
 
 class LoadNotes:
@@ -59,10 +59,7 @@ class LoadNotes:
 
     def note(self, load: InterfaceLoad | None) -> None:
         """Keep the next row; None: nothing is held."""
-        if load is None:
-            self._kept.append(_NONE)
-        else:
-            load.note(self._kept)
+        self._kept.append(load.raw() if load is not None else _NONE)
 
     def table(self) -> FloatArray:
         """Number, force and torque at all rows since the last table, (n, 7)."""

@@ -76,7 +76,7 @@ class Captures(Regime):
         self._events = 0
         self.requests = tuple(f"{name}.{what}" for name in self._grips for what in (ARM, DISARM, RELEASE))
         self._loads, self._told = LoadNotes(), 0.0
-        self.columns = (Columns(_SIGNALS, table=self._loads.table, note=lambda _: self._note(), resume=self._resume),)
+        self.columns = (Columns(_SIGNALS, table=self._loads.table, note=self._note, resume=self._resume),)
 
     @property
     def disarmed(self) -> dict[str, frozenset[frozenset[int]]]:
@@ -246,7 +246,7 @@ class Captures(Regime):
     def _momentum(self) -> FloatArray:
         return np.asarray(momentum_matrix(self.scene.system.mj, self.scene.data, 0) @ self.scene.data.qvel)
 
-    def _note(self) -> None:
+    def _note(self, _: float) -> None:
         """Who holds, and with what load under the efforts that act from here on."""
         self._loads.note(self._holding.load if self._holding is not None else None)
 

@@ -32,6 +32,7 @@ class ContactWatch:
         self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self._known = frozenset(known)
         self._open: dict[frozenset[int], tuple[float, float]] = {}
+        self._all_known: tuple[bytes, frozenset[frozenset[int]]] = b"", self.rigid
         self._filter_known_trees()
 
     def _filter_known_trees(self) -> None:
@@ -70,9 +71,14 @@ class ContactWatch:
     def _unknown_overlaps(self) -> dict[frozenset[int], float]:
         """Depth by pair of what overlaps now and is not known."""
         contact = self._data.contact
-        pairs = [frozenset(geoms) for geoms in contact.geom.tolist()]
-        known = self._known | self.rigid if self.rigid else self._known
+        geoms = contact.geom
+        listed = geoms.tobytes(), self.rigid
+        if listed == self._all_known:  # what touches mostly touches for long
+            return {}
+        pairs = [frozenset(both) for both in geoms.tolist()]
+        known = self._known | self.rigid
         if known.issuperset(pairs):
+            self._all_known = listed
             return {}
         depths: dict[frozenset[int], float] = {}
         for pair, distance in zip(pairs, contact.dist.tolist(), strict=True):
