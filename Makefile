@@ -1,4 +1,4 @@
-.PHONY: sync format lint type contracts schema figures campaign screenshots reference reproduce test test-fast build check all
+.PHONY: sync format lint type contracts schema figures campaign screenshots browser-pictures reader reference reproduce test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -28,6 +28,10 @@ campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes
 	head -9 logs/campaign-baseline-dispersed/results.csv > docs/campaign-rows.csv
 screenshots: ## the pictures of the Rerun viewer (a Vulkan driver is enough, e.g. mesa-vulkan-drivers)
 	uv run python docs/screenshots.py
+browser-pictures: reader ## the pictures of pages in a browser (Chromium and ChromeDriver)
+	PYTHONPATH=. uv run python docs/browser_pictures.py
+reader:      ## an independent reader of the viewer topics, for tests/browser (needs npm)
+	cd tests/browser/reader && npm install --no-audit --no-fund --no-package-lock && npm run --silent build
 reference:   ## regenerate the committed log reference
 	uv run python docs/log_reference.py > docs/log-reference.md
 test:

@@ -39,7 +39,7 @@ def viewer_topics() -> dict[str, tuple[str, str]]:
         ),
         viewer.FORCES_TOPIC: (
             "at every frame while a contact presses, and at the one after",
-            "an arrow for every pair that presses, from the centre of pressure along the force on its second geom; "
+            "an arrow for every pair that presses, along the force on its second geom and up to the centre of pressure; "
             "1 m is 1 N between 0.3 and 1.5 m; each message replaces all earlier ones",
         ),
         viewer.PLUMES_TOPIC: (

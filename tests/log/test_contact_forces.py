@@ -28,7 +28,7 @@ def frames(run):
     return shown, run[f"{KEY}_mode"][shown] == 2.0
 
 
-def test_foxglove_has_an_arrow_from_the_centre_of_pressure_in_every_frame_in_which_a_pair_presses(pushed):
+def test_foxglove_has_an_arrow_to_the_centre_of_pressure_in_every_frame_in_which_a_pair_presses(pushed):
     shown, presses = frames(pushed)
     updates = {round(time / 1e6): update for time, update in decoded(pushed.path)["/scene/contacts"]}
     arrows = {time for time, update in updates.items() if update.entities}
@@ -39,9 +39,12 @@ def test_foxglove_has_an_arrow_from_the_centre_of_pressure_in_every_frame_in_whi
     assert all(len(update.deletions) == 1 for update in updates.values())
     row = int(shown[presses][1])
     ((arrow,),) = (entity.arrows for entity in updates[round(1e3 * pushed.time[row])].entities)
-    assert arrow.pose.position.x == pushed[f"{KEY}_centre_x_m"][row]
     length = min(pushed[f"{KEY}_force_N"][row], 1.5)
     assert arrow.shaft_length + arrow.head_length == pytest.approx(length)
+    start = [getattr(arrow.pose.position, axis) for axis in "xyz"]
+    push = [pushed[f"{KEY}_force_{axis}_N"][row] for axis in "xyz"] / pushed[f"{KEY}_force_N"][row]
+    centre = [pushed[f"{KEY}_centre_{axis}_m"][row] for axis in "xyz"]
+    np.testing.assert_allclose(start + length * push, centre, atol=1e-9)
 
 
 def test_rerun_has_arrows_that_end_there_the_force_as_a_line_and_a_view_of_it(pushed, tmp_path):

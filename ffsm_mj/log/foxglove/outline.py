@@ -35,6 +35,7 @@ def outline_cloud(shapes: Sequence[Shape], frame_id: str, time_ns: int) -> Point
             cloud[name] = round(255 * value)
         clouds.append(cloud)
     message = PointCloud(timestamp=timestamp(time_ns), frame_id=frame_id, point_stride=_POINT.itemsize)
+    message.pose.position.SetInParent()  # a message left out reaches some readers as null
     message.pose.orientation.w = 1.0
     for offset, name in zip((0, 4, 8, 12, 13, 14, 15), _NAMES, strict=True):
         message.fields.add(

@@ -68,12 +68,12 @@ def marks_update(marks: Sequence[tuple[str, Mark]], time_ns: int) -> SceneUpdate
         entity.lifetime.CopyFrom(duration(SHOWN_S))
         point, along = np.array(mark.point_m), np.array(mark.direction)
         if along.any():
-            length = _add_arrow(entity, point, along, mark.magnitude)
+            away = -(_add_arrow(entity, point, along, mark.magnitude) + 0.15) * along
         else:
-            length, along = 0.0, np.array([0.0, 0.0, 1.0])
+            away = np.array([0.0, 0.0, 0.15])
             entity.spheres.add(pose=_pose(point, _NO_TURN), size=_vector(np.full(3, 0.1)), color=_colour(_YELLOW))
         entity.texts.add(
-            pose=_pose(point + (length + 0.15) * along, _NO_TURN),
+            pose=_pose(point + away, _NO_TURN),
             billboard=True,
             font_size=0.15,
             color=_colour(_YELLOW),
@@ -85,11 +85,11 @@ def marks_update(marks: Sequence[tuple[str, Mark]], time_ns: int) -> SceneUpdate
 def _add_arrow(
     entity: Any, point: FloatArray, along: FloatArray, magnitude: float, rgba: tuple[float, ...] = _YELLOW
 ) -> float:
-    """An arrow that begins at a point; returns its length, m."""
+    """An arrow that ends at a point, where what it pushes does not hide it; returns its length, m."""
     length = float(np.clip(magnitude, *_ARROW_LENGTH_M))
     head = min(0.12, 0.4 * length)
     entity.arrows.add(
-        pose=_pose(point, _turn(np.array([1.0, 0.0, 0.0]), along)),
+        pose=_pose(point - length * along, _turn(np.array([1.0, 0.0, 0.0]), along)),
         shaft_length=length - head,
         shaft_diameter=0.05,
         head_length=head,
@@ -100,7 +100,7 @@ def _add_arrow(
 
 
 def forces_update(forces: Sequence[tuple[str, FloatArray, FloatArray]], time_ns: int) -> SceneUpdate:
-    """An arrow for every pair that presses, and none for the others: from the centre of pressure along the force.
+    """An arrow for every pair that presses, and none for the others: along the force, up to the centre of pressure.
 
     Args:
         forces: Name of each pair, force on its second geom in N, and where that acts in m, world axes.
