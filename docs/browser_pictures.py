@@ -35,8 +35,8 @@ def main() -> None:
 
 
 def keep(name: str, seen: Any) -> None:
-    """Write what is seen, in few colours."""
-    Image.fromarray(seen.astype("uint8")).quantize(128).save(HERE / "images" / f"{name}.png", optimize=True)
+    """Write what is seen."""
+    Image.fromarray(seen.astype("uint8")).quantize(256, Image.Quantize.FASTOCTREE).save(HERE / "images" / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":
