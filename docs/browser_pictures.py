@@ -36,7 +36,8 @@ def main() -> None:
 
 def keep(name: str, seen: Any) -> None:
     """Write what is seen."""
-    Image.fromarray(seen.astype("uint8")).quantize(256, Image.Quantize.FASTOCTREE).save(HERE / "images" / f"{name}.png", optimize=True)
+    picture = Image.fromarray(seen.astype("uint8")).quantize(256, Image.Quantize.FASTOCTREE)
+    picture.save(HERE / "images" / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":
