@@ -139,14 +139,22 @@ class Track:
         return np.clip(needed + share * feedback, -self._bound, self._bound), share
 
     def damping_at(self, data: Any) -> Damping:
-        """That of motions which the site does not feel."""
-        task, gain = self._task, self._config.joint_damping_N_m_s_rad
+        """The one that comes nearest to instability: of the position, of the attitude, or of what the site does not feel."""
+        task, config = self._task, self._config
         task.update(data)
-        unseen = np.eye(len(task.qd))
+        dofs, count = task.joints.dofs, len(task.joints.dofs)
+        unseen, found = np.eye(count), []
         if not self._holds:
-            inertia, _ = effective_inertia(task.B.dot(task.alpha.T), self._config.singular_mass_kg)
-            unseen -= task.alpha.T.dot(inertia).dot(task.B)
-        return Damping("joint_damping_N_m_s_rad", task.joints.dofs, np.full(len(unseen), gain), gain * unseen)
+            inertia, _ = effective_inertia(task.B.dot(task.alpha.T), config.singular_mass_kg)
+            pushes = inertia.dot(task.alpha).T
+            unseen -= pushes.dot(task.B)
+            for key, gains, rows in (("position", config.position, slice(0, 3)), ("attitude", config.attitude, slice(3, 6))):
+                if gains is not None:
+                    matrix = gains.kd_1_s * pushes[:, rows].dot(task.alpha[rows])
+                    found.append(Damping(f"{key}.kd_1_s", dofs, np.full(count, gains.kd_1_s), matrix))
+        gain = config.joint_damping_N_m_s_rad
+        found.append(Damping("joint_damping_N_m_s_rad", dofs, np.full(count, gain), gain * unseen))
+        return max(found, key=lambda each: np.linalg.eigvals(np.linalg.solve(task.M_c, each.matrix)).real.max())
 
     def telemetry(self) -> Sequence[float]:
         """Errors, relative rates, the largest effective inertia and the share of the feedback at the last tick."""
