@@ -36,6 +36,8 @@ _CUT = 1e-12
 _ALIGNED = None
 _FACETS = ((8, 0.0), (16, 0.0), (32, 0.0), (64, 0.0), (8, np.pi / 8), (128, 0.0), *6 * ((12, _ALIGNED),))
 """Of a pyramid, and the angle of the first; aligned: against the slip of the best impulses so far."""
+_LARGEST = 700
+"""Facets of all contacts together: a larger tableau would take many seconds."""
 
 
 @dataclass
@@ -76,7 +78,7 @@ def coulomb(contacts: Contacts) -> tuple[FloatArray, float]:
     least_only = np.zeros((len(contacts.mu), 3))
     least_only[:, 0] = contacts.least
     best, residual = _solve(contacts, least_only)
-    for facets, turn, wider in _pyramids():
+    for facets, turn, wider in _pyramids(len(contacts.mu)):
         if residual <= ACCEPTED:
             break
         first = _against_slip(contacts, best) if turn is _ALIGNED else np.full(len(contacts.mu), turn)
@@ -90,9 +92,11 @@ def coulomb(contacts: Contacts) -> tuple[FloatArray, float]:
     return np.stack([on_cone(impulse, mu) for impulse, mu in zip(best, contacts.mu, strict=True)]), residual
 
 
-def _pyramids() -> Iterator[tuple[int, float | None, float]]:
+def _pyramids(count: int) -> Iterator[tuple[int, float | None, float]]:
     """Facets, angle of the first, and what widens mu: each inside the cone, and around it, which holds what nearly slips."""
     for facets, turn in _FACETS:
+        if count * facets > _LARGEST:
+            continue
         yield facets, turn, 1.0
         yield facets, turn, 1.0 / np.cos(np.pi / facets)
 

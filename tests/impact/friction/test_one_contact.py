@@ -177,6 +177,22 @@ def test_no_friction_is_reflection(G):
     np.testing.assert_allclose(stronge(A, w, 0.0, 0.8).w, plain, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("approach", [1e-15, 1e-10, 1e-5])
+def test_a_slow_bounce_beside_a_fast_slip(approach):
+    """Grazing: the works are as exact against the bounce's own energy as any, and slip keeps all but mu times that."""
+    for seed in range(15):
+        rng = np.random.default_rng([11, seed])
+        A = rng.normal(size=(3, 6))
+        w = np.linalg.pinv(A) @ np.array([-approach, *rng.normal(size=2)])
+        mu, e = 0.3 * rng.uniform(), rng.uniform(0.1, 1.0)
+        result = stronge(A, w, mu, e)
+        assert result.status == "ok"
+        deepest = result.compression_work[0]
+        assert deepest < 0.0
+        assert result.normal_work[0] == pytest.approx((1 - e * e) * deepest, abs=1e-9 * abs(deepest))
+        assert np.linalg.norm(result.impulses) < 1e3 * approach
+
+
 def test_a_contact_that_separates_gets_nothing():
     A, w = rows(rod(45), (1.0, 0.5, 0.0))
     result = stronge(A, w, 0.5, 0.5)
