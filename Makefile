@@ -1,4 +1,4 @@
-.PHONY: sync format lint type contracts schema figures campaign screenshots browser-pictures reader reference reproduce test test-fast build check all
+.PHONY: sync format lint type contracts schema figures campaign screenshots browser-pictures docs reader reference reproduce test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -30,6 +30,8 @@ screenshots: ## the pictures of the Rerun viewer (a Vulkan driver is enough, e.g
 	uv run python docs/screenshots.py
 browser-pictures: reader ## the pictures of pages in a browser (Chromium and ChromeDriver)
 	PYTHONPATH=. uv run python docs/browser_pictures.py
+docs:        ## the site, from docs/ and docstrings, into build/site; to look at: uv run --group docs mkdocs serve
+	uv run --group docs mkdocs build --strict --quiet
 reader:      ## an independent reader of the viewer topics, for tests/browser (needs npm)
 	cd tests/browser/reader && npm install --no-audit --no-fund --no-package-lock && npm run --silent build
 reference:   ## regenerate the committed log reference

@@ -1,0 +1,78 @@
+"""What the site has besides the pages of docs/: README and changelog, the tour, the reference of the Python names."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parent.parent
+API = {
+    "Runs": (
+        "`ffsm_mj.run`, `load_run`, `prepare`, `compare` and what they give.",
+        *("ffsm_mj.assembly.prepare.run", "ffsm_mj.present.run.load_run", "ffsm_mj.present.run.Run"),
+        *("ffsm_mj.assembly.prepare.prepare", "ffsm_mj.assembly.prepare.Prepared", "ffsm_mj.analysis.run.compare"),
+    ),
+    "Campaigns": (
+        "`ffsm_mj.Campaign` and `ffsm_mj.sweep`.",
+        *("ffsm_mj.campaign.campaign.Campaign", "ffsm_mj.campaign.sweep.sweep"),
+    ),
+    "Impacts": ("`ffsm_mj.impact`, usable alone on any MuJoCo model.", "ffsm_mj.impact"),
+    "Control laws": ("What a control law sees and returns.", "ffsm_mj.controller_protocol"),
+    "Contact regimes": ("What can happen at a contact.", "ffsm_mj.contact.regimes"),
+    "Records": ("What happens once in a run.", "ffsm_mj.records.events", "ffsm_mj.records.kinds"),
+    "Recount": ("A run recomputed from its states.", "ffsm_mj.recount"),
+    "pytest": ("Fixtures and assertions for tests on logged data.", "ffsm_mj.pytest_plugin"),
+    "Errors": ("What can be raised.", "ffsm_mj.errors"),
+}
+"""Title of each page, what it begins with, and the names that it documents."""
+_ROLE = re.compile(r":(?:mod|class|func|meth|attr):<code>~?([^<]*)</code>")
+
+
+def on_config(config: Any) -> Any:
+    """Put the reference at the end of the navigation."""
+    config.nav.append({"Python": [{title: _place(title)} for title in API]})
+    return config
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the pages that are made."""
+    made = {"index.md": _from_root("README.md"), "changelog.md": _from_root("CHANGELOG.md"), "tour.md": _tour()}
+    made |= {_place(title): _reference(title, *parts) for title, parts in API.items()}
+    for place, text in made.items():
+        files.append(File.generated(config, place, content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Where GitHub shows the notebook the site has a page."""
+    return markdown.replace("](tour.ipynb", "](tour.md")
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Docstrings refer to names as Sphinx does."""
+    return _ROLE.sub(r"<code>\1</code>", html)
+
+
+def _place(title: str) -> str:
+    return f"api/{title.lower().replace(' ', '-')}.md"
+
+
+def _from_root(name: str) -> str:
+    """A page that stands beside docs/, with links that hold inside it."""
+    return (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](")
+
+
+def _reference(title: str, begins: str, *names: str) -> str:
+    less = "---\nsearch:\n  boost: 0.5\n---"  # of two pages that have a word the one that explains comes first
+    return "\n\n".join([less, f"# {title}", begins, *(f"::: {name}" for name in names)])
+
+
+def _tour() -> str:
+    """The cells of the notebook, without what they print."""
+    cells = json.loads((ROOT / "docs/tour.ipynb").read_text(encoding="utf-8"))["cells"]
+    texts = [("".join(cell["source"]), cell["cell_type"]) for cell in cells]
+    return "\n\n".join(f"```python\n{text}\n```" if kind == "code" else text for text, kind in texts)
