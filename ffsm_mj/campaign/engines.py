@@ -20,6 +20,8 @@ from ffsm_mj.errors import InputError, MissingPackageError
 
 Result = TypeVar("Result")
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+_ANSWER_S = 10
+"""A scheduler that does not answer for so long is not there."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ def dask(address: str) -> Engine:
     def client() -> Any:
         try:
             client_of: Any = distributed.Client
-            return client_of(address, timeout=10, set_as_default=False)
+            return client_of(address, timeout=_ANSWER_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(f"--dask {address}: no scheduler answers there ({error})") from error
 

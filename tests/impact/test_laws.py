@@ -117,25 +117,29 @@ def checked(law, A, w, e):
 
 
 @pytest.mark.parametrize("law", ["blend", "poisson"])
-@pytest.mark.slow
-def test_random_problems_with_a_restitution_per_contact(law, rng):
-    for _ in range(2000):
+@pytest.mark.long
+@pytest.mark.parametrize("hundred", range(20))
+def test_random_problems_with_a_restitution_per_contact(law, hundred):
+    rng = np.random.default_rng([20240601, hundred])
+    for _ in range(100):
         A, w = random_problem(rng)
         checked(law, A, w, rng.uniform(0, 1, len(A)))
 
 
-@pytest.mark.slow
-def test_random_elastic_problems_conserve_energy(rng):
+@pytest.mark.long
+@pytest.mark.parametrize("hundred", range(20))
+def test_random_elastic_problems_conserve_energy(hundred):
     """E = 1: |dT| < 1e-10 T unless jammed; jammed only where a direction is squeezed from both sides."""
+    rng = np.random.default_rng([20240601, hundred])
     jams = 0
-    for _ in range(2000):
+    for _ in range(100):
         A, w = random_problem(rng)
         result, T, after = checked("blend", A, w, np.ones(len(A)))
         if result.jammed:
             jams += 1
         else:
             assert abs(after - T) < 1e-10 * T
-    assert 0 < jams < 700
+    assert 0 < jams < 45  # 27 in a hundred on average: four standard deviations more
 
 
 def test_squeeze_without_clearance_is_jammed():
