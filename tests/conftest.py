@@ -34,6 +34,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if sys.dont_write_bytecode and hasattr(config, "cache"):
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
         os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
+    # Nothing here renders with MuJoCo, which would look for GLFW in each process, by a process of its own.
+    os.environ.setdefault("MUJOCO_GL", "disable")
 
 
 @pytest.fixture(scope="session")

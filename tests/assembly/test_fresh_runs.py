@@ -68,7 +68,7 @@ RECIPES = {
     "bouncing": (bouncing, {}),
     "diverging": (diverging, {}),
     "baseline": (shipped, {"duration_s": 1.0}),
-    "pushed": (spring, {}),
+    "pushed": (spring, {"duration_s": 0.6}),
     "gripped": (capture, {"duration_s": 1.5}),
 }
 SEVERAL = ("bouncing", "pushed", "diverging", "bouncing", "bouncing", "gripped")

@@ -15,7 +15,7 @@ from tests.scenes import two_balls
 from tests.terminal import ffsm, on_terminal
 
 # A second or so of work: enough for the line, which waits 0.4 s, to be painted.
-LONG_S = 60.0
+LONG_S = 30.0
 
 
 @pytest.fixture(autouse=True)
@@ -32,9 +32,9 @@ def squeezed(text: str) -> str:
 @pytest.mark.parametrize(
     ("columns", "environment", "painted"),
     [
-        (200, {}, "of 60 s"),
+        (200, {}, "of 30 s"),
         (20, {}, " %  scene"),
-        (80, {"NO_COLOR": "1"}, "of 60 s"),
+        (80, {"NO_COLOR": "1"}, "of 30 s"),
         (80, {"TERM": "dumb"}, ""),
         (80, {"TERM": ""}, ""),
     ],

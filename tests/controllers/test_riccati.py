@@ -386,8 +386,9 @@ def test_doubling_takes_over_where_eigenvectors_are_useless(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.long
+@pytest.mark.parametrize(("duration_s", "ticks", "corrected"), [(12, 400, 0), (60, 7000, 1)])
 @pytest.mark.usefixtures("plain")
-def test_along_a_run_in_space(monkeypatch):
+def test_along_a_run_in_space(monkeypatch, duration_s, ticks, corrected):
     """Every tick of `spatial` at rounding and stable, a tip at rest too, where A22 turns by more than itself."""
     seen, solve = [], Doubling.solve
 
@@ -399,12 +400,12 @@ def test_along_a_run_in_space(monkeypatch):
         return K_lower, residual
 
     monkeypatch.setattr(Doubling, "solve", keep)
-    run = ffsm_mj.run("spatial")
+    run = ffsm_mj.run("spatial", {"duration_s": float(duration_s)})
     residual, doublings, corrections = np.array(seen).T
-    assert len(seen) > 7000
+    assert len(seen) > ticks
     assert residual.max() <= ACCEPTED_RESIDUAL
     assert doublings.max() <= 2.5 * np.median(doublings)
-    assert 0 < np.count_nonzero(corrections) < 0.05 * len(seen)
+    assert corrected <= np.count_nonzero(corrections) < 0.05 * len(seen)  # the last part of the run needs some
     reports = [report for phase in run.summary()["controller"]["phases"] if (report := phase["reports"])]
     assert max(report["worst_riccati_residual"] for report in reports) == residual.max()
     assert max(report["most_riccati_doublings"] for report in reports) == doublings.max()
@@ -413,7 +414,7 @@ def test_along_a_run_in_space(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.parametrize("duration_s", [12, 30])
+@pytest.mark.parametrize("duration_s", [8, 12, 30])
 @pytest.mark.usefixtures("plain")
 def test_baseline_with_scipy_in_the_loop(baseline, monkeypatch, duration_s):
     """The run with the oracle at every tick: the same impact, and the same tip on the way and at the end to 1e-6 m."""

@@ -25,7 +25,7 @@ from tests.hostile.judge import complaint
 
 CPU_LIMIT_S, WALL_LIMIT_S = 20, 120
 MEMORY_LIMIT = 3 << 30
-_BATCH = 25
+_BATCH = 100
 # What commands import when they need it, and what these import in turn.
 _COSTLY = (
     *(

@@ -60,6 +60,7 @@ def rocking(folder, restitution, *, duration=1.5, **scenario):
 ON_SLAB = "contact.block_slab_slab"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("restitution", [0.3, 0.6])
 def test_a_rocking_block_comes_to_rest_on_both_edges_and_is_hit_by_a_third_body(tmp_path, restitution):
     """Hits of both edges in turn, then rest on four corners; the ball's blow is passed on to the slab; rest again."""

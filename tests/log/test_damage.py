@@ -19,7 +19,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.errors import LogError
 from tests.scenes import two_balls
 
-SEED, CUTS, FLIPS = 7, 150, 300
+CUTS, FLIPS = 15, 30
 CHUNK_ROWS = 2000  # a chunk ends with the block in which it passes 1 MiB
 
 
@@ -56,10 +56,12 @@ def chunks(data):
     return found
 
 
-def test_a_truncated_log_gives_every_chunk_before_the_cut(finished, tmp_path):
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(10))
+def test_a_truncated_log_gives_every_chunk_before_the_cut(finished, tmp_path, seed):
     data, run = finished
     ends = [end for _, end in chunks(data)]
-    rng = random.Random(SEED)
+    rng = random.Random(seed)
     for cut in [*(rng.randrange(len(data)) for _ in range(CUTS)), *ends, len(data) - 1]:
         got = read(tmp_path, data[:cut])
         if cut < ends[0]:  # before the first chunk there is nothing to be had
@@ -73,11 +75,13 @@ def test_a_truncated_log_gives_every_chunk_before_the_cut(finished, tmp_path):
         assert all(law.holds for law in got.laws(1e-12))
 
 
-def test_a_flipped_byte_never_passes_unnoticed_and_spoils_one_chunk(finished, tmp_path):
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(10))
+def test_a_flipped_byte_never_passes_unnoticed_and_spoils_one_chunk(finished, tmp_path, seed):
     """Anywhere in the file: every row that is given is a row that was written, and something says what is wrong."""
     data, run = finished
     written = {row.tobytes() for row in run.log.rows}
-    rng = random.Random(SEED)
+    rng = random.Random(seed)
     for _ in range(FLIPS):
         bad = bytearray(data)
         at = rng.randrange(len(data))

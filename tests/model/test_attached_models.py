@@ -16,6 +16,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.reader import read_log
 from ffsm_mj.log.rerun.from_log import write_recording
 from ffsm_mj.model.files import read_model
+from ffsm_mj.present.plots import save
 from ffsm_mj.recount import recount
 from tests.model.test_model_files import TETRA, write
 from tests.scenes import HEAD, ball, compile_paths
@@ -89,10 +90,11 @@ def test_everything_works_from_the_run_folder_and_from_the_log_when_the_original
     assert {name for name in first.header.files if "/ball/" not in name} == {f"mjcf/robot/{name}" for name in all_files}
     kept = {path.relative_to(run / "mjcf" / "robot").as_posix() for path in (run / "mjcf" / "robot").rglob("*.*")}
     assert kept == all_files
-    for number, log in enumerate((run, alone)):
-        out = tmp_path / str(number)
-        assert main(["analyze", str(log), "--plots", f"{out}-plots"]) == 0
-        assert main(["export", str(log), "--gif", "--out", f"{out}.gif"]) == 0
+    assert main(["analyze", str(alone), "--plots", str(tmp_path / "plots")]) == 0
+    assert main(["analyze", str(run)]) == 0
+    assert save(ffsm_mj.load_run(run), tmp_path / "of-the-folder", ("motion",), ("png",))  # the only one that draws models
+    for log in (run, alone):
+        assert main(["export", str(log), "--gif", "--out", str(tmp_path / "film.gif")]) == 0
     write_recording(read_log(alone), tmp_path / "view.rrd")
     assert (tmp_path / "view.rrd").stat().st_size > 0
     assert recount(read_log(alone)).obstacle == ""
