@@ -1,6 +1,6 @@
-"""Pinocchio as an independent oracle: mass matrix, momenta, energy, impact, on 500 random states of each robot, a tenth in a plain run.
+"""Pinocchio as an independent oracle: mass matrix, momenta, energy, impact, on 500 random states of each robot.
 
-The Pinocchio model is built joint by joint from the numbers of the MuJoCo model; none of its own loaders is trusted with two
+A plain run has 50 of them. The Pinocchio model is built joint by joint from the numbers of the MuJoCo model; none of its own loaders is trusted with two
 floating trees. Free joints: Pinocchio's linear velocity is in body axes, MuJoCo's in world axes.
 """
 
