@@ -11,7 +11,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.capture.record import CAPTURE, RELEASE, CaptureRecord, ReleaseRecord
 from ffsm_mj.records.events import Event
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import CAPTURE_LOADS, Layout
+from ffsm_mj.records.signals import CAPTURE_EVENT_LOADS, CAPTURE_LOADS, Layout
 
 COLUMNS = {
     "grasp": ("", "name of the grasp"),
@@ -19,8 +19,8 @@ COLUMNS = {
     "release_s": ("s", "when it lets go; NaN where it holds to the end of the log"),
     "loss_J": ("J", "kinetic energy lost as it takes hold"),
     "impulse_{xyz}": ("N s", "impulse on the object then, world frame"),
-    "peak_force_N": ("N", "greatest force on the object of the samples in that time"),
-    "peak_torque_N_m": ("N m", "greatest torque on it about its site of the samples in that time"),
+    "peak_force_N": ("N", "greatest force on the object in that time, of the samples and right after events"),
+    "peak_torque_N_m": ("N m", "greatest torque on it about its site in that time, likewise"),
     "peak_s": ("s", "when the force is greatest"),
 }
 
@@ -35,7 +35,7 @@ class Capture:
         release_s: When it let go; None where it holds to the end of the log.
         loss_J: Kinetic energy lost as it took hold.
         impulse: On the object then, world axes, N s.
-        peak_force_N: Greatest force on the object of the samples in that time.
+        peak_force_N: Greatest force on the object in that time, of the samples and right after events.
         peak_torque_N_m: Greatest torque on it about its site, likewise.
         peak_s: When the force was greatest.
     """
@@ -57,16 +57,21 @@ class _Spell:
         self.begins, self.end_s = begins, math.inf
         self._force, self._torque, self._peak_s = 0.0, 0.0, begins.time_s
 
-    def rows(self, times: FloatArray, loads: FloatArray) -> None:
+    def rows(self, times: FloatArray, loads: FloatArray, events: FloatArray) -> None:
         """Take those of some rows that fall into it; at the instant of the release nothing is held any more."""
+        for force, torque, at_s in events[(events[:, 2] >= self.begins.time_s) & (events[:, 2] < self.end_s)].tolist():
+            self._higher(force, torque, at_s)
         first, last = np.searchsorted(times, self.begins.time_s), np.searchsorted(times, self.end_s)
         if first >= last:
             return
         force, torque = np.linalg.norm(np.nan_to_num(loads[first:last]).reshape(-1, 2, 3), axis=2).T
         highest = int(np.argmax(force))
-        if force[highest] > self._force:
-            self._force, self._peak_s = float(force[highest]), float(times[first + highest])
-        self._torque = max(self._torque, float(torque.max()))
+        self._higher(float(force[highest]), float(torque.max()), float(times[first + highest]))
+
+    def _higher(self, force: float, torque: float, at_s: float) -> None:
+        if force > self._force:
+            self._force, self._peak_s = force, at_s
+        self._torque = max(self._torque, torque)
 
     def told(self) -> Capture:
         """What it came to."""
@@ -81,7 +86,9 @@ class CaptureSpells:
     def __init__(self, layout: Layout) -> None:
         """Nothing was told yet."""
         self._time = layout.time
-        self._loads = layout.places(CAPTURE_LOADS) if CAPTURE_LOADS.keys() <= layout.index.keys() else None
+        known = layout.index.keys() >= {*CAPTURE_LOADS, *CAPTURE_EVENT_LOADS}
+        self._loads = layout.places(CAPTURE_LOADS) if known else None
+        self._events = layout.places(CAPTURE_EVENT_LOADS) if known else None
         self._spells: list[_Spell] = []
         self._awaited: list[_Spell] = []
 
@@ -95,11 +102,11 @@ class CaptureSpells:
 
     def rows(self, block: FloatArray) -> None:
         """Take the next rows."""
-        if not self._awaited or self._loads is None:
+        if not self._awaited or self._loads is None or self._events is None:
             return
         times = block[:, self._time]
         for spell in self._awaited:
-            spell.rows(times, block[:, self._loads])
+            spell.rows(times, block[:, self._loads], block[:, self._events])
         self._awaited = [spell for spell in self._awaited if not spell.end_s < times[-1]]
 
     def told(self) -> tuple[Capture, ...]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ffsm_mj.capture.held import refuse_unlike
 from ffsm_mj.capture.regime import Captures
-from ffsm_mj.contact.regimes import Scene
+from ffsm_mj.contact.regimes import Regime, Scene
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.impact.regime import Impacts
 from ffsm_mj.model.grasp import Grasp
@@ -118,7 +118,12 @@ def held_systems(scenario: Scenario, system: System, compiled: Callable[[Grasp, 
 
 
 def captures_of(
-    scenario: Scenario, scene: Scene, free: Motion, impacts: Impacts, held: Mapping[str, HeldSystem]
+    scenario: Scenario,
+    scene: Scene,
+    free: Motion,
+    impacts: Impacts,
+    held: Mapping[str, HeldSystem],
+    others: Sequence[Regime],
 ) -> tuple[Captures, ...]:
     """The regime of the captures of a scenario, where it has some.
 
@@ -128,8 +133,9 @@ def captures_of(
         free: Its motion.
         impacts: Its impacts.
         held: Systems in which objects are held, with models of the run's own.
+        others: Who may push what is held.
     """
     if not held:
         return ()
     grasps = [(each.grasp, scenario.captures[name], each.system) for name, each in held.items()]
-    return (Captures(scene, free, impacts, grasps),)
+    return (Captures(scene, free, impacts, grasps, others),)

@@ -16,7 +16,9 @@ from ffsm_mj.records.wrench import Wrench
 _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 
 
-def rates_by_party(system: System, data: Any, wrenches: Sequence[Wrench]) -> FloatArray:
+def rates_by_party(
+    system: System, data: Any, wrenches: Sequence[Wrench], carried: frozenset[int] = frozenset()
+) -> FloatArray:
     """Powers, and what passes between the parties and from outside, (21,).
 
     Power to (total, robot, objects) in W, then wrenches (force, moment about the world origin): of the robot on the objects,
@@ -27,8 +29,11 @@ def rates_by_party(system: System, data: Any, wrenches: Sequence[Wrench]) -> Flo
         data: Its state, positions and velocities current.
         wrenches: What acts; equal and opposite ones within one party leave nothing of it. One on a fixed body stands next to
             the one that it answers: first and second, third and fourth.
+        carried: Bodies of objects that count as the robot's; what fixed bodies put on them stays outside, on the objects,
+            and is taken off what the robot puts on those.
     """
-    rates, twist, robot, fixed = np.zeros(21), np.empty(6), system.robot.bodies, system.fixed_bodies
+    rates, twist, fixed = np.zeros(21), np.empty(6), system.fixed_bodies
+    robot = carried.union(system.robot.bodies)
     for i, (body, point, force, torque) in enumerate(wrenches):
         if body in fixed:
             continue  # nothing moves it
@@ -37,10 +42,18 @@ def rates_by_party(system: System, data: Any, wrenches: Sequence[Wrench]) -> Flo
         rates[0] += power
         rates[1 if body in robot else 2] += power
         outside = bool(fixed) and _answers(wrenches, i, fixed)
-        if outside or body not in robot:
-            first = 3 if not outside else 9 if body in robot else 15
-            rates[first : first + 3] += force
-            rates[first + 3 : first + 6] += cross(point, force) + torque
+        if not outside and body in robot:
+            continue
+        wrench = np.concatenate((force, cross(point, force) + torque))
+        if not outside:
+            rates[3:9] += wrench
+        elif body in carried:
+            rates[15:] += wrench
+            rates[3:9] -= wrench
+        elif body in robot:
+            rates[9:15] += wrench
+        else:
+            rates[15:] += wrench
     return rates
 
 

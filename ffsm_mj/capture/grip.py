@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from ffsm_mj.capture.config import CaptureConfig
@@ -9,7 +10,7 @@ from ffsm_mj.capture.held import Held
 from ffsm_mj.capture.load import InterfaceLoad
 from ffsm_mj.capture.nearness import Nearness, Sites
 from ffsm_mj.capture.passing import Bounds
-from ffsm_mj.contact.regimes import Scene
+from ffsm_mj.contact.regimes import Regime, Scene
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.motion.motion import Motion
@@ -29,7 +30,16 @@ class Grip:
         least: Nearest that it has come to its bounds since it was armed, and when in s; None where it was not looked at.
     """
 
-    def __init__(self, number: int, scene: Scene, free: Motion, grasp: Grasp, config: CaptureConfig, system: System) -> None:
+    def __init__(
+        self,
+        number: int,
+        scene: Scene,
+        free: Motion,
+        grasp: Grasp,
+        config: CaptureConfig,
+        system: System,
+        others: Sequence[Regime] = (),
+    ) -> None:
         """It is not armed.
 
         Args:
@@ -39,10 +49,11 @@ class Grip:
             grasp: Its bodies and sites.
             config: What the scenario says of it.
             system: The one in which it holds, with a model of the run's own.
+            others: Who may push what is held.
         """
         self.number, self.grasp, self._data = number, grasp, scene.data
         self.sites, self.held = Sites(scene.system, grasp), Held(free, scene, system, grasp)
-        self.load = InterfaceLoad(number, self.held, scene.data.site_xpos[self.sites.object])
+        self.load = InterfaceLoad(number, self.held, scene.data.site_xpos[self.sites.object], scene.data, others)
         self.pairs = frozenset(config.when.touch or ())
         self._bounds = Bounds(config.when.within.bounds) if config.when.within is not None else None
         self._start: Nearness | None = None

@@ -15,7 +15,7 @@ class CaptureRecord:
     """A grasp holds its object from here on.
 
     Attributes:
-        event: Number of what happened to grasps, from 0.
+        event: Number of what happened to grasps and to lasting contacts, from 0.
         grasp: Name of the grasp.
         time_s: Instant of the capture.
         step: Integration step in which it happened, from 0.
@@ -80,7 +80,7 @@ class ReleaseRecord:
     """A grasp lets its object go; no velocity changes.
 
     Attributes:
-        event: Number of what happened to grasps, from 0.
+        event: Number of what happened to grasps and to lasting contacts, from 0.
         grasp: Name of the grasp.
         time_s: Instant of the release.
         step: Integration step in which it happened, from 0.
@@ -107,7 +107,7 @@ class NearMissRecord:
     """A grasp is armed no more, and its bounds have never held.
 
     Attributes:
-        event: Number of what happened to grasps, from 0.
+        event: Number of what happened to grasps and to lasting contacts, from 0.
         grasp: Name of the grasp.
         time_s: When it was disarmed.
         step: Integration step in which that was, from 0.

@@ -29,17 +29,27 @@ from ffsm_mj.model.system import System
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import Outcome, RunEnded
-from ffsm_mj.records.signals import CAPTURE_LOADS, PARTIES, Signal
+from ffsm_mj.records.signals import CAPTURE_EVENT_LOADS, CAPTURE_LOADS, PARTIES, Signal
 
 ARM, DISARM, RELEASE = "arm", "disarm", "release"
 """What may be asked of a grasp, after its name and a dot."""
 
 _LOADS = ("force on the held object", "torque on the held object about its site")
+_BETWEEN = "right after an event since the sample before"
+_AT_EVENTS = (
+    f"greatest force on the held object {_BETWEEN}, under the efforts decided there; 0: no event",
+    f"greatest torque on the held object about its site {_BETWEEN}; 0: no event",
+    f"when the force was greatest {_BETWEEN}; NaN: no event",
+)
 _SIGNALS = (
     Signal("contact", "capture_grasp", "", "position among the captures of the scenario of the one that holds; 0: none"),
     *(
         Signal("contact", key.partition(".")[2], unit, f"{_LOADS[i // 3]}, world axes, under the efforts of this row")
         for i, (key, unit) in enumerate(CAPTURE_LOADS.items())
+    ),
+    *(
+        Signal("contact", key.partition(".")[2], unit, meaning)
+        for (key, unit), meaning in zip(CAPTURE_EVENT_LOADS.items(), _AT_EVENTS, strict=True)
     ),
 )
 
@@ -57,6 +67,7 @@ class Captures(Regime):
         free: Motion,
         impacts: Impacts,
         grasps: Sequence[tuple[Grasp, CaptureConfig, System]],
+        others: Sequence[Regime] = (),
     ) -> None:
         """Nothing is armed, nothing is held.
 
@@ -65,15 +76,15 @@ class Captures(Regime):
             free: Its motion.
             impacts: Resolves impacts before a grasp closes, and knows who holds what stays closed.
             grasps: Each with what the scenario says of it, and the system in which it holds, its model the run's own.
+            others: Who may push what is held.
         """
         super().__init__(None, scene)
         self._free, self._impacts = free, impacts
-        self._grips = {each[0].name: Grip(i, scene, free, *each) for i, each in enumerate(grasps, start=1)}
+        self._grips = {each[0].name: Grip(i, scene, free, *each, others) for i, each in enumerate(grasps, start=1)}
         self._step_s = float(scene.system.mj.opt.timestep)
         self._holding: Grip | None = None
         self._closing: Grip | None = None
         self._asked: set[str] = set()
-        self._events = 0
         self.requests = tuple(f"{name}.{what}" for name in self._grips for what in (ARM, DISARM, RELEASE))
         self._loads, self._told = LoadNotes(), 0.0
         self.columns = (Columns(_SIGNALS, table=self._loads.table, note=self._note, resume=self._resume),)
@@ -134,7 +145,7 @@ class Captures(Regime):
         """Do what was asked for, or take hold.
 
         Raises:
-            RunEnded: A grasp is armed while another holds.
+            RunEnded: A grasp is armed, or would take hold, while another holds.
         """
         if not self._asked:
             grip, self._closing = self._closing, None
@@ -148,7 +159,7 @@ class Captures(Regime):
             if f"{name}.{DISARM}" in asked and grip.armed:
                 records += self._disarm(grip, instant)
             if f"{name}.{ARM}" in asked:
-                self._refuse_second(name, instant.time_s)
+                self._refuse_second(name, "is armed", instant.time_s)
                 grip.arm()
         return Effect(tuple(records), motion=self._free if released else None, asks=released) if records else None
 
@@ -156,15 +167,14 @@ class Captures(Regime):
         """The run is over: grasps that are still armed have missed."""
         return [record for grip in self._grips.values() if grip.armed for record in self._disarm(grip, instant)]
 
-    def _refuse_second(self, name: str, time_s: float) -> None:
+    def _refuse_second(self, name: str, does: str, time_s: float) -> None:
         if self._holding is not None:
             by = self._holding.grasp
-            message = f"grasp {name!r} is armed at t = {time_s:.6g} s while {by.name!r} holds {by.tree!r}"
+            message = f"grasp {name!r} {does} at t = {time_s:.6g} s while {by.name!r} holds {by.tree!r}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, f"{message}: one grasp holds at a time; release it first")
 
     def _capture(self, grip: Grip, instant: Instant) -> Effect:
-        if self._holding is not None:
-            raise ValueError(f"{grip.grasp.name} cannot take hold while {self._holding.grasp.name} holds")
+        self._refuse_second(grip.grasp.name, "would take hold", instant.time_s)
         system, data, held = self.scene.system, self.scene.data, grip.held
         sites, near, point = grip.sites, grip.near(), grip.sites.point(data)
         found = plastic_impulse(system.mj, data, sites.link, sites.root, point)
@@ -175,10 +185,9 @@ class Captures(Regime):
         energies_after, momentum_after = self._energies(), self._momentum()
         gained, change = energies_after - energies, momentum_after - momentum
         grip.armed, self._holding = False, grip
-        self._impacts.closing.let_go(held.rigid)
         force, moment = found.impulse[:3], found.impulse[3:]
         record = CaptureRecord(
-            event=self._number(),
+            event=self.scene.numbers.take(),
             grasp=grip.grasp.name,
             time_s=instant.time_s,
             step=instant.step,
@@ -208,7 +217,7 @@ class Captures(Regime):
         self._holding = None
         mujoco.mj_forward(self.scene.system.mj, self.scene.data)
         point = _plain(grip.sites.point(self.scene.data))
-        who = self._number(), grip.grasp.name
+        who = self.scene.numbers.take(), grip.grasp.name
         return ReleaseRecord(*who, instant.time_s, instant.step, point, **self._state(self.scene.data.qvel))
 
     def _disarm(self, grip: Grip, instant: Instant) -> list[Any]:
@@ -220,12 +229,8 @@ class Captures(Regime):
             return []
         near, at_s = grip.least
         state, ratio = self._state(self.scene.data.qvel), grip.ratio(near)
-        who = self._number(), grip.grasp.name
+        who = self.scene.numbers.take(), grip.grasp.name
         return [NearMissRecord(*who, instant.time_s, instant.step, ratio, at_s, *near, **state)]
-
-    def _number(self) -> int:
-        self._events += 1
-        return self._events - 1
 
     def _state(self, before: FloatArray) -> dict[str, Any]:
         """Fields of a record that say what moved, the state after being that in ``data``."""
@@ -246,12 +251,19 @@ class Captures(Regime):
     def _momentum(self) -> FloatArray:
         return np.asarray(momentum_matrix(self.scene.system.mj, self.scene.data, 0) @ self.scene.data.qvel)
 
+    def passed(self, time_s: float) -> None:
+        """What is held bears another load from here on."""
+        if self._holding is not None:
+            self._loads.passed(self._holding.load, time_s)
+
     def _note(self, _: float) -> None:
         """Who holds, and with what load under the efforts that act from here on."""
         self._loads.note(self._holding.load if self._holding is not None else None)
 
     def _resume(self, values: FloatArray) -> None:
         self._told = float(values[0])
+        force, torque, at_s = values[-3:].tolist()
+        self._loads.between = force, torque, at_s if force > 0.0 else math.nan
 
     def take_up(self) -> Motion | None:
         """Hold what the columns say is held, at the state in ``data``."""
@@ -268,10 +280,11 @@ class Captures(Regime):
         Raises:
             ValueError: They are of a grasp that there is not.
         """
+        self.scene.numbers.next = records[0].event
         for record in records:
             if record.grasp not in self._grips:
                 raise ValueError(f"no grasp {record.grasp!r}")
-            grip, self._events = self._grips[record.grasp], record.event
+            grip = self._grips[record.grasp]
             if isinstance(record, CaptureRecord):
                 self._closing = grip
             elif isinstance(record, ReleaseRecord):

@@ -29,6 +29,7 @@ class Course:
         self.regimes = tuple(regimes)
         self._active: list[Regime] = []
         self._poll: Callable[[], None] | None = None
+        self._passed_s: float | None = None
         self.bind(motion)
 
     def bind(self, motion: Motion) -> None:
@@ -37,7 +38,7 @@ class Course:
         if self._poll is not None:
             motion.path.poll = self._poll
         for regime in self.regimes:
-            regime.motion = motion
+            regime.bind(motion)
         self.restart()
 
     def take_up(self, system: Motion) -> None:
@@ -46,6 +47,7 @@ class Course:
         Args:
             system: What moves unless a regime says otherwise.
         """
+        self._passed_s = None
         moving = [motion for regime in self.regimes if (motion := regime.take_up()) is not None]
         self.bind(moving[0] if moving else system)
 
@@ -65,6 +67,18 @@ class Course:
     def reconsider(self) -> None:
         """Ask the regimes again how far they can see: one of them heard something."""
         self.motion.flight.horizon = self._horizon()
+
+    def passed(self, time_s: float) -> None:
+        """An event was told of at this time: the regimes hear of it once a step begins from there."""
+        self._passed_s = time_s
+
+    def _begin_step(self) -> None:
+        if self._passed_s is not None:
+            for regime in self.regimes:
+                regime.passed(self._passed_s)
+            self._passed_s = None
+        for regime in self._active:
+            regime.begin_step()
 
     def _horizon(self) -> float:
         return min((regime.horizon for regime in self.regimes), default=math.inf)
@@ -97,8 +111,7 @@ class Course:
             for regime in self.regimes:
                 if regime.due():
                     return 0.0, regime
-        for regime in self._active:
-            regime.begin_step()
+        self._begin_step()
         clear = motion.step(duration_s)
         # What is not finite is for the caller to notice.
         if clear or not math.isfinite(flight.energy):
@@ -122,8 +135,7 @@ class Course:
 
     def fly(self, duration_s: float) -> None:
         """Integrate for a time, whatever happens on the way."""
-        for regime in self._active:
-            regime.begin_step()
+        self._begin_step()
         self.motion.step(duration_s)
 
     def finish(self, instant: Instant) -> list[Any]:

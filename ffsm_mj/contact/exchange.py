@@ -2,6 +2,9 @@
 
 By Simpson's rule with a cubic Hermite midpoint, as external forces in the ledger: what follows the bodies' motion is then
 known to the order of the integrator. A pair of equal and opposite wrenches exchanges nothing within one party.
+
+What is carried is a part of the robot here, for what moves has it so: whoever holds it books all that it gains as given by
+the robot. What it gets from fixed bodies is booked to the objects, as from outside, and taken off what the robot gave.
 """
 
 from __future__ import annotations
@@ -45,8 +48,9 @@ class Exchange:
         self._system, self._data, self._wrenches = system, data, wrenches
         self._scratch = mujoco.MjData(system.mj)
 
-    def begin(self) -> None:
-        """A (sub-)step begins at the state in ``data``."""
+    def begin(self, carried: frozenset[int]) -> None:
+        """A (sub-)step begins at the state in ``data``, with these bodies of objects as parts of the robot."""
+        self._carried = carried
         self._qpos, self._qvel = self._data.qpos.copy(), self._data.qvel.copy()
         self._first = self._rates(self._data)
 
@@ -61,4 +65,4 @@ class Exchange:
         return Booking(done[:3], done[3:9], done[9:].reshape(2, 6))
 
     def _rates(self, data: Any) -> FloatArray:
-        return rates_by_party(self._system, data, self._wrenches(data))
+        return rates_by_party(self._system, data, self._wrenches(data), self._carried)

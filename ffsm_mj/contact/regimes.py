@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import entry_points
 from typing import Any, ClassVar, NamedTuple
@@ -31,12 +31,31 @@ from ffsm_mj.records.wrench import Wrench
 GROUP = "ffsm_mj.contact_regimes"
 
 
+class Numbers:
+    """Numbers of the events of a run that share one count: at one instant nothing else tells which came first.
+
+    Attributes:
+        next: The number of the next one.
+    """
+
+    def __init__(self) -> None:
+        """From 0."""
+        self.next = 0
+
+    def take(self) -> int:
+        """The number of an event that happens now."""
+        self.next += 1
+        return self.next - 1
+
+
 @dataclass(frozen=True)
 class Scene:
     """What a regime is built for: the system that is logged, and its data, which every motion keeps current."""
 
     system: System
     data: Any
+    numbers: Numbers = field(default_factory=Numbers)
+    """Of what happens to contacts that last and to grasps."""
 
 
 class Instant(NamedTuple):
@@ -111,6 +130,10 @@ class Regime:
         """
         self.scene = scene
 
+    def bind(self, motion: Motion) -> None:
+        """This moves from here on; the others that come before it know that already. A restart follows."""
+        self.motion = motion
+
     def restart(self) -> None:
         """Something changed at one instant: look anew from the state in ``data``."""
 
@@ -129,6 +152,9 @@ class Regime:
     def arrived(self, time_s: float) -> None:
         """The search is over, and the state is that of this time in the step."""
 
+    def passed(self, time_s: float) -> None:
+        """An event was told of at this time, anybody's; what acts from here on is decided, and a step begins."""
+
     def act(self, instant: Instant) -> Effect | None:
         """Change the state at an event, derived quantities current after; None where nothing happened after all.
 
@@ -138,12 +164,15 @@ class Regime:
         return None
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:
-        """What it puts on which bodies of the system while it pushes; positions and velocities in ``data`` are current."""
+        """What it puts on which bodies of the system while it pushes; positions and velocities in ``data`` are current.
+
+        One that pushes in generalised forces of its own, and may touch what is held, says here what they are on bodies.
+        """
         return ()
 
     def begin_step(self) -> None:
         """A (sub-)step begins, while it is active."""
-        self._exchange.begin()
+        self._exchange.begin(self.motion.carried_bodies)
 
     def end_step(self, duration_s: float) -> Booking | None:
         """It has ended: what its wrenches did."""

@@ -20,9 +20,6 @@ class Closing(Protocol):
     def close(self, touching: Touching) -> None:
         """Take over what is closed and still of the pairs in contact, at the velocities in ``data``, and nothing else."""
 
-    def let_go(self, pairs: frozenset[frozenset[int]]) -> None:
-        """Hold these pairs of geoms no more: from here on they are on one rigid body."""
-
 
 class NothingCloses:
     """Leaves everything to the detection of touches."""
@@ -37,6 +34,3 @@ class NothingCloses:
 
     def close(self, _: Touching) -> None:
         """It takes none."""
-
-    def let_go(self, _: frozenset[frozenset[int]]) -> None:
-        """It holds none."""

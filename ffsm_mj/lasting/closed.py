@@ -65,8 +65,14 @@ class Closed:
         self._deepest: tuple[tuple[Any, ...], float] | None = None
 
     def bind(self, motion: Motion) -> None:
-        """Move with this from here on; nothing was asked of it yet."""
-        self.motion, self._smooth = motion, Smooth(motion)
+        """Move with this from here on; nothing was asked of it yet, nor was anything pushed by others."""
+        self.motion, self._smooth = motion, Smooth(motion, self._scene.data)
+        self._others = np.zeros(motion.model.nv)
+        self._looked = self._asked = self._decided = self._deepest = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Something changed at one instant: forces of before are none of what comes."""
         self.stages.clear()
 
     def hold(self, pair: ContactPair, touches: Sequence[Touch]) -> None:

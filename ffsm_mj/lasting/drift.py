@@ -35,14 +35,15 @@ class Drift:
         if here is None or not needs_projection(here):
             return None
         touches, motion = closed.touches, closed.motion
-        outside = Shares.of(system, touches).outside != 0.0
+        outside = Shares.of(system, touches, motion.carried_bodies).outside != 0.0
         taken = np.array(wrenches(here, np.ones(len(touches))))[outside.any(axis=0)]
         before, qpos = self._accounts(), data.qpos.copy()
-        project(motion.model, motion.data, lambda: rows(motion, data, touches), self._free, taken)
+        project(motion, lambda: rows(motion, data, touches), self._free, taken)
         motion.path.arrived()
         motion.flight.account(0.0)  # its energy and momentum are those of other velocities
         energy, impulse, total = (after - then for after, then in zip(self._accounts(), before, strict=True))
-        # What fixed bodies take is one sum: it is booked to the robot where they touch it, else to the objects.
+        # What fixed bodies take is one sum: it is booked to the robot where they touch it, else to the objects. What is
+        # carried counts as the robot's here, and its gains are booked by the ledger.
         from_outside = np.zeros((2, 6))
         if outside[0].any():
             from_outside[0] = total
@@ -56,12 +57,15 @@ class Drift:
         return Booking(energy, impulse, from_outside)
 
     def _accounts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Kinetic energies of (total, robot, objects), and the momenta of the objects and of all."""
-        system, data = self._scene.system, self._scene.data
+        """Kinetic energies of (total, robot with what it carries, other objects), and the momenta of those and of all."""
+        system, data, carried = self._scene.system, self._scene.data, self._closed.motion.carried
         momentum = np.empty(system.mj.nv)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
-        robot = system.robot.dofs
-        total, own = 0.5 * float(momentum @ data.qvel), 0.5 * float(momentum[robot] @ data.qvel[robot])
-        of_objects = (momentum_matrix(system.mj, data, tree.root) @ data.qvel for tree in system.objects)
+        total = 0.5 * float(momentum @ data.qvel)
+        ours = system.robot, *([carried] if carried is not None else [])
+        own = sum(0.5 * float(momentum[tree.dofs] @ data.qvel[tree.dofs]) for tree in ours)
+        of_objects = (
+            momentum_matrix(system.mj, data, tree.root) @ data.qvel for tree in system.objects if tree is not carried
+        )
         energy, of_all = np.array((total, own, total - own)), momentum_matrix(system.mj, data, 0) @ data.qvel
         return energy, sum(of_objects, np.zeros(6)), of_all

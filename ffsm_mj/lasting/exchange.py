@@ -18,6 +18,7 @@ from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.lasting.rows import Rows, Touch
 from ffsm_mj.model.system import System
+from ffsm_mj.motion.motion import Motion
 from ffsm_mj.motion.pushed_flight import WEIGHTS
 
 Wrench = tuple[float, float, float, float, float, float]
@@ -52,9 +53,10 @@ class Shares(NamedTuple):
     of_pairs: dict[ContactPair, list[int]]
 
     @classmethod
-    def of(cls, system: System, touches: Sequence[Touch]) -> Shares:
-        """Those of some touches."""
-        robot, objects = set(system.robot.bodies), {body for tree in system.objects for body in tree.bodies}
+    def of(cls, system: System, touches: Sequence[Touch], carried: frozenset[int]) -> Shares:
+        """Those of some touches, with some bodies of objects carried as parts of the robot (see ``contact/exchange.py``)."""
+        robot = carried.union(system.robot.bodies)
+        objects = {body for tree in system.objects for body in tree.bodies} - carried
         from_robot, outside = np.zeros(len(touches)), np.zeros((2, len(touches)))
         of_pairs: dict[ContactPair, list[int]] = {}
         for i, touch in enumerate(touches):
@@ -65,20 +67,32 @@ class Shares(NamedTuple):
                 from_robot[i] = 1.0 if a in robot else -1.0
             elif ours:  # the other is fixed
                 bodies = (robot, objects)[ours[0]]
-                outside[ours[0], i] = 1.0 if b in bodies else -1.0
+                sign = 1.0 if b in bodies else -1.0
+                if a in carried or b in carried:
+                    outside[1, i], from_robot[i] = sign, -sign
+                else:
+                    outside[ours[0], i] = sign
         return cls(from_robot, outside, of_pairs)
 
 
+def robot_dofs(system: System, motion: Motion) -> slice:
+    """Dofs of the robot in what moves, with all that it carries there."""
+    model = motion.model
+    root = model.body_rootid[motion.bodies[system.robot.root]]
+    own = np.flatnonzero(model.body_rootid[model.dof_bodyid] == root)
+    return slice(int(own[0]), int(own[-1]) + 1)
+
+
 def booked(
-    stages: Sequence[Stage], duration_s: float, robot: slice, shares: Shares
+    stages: Sequence[Stage], duration_s: float, shares: Shares, robot: slice
 ) -> tuple[Booking, dict[ContactPair, float]]:
     """What the contacts of the four stages of a step exchanged, and the integral of the size of each pair's force, N s.
 
     Args:
         stages: In their order.
         duration_s: Length of the step.
-        robot: The robot's dofs.
         shares: Of the contacts.
+        robot: The robot's dofs in what moves.
     """
     parts, on_b = duration_s * WEIGHTS, [wrenches(stage.rows, stage.forces) for stage in stages]
     work = parts.dot(np.array([stage.power for stage in stages])).tolist()

@@ -15,6 +15,7 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.lasting.rows import Rows
 from ffsm_mj.model.dynamics import momentum_matrix
+from ffsm_mj.motion.motion import Motion
 
 GAP_M, RATE_M_S = 1e-11, 1e-10
 """Gaps and rates within these are left alone."""
@@ -27,16 +28,16 @@ def needs_projection(rows: Rows) -> bool:
     return any(abs(here.gap) > GAP_M or abs(here.rate) > RATE_M_S for here in rows.held)
 
 
-def project(model: Any, data: Any, rows_now: Callable[[], Rows], free: BoolArray, taken: FloatArray) -> None:
+def project(motion: Motion, rows_now: Callable[[], Rows], free: BoolArray, taken: FloatArray) -> None:
     """Close the gaps and stop their rates; positions and velocities current, and derived quantities after.
 
     Args:
-        model: What moves.
-        data: Its data.
-        rows_now: Rows of what is closed at the state in ``data``.
+        motion: What moves; what it stands for follows its positions and velocities.
+        rows_now: Rows of what is closed at its state.
         free: Which components of (P, L about the origin) the joints leave free, (6,).
         taken: Wrenches about the world origin of the contacts with fixed bodies, rows of (force, moment), (k, 6).
     """
+    model, data = motion.model, motion.data
     momentum = momentum_matrix(model, data, 0) @ data.qvel
     for _ in range(_PASSES):
         rows = rows_now()
@@ -46,6 +47,7 @@ def project(model: Any, data: Any, rows_now: Callable[[], Rows], free: BoolArray
         mujoco.mj_integratePos(model, data.qpos, _nearest(model, data, rows.J, -gaps), 1.0)
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
+        motion.follow()
     rows = rows_now()
     constraints, wanted = rows.J, np.zeros(len(rows.J))
     kept = _kept(free, taken)

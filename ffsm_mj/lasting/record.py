@@ -14,7 +14,7 @@ class ContactRecord:
     """What happened to a pair that lasts.
 
     Attributes:
-        event: Number of what happened to lasting contacts, from 0; pairs that share an instant share it.
+        event: Number of what happened to lasting contacts and to grasps, from 0; pairs that share an instant share it.
         time_s: When.
         step: Integration step in which it happened, from 0.
         pair: Name of the pair of geoms.

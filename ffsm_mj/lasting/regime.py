@@ -15,21 +15,24 @@ from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact.regimes import Effect, Instant, Regime, Scene
 from ffsm_mj.impact.regime import Impacts
+from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.impact.touching import Touching
 from ffsm_mj.lasting.closed import Closed, closed_and_still, held_stillness, stillness, switched_stillness
 from ffsm_mj.lasting.drift import Drift, added
-from ffsm_mj.lasting.exchange import Shares, booked
+from ffsm_mj.lasting.exchange import Shares, booked, robot_dofs
 from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.lasting.refusals import pressing_pairs, refusal, rubbing
 from ffsm_mj.lasting.report import Report
 from ffsm_mj.lasting.rows import Touch
+from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.wrench import Wrench
 
 _INSTANT_S = 1e-13
 """An event is known this well within its step."""
-_OTHER_MODEL = "another model than that of the scenario moves, as where an object is gripped"
+_OTHER_MODEL = "another model than that of the scenario moves, and no grasp of the scenario holds in it"
 _NEAR = 1e-6
 _PARTS = tuple(0.5**k for k in range(1, 20))
 """Of a step, where a point that begins it at a gap of rounding may have left for a while."""
@@ -51,14 +54,36 @@ class Lasting(Regime):
         self._report = Report(scene, impacts.pairs, self._closed)
         self._drift = Drift(scene, self._closed)
         self.columns = self._report.columns
-        self._events = 0
+        self._moved: Motion | None = None
         self._landing = False
         self._righted: Booking | None = None
-        self._shared: tuple[tuple[Touch, ...], Shares] | None = None
+        self._shared: tuple[tuple[tuple[Touch, ...], Motion], Shares, slice] | None = None
+
+    def bind(self, motion: Motion) -> None:
+        """This moves from here on: what is closed and still stays so, but for pairs that are on one rigid body in it.
+
+        A pair that has just become one again, as where an object is let go, is held from here on where it is closed.
+        """
+        super().bind(motion)
+        self._closed.bind(motion)
+        moved, self._moved = self._moved, motion
+        if moved is not None and moved is not motion:
+            self._look_anew()
+
+    def _look_anew(self) -> None:
+        """Hold what is closed and still of the pairs that there are while this moves."""
+        held = frozenset(self._closed.by_pair)
+        for pair in held:
+            if pair.geom_ids in self.motion.rigid:
+                self._closed.hold(pair, ())
+        for pair, near in self._impacts.contacts():
+            if abs(near.gap) <= GAP_TOLERANCE:  # what was let go where it overlaps is for the impact
+                self._take(pair, near, held_stillness(near) if pair in held else near.still)
+        self._settle()
 
     def restart(self) -> None:
         """Something changed at one instant: nothing that was decided holds any more."""
-        self._closed.bind(self.motion)
+        self._closed.forget()
 
     def holds(self, pair: ContactPair) -> bool:
         """Whether a pair is closed; see :class:`~ffsm_mj.impact.closing.Closing`."""
@@ -76,19 +101,13 @@ class Lasting(Regime):
 
     def meet(self, records: Sequence[Any]) -> None:
         """Take up pairs of which a log tells something, where they are in contact and not held: no impact closed them."""
+        self.scene.numbers.next = records[0].event
         if {record.pair for record in records} - {pair.name for pair in self._closed.by_pair}:
             self.close(self._impacts.contacts())
 
-    def let_go(self, pairs: frozenset[frozenset[int]]) -> None:
-        """Hold some pairs of geoms no more; one that was told of ends."""
-        for pair in self._closed.by_pair:
-            if pair.geom_ids in pairs:
-                self._closed.by_pair[pair] = ()
-        self._settle()
-
     def refusal(self, pair: ContactPair) -> str:
         """Why a pair cannot be held; empty where it can."""
-        if self.motion.data is not self.scene.data:
+        if self.motion.data is not self.scene.data and not self.motion.grasp:
             return _OTHER_MODEL
         return refusal(self.scene.system.mj, pair)
 
@@ -127,10 +146,8 @@ class Lasting(Regime):
         """A (sub-)step begins: take drift out of what is closed, and hold what presses.
 
         Raises:
-            RunEnded: Another model moves from here on, or a pair with friction is pressed.
+            RunEnded: A pair with friction is pressed.
         """
-        if self.motion.data is not self.scene.data:
-            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{self.names()} cannot stay in contact: {_OTHER_MODEL}")
         self._righted = self._drift.taken_out()
         self._closed.press()
         self._refuse_friction()
@@ -209,15 +226,24 @@ class Lasting(Regime):
         """The forces of the contacts; see :class:`~ffsm_mj.contact.regimes.Regime`."""
         self._closed.push(data)
 
+    def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
+        """What the contacts put on their bodies under the efforts in ``data``, decided anew."""
+        return self._report.wrenches()
+
     def end_step(self, duration_s: float) -> Booking | None:
         """What the contacts exchanged, and what taking the drift out of them did as the step began."""
         closed, system = self._closed, self.scene.system
         done = self._righted
         if closed.pressing:
             stages = closed.stages[-5:-1]  # the last one is that of the end, where the next step begins
-            if self._shared is None or self._shared[0] != closed.pressing:
-                self._shared = closed.pressing, Shares.of(system, closed.pressing)
-            booking, impulses = booked(stages, duration_s, system.robot.dofs, self._shared[1])
+            key = closed.pressing, self.motion
+            if self._shared is None or self._shared[0] != key:
+                self._shared = (
+                    key,
+                    Shares.of(system, closed.pressing, self.motion.carried_bodies),
+                    robot_dofs(system, self.motion),
+                )
+            booking, impulses = booked(stages, duration_s, *self._shared[1:])
             done = added(done, booking)
             self._report.book(impulses)
         self._impacts.deepen(-min([at.gap for at in closed.decide().rows.held], default=0.0))
@@ -247,8 +273,7 @@ class Lasting(Regime):
             self._change(pairs)
         self._settle()
         places |= self._report.places([pair for pair in pairs if self.holds(pair)])
-        records = self._report.records(kind, places, before, instant, self._events, qvel)
-        self._events += 1
+        records = self._report.records(kind, places, before, instant, self.scene.numbers.take(), qvel)
         return Effect(records, asks=False)
 
     def _news(self) -> tuple[RecordKind, list[ContactPair]] | None:

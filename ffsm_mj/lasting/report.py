@@ -17,6 +17,7 @@ from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import FORCE_RESIDUAL, Signal, identifier
+from ffsm_mj.records.wrench import Wrench
 
 FREE, CLOSED, PRESSING = 0.0, 1.0, 2.0
 """Modes of a pair in the log."""
@@ -147,6 +148,18 @@ class Report:
         """The closed pairs at the state in ``data`` under the efforts in it, as control laws see them."""
         found = self.places([pair for pair, touches in self._closed.by_pair.items() if touches])
         return tuple(ActiveContact(pair.name, at.force, at.centre.copy(), at.normal.copy()) for pair, at in found.items())
+
+    def wrenches(self) -> list[Wrench]:
+        """What the closed contacts put on their bodies at the state in ``data`` under the efforts in it."""
+        closed = self._closed
+        if not closed.touches:
+            return []
+        decision, out = closed.decide(), []
+        for touch, here, size in zip(decision.touches, decision.rows.held, decision.shared().tolist(), strict=True):
+            if size:
+                force = size * here.normal
+                out += [Wrench(touch.pair.body_a, here.point, -force), Wrench(touch.pair.body_b, here.point, force)]
+        return out
 
     def book(self, impulses: Mapping[ContactPair, float]) -> None:
         """Add what the resultant forces of some pairs came to in a step, N s."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 
 from ffsm_mj.arrays import FloatArray
@@ -11,14 +13,17 @@ from ffsm_mj.motion.motion import Motion
 class Smooth:
     """State and forces of a motion; MuJoCo's arrays stay where they are, and are looked up once.
 
+    The efforts are those in the system's data: another model takes them over as a step begins, and is asked before.
+
     Attributes:
         motion: What moves.
     """
 
-    def __init__(self, motion: Motion) -> None:
-        """Find the arrays."""
+    def __init__(self, motion: Motion, seen: Any) -> None:
+        """Find the arrays; ``seen`` is the data of the system that is logged."""
         self.motion, data = motion, motion.data
-        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
+        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, seen.ctrl
+        self._own_ctrl = data.ctrl if data is not seen else None
         self._passive, self._bias, self._actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
 
     def state(self) -> tuple[bytes, bytes]:
@@ -32,6 +37,8 @@ class Smooth:
 
     def force(self, pushes: FloatArray) -> FloatArray:
         """Generalised forces less the bias, with those of whoever else pushes, (nv,); positions and velocities current."""
+        if self._own_ctrl is not None:
+            self._own_ctrl[:] = self._ctrl
         mujoco.mj_fwdActuation(self.motion.model, self.motion.data)
         force: FloatArray = self._passive - self._bias
         force += self._actuator

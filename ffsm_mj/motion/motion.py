@@ -43,6 +43,11 @@ class Motion:
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self._unpushed = self.flight = fastest(Flight)(model, data, self.path.start, self.momentum)
 
+    @property
+    def carried_bodies(self) -> frozenset[int]:
+        """Bodies of the system that are parts of the robot in it, though they are an object's."""
+        return frozenset(self.carried.bodies) if self.carried is not None else frozenset()
+
     def push_with(self, pushes: Sequence[Push]) -> None:
         """Let forces act in every stage of the coming steps, and no others; derived quantities follow."""
         if pushes:

@@ -44,6 +44,12 @@ OVERLAP = "deepest_overlap_m"
 FORCE_RESIDUAL = "contact_force_residual_N"
 """Signal of the ledger that tells how far contact forces are from those that the state asks for."""
 
+CAPTURE_EVENT_LOADS = {
+    "contact.capture_event_force_N": "N",
+    "contact.capture_event_torque_N_m": "N m",
+    "contact.capture_event_s": "s",
+}
+"""Greatest load on a held object right after an event since the sample before, and when that force was; units by column."""
 CAPTURE_LOADS = {
     **{f"contact.capture_force_{x}_N": "N" for x in "xyz"},
     **{f"contact.capture_torque_{x}_N_m": "N m" for x in "xyz"},

@@ -6,13 +6,15 @@ Where the pairs touch and how their gaps accelerate comes from the support funct
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.impact.contact import Contact, contact_jacobian
@@ -36,23 +38,23 @@ class ContactCheck:
         self._modes = layout.places(mode_key(pair) for pair in pairs)
         self._scratch = mujoco.MjData(scene.system.mj)
 
-    def residual(self, row: FloatArray, rigid: frozenset[frozenset[int]]) -> float:
+    def residual(self, row: FloatArray, course: Course) -> float:
         """Largest difference of a pair's resultant force from that in a row, N; 0 where no pair is closed.
 
         Args:
             row: Of the log.
-            rigid: Pairs of geoms that are on one rigid body there: they exert no contact forces.
+            course: What moves there, and who else pushes; pairs of geoms on one rigid body exert no contact forces.
         """
         logged = row[self._forces].reshape(-1, 3)
         told = row[self._modes] > 0.0
         touching = [
             (pair, near)
             for pair, lasts in zip(self._pairs, told, strict=True)
-            if pair.geom_ids not in rigid and (near := self._closed(pair, lasts))
+            if pair.geom_ids not in course.motion.rigid and (near := self._closed(pair, lasts))
         ]
         if not touching and not np.any(logged):
             return 0.0
-        found = dict.fromkeys(self._pairs, np.zeros(3)) | self._resultants(touching)
+        found = dict.fromkeys(self._pairs, np.zeros(3)) | self._resultants(touching, course)
         return float(max(np.linalg.norm(force - found[pair]) for pair, force in zip(self._pairs, logged, strict=True)))
 
     def _closed(self, pair: ContactPair, lasts: bool) -> Proximity | None:
@@ -62,7 +64,9 @@ class ContactCheck:
         near = pair.proximity(model, data)
         return near if closed_and_still(near, held_stillness(near) if lasts else near.still) else None
 
-    def _resultants(self, touching: Sequence[tuple[ContactPair, Proximity]]) -> dict[ContactPair, FloatArray]:
+    def _resultants(
+        self, touching: Sequence[tuple[ContactPair, Proximity]], course: Course
+    ) -> dict[ContactPair, FloatArray]:
         """Force on the second geom of each pair, N."""
         # Of a face that is flat to 1e-6 rad all corners are near; those that open are in contact no more.
         points = [
@@ -73,23 +77,51 @@ class ContactCheck:
         ]
         if not points:
             return {}
-        model, free = self._scene.system.mj, self._free_motion()
-        contacts = [Contact(pair.body_a, pair.body_b, point, near.normal) for pair, near, point in points]
-        J = np.stack([contact_jacobian(model, free, contact) for contact in contacts])
-        rates = np.array([pair.second_rate(model, free, near, point).value for pair, near, point in points])
-        A = np.linalg.solve(np.linalg.cholesky(mass_matrix(model, free)), J.T).T
+        motion, bodies = course.motion, course.motion.bodies
+        contacts = [Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal) for pair, near, point in points]
+        with self._free_motion(course) as (seen, moving):
+            model = self._scene.system.mj
+            rates = np.array([pair.second_rate(model, seen, near, point).value for pair, near, point in points])
+            J = np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts])
+            A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, moving)), J.T).T
         forces = project(A, np.linalg.lstsq(A, rates, rcond=None)[0])
         found: dict[ContactPair, Any] = {}
         for (pair, near, _), force in zip(points, forces.tolist(), strict=True):
             found[pair] = found.get(pair, np.zeros(3)) + force * near.normal
         return found
 
-    def _free_motion(self) -> Any:
-        """The state and efforts of the row, with the accelerations that there would be without contact forces."""
-        model, data, scratch = self._scene.system.mj, self._scene.data, self._scratch
-        state = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
-        mujoco.mj_getState(model, data, state, WHOLE_STATE)
-        mujoco.mj_setState(model, scratch, state, WHOLE_STATE)
-        scratch.qfrc_applied.fill(0.0)
-        mujoco.mj_forward(model, scratch)
-        return scratch
+    @contextmanager
+    def _free_motion(self, course: Course) -> Iterator[tuple[Any, Any]]:
+        """Data of the system, and of what moves, with the accelerations that there would be without contact forces.
+
+        At the state and under the efforts of the row, and what else pushes there, for a while.
+        """
+        motion, model, data, scratch = course.motion, self._scene.system.mj, self._scene.data, self._scratch
+        if motion.data is data:
+            state = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
+            mujoco.mj_getState(model, data, state, WHOLE_STATE)
+            mujoco.mj_setState(model, scratch, state, WHOLE_STATE)
+            _push(course, model, scratch)
+            yield scratch, scratch
+            return
+        applied = motion.data.qfrc_applied.copy()
+        try:
+            motion.data.ctrl[:] = data.ctrl
+            _push(course, motion.model, motion.data)
+            motion.path.arrived()
+            yield data, motion.data
+        finally:
+            motion.data.qfrc_applied[:] = applied
+            mujoco.mj_forward(motion.model, motion.data)
+            motion.path.arrived()
+
+
+def _push(course: Course, model: Any, data: Any) -> None:
+    """Let all but contact forces act on what moves, or on the same elsewhere."""
+    data.qfrc_applied.fill(0.0)
+    mujoco.mj_forward(model, data)
+    others = [regime for regime in course.regimes if regime.active and regime.pushes and not regime.answers]
+    for regime in others:
+        regime.push(data)
+    if others:
+        mujoco.mj_forward(model, data)

@@ -58,7 +58,8 @@ def _order(event: Encounter) -> tuple[int, float, bool, int]:
 def _led_up_to(events: Sequence[Encounter]) -> list[Encounter]:
     """The same; at one instant what leaves the state in which an impact happens goes before it: a feature that changes.
 
-    That state or, where drift is taken out between the two, one that is nearer to it than to the state after the impact.
+    That state or, where drift is taken out between the two, one that is nearer to it than the state in which it begins is to
+    that after the impact: a grasp that closes at a touch begins there.
     """
     out: list[Encounter] = []
     for event in events:
@@ -72,12 +73,7 @@ def _led_up_to(events: Sequence[Encounter]) -> list[Encounter]:
 def _leads_to(event: Encounter, impact: Encounter) -> bool:
     if impact.kind != "impact" or (event.step, event.time_s) != (impact.step, impact.time_s):
         return False
-    return _nearer(event.state, impact) and _nearer(event.state_after, impact)
-
-
-def _nearer(state: FloatArray, impact: Encounter) -> bool:
-    """Whether a state is nearer to that before an impact than to that after: a grasp that closes at a touch begins after."""
-    before, after = (np.linalg.norm(state - other) for other in (impact.state, impact.state_after))
+    before, after = np.linalg.norm(event.state_after - impact.state), np.linalg.norm(event.state - impact.state_after)
     return bool(before < after)
 
 

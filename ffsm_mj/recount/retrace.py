@@ -39,6 +39,8 @@ _NO_TIME = 1e-15
 
 Where its state is another a step has begun in between, for less time than numbers tell, and drift was taken out.
 """
+_FOLLOWED = 1e-14
+"""A state that follows another model is known to so much of its largest number; drift that is taken out is more."""
 _HUGE = 1e10
 """MuJoCo takes no larger number for a state."""
 
@@ -74,8 +76,8 @@ class Retrace:
         mujoco.mj_forward(model, self._data)
         self._scene, self._free = Scene(scene.system, self._data), Motion(model, self._data)
         self._impacts, lasting = impacts_of(scenario, self._scene, scene.pairs)
-        captures = captures_of(scenario, self._scene, self._free, self._impacts, scene.held)
         declared = declared_regimes(scenario, self._scene)
+        captures = captures_of(scenario, self._scene, self._free, self._impacts, scene.held, (lasting, *declared))
         self._course = Course(self._free, (self._impacts, lasting, *captures, *declared))
         self._ledger = Ledger(scene.system, self._data, self._free.momentum, notes=BLOCK_ROWS)
         self.free = self._ledger.free
@@ -177,7 +179,7 @@ class Retrace:
         self._data.ctrl[:] = lines.ctrl[line]
         self._telling[:] = lines.rows[line, self._told]
         self._rows.fill(line, time)
-        self._forces_apart[line] = self._contacts.residual(lines.rows[line], self._course.motion.rigid)
+        self._forces_apart[line] = self._contacts.residual(lines.rows[line], self._course)
         self._tick = None if tick == BETWEEN else tick
 
     def _seat(self, line: int, tick: int, time_s: float) -> None:
@@ -218,7 +220,7 @@ class Retrace:
             left = (step + 1) * self._step_s - event.time_s
             flown, none = self._left - left, _NO_TIME * event.time_s
             if flown <= none:
-                flown = 0.0 if np.array_equal(self._state_now(), event.state) else none
+                flown = 0.0 if self._is_at(event.state) else none
             self._meet(event, self._arrive(flown, event.state))
             self._left = left
             if event.time_s == until_s:
@@ -238,6 +240,7 @@ class Retrace:
         # Where the run ended with an impact nobody decided anew, or a control law failed: those efforts never acted.
         if self._events.pending or not self._ending:
             self._let_act(event)
+            self._course.passed(event.time_s)
 
     def _let_act(self, event: Encounter) -> None:
         """Let the efforts act that were decided at an event, and look whether the limits allow them."""
@@ -273,6 +276,13 @@ class Retrace:
 
     def _state_now(self) -> FloatArray:
         return np.concatenate((self._data.qpos, self._data.qvel))
+
+    def _is_at(self, state: FloatArray) -> bool:
+        """Whether a logged state is that in ``data``: to rounding where this follows another model that moves."""
+        now = self._state_now()
+        if self._course.motion.data is self._data:
+            return np.array_equal(now, state)
+        return bool(np.abs(now - state).max() <= _FOLLOWED * (1.0 + np.abs(state).max()))
 
     def _book(self, duration_s: float) -> None:
         self._impacts.note_overlap()

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.plant.actuator_config import ACTUATOR_KINDS
 from ffsm_mj.scenario.faults import KindNames, plain_faults
+from ffsm_mj.scenario.grasps import capture_faults
 from ffsm_mj.scenario.regimes import fault_of_ending
 from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, located, timing_faults, with_regimes
 from ffsm_mj.scenario.script_laws import as_phases, config_of, model_with, refuse_script_laws
@@ -115,7 +116,7 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
             faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, "until")))
         if phase.until == "impact" and not scenario.impact_pairs:
             faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
-    faults += _capture_faults(scenario)
+    faults += capture_faults(scenario)
     for i, phase in enumerate(scenario.phases[:-1]):
         if phase.until == "end":
             faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
@@ -128,18 +129,3 @@ def _friction_faults(scenario: Scenario) -> list[Fault]:
         return []
     message = "friction under 'impact.law: newton' can gain energy; let mu be 0, or the law 'blend' or 'poisson'"
     return [Fault(message, ("impact_pairs", i, "mu")) for i, pair in enumerate(scenario.impact_pairs) if pair.mu > 0.0]
-
-
-def _capture_faults(scenario: Scenario) -> list[Fault]:
-    """Captures that phases name and pairs that captures name: what there is not."""
-    faults = []
-    for i, phase in enumerate(scenario.phases):
-        for key, names in (("arm", phase.arm), ("release", phase.release)):
-            unknown = ((k, name) for k, name in enumerate(names) if name not in scenario.captures)
-            faults += [Fault(unknown_name("capture", name, scenario.captures), ("phases", i, key, k)) for k, name in unknown]
-    pairs = [pair.name for pair in scenario.impact_pairs]
-    for name, capture in scenario.captures.items():
-        touched = enumerate(capture.when.touch or ())
-        place = ("captures", name, "when", "touch")
-        faults += [Fault(unknown_name("impact pair", pair, pairs), (*place, k)) for k, pair in touched if pair not in pairs]
-    return faults

@@ -255,6 +255,7 @@ class Simulation:
             for record in effect.records:
                 self._recorder.event(replace(record, efforts_after=efforts))
         self._report_phases()
+        self._plant.course.passed(time_s)
         if end is not None:
             if end.outcome == Outcome.COMPLETED:
                 self._record(observation.time_s)

@@ -37,12 +37,12 @@ TOUCH = {"touch": ["hand-target/target"]}
 NEAR = {"within": {"position_m": 0.05, "angle_rad": 1.0, "speed_m_s": 1.0}}
 
 
-def grasping(folder, when=TOUCH, others=None, phases=None, **changes):
+def grasping(folder, when=TOUCH, others=None, phases=None, robot=ARM, **changes):
     """A tumbling ball drifts to the hand of a free-floating arm, is caught, held, and let go after 1.5 s."""
     folder.mkdir(exist_ok=True)
     return scene(
         folder,
-        ARM,
+        robot,
         {"target": TARGET, **(others or {})},
         **{
             "duration_s": 2.0,

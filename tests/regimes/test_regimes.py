@@ -13,13 +13,15 @@ from ffsm_controllers.off import Off
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact.regimes import Instant
 from ffsm_mj.errors import InputError
+from ffsm_mj.lasting.record import ContactEnds
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.recount import recount
 from tests.regimes import scenes
 from tests.regimes.weld import Weld
-from tests.scenes import ball
+from tests.scenes import ball, two_balls
 
 pytestmark = pytest.mark.usefixtures("test_regimes")
 
@@ -179,13 +181,14 @@ def test_what_a_regime_imports_is_on_its_page():
 
 
 def test_a_contact_does_not_last_while_another_model_moves(tmp_path):
-    """Its forces would go through the grip: neither begins such a contact, nor does one that has begun go on."""
-    parts = prepare(
-        scenes.capture(tmp_path, impact_pairs=[{"robot_geom": "hand", "object_geom": "target/target"}])
-    ).assemble()
-    (pair,), lasting = parts.pairs, parts.course.regimes[1]
-    assert lasting.refusal(pair) == ""
+    """Its forces would go through what holds there: neither begins such a contact, nor does one that has begun go on."""
+    parts = prepare(two_balls(tmp_path, speed=0.0, gap=0.0, restitution=0.0)).assemble()
+    (pair,), (impacts, lasting, *_) = parts.pairs, parts.course.regimes
+    assert (lasting.refusal(pair), lasting.holds(pair)) == ("", True)
+    lasting.act(Instant(0.0, 0))  # it is told of
     parts.course.bind(Motion(parts.system.mj, mujoco.MjData(parts.system.mj)))
     assert "another model" in lasting.refusal(pair)
-    with pytest.raises(RunEnded, match="another model"):
-        lasting.begin_step()
+    assert [kind.kind for kind in (impacts, lasting) if kind.due()] == ["contact"]
+    (record,) = lasting.act(Instant(0.0, 0)).records
+    assert type(record) is ContactEnds
+    assert not lasting.holds(pair)

@@ -1,0 +1,50 @@
+"""What phases say of captures, as far as it is wrong without anything having moved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ffsm_controllers import kinds
+
+from ffsm_mj.errors import Fault, unknown_name
+from ffsm_mj.scenario.scenario import PhaseConfig, Scenario
+
+_OWN = "ffsm_controllers"
+
+
+def capture_faults(scenario: Scenario) -> list[Fault]:
+    """Captures that phases name and pairs that captures name: what there is not, and a grasp armed while another holds."""
+    faults = []
+    for i, phase in enumerate(scenario.phases):
+        for key, names in (("arm", phase.arm), ("release", phase.release)):
+            unknown = ((k, name) for k, name in enumerate(names) if name not in scenario.captures)
+            faults += [Fault(unknown_name("capture", name, scenario.captures), ("phases", i, key, k)) for k, name in unknown]
+    pairs = [pair.name for pair in scenario.impact_pairs]
+    for name, capture in scenario.captures.items():
+        touched = enumerate(capture.when.touch or ())
+        place = ("captures", name, "when", "touch")
+        faults += [Fault(unknown_name("impact pair", pair, pairs), (*place, k)) for k, pair in touched if pair not in pairs]
+    return faults or [*_second_grasps(scenario)]
+
+
+def _second_grasps(scenario: Scenario) -> Iterator[Fault]:
+    """Grasps that a phase arms while another holds for certain: it ended a phase, and nobody has let go since."""
+    holding: tuple[tuple[str, ...], str] | None = None
+    for i, phase in enumerate(scenario.phases):
+        if holding is not None and set(phase.release) & set(holding[0]):
+            holding = None
+        if holding is not None and phase.arm:
+            names, since = holding
+            message = f"{phase.arm[0]!r} cannot take hold while {' or '.join(map(repr, names))} holds"
+            told = f"since the end of phase {since!r}: one grasp holds at a time; release it first"
+            yield Fault(f"{message}, {told}", ("phases", i, "arm", 0))
+        if phase.until == "capture" and phase.for_s is None and phase.arm:
+            holding = phase.arm, phase.name
+        elif phase.until == "release" or not _lets_go_by_phases_alone(phase):
+            holding = None
+
+
+def _lets_go_by_phases_alone(phase: PhaseConfig) -> bool:
+    """Whether the phase's control law asks for no release: those of this package do not, any other may."""
+    law = kinds().classes.get(phase.controller.kind)
+    return law is not None and law.__module__.partition(".")[0] == _OWN
