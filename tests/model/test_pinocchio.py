@@ -1,7 +1,7 @@
 """Pinocchio as an independent oracle: mass matrix, momenta, energy, impact, on 500 random states of each robot.
 
-A plain run has 50 of them. The Pinocchio model is built joint by joint from the numbers of the MuJoCo model; none of its own loaders is trusted with two
-floating trees. Free joints: Pinocchio's linear velocity is in body axes, MuJoCo's in world axes.
+A plain run has 50 of them. The Pinocchio model is built joint by joint from the numbers of the MuJoCo model; none of its own
+loaders is trusted with two floating trees. Free joints: Pinocchio's linear velocity is in body axes, MuJoCo's in world axes.
 """
 
 from __future__ import annotations
