@@ -61,6 +61,7 @@ def test_links_lead_somewhere(kept):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_every_cell_runs_and_shows_what_it_should(tmp_path, baseline, monkeypatch):
     """Nothing on stderr, no warning; figures are no empty sheets; the numbers are those of the run."""
     for variable in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR"):  # nothing of it in the home of whoever runs the suite

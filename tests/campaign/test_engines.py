@@ -105,6 +105,7 @@ def test_a_run_that_kills_its_worker_is_one_row(tmp_path: Path) -> None:
     assert status.messages[0].startswith("run 1: crashed: BrokenProcessPool")
 
 
+@pytest.mark.long
 def test_a_stuck_run_is_a_row(tmp_path: Path) -> None:
     """One that sleeps in C is ended with its worker, one that is slow in Python by itself."""
     path = fused(tmp_path, ["nothing", "stick", "dawdle"], limits={"max_failed": 1.0, "timeout_s": 2.0})
@@ -162,6 +163,7 @@ print(table.column("impacts.0.impulse_N_s").to_pylist())
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", ["script", "stdin"])
 def test_sweep_works_without_a_main_guard(tmp_path: Path, how: str) -> None:
     collisions(tmp_path)
@@ -190,6 +192,7 @@ def test_laws_of_a_script_run_where_they_are(tmp_path: Path, capsys: pytest.Capt
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_driver_that_is_killed_is_resumed_to_the_same_table(
     tmp_path: Path, in_a_loop: list[tuple[Any, ...]], number: signal.Signals
@@ -212,6 +215,7 @@ def test_a_driver_that_is_killed_is_resumed_to_the_same_table(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
     """Nor is a run blamed for it: alone, it is made."""
     campaign = Campaign.load(collisions(tmp_path, n=32), tmp_path / "out")
@@ -228,6 +232,7 @@ def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, in_a_loop: list[t
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of distributed, about its own sockets
 def test_a_scheduler_that_is_killed_is_a_loss_of_nothing(
     tmp_path: Path, in_a_loop: list[tuple[Any, ...]], monkeypatch: pytest.MonkeyPatch

@@ -79,6 +79,7 @@ def test_several_runs_are_analyzed_one_after_the_other(runs, capsys):
     assert shown.cursor
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("runs")
 def test_figures_are_counted():
     shown = on_terminal(ffsm("analyze", "a", "--plots", "figures"))

@@ -131,6 +131,7 @@ def test_a_feature_is_the_pair_where_it_touches(tmp_path, rng, a, b):
         )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("a", "b"), HOLD)
 def test_a_frozen_feature_is_smooth_beyond_its_bounds(tmp_path, rng, a, b):
     """It is the same function after both bodies have moved and turned by far more than a step, in touch or not."""

@@ -82,6 +82,7 @@ def test_a_rocking_block_comes_to_rest_on_both_edges_and_is_hit_by_a_third_body(
     assert run["ledger.deepest_overlap_m"].max() <= 1e-9
 
 
+@pytest.mark.long
 def test_without_the_rule_a_rocking_block_chatters_on(tmp_path):
     """Eighty hits before the ball comes, of which the rule leaves less than forty."""
     run = rocking(tmp_path, 0.6, impact={"rest_interval_s": 0.0, "max_impacts": 80})

@@ -122,6 +122,7 @@ def test_velocity_parameterization_misses_the_paper():
     assert run["state.tip_y_m"][first] == pytest.approx(0.31, abs=0.01)
 
 
+@pytest.mark.long
 def test_free_flying_pause_finishes_the_task():
     """Section 4.4: thrusters, wheel and arm hold the impact configuration for 4.6 s; the paper's final error is 0.3 mm.
 

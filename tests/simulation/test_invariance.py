@@ -199,6 +199,7 @@ def test_hardware_robot_is_the_case_study_with_its_wheel_at_rest(case_study):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_spatial_scenario():
     """The tumbling satellite is hit, the spacecraft recovers and reaches the point; every law to the shipped tolerance."""
     run = ffsm_mj.run("spatial")

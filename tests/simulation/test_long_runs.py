@@ -33,7 +33,7 @@ def large(monkeypatch):
 @pytest.mark.usefixtures("large")
 def test_memory_and_file_give_the_same_numbers(tmp_path):
     """Bit by bit, whether the rows were kept, went past in the run, or are read back block by block."""
-    settings = {"duration_s": 12.0}
+    settings = {"duration_s": 8.0}
     kept = ffsm_mj.run("baseline", settings)
     written = ffsm_mj.run("baseline", settings, out=tmp_path / "out", rerun=False)
     read = ffsm_mj.load_run(tmp_path / "out")
