@@ -110,11 +110,12 @@ class LoadNotes:
         self.between = _NO_EVENT
 
     def table(self) -> FloatArray:
-        """Number, force, torque and what was between at all rows since the last table, (n, 10)."""
+        """Number, force, torque, site (none where nothing is held), what was between: rows since the last table, (n, 13)."""
         rows, between = np.frombuffer(b"".join(self._kept)).reshape(-1, _NUMBERS), np.array(self._between)
         self._kept.clear()
         self._between.clear()
-        return np.concatenate((rows[:, :1], _loads(rows[:, 1:]), between.reshape(-1, 3)), axis=1)
+        number, site = rows[:, :1], np.where(rows[:, :1] > 0.0, rows[:, 10:13], np.nan)
+        return np.concatenate((number, _loads(rows[:, 1:]), site, between.reshape(-1, 3)), axis=1)
 
 
 def _loads(raw: FloatArray) -> FloatArray:

@@ -29,7 +29,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import Outcome, RunEnded
-from ffsm_mj.records.signals import CAPTURE_EVENT_LOADS, CAPTURE_LOADS, PARTIES, Signal
+from ffsm_mj.records.signals import CAPTURE_CENTRE, CAPTURE_EVENT_LOADS, CAPTURE_LOADS, PARTIES, Signal
 
 ARM, DISARM, RELEASE = "arm", "disarm", "release"
 """What may be asked of a grasp, after its name and a dot."""
@@ -46,6 +46,10 @@ _SIGNALS = (
     *(
         Signal("contact", key.partition(".")[2], unit, f"{_LOADS[i // 3]}, world axes, under the efforts of this row")
         for i, (key, unit) in enumerate(CAPTURE_LOADS.items())
+    ),
+    *(
+        Signal("contact", key.partition(".")[2], "m", "site of the held object, where the load acts; NaN: nothing is held")
+        for key in CAPTURE_CENTRE
     ),
     *(
         Signal("contact", key.partition(".")[2], unit, meaning)

@@ -167,10 +167,10 @@ def _pictures(subject: Subject, times: Any, speed: float) -> Iterator[Any]:
 
 
 def _arrows(forces: list[ForceColumns], row: FloatArray, plane: Plane, box: tuple[float, float, float, float]) -> Any:
-    """Lines that end with a head where contacts press, along the force on the second geom; all of one length."""
+    """Lines that end with a head where contacts press and grasps hold, along the force; all of one length."""
     length, drawn = _ARROW * (box[3] - box[2]), []
     for pair in forces:
-        if pair.pressing(row)[0]:
+        if not pair.turns and pair.pressing(row)[0]:
             end, push = row[0, pair.centre][plane.axes], row[0, pair.vector][plane.axes]
             along = length * push / max(float(np.hypot(*push)), 1e-300)
             across = 0.2 * np.array([-along[1], along[0]])

@@ -55,6 +55,8 @@ CAPTURE_LOADS = {
     **{f"contact.capture_torque_{x}_N_m": "N m" for x in "xyz"},
 }
 """Columns of the load on a held object, with units."""
+CAPTURE_CENTRE = tuple(f"contact.capture_centre_{x}_m" for x in "xyz")
+"""Columns of where it acts: the object's site; NaN where nothing is held."""
 
 _COORDINATES = {
     "free": ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"),

@@ -20,6 +20,7 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.contact_forces import ForceColumns
 from ffsm_mj.log.drawing import Shape
 from ffsm_mj.log.foxglove.messages import ROOT_FRAME, duration, timestamp
 from ffsm_mj.log.instants import SHOWN_S
@@ -27,7 +28,8 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.kinds import Mark
 
 _ARROW_LENGTH_M = (0.3, 1.5)
-_YELLOW, _FLAME, _GREEN = (0.94, 0.89, 0.26, 1.0), (0.9, 0.62, 0.1, 0.7), (0.0, 0.62, 0.45, 1.0)
+_YELLOW, _FLAME = (0.94, 0.89, 0.26, 1.0), (0.9, 0.62, 0.1, 0.7)
+_GREEN, _ORANGE = (0.0, 0.62, 0.45, 1.0), (0.9, 0.62, 0.0, 1.0)
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -99,19 +101,21 @@ def _add_arrow(
     return length
 
 
-def forces_update(forces: Sequence[tuple[str, FloatArray, FloatArray]], time_ns: int) -> SceneUpdate:
-    """An arrow for every pair that presses, and none for the others: along the force, up to the centre of pressure.
+def forces_update(forces: Sequence[tuple[ForceColumns, FloatArray]], time_ns: int) -> SceneUpdate:
+    """An arrow for every force and torque that acts, and none for the others: up to where it acts.
 
     Args:
-        forces: Name of each pair, force on its second geom in N, and where that acts in m, world axes.
+        forces: Of each its columns, and a row.
         time_ns: When.
     """
     update = SceneUpdate()
     update.deletions.add(type=SceneEntityDeletion.ALL, timestamp=timestamp(time_ns))
-    for name, force, point in forces:
+    for pair, row in forces:
+        force, point = row[pair.vector], row[pair.centre]
         size = float(np.linalg.norm(force))
         if size > 0.0:
-            _add_arrow(_entity(update, name, ROOT_FRAME, time_ns), point, force / size, size, _GREEN)
+            entity, colour = _entity(update, pair.pair, ROOT_FRAME, time_ns), _ORANGE if pair.turns else _GREEN
+            _add_arrow(entity, point, force / size, size, colour)
     return update
 
 

@@ -108,13 +108,12 @@ class ViewerTopics:
             yield _packet(outline_topic(self._system, body), time_ns, outline_cloud(drawn, frame, time_ns))
 
     def _arrows(self, frames: Frames, times: npt.NDArray[np.int64]) -> Iterator[Packet]:
-        """Forces of the contacts that press, and once nothing where they cease to."""
+        """Forces of the contacts that press and the load on what is held, and once nothing where they cease to act."""
         rows, pressing = frames.rows, [pair.pressing(frames.rows) for pair in self._forces]
         for i in range(len(rows)) if self._pressing or any(map(np.any, pressing)) else ():
             at = [pair for pair, presses in zip(self._forces, pressing, strict=True) if presses[i]]
             if at or self._pressing:
-                forces = [(pair.pair, rows[i, pair.vector], rows[i, pair.centre]) for pair in at]
-                yield _packet(FORCES_TOPIC, int(times[i]), forces_update(forces, int(times[i])))
+                yield _packet(FORCES_TOPIC, int(times[i]), forces_update([(pair, rows[i]) for pair in at], int(times[i])))
             self._pressing = bool(at)
 
     def _plumes(self, frames: Frames, times: npt.NDArray[np.int64]) -> Iterator[Packet]:

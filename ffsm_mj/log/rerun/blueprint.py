@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.rerun.opening import Opening, Stretch
-from ffsm_mj.log.rerun.plots import BASE, FORCES, JOINTS, Plot
+from ffsm_mj.log.rerun.plots import BASE, FORCES, JOINTS, TORQUES, Plot
 
 TIMELINE = "sim_time"
 _BACKGROUND, _GRID = [24, 27, 33], [90, 98, 112, 110]
@@ -38,6 +38,7 @@ class Contents:
         trails: Names of the trails.
         tip: Whether there is a tip error to plot.
         forces: Pairs whose forces there are to plot.
+        torques: Grasps whose torques.
         lanes: Lanes of states: of phases and thrusters.
     """
 
@@ -46,6 +47,7 @@ class Contents:
     trails: Sequence[str]
     tip: bool
     forces: Sequence[str]
+    torques: Sequence[str] = ()
     lanes: int
 
     @property
@@ -190,6 +192,7 @@ def _story(contents: Contents) -> list[_Curves]:
         _Curves("plots/linear_momentum", "Momentum P [N s]", names("plots/linear_momentum")),
         _Curves("plots/angular_momentum", "Momentum L [N m s]", names("plots/angular_momentum")),
         _Curves(FORCES, "Contact force [N]", contents.forces),
+        _Curves(TORQUES, "Interface torque [N m]", contents.torques),
         _Curves("plots/ledger", "Residuals [log10 of SI]", names("plots/ledger")),
     ]
     tip = [_Curves("plots/tip_error", "Tip error [m]")] if contents.tip else []

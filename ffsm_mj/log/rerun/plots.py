@@ -29,7 +29,9 @@ JOINTS, BASE = "plots/joints", "plots/base"
 _LEAST = 1e-18
 """What is less counts as this on a logarithmic axis: far below what rounding leaves."""
 FORCES = "plots/contact_forces"
-"""Entity above the forces of contacts that last."""
+"""Entity above the forces of contacts that last, and on a held object."""
+TORQUES = "plots/interface_torque"
+"""Entity above the torque on it."""
 
 
 @dataclass(frozen=True)

@@ -163,8 +163,8 @@ class RerunSink:
         except OSError as error:
             raise LogWriteError(self._path, error) from error
 
-    def _arrange(self, forces: Sequence[str]) -> None:
-        """Send the layout, and where the ground and the axes are."""
+    def _arrange(self, acting: Callable[..., Sequence[str]]) -> None:
+        """Send the layout, and where the ground and the axes are; who has forces or torques to plot is asked for."""
         self._framed = True
         targets = np.empty((0, 3)) if self._task is None else self._task.point_m[None]
         contents = Contents(
@@ -172,7 +172,8 @@ class RerunSink:
             plots=self._plots,
             trails=list(self._colours),
             tip=self._task is not None,
-            forces=forces,
+            forces=acting(torques=False),
+            torques=acting(torques=True),
             lanes=1 + len(self._thrusters if self._watched else self._fired),
         )
         self._recording.log("world/axes", axes_of(contents), static=True)

@@ -121,6 +121,7 @@ def _key(run: Run) -> list[str]:
     words = {f"way of the {tip}" + (" before the first event" if marked else ""): scene.BEFORE}
     words |= {"after it": scene.AFTER, "what records mark": scene.MARK} if marked else {}
     words |= {"force of a contact": scene.FORCE} if run.contacts else {}
+    words |= {"force on what is held": scene.FORCE, "torque on it": scene.TORQUE} if run.captures else {}
     words |= {"target": scene.TARGET} if run.summary()["tip"] is not None else {}
     return [f'<span class="key"><i style="background:#{colour:06x}"></i>{word}</span>' for word, colour in words.items()]
 

@@ -22,8 +22,8 @@ from ffsm_mj.present.plots.subject import Subject
 from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.kinds import Mark
 
-BEFORE, AFTER, MARK, FORCE, TARGET = 0x56B4E9, 0xE69F00, 0xD55E00, 0x009E73, 0xCC79A7
-"""Colours of the tip's path before and after the first mark, of marks, of forces of contacts and of the target."""
+BEFORE, AFTER, MARK, FORCE, TORQUE, TARGET = 0x56B4E9, 0xE69F00, 0xD55E00, 0x009E73, 0xF0E442, 0xCC79A7
+"""Colours of the tip's path before and after the first mark, of marks, of forces, of torques and of the target."""
 MOST_MARKS = 200
 _ARROW_M = (0.4, 1.5)
 """Drawn lengths of an arrow, m; between them 1 m is 1 N s of an impulse, or 1 N."""
@@ -144,9 +144,9 @@ def _mark(time: float, mark: Mark, told_until: float) -> Iterator[Any]:
 
 
 def _forces(subject: Subject, poses: Poses) -> Iterator[Any]:
-    """An arrow along the force on the second geom of each pair, that ends at the centre of pressure, while it presses."""
+    """An arrow along the force on the second geom of each pair, or a load, that ends where it acts, while it does."""
     for pair in force_columns(subject.run.log.header.layout):
-        pressing = pair.pressing(poses.rows) & (poses.rows[:, pair.size] > 0.0)
+        pressing = pair.pressing(poses.rows) & (pair.sizes(poses.rows) > 0.0)
         if not pressing.any():
             continue
         forces, ends = (poses.rows[pressing][:, columns] for columns in (pair.vector, pair.centre))
@@ -154,7 +154,7 @@ def _forces(subject: Subject, poses: Poses) -> Iterator[Any]:
         pushes = np.clip(sizes, *_ARROW_M) * forces / np.maximum(sizes, 1e-300)
         matrices = list(map(_along, ends - pushes, pushes))
         moving = dict(zip(map(_tick, poses.times[pressing].tolist()), matrices, strict=True))
-        yield _arrow(FORCE, moving, _during(_spans(poses.times, pressing)))
+        yield _arrow(TORQUE if pair.turns else FORCE, moving, _during(_spans(poses.times, pressing)))
 
 
 def _arrow(colour: int, matrix: Any, shown: dict[str, bool]) -> Any:

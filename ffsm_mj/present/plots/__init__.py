@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.present.output_place import usable_folder, writing
+from ffsm_mj.present.plots.captures import captures
 from ffsm_mj.present.plots.compared import MOST_RUNS, comparison
 from ffsm_mj.present.plots.contacts import contacts
 from ffsm_mj.present.plots.motion import motion
@@ -30,7 +31,8 @@ def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
     """Every figure that a run can have, by name.
 
     ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (where a thruster or wheel
-    did anything), ``contacts`` (where any lasted), ``momenta``, ``energies``, ``conservation``.
+    did anything), ``contacts`` (where any lasted), ``captures`` (where anything was held), ``momenta``, ``energies``,
+    ``conservation``.
 
     Args:
         run: A run with at least one sample.
@@ -58,6 +60,7 @@ def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
     makers |= {"torques": torques} if subject.named("motor") else {}
     makers |= {"inputs": inputs} if subject.base_actuated else {}
     makers |= {"contacts": contacts} if run.contacts else {}
+    makers |= {"captures": captures} if run.captures else {}
     makers |= {"momenta": momenta, "energies": energies, "conservation": conservation}
     return {name: partial(make, subject) for name, make in makers.items() if not names or name in names}
 
