@@ -417,3 +417,14 @@ def test_an_angular_impulse_about_the_wrong_point_is_noticed(tmp_path, monkeypat
         put.setattr(regime, "impulses_between", elsewhere)
         run = ffsm_mj.run(off_centre(tmp_path))
     assert ("angular momentum", "objects") in {(law.name, law.party) for law in run.laws() if not law.holds}
+
+
+def test_spin_transfer():
+    """The scenario that comes with it: what is touched without friction spins on, the rest is braked."""
+    run = good(ffsm_mj.run("spin-transfer"))
+    assert run.outcome == "completed"
+    assert [(hit.mu, hit.path) for hit in run.impacts] == [(0.0, ""), (0.2, "slip"), (0.8, "slip, stick")]
+    spins = [run[f"state.v_{name}_free_wz_rad_s"][-1] for name in ("smooth", "rough", "rougher")]
+    np.testing.assert_allclose(spins, (2.0, 1.8019, 1.4516), atol=5e-5)  # as docs/friction.md prints it
+    impulses = [(hit.impulse_N_s, math.hypot(*hit.tangential_impulse_N_s)) for hit in run.impacts]
+    np.testing.assert_allclose(impulses, ((4.1389, 0), (3.7630, 0.7526), (2.9739, 2.0839)), atol=5e-5)
