@@ -16,13 +16,15 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.capture.record import CAPTURE, RELEASE
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog
 
 _GAIN = 1e-3
 """Several contacts: energy may grow by this share of what the law allows otherwise, 1e-12 of T where that is 1e-9."""
 _RANK = 1e-10
+_HUGE = 1e10
+"""MuJoCo takes no larger number for a state."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,13 @@ class FrictionCheck:
             event: Its records.
             share: Of the kinetic energy before, which everything may be off by.
         """
+        with np.errstate(all="ignore"):  # a log may hold any numbers
+            try:
+                return self._worst(event, share)
+            except (UnsupportedContactError, ValueError, ArithmeticError, np.linalg.LinAlgError):
+                return Miss(math.inf, share * abs(event[0].energy_before_J["total"][0]))
+
+    def _worst(self, event: Sequence[ImpactRecord], share: float) -> Miss:
         met = self._met(event)
         energy = event[0].energy_before_J["total"][0] if met is None else 0.5 * float(met.before @ met.before)
         sizes = [*_by_records(event)]
@@ -113,6 +122,8 @@ class FrictionCheck:
             return None
         if len(first.qpos) != system.mj.nq or any(len(v) != system.mj.nv for v in rates):
             return None
+        if not np.all(np.abs(np.concatenate((first.qpos, *rates))) < _HUGE):
+            raise ValueError("no state")
         data.qpos[:] = first.qpos
         mujoco.mj_fwdPosition(system.mj, data)
         L = np.linalg.cholesky(mass_matrix(system.mj, data))
