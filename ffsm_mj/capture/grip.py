@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 from ffsm_mj.capture.config import CaptureConfig
 from ffsm_mj.capture.held import Held
 from ffsm_mj.capture.load import InterfaceLoad
-from ffsm_mj.capture.nearness import Nearness, Sites
-from ffsm_mj.capture.passing import Bounds
+from ffsm_mj.capture.nearness import Nearness, Sites, Vectors
+from ffsm_mj.capture.passing import Bounds, lowest
 from ffsm_mj.contact.regimes import Regime, Scene
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.motion.motion import Motion
+from ffsm_mj.motion.step_path import StepPath
+
+_PERHAPS = 1.01
+"""A step whose chords come so near to the least so far is looked into."""
 
 
 class Grip:
@@ -27,7 +30,8 @@ class Grip:
         held: What moves while it holds.
         load: What the link puts on the object then.
         armed: Whether it may close.
-        least: Nearest that it has come to its bounds since it was armed, and when in s; None where it was not looked at.
+        least: Nearest that it has come to its bounds since it was armed, inside steps too, and when in s; None where it was
+            not looked at.
     """
 
     def __init__(
@@ -56,7 +60,8 @@ class Grip:
         self.load = InterfaceLoad(number, self.held, scene.data.site_xpos[self.sites.object], scene.data, others)
         self.pairs = frozenset(config.when.touch or ())
         self._bounds = Bounds(config.when.within.bounds) if config.when.within is not None else None
-        self._start: Nearness | None = None
+        self._start: Vectors | None = None
+        self._clock = 0.0
         self.armed = False
         self.least: tuple[Nearness, float] | None = None
 
@@ -65,14 +70,21 @@ class Grip:
         """Whether it may close anywhere on the way."""
         return self.armed and self._bounds is not None
 
-    def arm(self) -> None:
-        """Let it close; where it is armed already nothing changes."""
-        if not self.armed:
-            self.armed, self.least = True, None
+    def arm(self, time_s: float) -> None:
+        """Let it close from here on."""
+        self.armed, self.least, self._start, self._clock = True, None, None, time_s
+
+    def disarm(self) -> None:
+        """Let it close no more."""
+        self.armed = False
+
+    def jumped(self) -> None:
+        """The state has changed at one instant."""
+        self._start = None
 
     def near(self) -> Nearness:
         """How near the sites are at the state in ``data``."""
-        return self.sites.nearness(self._data)
+        return Nearness.of(self.sites.vectors(self._data))
 
     def ratio(self, near: Nearness) -> float:
         """The largest value over its bound."""
@@ -80,28 +92,47 @@ class Grip:
 
     def is_within(self) -> bool:
         """Whether its bounds hold at the state in ``data``, where a step begins."""
-        self._start = self._kept()
-        return self.ratio(self._start) <= 1.0
+        if self._start is None:
+            self._start = self.sites.vectors(self._data)
+        return self.ratio(Nearness.of(self._start)) <= 1.0
 
     def was_clear(self, longest_s: float) -> bool:
         """Whether its bounds held nowhere in the step that ends at the state in ``data``; it is no longer than that."""
-        start, end = self._start, self._kept()
-        if self._bounds is None or start is None:
+        if self._bounds is None or self._start is None:
             return True
+        start, end = Nearness.of(self._start), self.near()
         return self.ratio(end) > 1.0 and not self._bounds.may_dip(start, end, longest_s)
 
-    def first(self, path: Any, duration_s: float) -> float | None:
+    def first(self, path: StepPath, duration_s: float) -> float | None:
         """When its bounds first hold within so much of the last step; None where they do not."""
+        return self._bounds.first(self._at(path), duration_s) if self._bounds is not None else None
+
+    def flown(self, path: StepPath, duration_s: float) -> None:
+        """A (sub-)step is over, ``data`` at its end: keep in mind how near it came on the way."""
+        bounds, end, at = self._bounds, self.sites.vectors(self._data), self._at(path)
+        if bounds is None:
+            return
+        if self._start is None:
+            path.move_to(0.0)
+            self._start = self.sites.vectors(self._data)
+        self._keep(Nearness.of(self._start), 0.0)
+        self._keep(Nearness.of(end), duration_s)
+        if self.least is not None and bounds.lowest_between(self._start, end) < _PERHAPS * self.ratio(self.least[0]):
+            dip = lowest(lambda time_s: self.ratio(at(time_s)), 0.0, duration_s)
+            self._keep(at(dip), dip)
+        path.move_to(duration_s)
+        self._start = end
+        self._clock += duration_s
+
+    def _at(self, path: StepPath) -> Callable[[float], Nearness]:
+        """Goes to a time of a step, and looks."""
 
         def at(time_s: float) -> Nearness:
             path.move_to(time_s)
             return self.near()
 
-        return self._bounds.first(at, duration_s) if self._bounds is not None else None
+        return at
 
-    def _kept(self) -> Nearness:
-        """How near the sites are, the nearest kept in mind."""
-        near = self.near()
+    def _keep(self, near: Nearness, after_s: float) -> None:
         if self.least is None or self.ratio(near) < self.ratio(self.least[0]):
-            self.least = near, float(self._data.time)
-        return near
+            self.least = near, self._clock + after_s

@@ -14,6 +14,9 @@ from ffsm_mj.model.dynamics import cross
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 
+Vectors = list[list[float]]
+"""Of the two sites, world axes: offset in m, rotation vector in rad, velocity in m/s, angular velocity in rad/s, (4, 3)."""
+
 
 class Nearness(NamedTuple):
     """The object's site against the robot's at one state.
@@ -29,6 +32,11 @@ class Nearness(NamedTuple):
     angle_rad: float
     speed_m_s: float
     rate_rad_s: float
+
+    @classmethod
+    def of(cls, vectors: Vectors) -> Nearness:
+        """The norms of these."""
+        return cls(*(math.hypot(*vector) for vector in vectors))
 
     def ratio(self, bounds: Sequence[float | None]) -> float:
         """The largest value over its bound; all hold where it is at most 1."""
@@ -56,8 +64,8 @@ class Sites:
         """Where the object's site is, world axes, m, (3,)."""
         return np.array(data.site_xpos[self.object])
 
-    def nearness(self, data: Any) -> Nearness:
-        """Of the state in ``data``, positions and velocities current."""
+    def vectors(self, data: Any) -> Vectors:
+        """How the object's site is to the robot's at the state in ``data``, positions and velocities current."""
         here, there = data.site_xmat[self.robot].reshape(3, 3), data.site_xmat[self.object].reshape(3, 3)
         place, held = data.site_xpos[self.object], data.xpos[self.link]
         for twist, body in ((self._one, self.link), (self._other, self.root)):
@@ -65,15 +73,14 @@ class Sites:
         one, other = self._one, self._other  # angular, then linear
         velocity = other[3:] + cross(other[:3], place - data.xpos[self.root])
         velocity -= one[3:] + cross(one[:3], place - held)
-        return Nearness(
-            math.dist(data.site_xpos[self.robot].tolist(), place.tolist()),
-            _angle(here.T @ there),
-            math.hypot(*velocity.tolist()),
-            math.hypot(*(other[:3] - one[:3]).tolist()),
-        )
+        offset: list[float] = (place - data.site_xpos[self.robot]).tolist()
+        return [offset, _rotation(there @ here.T), velocity.tolist(), (other[:3] - one[:3]).tolist()]
 
 
-def _angle(turn: FloatArray) -> float:
-    """Angle of a rotation matrix, rad; exact to rounding near zero too."""
-    axis = (turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
-    return math.atan2(math.hypot(*axis), float(np.trace(turn)) - 1.0)
+def _rotation(turn: FloatArray) -> list[float]:
+    """Rotation vector of a rotation matrix, rad; its length is exact to rounding near zero too."""
+    (_, d, g), (b, _, h), (c, f, _) = turn.T.tolist()
+    x, y, z = h - f, c - g, d - b
+    sine = math.hypot(x, y, z)
+    angle = math.atan2(sine, float(np.trace(turn)) - 1.0)
+    return [x * angle / sine, y * angle / sine, z * angle / sine] if sine else [angle, 0.0, 0.0]

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from ffsm_mj.capture.nearness import Nearness
+from ffsm_mj.capture.nearness import Nearness, Vectors
 
 _INSTANT_S = 1e-13
 _MARGIN = 1.1
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _SHARE = 1e-6
+_LITTLE = 1e-6
+"""Of a step: at either end of it, this tells whether a ratio falls or rises there."""
 _LOOKS = (0.25, 0.5, 0.75)
 
 At = Callable[[float], Nearness]
@@ -44,6 +46,24 @@ class Bounds:
                 return False
         return True
 
+    def lowest_between(self, start: Vectors, end: Vectors) -> float:
+        """About the lowest ratio within a step that begins with it falling and ends with it rising; infinite in any other.
+
+        Of the chords of the vectors that the values are norms of: there the ratio is convex.
+        """
+        chords = [
+            (one, [b - a for a, b in zip(one, other, strict=True)], bound)
+            for one, other, bound in zip(start, end, self._bounds, strict=True)
+            if bound is not None
+        ]
+
+        def ratio(part: float) -> float:
+            return max(math.dist(one, [-part * x for x in way]) / bound for one, way, bound in chords)
+
+        if ratio(_LITTLE) >= ratio(0.0) or ratio(1.0 - _LITTLE) >= ratio(1.0):
+            return math.inf
+        return ratio(lowest(ratio, 0.0, 1.0))
+
     def first(self, at: At, duration_s: float) -> float | None:
         """When they first hold in a step at whose start they do not, s; None where they do not.
 
@@ -63,9 +83,9 @@ class Bounds:
             if values[i] <= 0.0:
                 return _root(excess, times[i - 1], times[i])
             if 0 < i < len(times) - 1 and values[i] <= values[i - 1] and values[i] <= values[i + 1]:
-                lowest = _lowest(excess, times[i - 1], times[i + 1])
-                if excess(lowest) <= 0.0:
-                    return _root(excess, times[i - 1], lowest)
+                dip = lowest(excess, times[i - 1], times[i + 1])
+                if excess(dip) <= 0.0:
+                    return _root(excess, times[i - 1], dip)
         return None
 
 
@@ -81,7 +101,7 @@ def _root(f: Callable[[float], float], start_s: float, end_s: float) -> float:
     return root
 
 
-def _lowest(f: Callable[[float], float], start_s: float, end_s: float) -> float:
+def lowest(f: Callable[[float], float], start_s: float, end_s: float) -> float:
     """Where a function that falls, then rises is lowest, by golden sections, to a millionth of the stretch."""
     stretch = _SHARE * (end_s - start_s)
     a, b = end_s - _GOLDEN * (end_s - start_s), start_s + _GOLDEN * (end_s - start_s)

@@ -103,6 +103,31 @@ class ReleaseRecord:
 
 
 @dataclass(frozen=True)
+class ArmingRecord:
+    """A grasp may close from here on.
+
+    Attributes:
+        event: Number of what happened to grasps and to lasting contacts, from 0.
+        grasp: Name of the grasp.
+        time_s: When it is armed.
+        step: Integration step in which that is, from 0.
+        qpos: Configuration then, in the order of the sample's ``q_`` fields.
+        qvel_before: Generalised velocity then, by joint.
+        qvel_after: The same.
+        efforts_after: Effort by actuator from here on.
+    """
+
+    event: int
+    grasp: str
+    time_s: float
+    step: int
+    qpos: tuple[float, ...]
+    qvel_before: Mapping[str, tuple[float, ...]]
+    qvel_after: Mapping[str, tuple[float, ...]]
+    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class NearMissRecord:
     """A grasp is armed no more, and its bounds have never held.
 
@@ -111,7 +136,7 @@ class NearMissRecord:
         grasp: Name of the grasp.
         time_s: When it was disarmed.
         step: Integration step in which that was, from 0.
-        least_ratio: Least of the largest value over its bound, of the ends of the steps while it was armed.
+        least_ratio: Least of the largest value over its bound while it was armed, inside steps too.
         least_s: When that was.
         position_m: Distance of the sites then.
         angle_rad: Angle between their frames then.
@@ -159,7 +184,10 @@ def _of_near_miss(record: NearMissRecord) -> dict[str, Any]:
     return {name: value for name, value in all_fields(record).items() if name in NEAR_MISS.columns}
 
 
-_GRASP = {"event": ("", "number of what happened to grasps, from 0"), "grasp": ("", "name of the grasp")}
+_GRASP = {
+    "event": ("", "number of what happened to grasps and to lasting contacts, from 0"),
+    "grasp": ("", "name of the grasp"),
+}
 _SITES = {
     "position_m": ("m", "distance of the sites"),
     "angle_rad": ("rad", "angle between their frames"),
@@ -239,4 +267,15 @@ NEAR_MISS = RecordKind(
     warning=lambda _: True,
 )
 
-KINDS = (CAPTURE, RELEASE, NEAR_MISS)
+ARMING = RecordKind(
+    record=ArmingRecord,
+    name="arming",
+    plural="armings",
+    when="when a grasp is armed",
+    time=lambda record: record.time_s,
+    sentence=lambda record: f"{record.grasp} may close",
+    summarised=False,
+    columns={"time_s": ("s", "simulation time"), **_GRASP},
+)
+
+KINDS = (CAPTURE, RELEASE, NEAR_MISS, ARMING)

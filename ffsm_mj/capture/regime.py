@@ -19,7 +19,7 @@ from ffsm_mj.capture.grip import Grip
 from ffsm_mj.capture.impulse import plastic_impulse
 from ffsm_mj.capture.load import LoadNotes
 from ffsm_mj.capture.nearness import Nearness
-from ffsm_mj.capture.record import KINDS, CaptureRecord, NearMissRecord, ReleaseRecord
+from ffsm_mj.capture.record import KINDS, ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
 from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.regimes import Effect, Instant, Regime, Scene
 from ffsm_mj.impact.regime import Impacts
@@ -116,6 +116,8 @@ class Captures(Regime):
         struck, self._impacts.struck = self._impacts.struck, frozenset()
         if struck and self._closing is None:
             self._closing = next((grip for grip in self._grips.values() if grip.armed and grip.pairs & struck), None)
+        for grip in self._grips.values():
+            grip.jumped()
         self._reconsider()
 
     def _reconsider(self) -> None:
@@ -141,6 +143,11 @@ class Captures(Regime):
         at_s, self._closing = min(found, key=lambda each: each[0]) if found else (None, None)
         return at_s
 
+    def flown(self, duration_s: float) -> None:
+        """Keep in mind how near the armed grasps came."""
+        for grip in self._watching:
+            grip.flown(self.motion.path, duration_s)
+
     def arrived(self, _: float) -> None:
         """Somebody else may act before: then nothing closes yet."""
         self._closing = next((grip for grip in self._watching if grip is self._closing and grip.is_within()), None)
@@ -164,8 +171,16 @@ class Captures(Regime):
                 records += self._disarm(grip, instant)
             if f"{name}.{ARM}" in asked:
                 self._refuse_second(name, "is armed", instant.time_s)
-                grip.arm()
+                records += self._arm(grip, instant)
         return Effect(tuple(records), motion=self._free if released else None, asks=released) if records else None
+
+    def _arm(self, grip: Grip, instant: Instant) -> list[Any]:
+        """Let it close; where it is armed already nothing changes."""
+        if grip.armed:
+            return []
+        grip.arm(instant.time_s)
+        who = self.scene.numbers.take(), grip.grasp.name
+        return [ArmingRecord(*who, instant.time_s, instant.step, **self._state(self.scene.data.qvel))]
 
     def finish(self, instant: Instant) -> Sequence[Any]:
         """The run is over: grasps that are still armed have missed."""
@@ -188,7 +203,8 @@ class Captures(Regime):
         held.hold()
         energies_after, momentum_after = self._energies(), self._momentum()
         gained, change = energies_after - energies, momentum_after - momentum
-        grip.armed, self._holding = False, grip
+        self._holding = grip
+        grip.disarm()
         force, moment = found.impulse[:3], found.impulse[3:]
         record = CaptureRecord(
             event=self.scene.numbers.take(),
@@ -226,7 +242,7 @@ class Captures(Regime):
 
     def _disarm(self, grip: Grip, instant: Instant) -> list[Any]:
         """Let it close no more; one that waited for bounds has missed."""
-        grip.armed = False
+        grip.disarm()
         if self._closing is grip:
             self._closing = None
         if grip.least is None:
@@ -270,7 +286,9 @@ class Captures(Regime):
         self._loads.between = force, torque, at_s if force > 0.0 else math.nan
 
     def take_up(self) -> Motion | None:
-        """Hold what the columns say is held, at the state in ``data``."""
+        """Hold what the columns say is held, at the state in ``data``; what is armed they do not say."""
+        for grip in self._grips.values():
+            grip.disarm()
         told, grips = self._told, [*self._grips.values()]
         self._holding = grips[int(told) - 1] if 1.0 <= told <= len(grips) else None
         if self._holding is None:
@@ -293,9 +311,12 @@ class Captures(Regime):
                 self._closing = grip
             elif isinstance(record, ReleaseRecord):
                 self._asked.add(f"{record.grasp}.{RELEASE}")
+            elif isinstance(record, ArmingRecord):
+                self._asked.add(f"{record.grasp}.{ARM}")
             else:
-                near = Nearness(record.position_m, record.angle_rad, record.speed_m_s, record.rate_rad_s)
-                grip.armed, grip.least = True, (near, record.least_s)
+                if not grip.armed or grip.least is None:  # a part of the log in which it was armed is lost: it is believed
+                    near = Nearness(record.position_m, record.angle_rad, record.speed_m_s, record.rate_rad_s)
+                    grip.armed, grip.least = True, (near, record.least_s)
                 self._asked.add(f"{record.grasp}.{DISARM}")
 
 

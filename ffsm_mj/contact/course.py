@@ -117,10 +117,11 @@ class Course:
         if clear or not math.isfinite(flight.energy):
             return None
         watching = [regime for regime in self.regimes if not regime.is_clear()]
+        motion.path.at_s = duration_s
         if not watching:
+            self._flown(duration_s)
             flight.horizon = self._horizon()
             return None
-        motion.path.at_s = duration_s
         first: tuple[float, Regime] | None = None
         for regime in watching:
             time_s = regime.first_event(duration_s if first is None else first[0])
@@ -128,6 +129,7 @@ class Course:
                 first = time_s, regime
         at_s = duration_s if first is None else first[0]
         motion.path.move_to(at_s)
+        self._flown(at_s)
         for regime in self.regimes:
             regime.arrived(at_s)
         motion.flight.clear(self._horizon())
@@ -137,6 +139,12 @@ class Course:
         """Integrate for a time, whatever happens on the way."""
         self._begin_step()
         self.motion.step(duration_s)
+        self.motion.path.at_s = duration_s
+        self._flown(duration_s)
+
+    def _flown(self, duration_s: float) -> None:
+        for regime in self.regimes:
+            regime.flown(duration_s)
 
     def finish(self, instant: Instant) -> list[Any]:
         """Records that the regimes leave at the end of the run."""

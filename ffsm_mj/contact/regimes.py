@@ -155,6 +155,9 @@ class Regime:
     def passed(self, time_s: float) -> None:
         """An event was told of at this time, anybody's; what acts from here on is decided, and a step begins."""
 
+    def flown(self, duration_s: float) -> None:
+        """A (sub-)step is over, ``data`` at its end; ``motion.path`` leads back into it. Not where none looks."""
+
     def act(self, instant: Instant) -> Effect | None:
         """Change the state at an event, derived quantities current after; None where nothing happened after all.
 

@@ -15,6 +15,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.recount import recount
 from tests.capture.scenes import FLAT_TARGET, NEAR, OFF, grasping, stone
+from tests.scenes import ball, scene
 
 HOLD = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
 BOUNDS = {"within": {"position_m": 0.1, "angle_rad": 0.5, "speed_m_s": 1.0, "rate_rad_s": 1.0}}
@@ -126,6 +127,51 @@ def test_a_grasp_that_never_closes_is_told_of_once_per_arming(tmp_path):
     assert run.summary()["near_misses"][0]["least_ratio"] == first.least_ratio
     assert "qpos" not in run.summary()["near_misses"][0]
     assert run.captures == ()
+
+
+@pytest.mark.parametrize("step_s", [1e-3, 2e-2])
+def test_a_miss_tells_the_least_of_all_instants(tmp_path, step_s):
+    """A ball passes the hand at 0.3 m between two steps: the record has that, and ``analyze`` finds it anew."""
+    near = {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"within": {"position_m": 0.05}}}
+    path = scene(
+        tmp_path,
+        ball("ball"),
+        {"target": ball("target")},
+        initial={"joints": {"target/free": [0.5037, 0.3, 0, 1, 0, 0, 0]}, "rates": {"target/free": [-1.0, 0, 0, 0, 0, 0]}},
+        captures={"grasp": near},
+        phases=[
+            {"name": "try", "for_s": 0.8, "arm": ["grasp"], "controller": OFF},
+            {"name": "rest", "until": "end", "controller": OFF},
+        ],
+        time_step_s=step_s,
+        control_period_s=2e-2,
+    )
+    run = holds(ffsm_mj.run(path))
+    (miss,), (arming,) = run.records["near_misses"], run.records["armings"]
+    assert (arming.time_s, miss.time_s) == (0.0, pytest.approx(0.8))
+    assert miss.least_s == pytest.approx(0.5037, abs=1e-7)  # flat there: to the root of what its value is known to
+    assert miss.least_ratio == pytest.approx(6.0, abs=1e-12)
+    records = {**run.log.records, "near_misses": (dataclasses.replace(miss, least_ratio=6.0 + 1e-7),)}
+    assert not recount(dataclasses.replace(run.log, records=records)).agrees
+
+
+def test_a_miss_before_an_impact_does_not_look_behind_it(tmp_path):
+    """A ball that bounces off the hand in the middle of a step is no nearer than where it touches."""
+    near = {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"within": {"position_m": 0.05}}}
+    path = scene(
+        tmp_path,
+        ball("ball"),
+        {"target": ball("target")},
+        initial={"joints": {"target/free": [0.5037, 0, 0, 1, 0, 0, 0]}, "rates": {"target/free": [-1.0, 0, 0, 0, 0, 0]}},
+        impact_pairs=[{"geoms": ["ball", "target/target"]}],
+        captures={"grasp": near},
+        phases=[{"name": "try", "until": "end", "arm": ["grasp"], "controller": OFF}],
+        time_step_s=1e-2,
+        control_period_s=1e-2,
+    )
+    run = holds(ffsm_mj.run(path))
+    (miss,) = run.records["near_misses"]
+    assert (miss.least_ratio, miss.least_s) == (pytest.approx(4.0, abs=1e-12), pytest.approx(0.3037, abs=1e-12))
 
 
 def test_taken_let_go_and_taken_again(tmp_path):
