@@ -1,4 +1,4 @@
-"""The motion as a film for slides: the pictures of the strobe figure one after the other. No screen, no GPU."""
+"""The motion as a film for slides, as GIF or MP4. No screen, no GPU."""
 
 from __future__ import annotations
 
@@ -11,27 +11,18 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 from PIL import Image
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, MissingPackageError, OutputLostError
-from ffsm_mj.log.contact_forces import ForceColumns, force_columns
 from ffsm_mj.present.output_place import usable_file, writing
-from ffsm_mj.present.plots.motion import draw_plane, polygons, tree_colours, view_box
-from ffsm_mj.present.plots.silhouette import Plane
-from ffsm_mj.present.plots.style import BLACK, GREEN, YELLOW, publication
+from ffsm_mj.present.pictures import pictures
+from ffsm_mj.present.plots.style import publication
 from ffsm_mj.present.plots.subject import Subject
 
 _LONGEST_S = 12.0
 _SPEEDS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
-_SIZE_PX = (960, 720)
-_FLASH_S = 0.5
-_ARROW = 0.12
-"""Length of the arrow of a force, of the height of the picture."""
 _LAST_PICTURE_S = 1.5
 _MOST_PICTURES = 6000
 
@@ -107,7 +98,7 @@ class _Cut:
 
     def pictures(self, report: Callable[[float, float], None] | None = None) -> Iterator[Any]:
         """The pictures, drawn as they are asked for."""
-        return _counted(_pictures(self.subject, self.times, self.speed), len(self.times), report)
+        return _counted(pictures(self.subject, self.times, self.speed), len(self.times), report)
 
 
 def _cut(run: Run, frames_per_second: float, speed: float | None, place: str, way_on: str) -> _Cut:
@@ -129,65 +120,6 @@ def _counted(pictures: Iterator[Any], count: int, report: Callable[[float, float
         if report is not None:
             report(done, count)
         yield picture
-
-
-def _pictures(subject: Subject, times: Any, speed: float) -> Iterator[Any]:
-    """RGB pictures, (height, width, 3) uint8, at some simulation times."""
-    run, plane = subject.run, subject.planes[0]
-    rows = [min(int(np.searchsorted(run.time, time - 1e-9)), len(run.time) - 1) for time in times]
-    box = view_box(subject, plane, rows[:: max(1, len(rows) // 40)])
-    figure = Figure(figsize=_figure_size(box), dpi=120, layout="constrained")
-    canvas: Any = FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    draw_plane(axes, subject, plane, box)
-    axes.set_title(" ", loc="left")
-    figure.draw_without_rendering()  # the layout is made once and kept
-    figure.set_layout_engine("none")
-    trails = {name: axes.plot([], [], color=c, linewidth=1.2, zorder=20)[0] for name, c in tree_colours(subject).items()}
-    trails["tip"] = axes.plot([], [], color=BLACK, linewidth=1.4, zorder=22)[0]
-    star = axes.plot([], [], "*", markersize=16, markerfacecolor=YELLOW, markeredgecolor=BLACK, zorder=31)[0]
-    marks, forces = run.log.marks(), force_columns(run.log.header.layout)
-    paths = subject.roots | ({"tip": subject.tip} if subject.tip is not None else {})
-    for row in rows:
-        time = float(run.time[row])
-        shapes = axes.add_collection(
-            polygons(subject.silhouette.outlines(run.qpos[row], plane), subject, 0.8, 5), autolim=False
-        )
-        past = subject.chosen <= row
-        for name, path in paths.items():
-            trails[name].set_data(*path[past][:, plane.axes].T)
-        hits = [np.array(mark.point_m)[plane.axes] for _, at, mark in marks if 0.0 <= time - at <= _FLASH_S * speed]
-        pushes = axes.add_collection(_arrows(forces, np.asarray(run.log.rows[row : row + 1]), plane, box), autolim=False)
-        star.set_data(*np.array(hits).reshape(-1, 2).T)
-        axes.set_title(f"{_caption(run, time)}   ({speed:g}x)", loc="left")
-        canvas.draw()
-        yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
-        shapes.remove()
-        pushes.remove()
-
-
-def _arrows(forces: list[ForceColumns], row: FloatArray, plane: Plane, box: tuple[float, float, float, float]) -> Any:
-    """Lines that end with a head where contacts press and grasps hold, along the force; all of one length."""
-    length, drawn = _ARROW * (box[3] - box[2]), []
-    for pair in forces:
-        if not pair.turns and pair.pressing(row)[0]:
-            end, push = row[0, pair.centre][plane.axes], row[0, pair.vector][plane.axes]
-            along = length * push / max(float(np.hypot(*push)), 1e-300)
-            across = 0.2 * np.array([-along[1], along[0]])
-            drawn += [[end - along, end], [end - 0.3 * along + across, end, end - 0.3 * along - across]]
-    return LineCollection(drawn, colors=GREEN, linewidths=2.2, zorder=30)
-
-
-def _figure_size(box: tuple[float, float, float, float]) -> tuple[float, float]:
-    """Inches, so that the picture fits the greatest size in pixels and both are even, as films need."""
-    shape = (box[1] - box[0]) / (box[3] - box[2])
-    width = min(_SIZE_PX[0], _SIZE_PX[1] * shape)
-    return 2 * round(width / 2) / 120, 2 * round((width / shape + 60) / 2) / 120
-
-
-def _caption(run: Run, time: float) -> str:
-    phase = next((p.name for p in reversed(run.phases) if p.start_s <= time), "")
-    return f"t = {time:6.2f} s   {phase.replace('_', ' ')}"
 
 
 def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:

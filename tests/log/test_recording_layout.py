@@ -111,7 +111,8 @@ def test_names_of_phases_fit(room, shown):
 def hit(time_s, impulse, x):
     values = dict.fromkeys(ImpactRecord.__dataclass_fields__, 0)
     values |= {"time_s": time_s, "pair": "a-b", "geoms": ("a", "b"), "impulse_N_s": impulse}
-    return ImpactRecord(**values | {"point_m": (x, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)})
+    vectors = {"point_m": (x, 0.0, 0.0), "normal": (1.0, 0.0, 0.0), "tangential_impulse_N_s": (0.0, 0.0, 0.0)}
+    return ImpactRecord(**values | vectors)
 
 
 def test_one_of_many_hits_at_a_place_is_told(tmp_path):

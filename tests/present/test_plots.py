@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from ffsm_mj.hull import hull
-from ffsm_mj.present import plots
+from ffsm_mj.present import pictures, plots
 from ffsm_mj.present.animation import gif
 from ffsm_mj.present.plots.motion import view_box
 from ffsm_mj.present.plots.panels import envelope, running_maximum
@@ -201,3 +201,43 @@ def test_a_fixed_body_is_drawn_where_it_stands(tmp_path, ffsm_run):
     picture = np.array(Image.open(BytesIO(film)).convert("RGB"), dtype=int)
     grey = (np.ptp(picture, axis=2) <= 2) & (picture[:, :, 0] > 150) & (picture[:, :, 0] < 225)
     assert grey.mean() > 0.04  # with the wall 0.07; without it 0.02, the grid
+
+
+def test_a_film_in_space_looks_from_three_sides(spatial):
+    """To one scale, the legend in the fourth corner, nothing on anything else."""
+    subject = Subject(spatial)
+    figure, views = pictures._from_three_sides(subject, [0, len(spatial.time) - 1])
+    figure.draw_without_rendering()
+    top, corner, front, side = figure.axes
+    assert [axes.get_xlabel()[1] + axes.get_ylabel()[1] for axes in (top, front, side)] == ["xy", "xz", "yz"]
+    assert len(views) == 3
+    assert corner.get_legend() is not None
+    scales = {round(axes.bbox.width / np.ptp(axes.get_xlim()), 3) for axes in (top, front, side)}
+    assert len(scales) == 1
+    boxes = [axes.get_tightbbox() for axes in (top, front, side)] + [corner.get_legend().get_window_extent()]
+    assert not [(i, j) for i in range(4) for j in range(i) if boxes[i].overlaps(boxes[j])]
+
+
+def test_the_path_of_the_tip_changes_its_colour_at_the_first_impact(spatial):
+    """The two parts meet there."""
+    subject = Subject(spatial)
+    before, after = subject.tip_parts
+    assert before.colour != after.colour
+    assert before.rows[-1] == after.rows[0]
+    assert spatial.time[before.rows[-1]] == pytest.approx(subject.first_mark_s, abs=6e-3)  # steps of 5 ms
+    names = [text.get_text() for text in plots.figures(spatial, ["motion"])["motion"].legends[0].get_texts()]
+    assert names[:2] == ["tip, before", "tip, after"]
+
+
+def test_words_of_figures_do_not_lie_on_each_other(spatial):
+    """Names of phases, the word for marks, legends and axes' labels of figures over time."""
+    for name, figure in plots.figures(spatial, ["tip", "momenta"]).items():
+        figure.draw_without_rendering()
+        words = [text.get_window_extent() for axes in figure.axes for text in axes.texts if text.get_text()]
+        words += [axes.get_legend().get_window_extent() for axes in figure.axes if axes.get_legend()]
+        words += [axes.yaxis.label.get_window_extent() for axes in figure.axes]
+        close = [(i, j) for i in range(len(words)) for j in range(i) if words[i].overlaps(words[j])]
+        assert not close, name
+        for axes in figure.axes:
+            legend = axes.get_legend()
+            assert legend is None or not legend.get_window_extent().overlaps(axes.bbox), name

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import rerun as rr
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.instants import SHOWN_S, Instants
 from ffsm_mj.log.rerun.forces import ARROW_M
 from ffsm_mj.log.rerun.opening import Opening
@@ -16,7 +17,7 @@ from ffsm_mj.records.events import Event
 from ffsm_mj.records.kinds import Mark, kind_of
 from ffsm_mj.records.signals import identifier
 
-_APART_M = 0.3
+_APART_M = 0.6
 """Texts nearer to each other would lie on each other."""
 
 Send = Callable[[float, str, Any], None]
@@ -77,15 +78,20 @@ class Marks:
 
 
 def _apart_m(one: Mark, other: Mark) -> float:
-    return float(np.linalg.norm(np.subtract(one.point_m, other.point_m)))
+    """Distance of the texts, which stand at the middles of the arrows."""
+    places = [np.array(mark.point_m) - 0.5 * _push(mark) for mark in (one, other)]
+    return float(np.linalg.norm(places[0] - places[1]))
+
+
+def _push(mark: Mark) -> FloatArray:
+    return np.array(mark.direction) * float(np.clip(mark.magnitude, *ARROW_M))
 
 
 def _shape(mark: Mark, *, told: bool) -> Any:
     """An arrow that ends at its point, where nothing hides it, or a dot; the text beside it."""
-    along = np.array(mark.direction)
     text = [mark.text if told else ""]
-    if not along.any():
+    push = _push(mark)
+    if not push.any():
         return rr.Points3D.columns(positions=[mark.point_m], colors=[YELLOW], radii=[0.06], labels=text)
-    push = along * float(np.clip(mark.magnitude, *ARROW_M))
     origins = [np.array(mark.point_m) - push]
     return rr.Arrows3D.columns(origins=origins, vectors=[push], colors=[YELLOW], radii=[0.04], labels=text)

@@ -19,7 +19,7 @@ from ffsm_mj.present.plots.contacts import contacts
 from ffsm_mj.present.plots.motion import motion
 from ffsm_mj.present.plots.style import FORMATS, publication, write
 from ffsm_mj.present.plots.subject import Subject
-from ffsm_mj.present.plots.time_series import base, conservation, energies, inputs, joints, momenta, tip, torques
+from ffsm_mj.present.plots.time_series import CONSERVED, base, conservation, energies, inputs, joints, momenta, tip, torques
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +32,7 @@ def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
 
     ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (where a thruster or wheel
     did anything), ``contacts`` (where any lasted), ``captures`` (where anything was held), ``momenta``, ``energies``,
-    ``conservation``.
+    ``conservation`` (where its laws are checked).
 
     Args:
         run: A run with at least one sample.
@@ -61,7 +61,8 @@ def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
     makers |= {"inputs": inputs} if subject.base_actuated else {}
     makers |= {"contacts": contacts} if run.contacts else {}
     makers |= {"captures": captures} if run.captures else {}
-    makers |= {"momenta": momenta, "energies": energies, "conservation": conservation}
+    makers |= {"momenta": momenta, "energies": energies}
+    makers |= {"conservation": conservation} if any(law.name in CONSERVED for law in run.laws()) else {}
     return {name: partial(make, subject) for name, make in makers.items() if not names or name in names}
 
 

@@ -19,6 +19,8 @@ from ffsm_mj.present.plots.subject import Subject
 from ffsm_mj.records.facts import logged_task
 
 _POSES = 6
+_HANDLE_IN, _LETTER_IN = 0.5, 0.062
+"""Widths of what stands before a name in a legend, and of a letter of it."""
 _OBJECT_COLOURS = (VERMILLION, ORANGE, GREEN)
 _TIP_STYLE, _BASE_STYLE, _OBJECT_STYLE = "-", (0, (5.0, 1.5)), (0, (6.0, 1.5, 1.2, 1.5))
 
@@ -38,7 +40,8 @@ def motion(subject: Subject) -> Figure:
         draw_paths(axes, subject, plane)
         _draw_marks(axes, subject, plane)
         _draw_times(axes, subject, plane, frames, box)
-    figure.legend(handles=_legend(subject), loc="outside upper center", ncols=6, columnspacing=1.2)
+    handles = _legend(subject)
+    figure.legend(handles=handles, loc="outside upper center", ncols=legend_columns(handles), columnspacing=1.2)
     return figure
 
 
@@ -145,9 +148,9 @@ def draw_paths(axes: Axes, subject: Subject, plane: Plane) -> None:
         colour = tree_colours(subject)[name]
         axes.plot(*path[:, plane.axes].T, color="white", linewidth=2.4, zorder=19)
         axes.plot(*path[:, plane.axes].T, color=colour, linestyle=style, linewidth=1.2, zorder=20)
-    if subject.tip is not None:
-        axes.plot(*subject.tip[:, plane.axes].T, color="white", linewidth=2.6, zorder=21)
-        axes.plot(*subject.tip[:, plane.axes].T, color=BLACK, linestyle=_TIP_STYLE, linewidth=1.3, zorder=22)
+    for part in subject.tip_parts:
+        axes.plot(*part.points[:, plane.axes].T, color="white", linewidth=2.6, zorder=21)
+        axes.plot(*part.points[:, plane.axes].T, color=part.colour, linestyle=_TIP_STYLE, linewidth=1.3, zorder=22)
 
 
 def _draw_marks(axes: Axes, subject: Subject, plane: Plane) -> None:
@@ -188,10 +191,16 @@ def _time_label(axes: Axes, at: tuple[float, float], time_s: float) -> None:
 def _legend(subject: Subject) -> list[Line2D]:
     robot = subject.system.robot.name
     colours = tree_colours(subject)
-    handles = [Line2D([], [], color=BLACK, linestyle=_TIP_STYLE, label="tip")] if subject.tip is not None else []
+    handles = [Line2D([], [], color=p.colour, linestyle=_TIP_STYLE, label=p.label) for p in subject.tip_parts]
     handles.append(Line2D([], [], color=colours[robot], linestyle=_BASE_STYLE, label="base"))
     for name in list(colours)[1:]:
         handles.append(Line2D([], [], color=colours[name], linestyle=_OBJECT_STYLE, label=name.replace("_", " ")))
+    return handles + mark_handles(subject)
+
+
+def mark_handles(subject: Subject) -> list[Line2D]:
+    """What a legend says of marks of records and of the target."""
+    handles = []
     if subject.marks:
         label = ", ".join(dict.fromkeys(kind.name.replace("_", " ") for kind, *_ in subject.marks))
         star = Line2D([], [], linestyle="none", marker="*", markersize=10, markeredgecolor=BLACK, label=label)
@@ -201,3 +210,10 @@ def _legend(subject: Subject) -> list[Line2D]:
         cross = Line2D([], [], linestyle="none", marker="+", markersize=9, markeredgewidth=1.6, color=BLACK, label="target")
         handles.append(cross)
     return handles
+
+
+def legend_columns(handles: Sequence[Line2D], width_in: float = WIDTH_IN) -> int:
+    """In how many columns a legend is no wider than a figure of a width in inches."""
+    letters = [len(str(handle.get_label())) for handle in handles]
+    most = range(len(handles), 0, -1)
+    return next((n for n in most if n * (_HANDLE_IN + _LETTER_IN * max(letters)) < width_in), 1) if letters else 1

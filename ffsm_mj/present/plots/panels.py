@@ -99,7 +99,10 @@ def _draw(axes: Axes, time: FloatArray, panel: Panel) -> None:
         axes.set_yscale("log")
     for x0, y0, text in panel.marks:
         axes.plot([x0], [y0], marker="o", markersize=4, color=BLACK, markerfacecolor="white", zorder=5, linestyle="none")
-        axes.annotate(text, (x0, y0), (0, 7), textcoords="offset points", ha="center", va="bottom", fontsize=7.5)
+        halo = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
+        axes.annotate(
+            text, (x0, y0), (0, 7), textcoords="offset points", ha="center", va="bottom", fontsize=7.5, bbox=halo, zorder=6
+        )
     axes.margins(x=0.0, y=0.08)
     if len(_named(panel)) > 1:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.3)
@@ -164,7 +167,7 @@ def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None
         axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
         words = dict.fromkeys(kind.name if len(times) == 1 else kind.plural for kind, *_ in marks)
         text = ", ".join(words).replace("_", " ")
-        _tell_what(axes, text, times[0] if len(times) < 4 else times[-1])
+        _tell_what(axes, text, times[-1])
 
 
 def _tell_what(axes: Axes, text: str, time: float) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,12 +16,22 @@ from ffsm_mj.log.model import compile_log
 from ffsm_mj.log.scenario import logged_scenario
 from ffsm_mj.model.system import Joint
 from ffsm_mj.present.plots.silhouette import Plane, Silhouette
+from ffsm_mj.present.plots.style import BLACK, PURPLE
 from ffsm_mj.present.plots.thinning import thinned
 from ffsm_mj.records.kinds import Mark, RecordKind
 from ffsm_mj.records.signals import identifier
 
 _POSES = 1500
 _PLANES = (Plane(0, 1), Plane(0, 2), Plane(1, 2))
+
+
+class TipPart(NamedTuple):
+    """Part of the path of the tip: its name, its colour, the rows it is worked out at, (n,), and the points, (n, 3), m."""
+
+    label: str
+    colour: str
+    rows: Any
+    points: FloatArray
 
 
 class Subject:
@@ -74,6 +84,20 @@ class Subject:
     def tip(self) -> FloatArray | None:
         """Path of the tip at the chosen rows, (n, 3), m; None without a task."""
         return self.run.tip[self.chosen] if "state.tip_x_m" in self.run.keys else None
+
+    @cached_property
+    def tip_parts(self) -> tuple[TipPart, ...]:
+        """The path of the tip in one part, or in those before and after what is drawn first; none without a task."""
+        if self.tip is None:
+            return ()
+        if not self.marks:
+            return (TipPart("tip", BLACK, self.chosen, self.tip),)
+        first = int(np.searchsorted(self.run.time[self.chosen], self.first_mark_s - 1e-9))
+        before, after = slice(0, first + 1), slice(first, None)  # they meet
+        return (
+            TipPart("tip, before", BLACK, self.chosen[before], self.tip[before]),
+            TipPart("tip, after", PURPLE, self.chosen[after], self.tip[after]),
+        )
 
     @cached_property
     def planes(self) -> tuple[Plane, ...]:

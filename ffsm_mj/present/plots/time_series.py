@@ -17,6 +17,8 @@ from ffsm_mj.records.facts import free_components, logged_task
 from ffsm_mj.records.signals import COMPONENTS, PARTIES, coordinate_names, identifier, rate_names
 
 _GREY = "#7F7F7F"
+CONSERVED = {"energy": "J", "linear momentum": "N s", "angular momentum": "N m s"}
+"""Laws of conservation with their units."""
 PARTY_NAMES = {"total": "whole system", "robot": "FFSM", "objects": "object"}
 
 
@@ -60,14 +62,24 @@ def _rate(subject: Subject, joint: Joint) -> FloatArray:
     return subject.run[f"state.v_{rate_names(joint)[0]}"]
 
 
+_MIXED = ("coordinate", "rad or m")
+
+
+def _per_second(unit: str) -> str:
+    return " or ".join(f"{each}/s" for each in unit.split(" or "))
+
+
 def joints(subject: Subject) -> Figure:
     """Angles and rates of the arm (paper, Fig. 5b)."""
     arm = subject.arm_joints
-    unit = "m" if all(joint.kind == "slide" for joint in arm) else "rad"
+    kinds = {joint.kind for joint in arm}
+    what, unit = {"hinge": ("angle", "rad"), "slide": ("position", "m")}[kinds.pop()] if len(kinds) == 1 else _MIXED
     angles = [Line(short(joint.name), _coordinate(subject, joint)) for joint in arm]
     rates = [Line(short(joint.name), _rate(subject, joint)) for joint in arm]
     return stacked(
-        subject.run, [Panel(f"joint angle, {unit}", angles), Panel(f"joint rate, {unit}/s", rates)], height_in=2.0
+        subject.run,
+        [Panel(f"joint {what}, {unit}", angles), Panel(f"joint rate, {_per_second(unit)}", rates)],
+        height_in=2.0,
     )
 
 
@@ -144,11 +156,16 @@ def _firings(subject: Subject, thruster: str) -> FloatArray:
     return time[np.minimum(edges, len(time) - 1)].reshape(-1, 2)
 
 
+def _moving(subject: Subject) -> tuple[str, ...]:
+    """Who has momentum and energy: the FFSM, and objects where there are some that move."""
+    return ("robot", "objects") if subject.system.objects else ("robot",)
+
+
 def momenta(subject: Subject) -> Figure:
     """P and L about the origin of the FFSM, two ways, and of the objects (paper, Fig. 9)."""
     panels = [
         Panel(f"{PARTY_NAMES[party]} ${letter}$, {unit}", _momentum_lines(subject, party, first, letter))
-        for party in ("robot", "objects")
+        for party in _moving(subject)
         for first, letter, unit in ((0, "P", "N s"), (3, "L", "N m s"))
     ]
     return stacked(subject.run, panels, height_in=1.35)
@@ -174,7 +191,7 @@ def energies(subject: Subject) -> Figure:
     run, first = subject.run, subject.run["energy.total_J"][0]
     kinetic = [
         Line(PARTY_NAMES[p], run[f"energy.{p}_J"], c, s)
-        for p, c, s in zip(("robot", "objects"), (BLUE, VERMILLION), _STYLES, strict=False)
+        for p, c, s in zip(_moving(subject), (BLUE, VERMILLION), _STYLES, strict=False)
     ]
     account = [
         Line("gain of energy", run["energy.total_J"] - first, BLUE, "-"),
@@ -195,16 +212,18 @@ def conservation(subject: Subject) -> Figure:
         energy, momentum = energy - energy[0], momentum - momentum[0]
         sizes[party] = np.abs(energy), norms(momentum[:, :3]), norms(momentum[:, 3:])
     stretches = np.maximum(np.ceil(run.time / stretch_s(header.facts) - 1e-9), 1.0)
-    panels = []
-    for i, (law, unit) in enumerate((("energy", "J"), ("linear momentum", "N s"), ("angular momentum", "N m s"))):
+    panels, laws = [], run.laws(DEFAULT_TOLERANCE)
+    for i, (law, unit) in enumerate(CONSERVED.items()):
+        allowed = {x.party: x.tolerance for x in laws if x.name == law and x.party in ("total", *_moving(subject))}
         lines = []
         for party, colour, style in zip(PARTIES, (BLACK, BLUE, VERMILLION), _STYLES, strict=True):
+            if party not in allowed:
+                continue
             time, worst = running_maximum(run.time, sizes[party][i])
             label = PARTY_NAMES[party] if np.any(worst) else f"{PARTY_NAMES[party]}: 0"
             # A logarithmic axis has no place for zero: what is exactly zero is left out.
             lines.append(Line(label, np.where(worst > 0.0, worst, np.nan), colour, style, 1.1, time))
-        allowed = [x.tolerance for x in run.laws(DEFAULT_TOLERANCE) if x.name == law]
-        if allowed:
-            lines.append(Line("allowed", min(allowed) * stretches, _GREY, (0, (4.0, 1.5)), 0.9))
-        panels.append(Panel(f"{law.replace(' ', chr(10))}\nresidual, {unit}", lines, log=True))
+        if allowed:  # no law says what is left where gravity, say, acts
+            lines.append(Line("allowed", min(allowed.values()) * stretches, _GREY, (0, (4.0, 1.5)), 0.9))
+            panels.append(Panel(f"{law.replace(' ', chr(10))}\nresidual, {unit}", lines, log=True))
     return stacked(run, panels, height_in=1.6)
