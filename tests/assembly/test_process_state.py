@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -89,7 +90,8 @@ stream.memory_recording()
 stream.log("a", rr.Scalars(1.0))
 stream.flush()
 """
-    environment = {} if level is None else {"RUST_LOG": level}
+    environment = {name: os.environ[name] for name in ("PYTHONPYCACHEPREFIX",) if name in os.environ}
+    environment |= {} if level is None else {"RUST_LOG": level}
     command = [sys.executable, "-c", code]
     said = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stderr
     assert bool(said) == (level is None)

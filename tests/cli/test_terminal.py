@@ -29,6 +29,7 @@ def squeezed(text: str) -> str:
     return "".join(text.split())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("columns", "environment", "painted"),
     [

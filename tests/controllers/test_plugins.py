@@ -96,6 +96,7 @@ def test_a_plugin_that_fails_when_it_is_made_is_a_fault_of_the_phase(tmp_path, e
     assert line.endswith("phases.0.controller.kind: the controller cannot be made (RuntimeError: no licence)")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("signal", "fault"),
     [

@@ -51,6 +51,7 @@ def check(run, *, fine=True):
     assert all(law.holds for law in laws), laws
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", [1e-3, 5e-3, 1e-2])
 @pytest.mark.parametrize("restitution", [0.0, 0.1, 0.5, 0.7, 0.9])
 def test_a_pressed_ball_comes_to_rest_when_its_flight_is_shorter_than_a_step(tmp_path, restitution, step):

@@ -96,6 +96,7 @@ def fly(system, data, ledger, step, *, seconds):
         ledger.close(step)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("jets", JETS)
 @pytest.mark.parametrize("base", BASES)
 def test_what_pushes_is_booked_to_fourth_order(tmp_path, base, jets):

@@ -82,6 +82,7 @@ STATES = ("state.q_robot_x_m", "state.q_target_x_m", "state.v_robot_x_m_s", "sta
 EFFORTS = tuple(f"actuators.robot_push_x_{what}_N" for what in ("command", "applied", "lower", "upper"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("line", [0, 15, 30, 31, 79, 80])
 @pytest.mark.parametrize("key", STATES + EFFORTS)
 def test_a_changed_state_or_effort_shows(hit, key, line):
@@ -95,10 +96,12 @@ def test_a_changed_state_or_effort_shows(hit, key, line):
         assert worst.time_s == pytest.approx(hit.time[line], abs=0.0011)
 
 
-def test_every_column_that_follows_from_states_shows_a_change_and_names_itself(hit):
+@pytest.mark.long
+@pytest.mark.parametrize("eighth", range(8))
+def test_every_column_that_follows_from_states_shows_a_change_and_names_itself(hit, eighth):
     followed = [key for key in hit.keys if key.split(".")[0] in ("energy", "momentum", "ledger")]
     assert len(followed) >= 64
-    for key in followed:
+    for key in followed[eighth::8]:
         again = recount(changed(hit, key, 45))
         assert not again.agrees
         worst = again.worst["columns"]
@@ -107,6 +110,7 @@ def test_every_column_that_follows_from_states_shows_a_change_and_names_itself(h
         assert again.worst["motion"].holds
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("field", [each.name for each in fields(ImpactRecord)])
 def test_every_field_of_an_impact_shows_a_change(hit, field):
     (record,) = hit.impacts
