@@ -9,6 +9,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.controller_protocol import ControllerContext, ScenarioFaults, Task, mass_matrix, reduced_model
+from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.task_model import TaskModel
 from tests.conftest import MJCF
 from tests.model.test_pinocchio import oracle, to_pinocchio
@@ -148,10 +149,19 @@ def test_the_base_does_not_turn(planar):
     assert end[2] - 0.1 == pytest.approx(-0.0479, abs=5e-5)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_reduced_model_is_the_elimination(spatial, seed):
+@pytest.fixture(scope="module")
+def holding():
+    """The same with the satellite held by the hand."""
+    grasp = Grasp("grasp", "robot/tip", "satellite/grapple", "robot/hand_roll", "satellite", "satellite/satellite")
+    files = {"satellite": MJCF / "satellite_grapple.xml"}
+    system = compile_paths(MJCF / "spacecraft_7dof.xml", files, grasp=grasp)
+    return system, ControllerContext(system, None, 0.01)
+
+
+@pytest.mark.parametrize(("scene", "seed"), [("spatial", 0), ("spatial", 1), ("holding", 2)])
+def test_the_reduced_model_is_the_elimination(request, scene, seed):
     """M_c, c_c, alpha and drift against the elimination of (22) with dense matrices, with any momentum."""
-    system, context = spatial
+    system, context = request.getfixturevalue(scene)
     model, data = arm(context), at(system.mj, *drawn(system.mj, np.random.default_rng(seed)))
     model.update(data)
     robot = range(system.robot.dofs.start, system.robot.dofs.stop)
