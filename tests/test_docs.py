@@ -112,6 +112,7 @@ def test_the_log_reference_is_current():
         "docs/appendix-a.md",
         "docs/soft-contact.md",
         "docs/log-reference.md",
+        "docs/friction.md",
         "docs/lasting-contact.md",
         "docs/contact-regimes.md",
         "docs/capture.md",
