@@ -44,7 +44,9 @@ def page(tmp_path_factory):
     )
     run = ffsm_mj.run(path)
     assert [round(hit.time_s, 9) for hit in run.impacts] == [HIT_S]
-    named = Run(replace(run.log, header=replace(run.log.header, scenario_name=EVIL)))  # scenarios may not, logs may
+    phase = replace(run.phases[0], name=f"</script>{EVIL}")  # scenarios may not, logs may
+    header = replace(run.log.header, scenario_name=EVIL)
+    named = Run(replace(run.log, header=header, records=run.log.records | {"phases": (phase,)}))
     with pytest.MonkeyPatch.context() as patch:  # figures cost most of the time
         patch.setattr("ffsm_mj.present.page.inline_figures._SHOWN", ("energies", "conservation"))
         write_page(named, folder / "run.html")
@@ -79,6 +81,7 @@ def test_names_are_text(browser, page):
     browser.open(page, dark=True)
     assert browser.run("return window.hit") is None
     assert browser.run("return document.querySelector('h1').textContent") == EVIL
+    assert browser.part("now").text.endswith(f"</script>{EVIL}")
     assert f"target/{EVIL}" in browser.run("return document.querySelector('#results table').textContent")
     assert (
         browser.run("return document.querySelectorAll('script').length") == 5

@@ -16,9 +16,13 @@ import pytest
 import ffsm_mj
 from ffsm_mj.errors import MissingPackageError
 from ffsm_mj.log.drawing import shapes
-from ffsm_mj.present.page import write_page
+from ffsm_mj.present.page import scene, write_page
+from ffsm_mj.present.page.moving import plumes
+from ffsm_mj.present.page.poses import Poses
 from ffsm_mj.present.page.solids import arrow, triangles
 from ffsm_mj.present.run import Run
+from ffsm_mj.records.kinds import Mark
+from ffsm_mj.records.signals import Layout, Signal, coordinate_keys
 from tests.log.test_viewer_topics import ALL_SHAPES
 from tests.scenes import CHAIN, HEAD, compile_paths, three_balls, two_balls
 
@@ -115,6 +119,39 @@ def test_marks_are_those_of_all_records(tmp_path):
         along = np.clip(mark.magnitude, 0.4, 1.5) * np.array(mark.direction)
         np.testing.assert_allclose(matrix[:3, 2], along, atol=1e-6)
         assert each["visible"][repr(1000.0 * time)] is True
+
+
+def test_texts_of_marks_are_no_markup():
+    *_, label = scene._mark(0.0, Mark((0.0, 0.0, 0.0), text="<script>x</script>"), 1.0)
+    assert label.text == '<span class="mark">&lt;script&gt;x&lt;/script&gt;</span>'
+
+
+def test_thrusters_that_fire_have_plumes(tmp_path):
+    """A cone from the jet's site against its push, while it fires; none at a jet that never does."""
+    system = compile_jets(tmp_path)
+    rows = np.zeros((5, 14))
+    rows[:, 0], rows[:, 4], rows[1:3, 8] = 0.1 * np.arange(5), 1.0, 1.5
+    rows[:, 9:11], rows[:, 12:14] = (0.0, 2.0), (0.0, 2.0)
+    names = [f"actuators.robot_{jet}_{what}_N" for jet in ("left", "right") for what in ("applied", "lower", "upper")]
+    keys = ["state.time_s", *coordinate_keys(system.joints.values()), *names]
+    layout = Layout(tuple(Signal(*key.split("."), "N", "") for key in keys))
+    positions, quaternions = np.zeros((5, 2, 3)), np.tile([1.0, 0, 0, 0], (5, 2, 1))
+    found = list(plumes(layout, system, Poses(rows[:, 0], rows, positions, quaternions, 0)))
+    (cone,) = found
+    assert [time for time, on in cone.visible.items() if on] == ["100.0", "200.0"]
+    matrix = cone.model_matrix["100.0"]
+    np.testing.assert_allclose(matrix[:3, 3], [0, 0.1, 0], atol=1e-7)
+    np.testing.assert_allclose(matrix[:3, 2], [0, 0.9 * 1.5 / 2.0, 0], atol=1e-7)  # 0.9 m at the greatest force, 2 N
+
+
+def compile_jets(folder):
+    """A bus with two jets that push towards each other."""
+    jets = f"""<mujoco>{HEAD}<worldbody><body name="bus"><freejoint name="free"/><geom size=".1" mass="1"/>
+      <site name="left" pos="0 .1 0"/><site name="right" pos="0 -.1 0"/></body></worldbody><actuator>
+      <motor name="left" site="left" gear="0 -1 0 0 0 0"/><motor name="right" site="right" gear="0 1 0 0 0 0"/>
+      </actuator></mujoco>"""
+    (folder / "jets.xml").write_text(jets)
+    return compile_paths(folder / "jets.xml")
 
 
 def test_a_page_names_the_verdicts(hit, page):

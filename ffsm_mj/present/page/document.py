@@ -20,7 +20,7 @@ import numpy as np
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.verdicts import Law
 from ffsm_mj.errors import one_line
-from ffsm_mj.present.page import scene
+from ffsm_mj.present.page import moving, scene
 from ffsm_mj.present.page.inline_figures import inline_figures
 from ffsm_mj.present.page.poses import Poses
 from ffsm_mj.present.page.scene import Scene
@@ -51,7 +51,7 @@ def document(run: Run, drawn: Scene, poses: Poses) -> str:
         style=_part("page.css"),
         events="\n".join(_events(run)),
         note=_escaped(_note(run, drawn, poses)),
-        key="".join(_key(run)),
+        key="".join(_key(run, drawn)),
         card=card_html(run),
         verdict=_escaped(_verdict(run, laws)),
         laws="\n".join(map(_law, laws)),
@@ -114,16 +114,23 @@ def _note(run: Run, drawn: Scene, poses: Poses) -> str:
     return f"{poses.said}, of {len(run.log.rows)} samples in the log{more}."
 
 
-def _key(run: Run) -> list[str]:
-    """What the colours of the scene mean."""
-    tip = "tip" if "state.tip_x_m" in run.keys else "base"
-    marked = bool(run.log.marks())
-    words = {f"way of the {tip}" + (" before the first event" if marked else ""): scene.BEFORE}
-    words |= {"after it": scene.AFTER, "what records mark": scene.MARK} if marked else {}
-    words |= {"force of a contact": scene.FORCE} if run.contacts else {}
-    words |= {"force on what is held": scene.FORCE, "torque on it": scene.TORQUE} if run.captures else {}
-    words |= {"target": scene.TARGET} if run.summary()["tip"] is not None else {}
-    return [f'<span class="key"><i style="background:#{colour:06x}"></i>{word}</span>' for word, colour in words.items()]
+def _key(run: Run, drawn: Scene) -> list[str]:
+    """What the colours of the scene mean, of those that are in it."""
+    way = "way of the tip" if "state.tip_x_m" in run.keys else "way of the base"
+    words = {
+        scene.BEFORE: f"{way} before the first event" if scene.AFTER in drawn.colours else way,
+        scene.AFTER: "after it",
+        scene.MARK: "what records mark",
+        moving.FORCE: "force on what is held" if run.captures else "force of a contact",
+        moving.TORQUE: "torque on what is held",
+        moving.PLUME: "a thruster fires",
+        scene.TARGET: "target",
+    }
+    return [
+        f'<span class="key"><i style="background:#{colour:06x}"></i>{word}</span>'
+        for colour, word in words.items()
+        if colour in drawn.colours
+    ]
 
 
 def _verdict(run: Run, laws: tuple[Law, ...]) -> str:
@@ -154,7 +161,7 @@ def _told(run: Run, drawn: Scene, poses: Poses) -> dict[str, Any]:
     return {
         "start": times[0] if times else 0.0,
         "end": float(poses.times[-1]),
-        "ticks_per_s": scene.TICKS_PER_S,
+        "ticks_per_s": moving.TICKS_PER_S,
         "marks": times[: scene.MOST_MARKS],
         "phases": [[phase.start_s, phase.name.replace("_", " ")] for phase in run.phases],
         "centre": drawn.centre.tolist(),

@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.drawing import Frames
 from ffsm_mj.present.plots.subject import Subject
 from ffsm_mj.records.kinds import kind_of
 
@@ -17,21 +18,13 @@ _MOST, _PER_SECOND = 600, 50.0
 
 
 @dataclass(frozen=True)
-class Poses:
-    """Poses of all bodies at some times of a run.
+class Poses(Frames):
+    """Poses of all bodies at some times of a run, in order; each row is the one at or after the time.
 
     Attributes:
-        times: In order, (n,), s.
-        rows: Rows of the run at or after them, (n,).
-        positions: World positions of all bodies, (n, nbody, 3), m.
-        rotations: World orientations of all bodies, (n, nbody, 3, 3).
         events: How many of the times are events.
     """
 
-    times: FloatArray
-    rows: FloatArray
-    positions: FloatArray
-    rotations: FloatArray
     events: int
 
     @property
@@ -60,9 +53,9 @@ def poses(subject: Subject) -> Poses:
     found |= told
     times = np.array(sorted(found))
     bodies = subject.system.mj.nbody
-    positions, rotations = np.empty((len(times), bodies, 3)), np.empty((len(times), bodies, 3, 3))
+    positions, quaternions = np.empty((len(times), bodies, 3)), np.empty((len(times), bodies, 4))
     for i, time in enumerate(times.tolist()):
         data = subject.silhouette.place(found[time])
-        positions[i], rotations[i] = data.xpos, data.xmat.reshape(-1, 3, 3)
+        positions[i], quaternions[i] = data.xpos, data.xquat
     after = np.clip(np.searchsorted(run.time, times - 1e-9), 0, len(run.time) - 1)
-    return Poses(times, np.asarray(run.log.rows[after]), positions, rotations, len(told))
+    return Poses(times, np.asarray(run.log.rows[after]), positions, quaternions, len(told))

@@ -43,6 +43,11 @@ def arrow() -> Triangles:
     return joined([_revolved(np.array(line)) for line in _ARROW])
 
 
+def plume() -> Triangles:
+    """A cone that opens from the origin to 1 m up the z axis."""
+    return joined([_revolved(np.array(line)) for line in ([(0.02, 0.0), (0.14, 1.0)], [(0.14, 1.0), (0.0, 1.0)])])
+
+
 def joined(parts: list[Triangles]) -> Triangles:
     """Several surfaces as one."""
     firsts = np.cumsum([0, *(len(corners) for corners, _ in parts)])
