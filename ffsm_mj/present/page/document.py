@@ -121,7 +121,7 @@ def _key(run: Run, drawn: Scene) -> list[str]:
         scene.BEFORE: f"{way} before the first event" if scene.AFTER in drawn.colours else way,
         scene.AFTER: "after it",
         scene.MARK: "what records mark",
-        moving.FORCE: "force on what is held" if run.captures else "force of a contact",
+        moving.FORCE: "force of a contact" if not run.captures else "force on what is held, or of a contact",
         moving.TORQUE: "torque on what is held",
         moving.PLUME: "a thruster fires",
         scene.TARGET: "target",
