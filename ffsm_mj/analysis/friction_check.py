@@ -17,6 +17,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.capture.record import CAPTURE, RELEASE
 from ffsm_mj.errors import InputError, UnsupportedContactError
+from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog
 
@@ -60,6 +61,12 @@ class _Met:
     impulses: FloatArray
     speeds: FloatArray
 
+    @property
+    def unexplained(self) -> float:
+        """How much of the change of velocity the impulses do not explain, J."""
+        change = self.after - self.before - self.A.T @ self.impulses
+        return float(np.linalg.norm(change) * np.linalg.norm(self.before))
+
 
 class FrictionCheck:
     """Judges the impacts with friction of one log; its models are compiled where the first one is asked for."""
@@ -83,6 +90,8 @@ class FrictionCheck:
 
     def _worst(self, event: Sequence[ImpactRecord], share: float) -> Miss:
         met = self._met(event)
+        if met is not None and self._others_hold and met.unexplained > share * 0.5 * float(met.before @ met.before):
+            met = None  # what moves is another model, of which only its regime knows: the records are judged by themselves
         energy = event[0].energy_before_J["total"][0] if met is None else 0.5 * float(met.before @ met.before)
         sizes = [*_by_records(event)]
         if met is not None:
@@ -92,6 +101,11 @@ class FrictionCheck:
             gained = max(0.0, 0.5 * float(met.after @ met.after) - energy)
             found.append(Miss(gained, _GAIN * share * energy))
         return max(found, key=lambda miss: miss.excess)
+
+    @cached_property
+    def _others_hold(self) -> bool:
+        """Whether the scenario declares regimes of contact, which may join bodies."""
+        return bool(scenario_data(self._log).get("regimes"))
 
     @cached_property
     def _models(self) -> Any:
@@ -187,7 +201,7 @@ def _by_states(event: Sequence[ImpactRecord], met: _Met) -> Iterator[float]:
     strength, speed = float(np.abs(met.impulses).max()), float(np.abs(met.A @ met.before).max())
     told = np.abs(met.speeds - np.stack((met.A @ met.before, met.A @ met.after))).max()
     yield strength * float(told)
-    yield float(np.linalg.norm(met.after - met.before - met.A.T @ met.impulses) * np.linalg.norm(met.before))
+    yield met.unexplained
     energies = [0.5 * float(w @ w) for w in (met.before, met.after)]
     logged = event[0].energy_before_J["total"][0], event[0].energy_after_J["total"][0]
     yield max(abs(one - other) for one, other in zip(energies, logged, strict=True))

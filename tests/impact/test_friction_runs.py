@@ -8,6 +8,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
 from ffsm_mj.analysis import friction_check
@@ -22,6 +24,9 @@ from ffsm_mj.present.text_report import impact_table
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.recount import recount
 from tests.capture import scenes as captures
+from tests.capture.test_pressing import on_a_wall
+from tests.impact.test_fixed import slab
+from tests.regimes import scenes as regime_scenes
 from tests.scenes import ball, box, scene, two_balls
 
 OFF_CENTRE = {
@@ -88,6 +93,7 @@ def test_a_run_proves_itself_from_its_log(which, request):
     work = sum(hit.friction_work_J for hit in hits)
     assert run["ledger.friction_heat_J"][-1] == pytest.approx(-work, rel=1e-9)
     assert work < 0.0
+    assert "impact restitution" not in {law.name for law in run.laws()}
     pushed = sum(hit.impulse_N_s * np.array(hit.normal) + hit.tangential_impulse_N_s for hit in hits)
     booked = [run[f"ledger.contact_P_{x}_N_s"][-1] for x in "xyz"]
     np.testing.assert_allclose(booked, pushed, atol=1e-14)
@@ -312,6 +318,49 @@ def test_what_is_held_is_struck(tmp_path):
     (hit,) = (hit for hit in run.impacts if hit.mu)
     assert run.captures[0].time_s < hit.time_s < run.captures[0].release_s
     assert hit.law == "stronge"
+
+
+def test_what_is_held_is_pressed_on_a_rough_wall(tmp_path):
+    """The run goes on through the grasp, and ends where friction would have to last."""
+    pair = {"name": "late", "geoms": ["target/target", "wall/wall"], "restitution": 0.0, "mu": 0.3}
+    path = on_a_wall(tmp_path, impact_pairs=[{"geoms": ["ball", "target/target"], "restitution": 0.5}, pair])
+    run = good(ffsm_mj.run(path))
+    assert run.outcome == "unsupported_contact"
+    assert run.message.startswith("target/target - wall/wall would stay in contact from t = 0.")
+    assert run.captures[0].release_s is None
+
+
+@pytest.mark.usefixtures("test_regimes")
+def test_a_regime_that_nobody_knows_holds_what_is_struck(tmp_path):
+    """Its model is no business of the law's: energies and works are judged all the same, and a false one is noticed."""
+    path = regime_scenes.capture(
+        tmp_path,
+        {"wall": slab("wall", "0.1 2 2")},
+        fixed={"wall": {"position_m": [1.5, 0, 0]}},
+        duration_s=1.0,
+        impact_pairs=[{"geoms": ["target/target", "wall/wall"], "restitution": 0.5, "mu": 0.3}],
+        initial={
+            "joints": {"target/free": [0.9, 0.03, 0.02, 1, 0, 0, 0]},
+            "rates": {"robot/free": [0.8, 0, 0, 0.02, -0.03, 0.05], "target/free": [0.1, 0, 0, 0.4, -0.2, 0.3]},
+        },
+    )
+    run = good(ffsm_mj.run(path))
+    assert run.impacts[0].time_s > run.records["welds"][0].time_s
+    assert not judged(run, friction_work_J=changed(run.impacts[0].friction_work_J)).holds
+
+
+def test_friction_is_an_arrow_of_its_own_in_the_log(one):
+    """Foxglove and Lichtblick draw it as it stands in the file: across the normal, beside it."""
+    with open(one.path, "rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        ((*_, update),) = reader.iter_decoded_messages(topics=["/scene/impacts"])
+    arrows = [arrow for entity in update.entities for arrow in entity.arrows]
+    lengths = sorted(arrow.shaft_length + arrow.head_length for arrow in arrows)
+    (hit,) = one.impacts
+    assert len(arrows) == 2
+    assert lengths[1] == pytest.approx(min(hit.impulse_N_s, 1.5))
+    texts = [text.text for entity in update.entities for text in entity.texts]
+    assert any(text.endswith("N s friction") for text in texts)
 
 
 def refused(path, *overrides):
