@@ -82,6 +82,8 @@ def reference() -> Iterator[str]:
     yield (
         "Here for `baseline`; other models have their own joints, actuators and controllers in the same places, and with\n"
         "fixed bodies six columns each of `ledger.fixed_on_robot_...` and `ledger.fixed_on_objects_...`: their impulses.\n"
+        "With impact pairs that have `mu` above 0 `ledger.friction_heat_J`: the kinetic energy lost in impacts with\n"
+        "friction, less what the work of their normal impulses took.\n"
     )
     for group, fields_of_group in samples().items():
         yield f"### {group}: {GROUPS[group]}\n"
