@@ -233,3 +233,14 @@ def test_turned_and_boosted_scenes_are_the_same(seed):
     np.testing.assert_allclose(again.after.qvel, expected, rtol=0, atol=1e-9)
     np.testing.assert_allclose(again.vectors, impact.vectors @ R.T, rtol=0, atol=1e-9)
     assert again.friction.paths == impact.friction.paths
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.4])
+def test_squeezed_between_two_walls_is_jammed(mu):
+    """No elastic way out, with friction or without: energy is lost, and the result says so."""
+    model, data = moving(SPHERE, (1, 0.3, 0.1, 0, 0, 2))
+    x = np.array([1.0, 0.0, 0.0])
+    impact = resolve(model, data, [Contact(0, 1, -x, x, 1.0, mu), Contact(0, 1, x, -x, 1.0, mu)])
+    assert impact.status == "jammed"
+    assert impact.energy_change_J < 0.0
+    assert impact.separation_speeds.min() > -1e-8
