@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 from ffsm_mj.capture.config import CaptureConfig
@@ -61,6 +62,7 @@ class Grip:
         self.pairs = frozenset(config.when.touch or ())
         self._bounds = Bounds(config.when.within.bounds) if config.when.within is not None else None
         self._start: Vectors | None = None
+        self._ended: tuple[float, Vectors] = math.nan, []
         self._clock = 0.0
         self.armed = False
         self.least: tuple[Nearness, float] | None = None
@@ -100,7 +102,8 @@ class Grip:
         """Whether its bounds held nowhere in the step that ends at the state in ``data``; it is no longer than that."""
         if self._bounds is None or self._start is None:
             return True
-        start, end = Nearness.of(self._start), self.near()
+        self._ended = float(self._data.time), self.sites.vectors(self._data)
+        start, end = Nearness.of(self._start), Nearness.of(self._ended[1])
         return self.ratio(end) > 1.0 and not self._bounds.may_dip(start, end, longest_s)
 
     def first(self, path: StepPath, duration_s: float) -> float | None:
@@ -109,9 +112,11 @@ class Grip:
 
     def flown(self, path: StepPath, duration_s: float) -> None:
         """A (sub-)step is over, ``data`` at its end: keep in mind how near it came on the way."""
-        bounds, end, at = self._bounds, self.sites.vectors(self._data), self._at(path)
+        bounds, at = self._bounds, self._at(path)
         if bounds is None:
             return
+        # Looked at before, unless somebody has cut the step.
+        end = self._ended[1] if self._ended[0] == self._data.time else self.sites.vectors(self._data)
         if self._start is None:
             path.move_to(0.0)
             self._start = self.sites.vectors(self._data)
@@ -121,7 +126,7 @@ class Grip:
             dip = lowest(lambda time_s: self.ratio(at(time_s)), 0.0, duration_s)
             self._keep(at(dip), dip)
         path.move_to(duration_s)
-        self._start = end
+        self._start, self._ended = end, (math.nan, [])
         self._clock += duration_s
 
     def _at(self, path: StepPath) -> Callable[[float], Nearness]:

@@ -66,20 +66,20 @@ class Lasting(Regime):
         """
         super().bind(motion)
         self._closed.bind(motion)
-        moved, self._moved = self._moved, motion
-        if moved is not None and moved is not motion:
-            self._look_anew()
-
-    def _look_anew(self) -> None:
-        """Hold what is closed and still of the pairs that there are while this moves."""
         held = frozenset(self._closed.by_pair)
         for pair in held:
-            if pair.geom_ids in self.motion.rigid:
+            if pair.geom_ids in motion.rigid:
                 self._closed.hold(pair, ())
+        moved, self._moved = self._moved, motion
+        if moved is not None and moved is not motion:
+            self._look_anew(held)
+        self._settle()
+
+    def _look_anew(self, held: frozenset[ContactPair]) -> None:
+        """Hold what is closed and still of the pairs that there are while this moves, of which some were held before."""
         for pair, near in self._impacts.contacts():
             if abs(near.gap) <= GAP_TOLERANCE:  # what was let go where it overlaps is for the impact
                 self._take(pair, near, held_stillness(near) if pair in held else near.still)
-        self._settle()
 
     def restart(self) -> None:
         """Something changed at one instant: nothing that was decided holds any more."""

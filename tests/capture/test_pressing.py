@@ -25,6 +25,7 @@ pytestmark = pytest.mark.usefixtures("test_regimes")
 PUSH = {"kind": "pd", "joints": ["robot/x"], "kp": 2.0, "kd": 0.5, "target": [3.0]}
 HANDLE = np.array((-0.1, 0.01, 0.02))
 """The object's site, in the frame of its base."""
+SITES = {"robot_site": "robot/centre", "object_site": "target/centre"}
 NEARBY = {
     "joints": {"target/free": [1.08, 0.03, 0.02, 1, 0, 0, 0]},
     "rates": {"robot/free": [0, 0, 0, 0.02, -0.03, 0.05], "target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3]},
@@ -32,25 +33,19 @@ NEARBY = {
 MASS = {"robot": 2.0, "target": 3.0, "stone": 5.0}
 
 
-def rail(folder, others, pairs, *, fixed=None, **changes):
+def rail(folder, others, pairs, *, fixed=None, robot=None, **changes):
     """A ball on a rail takes hold of a free one, and pushes it along the rail against something; lets go, and goes on."""
     folder.mkdir(exist_ok=True)
     return scene(
         folder,
-        ball("ball", mass=MASS["robot"], joints="x"),
+        robot or ball("ball", mass=MASS["robot"], joints="x"),
         {"target": ball("target", mass=MASS["target"]), **others},
         fixed=fixed,
         **{
             "duration_s": 0.4,
             "initial": {"joints": {"target/free": [0.2504, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/x": 1.0}},
             "impact_pairs": [{"geoms": ["ball", "target/target"], "restitution": 0.5}, *pairs],
-            "captures": {
-                "grasp": {
-                    "robot_site": "robot/centre",
-                    "object_site": "target/centre",
-                    "when": {"touch": ["ball-target/target"]},
-                }
-            },
+            "captures": {"grasp": {**SITES, "when": {"touch": ["ball-target/target"]}}},
             "phases": [
                 {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
                 {"name": "press", "for_s": 0.3, "controller": PUSH},
@@ -128,6 +123,43 @@ def test_what_is_let_go_in_touch_stays_closed(tmp_path):
     motor = run["actuators.robot_push_x_applied_N"][after]
     np.testing.assert_allclose(run["contact.ball_target_target_force_N"][after], motor, atol=1e-13)
     np.testing.assert_allclose(run["contact.late_force_N"][after], motor, atol=1e-13)
+
+
+def test_a_log_with_a_hole_is_taken_up_again(tmp_path):
+    """Rows are lost while it presses: behind them hand and target, at gap 0 on one rigid body, are no contact."""
+    run = ffsm_mj.run(on_a_wall(tmp_path / "scene"))
+    first = int(np.flatnonzero(pressed(run))[10])
+    rows = np.delete(run.log.rows, slice(first, first + 10), axis=0)
+    again = recount(dataclasses.replace(run.log, rows=rows))
+    assert again.agrees, again.worst
+
+
+@pytest.mark.parametrize("down_m_s", [0.3, 0.0, -0.1])
+def test_what_lies_on_a_slab_is_taken_up_from_it(tmp_path, down_m_s):
+    """The grasp's impulse presses it on, leaves it or lifts it: an impact at the same instant, nothing, an end."""
+    pairs = [
+        {"geoms": ["ball", "target/target"], "restitution": 0.5},
+        {"name": "late", "geoms": ["target/target", "wall/wall"], "restitution": 0.3},
+    ]
+    path = rail(
+        tmp_path / "scene",
+        {"wall": slab("wall", "2 2 0.1")},
+        [],
+        robot=ball("ball", mass=MASS["robot"], joints="xz"),
+        fixed={"wall": {"position_m": [0, 0, -0.2]}},
+        impact_pairs=pairs,
+        initial={"joints": {"robot/x": -0.4, "robot/z": 0.15}, "rates": {"robot/x": 1.0, "robot/z": -down_m_s}},
+        captures={"grasp": {**SITES, "when": {"within": {"position_m": 0.25}}}},
+        phases=[
+            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "hold", "until": "end", "controller": OFF},
+        ],
+    )
+    run = holds(ffsm_mj.run(path))
+    (capture,), late = run.captures, [impact.time_s for impact in run.impacts if impact.pair == "late"]
+    ended = [record.time_s for record in run.records["contact_endings"]]
+    assert ended == ([capture.time_s] if down_m_s else [])
+    assert (late[:1] == [capture.time_s]) == (down_m_s > 0.0)
 
 
 def test_a_third_body_is_pushed_on(tmp_path):
