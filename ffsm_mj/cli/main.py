@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import fill
 
 from ffsm_mj.assembly.interrupts import raised
 from ffsm_mj.cli.command_line import HelpAsked, parse, parser
@@ -120,13 +121,15 @@ def _run(options: argparse.Namespace, output: Output) -> int:
 
 
 def _list(output: Output) -> int:
+    from ffsm_mj.present.text_table import terminal_width
     from ffsm_mj.scenario.shipped import scenario_names, scenario_path
     from ffsm_mj.scenario.source import read_yaml
 
     names = scenario_names()
-    width = max(map(len, names))
+    width, room = max(map(len, names)), terminal_width()
     for name in names:
-        output.say(f"{name:{width}}  {read_yaml(scenario_path(name)).data.get('description', '')}")
+        text = f"{name:{width}}  {read_yaml(scenario_path(name)).data.get('description', '')}"
+        output.say(text if room is None else fill(text, max(room, width + 22), subsequent_indent=(width + 2) * " "))
     return OK
 
 

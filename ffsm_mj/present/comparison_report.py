@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from ffsm_mj.analysis.comparison import Comparison, ImpactDifference, RecordsDifference
-from ffsm_mj.present.text_report import table
+from ffsm_mj.present.text_table import table
 
 
 def comparison_report(labels: tuple[str, str], found: Comparison) -> str:

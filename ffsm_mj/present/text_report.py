@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ffsm_mj.analysis.agreement import Difference
@@ -13,6 +13,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.verdicts import Law, Tolerance
 from ffsm_mj.present.json_text import json_text
 from ffsm_mj.present.record_lines import record_lines
+from ffsm_mj.present.text_table import table
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.facts import told_models
 
@@ -21,18 +22,6 @@ _STEP_HINT = (
     "\n  what RK4 itself leaves falls with the fourth power of the step: try half the time_step_s, or state what you accept"
     " with 'ffsm analyze --tolerance'"
 )
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Aligned columns: text to the left, everything that starts like a number to the right."""
-    cells = [list(head), *(list(row) for row in rows)]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
-    right = [all(row[i][:1] in "0123456789-+." or not row[i] for row in cells[1:]) for i in range(len(head))]
-    lines = []
-    for row in cells:
-        padded = [cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(row, widths, right, strict=True)]
-        lines.append("  " + "  ".join(padded).rstrip())
-    return "\n".join(lines)
 
 
 def run_report(run: Run) -> str:
@@ -133,7 +122,7 @@ def contact_table(contacts: Sequence[Contact]) -> str:
         (
             str(number),
             f"{contact.start_s:.6f}",
-            "" if contact.end_s is None else f"{contact.end_s:.6f}",
+            "end" if contact.end_s is None else f"{contact.end_s:.6f}",
             *((contact.pair,) if named else ()),
             *contact.geoms,
             f"{contact.impulse_N_s:.6f}",
@@ -171,6 +160,7 @@ def conservation_table(laws: Sequence[Law]) -> str:
             )
             for law in laws
         ),
+        keys=2,
     )
 
 

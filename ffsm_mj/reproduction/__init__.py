@@ -11,7 +11,7 @@ from pathlib import Path
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.present.output_place import usable_folder, writing
-from ffsm_mj.present.text_report import table
+from ffsm_mj.present.text_table import table
 from ffsm_mj.reproduction.appendix_page import appendix_page
 from ffsm_mj.reproduction.cases import (
     LONG_BASELINE,

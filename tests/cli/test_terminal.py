@@ -40,10 +40,11 @@ def squeezed(text: str) -> str:
         (80, {"TERM": ""}, ""),
     ],
 )
-def test_a_run_shows_how_far_it_is_and_leaves_its_report_alone(tmp_path, columns, environment, painted):
+def test_a_run_shows_how_far_it_is_and_leaves_its_report_alone(tmp_path, monkeypatch, columns, environment, painted):
     path = str(two_balls(tmp_path, duration_s=LONG_S if painted else 0.1))
     shown = on_terminal(ffsm("run", path, "--no-rerun", "--out", "a"), columns=columns, **environment)
     assert shown.code == 0, shown.written
+    monkeypatch.setattr("ffsm_mj.present.text_table.terminal_width", lambda: columns if columns > 20 else None)
     expected = run_report(load_run("a"))
     rest = "files in a: mjcf, run.mcap, scenario.yaml, summary.json look at it: ffsm view a verify the log: ffsm analyze a"
     assert squeezed("".join(shown.screen)) == squeezed(expected + rest)

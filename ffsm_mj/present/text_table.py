@@ -1,0 +1,49 @@
+"""Tables in plain text; where a terminal is too narrow for one, its columns go on below."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+
+_LEAST = 40
+"""On a terminal of fewer letters nothing is laid out."""
+
+
+def terminal_width() -> int | None:
+    """Letters across the terminal that standard output is; None where it is none, or hardly one."""
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+    return width if width >= _LEAST else None
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, keys: int = 1) -> str:
+    """Aligned columns: text to the left, everything that starts like a number to the right.
+
+    Args:
+        head: Names of the columns.
+        rows: As many cells each.
+        keys: Columns at the left that say which row it is; each part of a divided table has them.
+    """
+    cells = [list(head), *(list(row) for row in rows)]
+    columns = [_padded(column) for column in zip(*cells, strict=True)]
+    parts = _parts([2 + len(column[0]) for column in columns], terminal_width(), keys)
+    return "\n\n".join(
+        "\n".join("".join(f"  {columns[i][row]}" for i in part).rstrip() for row in range(len(cells))) for part in parts
+    )
+
+
+def _padded(column: Sequence[str]) -> list[str]:
+    width = max(map(len, column))
+    right = all(cell[:1] in "0123456789-+." or not cell for cell in column[1:])
+    return [cell.rjust(width) if right else cell.ljust(width) for cell in column]
+
+
+def _parts(widths: Sequence[int], room: int | None, keys: int) -> Iterator[list[int]]:
+    """Which columns stand beside each other; all of them where no room is given."""
+    part = first = list(range(min(keys, len(widths))))
+    for i in range(len(first), len(widths)):
+        if room is not None and len(part) > len(first) and sum(widths[k] for k in (*part, i)) > room:
+            yield part
+            part = first
+        part = [*part, i]
+    yield part
