@@ -34,6 +34,7 @@ TARGET = """<mujoco><option gravity="0 0 0"/><worldbody><body name="target">
 
 OFF = {"kind": "off"}
 TOUCH = {"touch": ["hand-target/target"]}
+BOUNDS = {"within": {"position_m": 0.1, "angle_rad": 0.5, "speed_m_s": 1.0, "rate_rad_s": 1.0}}
 NEAR = {"within": {"position_m": 0.05, "angle_rad": 1.0, "speed_m_s": 1.0}}
 
 

@@ -14,11 +14,10 @@ from ffsm_mj.capture.regime import Captures
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.recount import recount
-from tests.capture.scenes import FLAT_TARGET, NEAR, OFF, grasping, stone
+from tests.capture.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, grasping, stone
 from tests.scenes import ball, scene
 
 HOLD = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
-BOUNDS = {"within": {"position_m": 0.1, "angle_rad": 0.5, "speed_m_s": 1.0, "rate_rad_s": 1.0}}
 
 
 def holds(run):

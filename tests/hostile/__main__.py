@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from tests.hostile.cases import case
+from tests.hostile.captures import drawn
 from tests.hostile.series import run_series
 from tests.hostile.worker import Result, _logs, run_case
 
@@ -26,7 +26,7 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="ffsm-hostile-") as folder:
         if options.only is not None:
-            hostile = case(options.seed, options.only, _logs(Path(folder)))
+            hostile = drawn(options.seed, options.only, _logs(Path(folder)))
             place = options.keep or Path(folder) / "case"
             _print(run_case(hostile, options.only, place.resolve()), hostile.commands)
             return 0

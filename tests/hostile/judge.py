@@ -33,7 +33,7 @@ def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
     """Whether a line says where a fault is, and what it is."""
     if re.search(r"', line 0\b", line):
         return False
-    if line.startswith(("-s ", "--out: ", "'': ", "ffsm ")):
+    if line.startswith(("-s ", "--out: ", "--table: ", "'': ", "ffsm ")):
         return ": " in line
     names = sorted(
         {*case.files, *case.folders, *(word for word in command[1:] if not word.startswith("-"))}, key=len, reverse=True

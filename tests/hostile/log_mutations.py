@@ -149,6 +149,27 @@ def _values(rng: Random, found: _Records) -> None:
             found[i] = replace(found[i], data=bytes(data))
 
 
+def values_of(rng: Random, found: _Records, *topics: str) -> None:
+    """A double, a byte or the end of a message of one of some topics, or the message itself is gone, or there twice."""
+    channels = {record.id: record.topic for record in found if isinstance(record, Channel)}
+    topic = rng.choice(topics)
+    places = [i for i, r in enumerate(found) if isinstance(r, Message) and channels.get(r.channel_id) == topic]
+    if not places:
+        return
+    i, kind = rng.choice(places), rng.randrange(6)
+    data = bytearray(found[i].data)
+    if kind < 3 and len(data) > 10:
+        at = rng.randrange(1, len(data) - 8)
+        data[at : at + 8] = struct.pack("<d", rng.choice(_DOUBLES))
+        found[i] = replace(found[i], data=bytes(data))
+    elif kind == 3:
+        found[i] = replace(found[i], data=bytes(data[: rng.randrange(len(data) + 1)]))
+    elif kind == 4:
+        del found[i]
+    else:
+        found.insert(rng.choice(places), found[i])
+
+
 def _swap(rng: Random, found: _Records) -> None:
     a, b = (_of(rng, found, Message) for _ in range(2))
     if a is not None and b is not None:

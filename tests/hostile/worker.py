@@ -20,7 +20,10 @@ from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 
-from tests.hostile.cases import Case, Command, case
+from tests.capture.scenes import ARM, BOUNDS, TARGET
+from tests.hostile.captures import drawn, scenario
+from tests.hostile.cases import Case, Command
+from tests.hostile.documents import text
 from tests.hostile.judge import complaint
 
 CPU_LIMIT_S, WALL_LIMIT_S = 20, 120
@@ -124,7 +127,7 @@ def _guarded(seed: int, numbers: list[int], folder: Path, logs: tuple[bytes, ...
         place = folder / str(number)
         signal.setitimer(signal.ITIMER_PROF, CPU_LIMIT_S)
         faulthandler.dump_traceback_later(WALL_LIMIT_S, exit=True)
-        result = run_case(case(seed, number, logs), number, place)
+        result = run_case(drawn(seed, number, logs), number, place)
         signal.setitimer(signal.ITIMER_PROF, 0)
         os.chdir(folder)
         shutil.rmtree(place, ignore_errors=True)
@@ -139,7 +142,7 @@ def _died(seed: int, number: int, logs: tuple[bytes, ...], folder: Path, status:
     limit = number_of == -signal.SIGPROF or "Timeout (" in stderr
     what = "over the time limit" if limit else f"the process died ({number_of})"
     shutil.rmtree(folder / str(number), ignore_errors=True)
-    return Result(number, case(seed, number, logs).kind, (number_of,), stderr, what, float(CPU_LIMIT_S) if limit else 0.0)
+    return Result(number, drawn(seed, number, logs).kind, (number_of,), stderr, what, float(CPU_LIMIT_S) if limit else 0.0)
 
 
 def work(seed: int, numbers: list[int], folder: Path, results: Path) -> None:
@@ -162,7 +165,7 @@ def work(seed: int, numbers: list[int], folder: Path, results: Path) -> None:
 
 
 def _logs(folder: Path) -> tuple[bytes, ...]:
-    """Logs of two runs: the case study without a hit, two balls with one. Loads, by the way, whatever costs time."""
+    """Logs of the case study without a hit, of two balls with one, of a capture. Loads, by the way, whatever costs time."""
     import ffsm_mj
     from tests.scenes import two_balls
 
@@ -171,7 +174,12 @@ def _logs(folder: Path) -> tuple[bytes, ...]:
     ffsm_mj.run("coasting", {"duration_s": 0.1}, out=folder / "logs" / "a", rerun=False)
     (folder / "logs" / "models").mkdir()
     ffsm_mj.run(two_balls(folder / "logs" / "models", gap=0.01, duration_s=0.05), out=folder / "logs" / "b", rerun=False)
-    return tuple((folder / "logs" / name / "run.mcap").read_bytes() for name in "ab")
+    gripped = folder / "logs" / "gripped"
+    gripped.mkdir()
+    for name, content in (("robot.xml", ARM), ("object.xml", TARGET), ("scenario.yaml", text(scenario(BOUNDS)))):
+        (gripped / name).write_text(content)
+    ffsm_mj.run(gripped / "scenario.yaml", out=folder / "logs" / "c", rerun=False)
+    return tuple((folder / "logs" / name / "run.mcap").read_bytes() for name in "abc")
 
 
 if __name__ == "__main__":
