@@ -134,6 +134,7 @@ def test_a_log_with_a_hole_is_taken_up_again(tmp_path):
     assert again.agrees, again.worst
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("down_m_s", [0.3, 0.0, -0.1])
 def test_what_lies_on_a_slab_is_taken_up_from_it(tmp_path, down_m_s):
     """The grasp's impulse presses it on, leaves it or lifts it: an impact at the same instant, nothing, an end."""
@@ -190,6 +191,7 @@ def sprung(folder, on="wall"):
     return rail(folder, {"stone": ball("stone", mass=MASS["stone"])}, [], initial=initial, **changes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("on", ["wall", "stone"])
 def test_a_spring_on_what_is_held_is_no_part_of_the_load(tmp_path, on):
     """The load is what the link bears: mass times acceleration of the object, and what the spring puts on it."""
@@ -308,6 +310,7 @@ def judged(run):
     return laws | (set() if again.agrees else {"log"})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wrong", ["booked twice", "not taken off", "stale efforts", "spring booked twice"])
 def test_mistakes_on_purpose_are_noticed(tmp_path, monkeypatch, wrong):
     """Of a contact on what is held: its impulse in two books, its force in the load, old efforts."""
