@@ -252,37 +252,35 @@ class Retrace:
 
     def _fly(self, duration_s: float) -> None:
         """Fly on with the efforts held, and book the flight; nothing is flown where the duration is not positive."""
-        if duration_s > 0.0:
-            self._take_off(duration_s)
+        if duration_s > 0.0 and self._take_off(duration_s):
             self._book(duration_s)
 
     def _arrive(self, duration_s: float, state: FloatArray) -> FloatArray:
         """Fly to a logged state, which is what is booked; gives the state at the end of the flight."""
-        if duration_s > 0.0:
-            self._take_off(duration_s)
+        moved = duration_s > 0.0 and self._take_off(duration_s)
         flown = self._state_now()
         if not np.array_equal(flown, state):
             self._put(state)
-        if duration_s > 0.0:
+        if moved:
             self._book(duration_s)
         return flown
 
-    def _take_off(self, duration_s: float) -> None:
+    def _take_off(self, duration_s: float) -> bool:
+        """Fly for a time; says whether anything could move."""
         self._ledger.open()
         try:
             self._course.fly(duration_s)
         except RunEnded as end:  # nothing would have moved on from here, as where a pair with friction is pressed
             self.motion.keep(Difference(end.message, math.inf, AGREES, "", float(self._data.time)))
+            return False
+        return True
 
     def _state_now(self) -> FloatArray:
         return np.concatenate((self._data.qpos, self._data.qvel))
 
     def _is_at(self, state: FloatArray) -> bool:
-        """Whether a logged state is that in ``data``: to rounding where this follows another model that moves."""
-        now = self._state_now()
-        if self._course.motion.data is self._data:
-            return np.array_equal(now, state)
-        return bool(np.abs(now - state).max() <= _FOLLOWED * (1.0 + np.abs(state).max()))
+        """Whether a logged state is that in ``data``, to rounding: that of a capture has followed what holds by then."""
+        return bool(np.abs(self._state_now() - state).max() <= _FOLLOWED * (1.0 + np.abs(state).max()))
 
     def _book(self, duration_s: float) -> None:
         self._impacts.note_overlap()

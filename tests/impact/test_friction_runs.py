@@ -300,6 +300,27 @@ def test_a_capture_at_the_same_instant_comes_first(tmp_path):
     assert missed.outcome == "unsupported_contact"
 
 
+def test_pressed_by_its_spin_as_it_is_caught(tmp_path):
+    """What would stay in contact, rubbing, is caught at that instant; a log without the capture is told of, not flown."""
+    path = captures.grasping(
+        tmp_path,
+        impact_pairs=[{"geoms": ["hand", "target/target"], "restitution": 0.0, "mu": 0.01}],
+        duration_s=0.12,
+        initial={
+            "joints": {"robot/free": [0.1, 0.2, 0.3, 0.96, 0.28, 0, 0], "target/free": [1.18, 0.23, 0.32, 0, 0, 0.28, 0.96]},
+            "rates": {"target/free": [-0.3, 0, 0, 0.4, 2.0, 2.5], "shoulder": 0.1},
+        },
+    )
+    run = good(ffsm_mj.run(path))
+    (hit,), (caught,), (contact,) = run.impacts, run.captures, run.contacts
+    assert hit.time_s == caught.time_s == contact.start_s == contact.end_s
+    assert contact.peak_force_N > 0.0
+    without = replace(run.log, records={**run.records, "capture_impulses": (), "contact_endings": ()})
+    again = recount(without)
+    assert not again.agrees
+    assert "would stay in contact" in again.worst["motion"].what
+
+
 def test_what_is_held_is_struck(tmp_path):
     """The body that the stone meets is link and object in one: momenta of all parties, and the path, with that mass."""
     path = captures.grasping(
