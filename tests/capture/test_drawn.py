@@ -96,7 +96,7 @@ def test_the_figure_has_both_and_when_it_was_held(held):
         "holds",
     ]
     (told,) = held.captures
-    (size,) = (line for line in force.lines if line.get_label() == "|F|")
+    (size,) = (line for line in force.lines if line.get_label() == "$|F|$")
     load, _ = vectors(held, "capture")
     assert np.nanmax(size.get_ydata()) == pytest.approx(np.linalg.norm(load, axis=1).max(), rel=1e-12)
     (bars,) = holds.collections

@@ -241,3 +241,13 @@ def test_words_of_figures_do_not_lie_on_each_other(spatial):
         for axes in figure.axes:
             legend = axes.get_legend()
             assert legend is None or not legend.get_window_extent().overlaps(axes.bbox), name
+
+
+def test_times_of_poses_do_not_lie_on_each_other(spatial):
+    """Nor on those of other bodies."""
+    figure = plots.figures(spatial, ["motion"])["motion"]
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        times = [text.get_window_extent() for text in axes.texts if text.get_text().endswith(" s")]
+        assert times
+        assert not [(i, j) for i in range(len(times)) for j in range(i) if times[i].overlaps(times[j])]

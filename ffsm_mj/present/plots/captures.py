@@ -20,13 +20,13 @@ def captures(subject: Subject) -> Figure:
         spells.setdefault(capture.grasp, []).append((capture.time_s, release_s))
     holds = {name: np.array(spans) for name, spans in spells.items()}
     panels = [
-        Panel("force on the object, N", _with_size(loads[:3], "F")),
-        Panel("torque about its site, N m", _with_size(loads[3:], "M")),
+        Panel("force on the\nobject, N", _with_size(loads[:3], "F")),
+        Panel("torque about\nits site, N m", _with_size(loads[3:], "M")),
         Panel("holds", bars=holds, height=0.25 + 0.12 * len(holds)),
     ]
     return stacked(run, panels, height_in=1.6)
 
 
 def _with_size(components: list[np.ndarray], letter: str) -> list[Line]:
-    lines = [Line(f"{letter}_{axis}", values) for axis, values in zip("xyz", components, strict=True)]
-    return [*lines, Line(f"|{letter}|", np.linalg.norm(components, axis=0))]
+    lines = [Line(f"${letter}_{axis}$", values) for axis, values in zip("xyz", components, strict=True)]
+    return [*lines, Line(f"$|{letter}|$", np.linalg.norm(components, axis=0))]

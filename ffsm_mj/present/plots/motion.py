@@ -14,14 +14,14 @@ from matplotlib.lines import Line2D
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.present.plots.silhouette import WORLD, Outline, Plane
-from ffsm_mj.present.plots.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH_IN, YELLOW
+from ffsm_mj.present.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, WIDTH_IN, YELLOW
 from ffsm_mj.present.plots.subject import Subject
 from ffsm_mj.records.facts import logged_task
 
 _POSES = 6
 _HANDLE_IN, _LETTER_IN = 0.5, 0.062
 """Widths of what stands before a name in a legend, and of a letter of it."""
-_OBJECT_COLOURS = (VERMILLION, ORANGE, GREEN)
+_OBJECT_COLOURS = (VERMILLION, ORANGE, GREEN, SKY, PURPLE)
 _TIP_STYLE, _BASE_STYLE, _OBJECT_STYLE = "-", (0, (5.0, 1.5)), (0, (6.0, 1.5, 1.2, 1.5))
 
 
@@ -39,7 +39,7 @@ def motion(subject: Subject) -> Figure:
         _strobe(axes, subject, plane, frames)
         draw_paths(axes, subject, plane)
         _draw_marks(axes, subject, plane)
-        _draw_times(axes, subject, plane, frames, box)
+        _draw_times(axes, subject, plane, frames, (box[1] - box[0]) / (width * shrink))
     handles = _legend(subject)
     figure.legend(handles=handles, loc="outside upper center", ncols=legend_columns(handles), columnspacing=1.2)
     return figure
@@ -162,15 +162,16 @@ def _draw_marks(axes: Axes, subject: Subject, plane: Plane) -> None:
     )
 
 
-def _draw_times(
-    axes: Axes, subject: Subject, plane: Plane, rows: Sequence[int], box: tuple[float, float, float, float]
-) -> None:
-    """When each pose is, at its base and objects: first mark, start and end first, others where there is room."""
+def _draw_times(axes: Axes, subject: Subject, plane: Plane, rows: Sequence[int], inch_m: float) -> None:
+    """When each pose is, at its base and objects: first mark, start and end first, others where there is room.
+
+    An inch of the figure is ``inch_m`` long.
+    """
     run, placed = subject.run, list[FloatArray]()
     first_hit = subject.first_mark_s if subject.marks else run.time[0]
     hit = int(np.searchsorted(run.time, first_hit))
     ranked = sorted(rows, key=lambda row: (row not in (hit, rows[0], rows[-1]), abs(run.time[row] - first_hit)))
-    room = np.array((0.07, 0.04)) * (box[1] - box[0])  # a label is wider than high
+    room = np.array((0.5, 0.25)) * inch_m  # a label is wider than high
     for row in ranked:
         nearest = int(np.argmin(np.abs(subject.chosen - row)))
         for path in subject.roots.values():

@@ -135,7 +135,8 @@ def inputs(subject: Subject) -> Figure:
             panels.append(Panel(f"{short(name)}, N", [Line("force", _effort(subject, name, "applied")[0], BLUE, width=0.8)]))
     else:
         bars = {short(name): _firings(subject, name) for name in thrusters}
-        panels.append(Panel("thruster on", bars=bars, height=0.36 + 0.093 * len(bars)))
+        if any(map(len, bars.values())):
+            panels.append(Panel("thruster on", bars=bars, height=0.36 + 0.093 * len(bars)))
     spent = [key for n in thrusters if (key := f"actuators.{identifier(n)}_impulse_N_s") in subject.run.keys]
     if spent:
         total = np.sum([subject.run[key] for key in spent], axis=0)
@@ -156,6 +157,11 @@ def _firings(subject: Subject, thruster: str) -> FloatArray:
     return time[np.minimum(edges, len(time) - 1)].reshape(-1, 2)
 
 
+def _named(subject: Subject, party: str) -> str:
+    """A party in a legend or beside an axis."""
+    return PARTY_NAMES[party] + ("s" if party == "objects" and len(subject.system.objects) > 1 else "")
+
+
 def _moving(subject: Subject) -> tuple[str, ...]:
     """Who has momentum and energy: the FFSM, and objects where there are some that move."""
     return ("robot", "objects") if subject.system.objects else ("robot",)
@@ -164,7 +170,7 @@ def _moving(subject: Subject) -> tuple[str, ...]:
 def momenta(subject: Subject) -> Figure:
     """P and L about the origin of the FFSM, two ways, and of the objects (paper, Fig. 9)."""
     panels = [
-        Panel(f"{PARTY_NAMES[party]} ${letter}$, {unit}", _momentum_lines(subject, party, first, letter))
+        Panel(f"{_named(subject, party)} ${letter}$, {unit}", _momentum_lines(subject, party, first, letter))
         for party in _moving(subject)
         for first, letter, unit in ((0, "P", "N s"), (3, "L", "N m s"))
     ]
@@ -190,7 +196,7 @@ def energies(subject: Subject) -> Figure:
     """Kinetic energy of the FFSM and the objects, and the work of the actuators (paper, Fig. 10)."""
     run, first = subject.run, subject.run["energy.total_J"][0]
     kinetic = [
-        Line(PARTY_NAMES[p], run[f"energy.{p}_J"], c, s)
+        Line(_named(subject, p), run[f"energy.{p}_J"], c, s)
         for p, c, s in zip(_moving(subject), (BLUE, VERMILLION), _STYLES, strict=False)
     ]
     account = [
@@ -220,7 +226,7 @@ def conservation(subject: Subject) -> Figure:
             if party not in allowed:
                 continue
             time, worst = running_maximum(run.time, sizes[party][i])
-            label = PARTY_NAMES[party] if np.any(worst) else f"{PARTY_NAMES[party]}: 0"
+            label = _named(subject, party) if np.any(worst) else f"{_named(subject, party)}: 0"
             # A logarithmic axis has no place for zero: what is exactly zero is left out.
             lines.append(Line(label, np.where(worst > 0.0, worst, np.nan), colour, style, 1.1, time))
         if allowed:  # no law says what is left where gravity, say, acts
