@@ -491,7 +491,7 @@ def test_an_angular_impulse_about_the_wrong_point_is_noticed(tmp_path, monkeypat
 
 def test_spin_transfer():
     """The scenario that comes with it: what is touched without friction spins on, the rest is braked."""
-    run = good(ffsm_mj.run("spin-transfer"))
+    run = good(ffsm_mj.run("spin-transfer", {"duration_s": 1.5}))
     assert run.outcome == "completed"
     assert [(hit.mu, hit.path) for hit in run.impacts] == [(0.0, ""), (0.2, "slip"), (0.8, "slip, stick")]
     spins = [run[f"state.v_{name}_free_wz_rad_s"][-1] for name in ("smooth", "rough", "rougher")]
