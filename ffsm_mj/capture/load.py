@@ -46,20 +46,23 @@ class InterfaceLoad:
     def _refresh(self) -> FloatArray:
         """Ask MuJoCo at the state of what moves, under the system's efforts; gives what others put on the object."""
         self._take_efforts()
-        pushing = [regime for regime in self._others if regime.active and regime.pushes]
-        of_others = self._pushed(pushing) if pushing else _ALONE
+        of_others = _ALONE
+        for regime in self._others:
+            if regime.active and regime.pushes:
+                of_others = self._pushed()
+                break
         mujoco.mj_forwardSkip(self._model, self._data, _AFTER_VELOCITIES, 1)
         mujoco.mj_rnePostConstraint(self._model, self._data)
         return of_others
 
-    def _pushed(self, pushing: Sequence[Regime]) -> FloatArray:
-        """Let some regimes push what moves, and nobody else; gives their force on the object, and its torque about the site.
+    def _pushed(self) -> FloatArray:
+        """Let who pushes do so, and nobody else; gives their force on the object, and its torque about the site.
 
         What answers the efforts does so anew, by its wrenches: its last push was for the efforts of before.
         """
         held, applied, carried, on_object = self._held, self._data.qfrc_applied, self._held.carried_bodies, np.zeros(6)
         applied.fill(0.0)
-        for regime in pushing:
+        for regime in [each for each in self._others if each.active and each.pushes]:
             wrenches = regime.wrenches(self._seen)
             if regime.answers:
                 for body, point, force, torque in wrenches:
