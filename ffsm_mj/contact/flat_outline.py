@@ -14,6 +14,7 @@ from ffsm_mj.contact.cores import Core, Face, Line, Point
 from ffsm_mj.contact.outline import Outline
 from ffsm_mj.contact.shape import PARALLEL, Shape
 from ffsm_mj.hull import hull
+from ffsm_mj.model.dynamics import cross
 
 _SAME_M, _STRAIGHT = 1e-12, 1e-9
 """Corners no farther apart than the first are one; one that hardly turns is none (as in :mod:`.manifold`)."""
@@ -45,7 +46,7 @@ class FlatOutline(Outline):
         if len(points) < 3:
             return points
         u = np.linalg.svd(self._outward[None])[2][1]
-        flat = points @ np.stack((u, np.cross(self._outward, u))).T
+        flat = points @ np.stack((u, cross(self._outward, u))).T
         corners = hull(flat, merge=_SAME_M, straight=_STRAIGHT)
         return np.asarray(points[[int(np.argmin(np.abs(flat - corner).sum(axis=1))) for corner in corners]])
 
@@ -70,7 +71,7 @@ class FlatOutline(Outline):
         corners, normal = self._corners, self._normal()
         sides = []
         for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            inwards = np.cross(normal, end - start)
+            inwards = cross(normal, end - start)
             inwards /= np.linalg.norm(inwards)
             sides.append((self._turned(inwards), float(inwards @ (start - self._motion.origin))))
         return Face("face", self._carrier, self._place(corners.mean(axis=0)), self._turned(normal), tuple(sides))
