@@ -7,7 +7,7 @@ sticks in compression can show positive friction work), so the sum is judged, an
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -124,6 +124,7 @@ class FrictionCheck:
         """The impact by its states and models; None where there are none, or the states are not of them."""
         import mujoco
 
+        from ffsm_mj.capture.impulse import relative_twist_rows
         from ffsm_mj.model.dynamics import mass_matrix
 
         if self._models is None:
@@ -132,6 +133,7 @@ class FrictionCheck:
         try:
             rates = [np.concatenate([v[joint] for joint in system.joints]) for v in (first.qvel_before, first.qvel_after)]
             bodies = [[int(system.mj.geom(name).bodyid[0]) for name in record.geoms] for record in event]
+            joined = self._joined(system.mj, first)
         except LookupError:
             return None
         if len(first.qpos) != system.mj.nq or any(len(v) != system.mj.nv for v in rates):
@@ -143,23 +145,38 @@ class FrictionCheck:
         L = np.linalg.cholesky(mass_matrix(system.mj, data))
         J, impulses, speeds = _directions(system.mj, data, event, bodies)
         A = np.linalg.solve(L, J.T).T
-        held = self._held(system.mj, data, first)
-        if held is not None:  # what is held moves with its link: only the rest of each row counts
-            B = np.linalg.solve(L, held.T).T
+        if joined is not None:  # what is held moves with its link: only the rest of each row counts
+            B = np.linalg.solve(L, relative_twist_rows(system.mj, data, *joined, np.array(first.point_m)).T).T
             A = A - A @ np.linalg.pinv(B, rcond=_RANK) @ B
         return _Met(A, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
 
-    def _held(self, model: Any, data: Any, impact: ImpactRecord) -> FloatArray | None:
-        """Rows of the relative twist that a grasp holds at zero at an impact, (6, nv); None where nothing is held."""
-        from ffsm_mj.capture.impulse import relative_twist_rows
+    def _joined(self, model: Any, impact: ImpactRecord) -> tuple[int, int] | None:
+        """Link and object's base that a grasp holds together at an impact; None where nothing is held.
 
-        order = impact.step, impact.time_s
-        captures = [each for each in self._log.records.get(CAPTURE.plural, ()) if (each.step, each.time_s) < order]
-        releases = [each for each in self._log.records.get(RELEASE.plural, ()) if (each.step, each.time_s) <= order]
+        Raises:
+            LookupError: A record names what the models do not have.
+        """
+        captures, releases = (
+            [each for each in self._log.records.get(kind.plural, ()) if _precedes(each, impact)]
+            for kind in (CAPTURE, RELEASE)
+        )
         if len(captures) <= len(releases):
             return None
         link, root = (int(model.site(name).bodyid[0]) for name in (captures[-1].robot_site, captures[-1].object_site))
-        return relative_twist_rows(model, data, link, root, np.array(impact.point_m))
+        return link, root
+
+
+def _precedes(event: Any, impact: ImpactRecord) -> bool:
+    """Whether a capture or a release is before an impact; at one instant the one whose velocities lead to the other's is."""
+    place, other = (event.step, event.time_s), (impact.step, impact.time_s)
+    if place != other:
+        return place < other
+    return _apart(event.qvel_after, impact.qvel_before) < _apart(impact.qvel_after, event.qvel_before)
+
+
+def _apart(rates: Mapping[str, Any], others: Mapping[str, Any]) -> float:
+    """How far velocities by joint are from others."""
+    return float(np.linalg.norm(np.concatenate([np.subtract(rate, others[joint]) for joint, rate in rates.items()])))
 
 
 def _directions(

@@ -71,12 +71,15 @@ def _site(system: System, name: str, whose: list[Tree]) -> str:
     Raises:
         LookupError: There is none of that name, it is of somebody else, or on a part that moves against its object's base.
     """
-    full = system.resolve("site", name)
-    tree = system.tree_of_body(int(system.mj.site(full).bodyid[0]))
     sites = [each for each in system.names("site") if _tree(system, each) in whose]
-    if tree not in whose:
-        side = "the robot" if system.robot in whose else "a floating object"
-        message = unknown_name(f"site of {side}", name, sites) if sites else f"no site of {side} is in its model; add one"
+    side = "the robot" if system.robot in whose else "a floating object"
+    message = unknown_name(f"site of {side}", name, sites) if sites else f"no site of {side} is in its model; add one"
+    try:
+        full = system.resolve("site", name)
+    except LookupError as error:
+        raise LookupError(message if str(error).startswith("unknown") else str(error)) from error
+    tree = _tree(system, full)
+    if tree is None or tree not in whose:
         raise LookupError(f"{full} is no site of {side}: {message}" if sites else message)
     if tree is not system.robot and not _on_base(system, full, tree):
         raise LookupError(f"{full} is on a part that moves against the base of {tree.name!r}; it must be fixed to the base")

@@ -49,7 +49,7 @@ class WhenConfig(StrictModel):
     @model_validator(mode="after")
     def _one_of_two(self) -> WhenConfig:
         if (self.touch is None) == (self.within is None):
-            raise ValueError("needs 'touch: [pair, ...]' or 'within: {position_m: ..., ...}'")
+            raise ValueError("needs 'touch: [pair, ...]' or 'within: {position_m: ..., ...}', one of the two")
         return self
 
 

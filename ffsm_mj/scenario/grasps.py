@@ -24,7 +24,17 @@ def capture_faults(scenario: Scenario) -> list[Fault]:
         touched = enumerate(capture.when.touch or ())
         place = ("captures", name, "when", "touch")
         faults += [Fault(unknown_name("impact pair", pair, pairs), (*place, k)) for k, pair in touched if pair not in pairs]
-    return faults or [*_second_grasps(scenario)]
+    return faults or [*_second_grasps(scenario), *_ends_at_no_capture(scenario)]
+
+
+def _ends_at_no_capture(scenario: Scenario) -> Iterator[Fault]:
+    """Phases that wait for a capture that cannot come: they arm nothing, and no control law has asked for it."""
+    for i, phase in enumerate(scenario.phases):
+        if not _asks_for_nothing(phase):
+            return
+        if phase.until == "capture" and phase.for_s is None and not phase.arm and scenario.captures:
+            message = f"nothing is armed, so that no capture ends this phase; write 'arm: [{next(iter(scenario.captures))}]'"
+            yield Fault(message, ("phases", i, "until"))
 
 
 def _second_grasps(scenario: Scenario) -> Iterator[Fault]:
@@ -40,11 +50,11 @@ def _second_grasps(scenario: Scenario) -> Iterator[Fault]:
             yield Fault(f"{message}, {told}", ("phases", i, "arm", 0))
         if phase.until == "capture" and phase.for_s is None and phase.arm:
             holding = phase.arm, phase.name
-        elif phase.until == "release" or not _lets_go_by_phases_alone(phase):
+        elif phase.until == "release" or not _asks_for_nothing(phase):
             holding = None
 
 
-def _lets_go_by_phases_alone(phase: PhaseConfig) -> bool:
-    """Whether the phase's control law asks for no release: those of this package do not, any other may."""
+def _asks_for_nothing(phase: PhaseConfig) -> bool:
+    """Whether the phase's control law arms and releases nothing: those of this package do not, any other may."""
     law = kinds().classes.get(phase.controller.kind)
     return law is not None and law.__module__.partition(".")[0] == _OWN

@@ -369,10 +369,16 @@ def test_what_may_have_been_let_go_may_be_taken_again(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "place", "what"),
     [
-        ({"robot_site": "grap"}, "captures.grasp.robot_site", "unknown site 'grap'; allowed: robot/grip, target/handle"),
+        ({"robot_site": "grap"}, "captures.grasp.robot_site", "unknown site of the robot 'grap'; allowed: robot/grip"),
+        (
+            {"object_site": "knob"},
+            "captures.grasp.object_site",
+            "unknown site of a floating object 'knob'; allowed: target/",
+        ),
         ({"robot_site": "handle"}, "captures.grasp.robot_site", "no site of the robot: unknown site of the robot"),
         ({"object_site": "grip"}, "captures.grasp.object_site", "no site of a floating object"),
         ({"when": {}}, "captures.grasp.when", "needs 'touch: [pair, ...]' or 'within"),
+        ({"when": {"touch": ["hand-target/target"], **BOUNDS}}, "captures.grasp.when", "one of the two"),
         ({"when": {"within": {}}}, "captures.grasp.when.within", "needs one bound at least"),
         ({"when": {"touch": ["hand"]}}, "captures.grasp.when.touch.0", "unknown impact pair 'hand'"),
     ],
@@ -399,6 +405,23 @@ def test_what_a_phase_says_of_captures_is_checked(tmp_path):
         ffsm_mj.prepare(
             grasping(tmp_path / "none", captures={}, phases=[{**phases[0], "arm": []}, {**phases[1], "release": []}])
         )
+
+
+def test_a_phase_that_waits_for_a_capture_arms_one_or_a_law_may_have(tmp_path):
+    class Arms:
+        telemetry_signals = ()
+
+        def __init__(self, *_):
+            pass
+
+        start = control = telemetry = lambda *_: ()
+
+    wait = {"name": "wait", "until": "capture", "controller": OFF}
+    with pytest.raises(InputError, match=r"phases\.0\.until: nothing is armed, .*; write 'arm: \[grasp\]'"):
+        ffsm_mj.prepare(grasping(tmp_path / "none", phases=[wait]))
+    asked = {"name": "ask", "for_s": 0.1, "controller": {"kind": "arms"}}
+    ffsm_mj.prepare(grasping(tmp_path / "asked", phases=[asked, wait]), controllers={"arms": Arms})
+    ffsm_mj.prepare(grasping(tmp_path / "timed", phases=[{**wait, "for_s": 0.5}]))
 
 
 def test_an_object_that_cannot_follow_and_a_law_that_cannot_drive_are_refused_when_read(tmp_path):

@@ -384,6 +384,55 @@ def test_friction_is_an_arrow_of_its_own_in_the_log(one):
     assert any(text.endswith("N s friction") for text in texts)
 
 
+RUBBING = [
+    {"geoms": ["hand", "target/target"], "restitution": 0.5},
+    {"geoms": ["target/target", "stone/stone"], "restitution": 0.7, "mu": 0.5},
+]
+THROWN = {
+    "joints": {"target/free": [1.3, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [2.2, 0.1, 0.05, 1, 0, 0, 0]},
+    "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "stone/free": [-1.0, 0.1, 0, 3, 2, 5], "shoulder": 0.1},
+}
+IN_TOUCH = {
+    "joints": {"target/free": [1.1, 0, 0, 1, 0, 0, 0], "stone/free": [1.3, 0, 0, 1, 0, 0, 0]},
+    "rates": {"robot/free": [0.5, 0, 0, 0, 0, 0], "stone/free": [0, 0.1, 0, 0, 0, 3]},
+}
+MEET = {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": {"kind": "off"}}
+HOLD = {"name": "hold", "until": "impact", "controller": {"kind": "off"}}
+LEAVE = {"name": "leave", "until": "end", "release": ["grasp"], "controller": {"kind": "off"}}
+
+
+def test_a_blow_at_the_instant_of_a_release_is_one_on_what_was_held(tmp_path):
+    path = captures.grasping(
+        tmp_path,
+        others={"stone": captures.stone()},
+        impact_pairs=RUBBING,
+        duration_s=1.1,
+        initial=THROWN,
+        phases=[MEET, HOLD, LEAVE],
+    )
+    run = good(ffsm_mj.run(path))
+    assert run.captures[0].release_s == run.impacts[1].time_s
+    (caught,) = run.records["capture_impulses"]
+    wrong = replace(run.log, records={**run.records, "capture_impulses": (replace(caught, robot_site="robot/no"),)})
+    assert not recount(wrong).agrees
+    assert Run(wrong).laws()  # told of, no error
+
+
+def test_a_grasp_that_closes_throws_what_it_holds_at_what_it_touches(tmp_path):
+    """The capture comes first, the blow at that same instant is one on link and object."""
+    path = captures.grasping(
+        tmp_path,
+        others={"stone": captures.stone()},
+        impact_pairs=RUBBING,
+        duration_s=0.1,
+        initial=IN_TOUCH,
+        when={"within": {"position_m": 1.0}},
+        phases=[MEET, {**HOLD, "until": "end"}],
+    )
+    run = good(ffsm_mj.run(path))
+    assert run.captures[0].time_s == run.impacts[0].time_s == 0.0
+
+
 def refused(path, *overrides):
     with pytest.raises(InputError) as error:
         prepare(path, overrides)
