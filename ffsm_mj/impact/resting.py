@@ -135,11 +135,13 @@ def _after(model: Any, data: Any, qvel: FloatArray, motion: Motion | None) -> It
         mujoco.mj_forward(model, scratch)
         yield scratch, scratch
         return
-    before = motion.data.qvel.copy()
+    before, pushed = motion.data.qvel.copy(), motion.data.qfrc_applied.copy()
     try:
+        motion.data.qfrc_applied.fill(0.0)  # the forces of contacts in the stage before are none of those after
         _put(motion, qvel)
         yield data, motion.data
     finally:
+        motion.data.qfrc_applied[:] = pushed
         _put(motion, before)
 
 

@@ -11,6 +11,7 @@ from ffsm_mj.capture.following import Follow
 from ffsm_mj.capture.held import Held, refuse_unlike
 from ffsm_mj.capture.impulse import relative_twist_rows
 from ffsm_mj.capture.load import InterfaceLoad
+from ffsm_mj.impact import resting
 from ffsm_mj.model.dynamics import mass_matrix
 from tests.capture.scenes import ARM, FLAT_ARM, FLAT_TARGET, TARGET, Bench
 from tests.model.test_pinocchio import oracle, to_pinocchio
@@ -270,3 +271,19 @@ def test_joints_that_are_not_read_off_are_searched_for(tmp_path, rng):
         bench.held.step(1e-3)
     np.testing.assert_allclose(bench.data.xpos[bench.sites.root], bench.held.data.xpos[bench.held.root], atol=1e-13)
     assert np.abs(bench.twist()).max() < 1e-12
+
+
+def test_pushes_of_the_step_before_are_no_part_of_what_presses_after_an_impact(tmp_path):
+    """The acceleration at other velocities is the same whatever a contact pushed in the last stage; that stays as it was."""
+    bench = Bench(tmp_path)
+    bench.draw(np.random.default_rng(18))
+    bench.capture()
+    bench.held.hold()
+    moving, rates = bench.held.data, 2.0 * np.array(bench.held.data.qvel)
+    found = []
+    for pushed in (0.0, 3.0):
+        moving.qfrc_applied[:] = pushed
+        with resting._after(bench.model, bench.data, rates, bench.held) as (_, moved):
+            found.append(np.array(moved.qacc))
+        assert (moving.qfrc_applied == pushed).all()
+    np.testing.assert_array_equal(*found)
