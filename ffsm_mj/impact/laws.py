@@ -26,6 +26,8 @@ _APPROACH = 1e-10
 """Relative to the largest normal velocity: slower approach is rounding."""
 _KKT = 1e-9
 _ROUNDING = 1e-13
+_REDUNDANT = 1e-12
+"""Singular values of A below this share of the largest are rounding."""
 _PASSES = 300
 _SWEEPS = 20_000
 
@@ -182,19 +184,31 @@ def _result(A: FloatArray, w: FloatArray, impulses: FloatArray, *, jammed: bool 
 
 def least_norm(A: FloatArray, impulses: FloatArray) -> FloatArray:
     """Among non-negative impulses with the same effect, the shortest: four corners share a face's load evenly."""
-    if np.linalg.matrix_rank(A) == len(A):
+    along, sizes, _ = np.linalg.svd(A, full_matrices=True)
+    rank = int(np.count_nonzero(sizes > _REDUNDANT * sizes[0]))
+    scale = float(np.abs(impulses).max())
+    if rank == len(A) or scale == 0.0:
         return impulses
+    idle = along[:, rank:]  # changes of the impulses, as columns, that have no effect
+    shortest = impulses / scale
+    shortest = shortest - idle @ (idle.T @ shortest)
+    if shortest.min() < 0.0:
+        change = _least_change(idle, -shortest)
+        if change is None:
+            return impulses  # they do have this effect, only others could be shorter
+        shortest = np.maximum(shortest + idle @ change, 0.0)
+    return np.asarray(scale * shortest)
+
+
+def _least_change(G: FloatArray, h: FloatArray) -> FloatArray | None:
+    """The shortest x with G x >= h, by non-negative least squares (Lawson and Hanson, chapter 23); None where it fails."""
     from scipy.optimize import nnls
 
-    scale = float(np.abs(impulses).max())
-    if scale == 0.0:
-        return impulses
-    weight = 1e-7 * float(np.linalg.norm(A, axis=1).max())
-    stacked = np.vstack((A.T, weight * np.eye(len(A))))
+    stacked, wanted = np.vstack((G.T, h)), np.zeros(G.shape[1] + 1)
+    wanted[-1] = 1.0
     try:
-        shortest = scale * np.asarray(nnls(stacked, np.append(A.T @ impulses / scale, np.zeros(len(A))))[0])
-    except RuntimeError:  # its iteration limit: the impulses do have this effect, only others could be shorter
-        return impulses
-    # The small weight costs about 1e-14 of the effect; one correction gives it back, a negative part is not accepted.
-    shortest += np.linalg.pinv(A.T) @ (A.T @ (impulses - shortest))
-    return shortest if shortest.min() >= 0.0 else impulses
+        left = stacked @ nnls(stacked, wanted)[0] - wanted
+    except RuntimeError:  # its iteration limit
+        return None
+    x = np.asarray(-left[:-1] / left[-1])
+    return x if (G @ x - h).min() >= -_KKT else None

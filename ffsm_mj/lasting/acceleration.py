@@ -81,24 +81,15 @@ class Acceleration:
         return opening
 
     def pushed(self) -> FloatArray:
-        """Forces that only push, and let no gap close, N, (k,); where contacts are redundant a few of them bear all."""
+        """Forces that only push, and let no gap close, N, (k,); redundant contacts share them evenly: by least norm."""
         forces, movable = np.zeros(len(self.free)), self._movable
         if len(movable) == 1:
             i = movable[0]
             forces[i] = max(0.0, -self.free.item(i) / self._G.item(i, i))
         elif movable:
             A, w = self._mass_weighted(movable)
-            forces[movable] = project(A, w)
+            forces[movable] = least_norm(A, project(A, w))
         return forces
-
-    def shared(self, forces: FloatArray) -> FloatArray:
-        """Forces of the same effect that redundant contacts share evenly, N, (k,): those of least norm."""
-        movable = self._movable
-        if len(movable) < 2:
-            return forces
-        out = forces.copy()
-        out[movable] = least_norm(self._mass_weighted(movable)[0], forces[movable])
-        return out
 
     def _mass_weighted(self, which: list[int]) -> tuple[FloatArray, FloatArray]:
         """The same problem as that of a plastic impact: A A^T = G, A w = free."""

@@ -29,7 +29,7 @@ class Decision:
 
     @property
     def forces(self) -> FloatArray:
-        """Forces that only push, N, (k,)."""
+        """Forces that only push, shared evenly by redundant contacts, N, (k,)."""
         if self._forces is None:
             self._forces = self.problem.pushed()
         return self._forces
@@ -41,10 +41,6 @@ class Decision:
             eased = zip(self.problem.eased(self.forces).tolist(), self.problem.rounding, strict=True)
             self._pressing = [i for i, (rate, rounding) in enumerate(eased) if rate > rounding]
         return self._pressing
-
-    def shared(self) -> FloatArray:
-        """The same forces, shared evenly by redundant contacts, N, (k,)."""
-        return self.problem.shared(self.forces)
 
     def leaving(self) -> set[Touch]:
         """Those whose gap opens."""

@@ -31,12 +31,10 @@ def refusal(model: Any, pair: ContactPair) -> str:
 
 def pressing_pairs(decision: Decision) -> dict[ContactPair, float]:
     """Pairs to which the inequality problem of closed contacts gives a force, as redundant ones share it; its sum in N."""
-    shared = decision.shared()
-    eased = zip(decision.touches, shared.tolist(), decision.problem.eased(shared).tolist(), strict=True)
     found: dict[ContactPair, float] = {}
-    for (touch, force, rate), rounding in zip(eased, decision.problem.rounding, strict=True):
-        if rate > rounding:
-            found[touch.pair] = found.get(touch.pair, 0.0) + force
+    for i in decision.pressing:
+        pair = decision.touches[i].pair
+        found[pair] = found.get(pair, 0.0) + decision.forces.item(i)
     return found
 
 

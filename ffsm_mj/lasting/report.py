@@ -130,7 +130,7 @@ class Report:
         if not closed.touches:
             return
         decision = closed.decide()
-        forces, touches = decision.shared(), decision.touches
+        forces, touches = decision.forces, decision.touches
         pressing = {touches[i].pair for i in decision.pressing}
         held = decision.problem.held(decision.pressing)
         differ = held.tolist() != forces.tolist()
@@ -155,7 +155,7 @@ class Report:
         if not closed.touches:
             return []
         decision, out = closed.decide(), []
-        for touch, here, size in zip(decision.touches, decision.rows.held, decision.shared().tolist(), strict=True):
+        for touch, here, size in zip(decision.touches, decision.rows.held, decision.forces.tolist(), strict=True):
             if size:
                 force = size * here.normal
                 out += [Wrench(touch.pair.body_a, here.point, -force), Wrench(touch.pair.body_b, here.point, force)]
@@ -177,7 +177,7 @@ class Report:
         """Where and with what force pairs touch at the state in ``data`` under the efforts in it."""
         closed, found = self._closed, {}
         decision = closed.decide() if closed.touches else None
-        forces = decision.shared() if decision else np.zeros(0)
+        forces = decision.forces if decision else np.zeros(0)
         for pair in pairs:
             if decision and closed.by_pair.get(pair):
                 found[pair] = resultant(decision.touches, decision.rows, forces, pair)

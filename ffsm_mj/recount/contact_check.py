@@ -18,7 +18,7 @@ from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.impact.contact import Contact, contact_jacobian
-from ffsm_mj.impact.laws import project
+from ffsm_mj.impact.laws import least_norm, project
 from ffsm_mj.lasting.closed import closed_and_still, held_stillness
 from ffsm_mj.lasting.report import force_keys, mode_key
 from ffsm_mj.model.dynamics import mass_matrix
@@ -84,7 +84,7 @@ class ContactCheck:
             rates = np.array([pair.second_rate(model, seen, near, point).value for pair, near, point in points])
             J = np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts])
             A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, moving)), J.T).T
-        forces = project(A, np.linalg.lstsq(A, rates, rcond=None)[0])
+        forces = least_norm(A, project(A, np.linalg.lstsq(A, rates, rcond=None)[0]))
         found: dict[ContactPair, Any] = {}
         for (pair, near, _), force in zip(points, forces.tolist(), strict=True):
             found[pair] = found.get(pair, np.zeros(3)) + force * near.normal

@@ -5,11 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 import ffsm_mj
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact import Contact, compare_laws, resolve
-from ffsm_mj.impact.laws import LAWS, blend, newton, project
+from ffsm_mj.impact.laws import LAWS, blend, least_norm, newton, project
 from tests.scenes import ball, box, scene
 
 
@@ -291,3 +292,19 @@ def test_two_grippers_on_one_box_at_once(tmp_path):
     after = first.qvel_after
     assert np.abs(after["robot/free"][3:]).max() < 1e-12
     assert after["crate/free"][0] - after["robot/free"][0] == pytest.approx(0.8, rel=1e-12)
+
+
+def test_no_other_impulses_of_the_same_effect_are_shorter(rng):
+    """The angle of the shortest with any change that may be made of it is 90 degrees at most: linear programs say so."""
+    pulled_out = 0
+    for _ in range(100):
+        dofs = int(rng.integers(1, 5))
+        A = rng.normal(size=(dofs + int(rng.integers(1, 5)), dofs)) * 10.0 ** rng.uniform(-2, 2)
+        impulses = project(A, rng.normal(size=dofs))
+        shortest, effect = least_norm(A, impulses), A.T @ impulses
+        assert shortest.min() >= 0.0
+        np.testing.assert_allclose(A.T @ shortest, effect, atol=1e-11 * np.abs(A).max() * max(1e-300, impulses.max()))
+        least = linprog(shortest, A_eq=A.T, b_eq=effect)  # over all non-negative ones
+        assert least.fun >= shortest @ shortest * (1.0 - 1e-6)  # its feasibility is 1e-7
+        pulled_out += bool(impulses.any()) and shortest.min() == 0.0
+    assert pulled_out > 10
