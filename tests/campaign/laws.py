@@ -25,15 +25,15 @@ class Fuse:
     def __init__(self, config: FuseConfig, context: ControllerContext) -> None:
         self._act = config.act
 
-    def start(self, observation: Observation) -> None: ...
+    def start(self, observation: Observation) -> None:
+        if self._act == "stick":
+            time.sleep(1000.0)  # in C: no exception of ours reaches it; at once, before any look at the clock
 
     def control(self, observation: Observation, command: Command) -> None:
         if self._act == "kill":
             os.kill(os.getpid(), signal.SIGKILL)
         if self._act == "raise":
             raise ArithmeticError("the fuse is blown")
-        if self._act == "stick":
-            time.sleep(1000.0)  # in C: no exception of ours reaches it
         if self._act == "dawdle":
             time.sleep(0.1)
 

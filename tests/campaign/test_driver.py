@@ -6,14 +6,16 @@ import os
 import signal
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import nullcontext
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import pytest
 
+from ffsm_mj.campaign import engines
 from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.driver import Driver
+from ffsm_mj.campaign.driver import Driver, EngineLostError
 from ffsm_mj.campaign.engines import Engine, loop
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.campaign.worker import Job, probe
@@ -67,6 +69,48 @@ def test_a_run_that_waited_is_not_late(monkeypatch: pytest.MonkeyPatch) -> None:
     job = Job("", (), MappingProxyType({}), timeout_s=1e-9)
     Driver(Engine("lossy", 1, Lossy), job, rows.extend, lambda: False).drive([(0, {})])
     assert [(row.index, row.outcome) for row in rows] == [(0, "completed")]
+
+
+class Cut(Executor):
+    """Its scheduler is gone after three batches: what was asked of it is cancelled, as by the client of a dask cluster."""
+
+    def __init__(self) -> None:
+        self._left = 3
+
+    def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if fn is probe:
+            future.set_result("here")
+        elif self._left:
+            self._left -= 1
+            future.set_result(fn(*args))
+        else:
+            future.cancel()
+            future.set_running_or_notify_cancel()  # or who waits for it is not told
+        return future
+
+
+def test_a_scheduler_that_does_not_come_back_is_a_loss_of_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows so far are kept, one line tells what happened, and the campaign goes on elsewhere to the same table."""
+    opened: list[Cut] = []
+
+    def connect() -> Any:
+        if opened:
+            raise InputError("--dask tcp://127.0.0.1:1: no scheduler answers there")
+        opened.append(Cut())
+        return nullcontext(opened[0])
+
+    path = rock_hits(tmp_path)
+    campaign = Campaign.load(path, tmp_path / "out")
+    monkeypatch.setattr(engines, "dask", lambda _: Engine("2 dask workers", 2, connect))
+    with pytest.raises(EngineLostError, match="no scheduler answers there; the rows so far are kept, resume goes on"):
+        campaign.run(dask="tcp://127.0.0.1:1")
+    assert (len(opened), campaign.status().done) == (1, 3)
+    campaign.run(loop().open())
+    whole = Campaign.load(path, tmp_path / "whole")
+    whole.run(loop().open())
+    assert [(row.index, row.metrics) for row in campaign.rows()] == [(row.index, row.metrics) for row in whole.rows()]
+    assert campaign.status().outcomes == {"completed": 8}
 
 
 def test_a_campaign_that_is_whole_is_not_stopped(tmp_path: Path) -> None:

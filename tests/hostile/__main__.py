@@ -9,9 +9,9 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from tests.hostile.captures import drawn
+from tests.hostile.drawing import drawn
 from tests.hostile.series import run_series
-from tests.hostile.worker import Result, _logs, run_case
+from tests.hostile.worker import Result, logs_of_runs, run_case
 
 
 def main() -> int:
@@ -26,7 +26,7 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="ffsm-hostile-") as folder:
         if options.only is not None:
-            hostile = drawn(options.seed, options.only, _logs(Path(folder)))
+            hostile = drawn(options.seed, options.only, logs_of_runs(Path(folder)))
             place = options.keep or Path(folder) / "case"
             _print(run_case(hostile, options.only, place.resolve()), hostile.commands)
             return 0

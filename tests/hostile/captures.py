@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from random import Random
 from typing import Any
 
 from tests.capture.scenes import ARM, BOUNDS, TARGET, TOUCH
-from tests.hostile.cases import Case, _commands, case
-from tests.hostile.documents import Map, Raw, get, places, put, text
+from tests.hostile.cases import Case, commands
+from tests.hostile.documents import Map, text, tree_of
 from tests.hostile.log_mutations import log, mutate_log, records, values_of
-from tests.hostile.yaml_mutations import mutate_tree, scale_numbers, value
+from tests.hostile.yaml_mutations import mutate_tree, mutate_within, scale_numbers
 
 CAPTURES = 18
 """The seed of the series."""
 
 _WORDS = ("grasp", "other", "capture", "release", "end", "robot", "target", "target/handle", "grip", "handle", "hand", "")
+_KEYS = (*_WORDS[:5], "within", "touch", "arm", "release", "when")
 _HOLD = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
 
 
 def scenario(when: dict[str, Any]) -> Map:
     """The arm takes hold after some ticks and lets go before the end."""
-    return _map(
+    return tree_of(
         {
             "name": "gripped",
             "duration_s": 0.06,
@@ -44,53 +44,23 @@ def scenario(when: dict[str, Any]) -> Map:
     )
 
 
-def drawn(seed: int, number: int, logs: tuple[bytes, ...]) -> Case:
-    """A case of any series; the last log is that of a capture."""
-    if seed != CAPTURES:
-        return case(seed, number, logs[:-1])
-    rng = Random(f"{seed}:{number}")
-    return _scenario_case(rng) if rng.random() < 0.75 else _log_case(rng, logs[-1])
+def drawn(number: int, data: bytes) -> Case:
+    """A case of the series; a log of a capture is there to be mutated."""
+    rng = Random(f"{CAPTURES}:{number}")
+    return _scenario_case(rng) if rng.random() < 0.75 else _log_case(rng, data)
 
 
 def _scenario_case(rng: Random) -> Case:
     tree = scenario(rng.choice((TOUCH, BOUNDS)))
     for _ in range(rng.choice((0, 1, 1, 2))):
-        _mutate_grasps(rng, tree)
+        mutate_within(rng, tree, ("captures", "phases"), _WORDS, _KEYS)
     if rng.random() < 0.6:
         scale_numbers(rng, tree)
     if rng.random() < 0.2:
         mutate_tree(rng, tree)
     written = text(tree).encode("utf-8", "surrogatepass")
     files = {"scenario.yaml": written, "robot.xml": ARM.encode(), "object.xml": TARGET.encode()}
-    return Case("capture", files, _commands(rng, "scenario.yaml"))
-
-
-def _mutate_grasps(rng: Random, tree: Map) -> None:
-    """One mutation of the grasps, or of what phases say of them."""
-    sections = [dict(tree.pairs)[name] for name in ("captures", "phases") if name in dict(tree.pairs)]
-    found = [place for section in sections for place in places(section)]
-    if not found:
-        return
-    place = rng.choice(found)
-    kind = rng.randrange(5)
-    if kind == 0:
-        container, i = place
-        del (container.pairs if isinstance(container, Map) else container)[i : i + 1]
-    elif kind == 1:
-        put(place, rng.choice(_WORDS))
-    elif kind == 2:
-        put(place, deepcopy(get(rng.choice(found))))
-    elif kind == 3:
-        container, i = place
-        if isinstance(container, Map):
-            container.pairs[i] = (
-                rng.choice((*_WORDS[:5], "within", "touch", "arm", "release", "when")),
-                container.pairs[i][1],
-            )
-        else:
-            container.insert(i, rng.choice(_WORDS))
-    else:
-        put(place, Raw(value(rng)))
+    return Case("capture", files, commands(rng, "scenario.yaml"))
 
 
 def _log_case(rng: Random, data: bytes) -> Case:
@@ -107,9 +77,3 @@ def _log_case(rng: Random, data: bytes) -> Case:
     if command[0] == "export":
         command = (*command, "--table", rng.choice(tables))
     return Case(f"log of a capture: {command[0]}", {"run.mcap": data}, (command,))
-
-
-def _map(data: Any) -> Any:
-    if isinstance(data, dict):
-        return Map([(str(key), _map(item)) for key, item in data.items()])
-    return [_map(item) for item in data] if isinstance(data, list) else data

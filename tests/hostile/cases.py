@@ -66,7 +66,8 @@ def case(seed: int, number: int, logs: tuple[bytes, ...]) -> Case:
     return kind(rng, logs)
 
 
-def _commands(rng: Random, scenario: str, more: list[str] | tuple[str, ...] = ()) -> tuple[Command, ...]:
+def commands(rng: Random, scenario: str, more: list[str] | tuple[str, ...] = ()) -> tuple[Command, ...]:
+    """A scenario is checked and run for a short time."""
     out = () if rng.random() < 0.1 else ("--out", "out")
     return ("check", scenario, *more), ("run", scenario, *more, *_SHORT, "--no-rerun", *out)
 
@@ -77,7 +78,8 @@ def _scenario(name: str) -> Map:
 
 
 @cache
-def _model_text(name: str) -> bytes:
+def model_text(name: str) -> bytes:
+    """Of a shipped model, in one file."""
     return xml(model(name))
 
 
@@ -115,19 +117,19 @@ def _properties(name: str) -> list[tuple[str, Map]]:
 
 def _files(name: str, scenario: bytes) -> dict[str, bytes]:
     robot, target = _MODELS[name]
-    return {"scenario.yaml": scenario, "robot.xml": _model_text(robot), "object.xml": _model_text(target)}
+    return {"scenario.yaml": scenario, "robot.xml": model_text(robot), "object.xml": model_text(target)}
 
 
 def _scenario_case(rng: Random, _: Any) -> Case:
     name, tree = _tree(rng)
     mutate_tree(rng, tree)
     written = text(tree).encode("utf-8", "surrogatepass")
-    return Case("scenario", _files(name, written), _commands(rng, "scenario.yaml"))
+    return Case("scenario", _files(name, written), commands(rng, "scenario.yaml"))
 
 
 def _scenario_bytes(rng: Random, _: Any) -> Case:
     name, tree = _tree(rng)
-    return Case("scenario bytes", _files(name, mutate_bytes(rng, text(tree).encode())), _commands(rng, "scenario.yaml"))
+    return Case("scenario bytes", _files(name, mutate_bytes(rng, text(tree).encode())), commands(rng, "scenario.yaml"))
 
 
 def _extends_case(rng: Random, _: Any) -> Case:
@@ -143,7 +145,7 @@ def _extends_case(rng: Random, _: Any) -> Case:
     mutate_tree(rng, child)
     files = _files(name, text(child).encode("utf-8", "surrogatepass"))
     files["parent.yaml"] = text(tree).encode("utf-8", "surrogatepass")
-    return Case("extends", files, _commands(rng, "scenario.yaml"))
+    return Case("extends", files, commands(rng, "scenario.yaml"))
 
 
 def _model_case(rng: Random, _: Any) -> Case:
@@ -155,7 +157,7 @@ def _model_case(rng: Random, _: Any) -> Case:
         root = deepcopy(model(_MODELS[name][which == "object.xml"]))
         mutate_model(rng, root)
         files[which] = xml(root)
-    return Case("model", files, _commands(rng, "scenario.yaml"))
+    return Case("model", files, commands(rng, "scenario.yaml"))
 
 
 def _numbers_case(rng: Random, _: Any) -> Case:
@@ -170,7 +172,7 @@ def _numbers_case(rng: Random, _: Any) -> Case:
         if rng.random() < 0.6:
             scale_model(rng, root)
         files[which] = xml(root)
-    return Case("numbers", files, _commands(rng, "scenario.yaml"))
+    return Case("numbers", files, commands(rng, "scenario.yaml"))
 
 
 def _model_bytes(rng: Random, _: Any) -> Case:
@@ -178,12 +180,12 @@ def _model_bytes(rng: Random, _: Any) -> Case:
     files = _files(name, text(tree).encode())
     which = rng.choice(("robot.xml", "object.xml"))
     files[which] = mutate_bytes(rng, files[which])
-    return Case("model bytes", files, _commands(rng, "scenario.yaml"))
+    return Case("model bytes", files, commands(rng, "scenario.yaml"))
 
 
 def _override_case(rng: Random, _: Any) -> Case:
     name, tree = _tree(rng)
-    return Case("override", _files(name, text(tree).encode()), _commands(rng, "scenario.yaml", overrides(rng, tree)))
+    return Case("override", _files(name, text(tree).encode()), commands(rng, "scenario.yaml", overrides(rng, tree)))
 
 
 _PATHS = (
@@ -262,7 +264,7 @@ def _paths_case(rng: Random, _: Any) -> Case:
         )
         command = ("run", "scenario.yaml", *_SHORT, "--no-rerun", "--out", out)
         return Case("path", files, (command,), ("folder", "folder.yaml"))
-    return Case("path", files, _commands(rng, scenario), ("folder", "folder.yaml"))
+    return Case("path", files, commands(rng, scenario), ("folder", "folder.yaml"))
 
 
 def _log_case(rng: Random, logs: tuple[bytes, ...]) -> Case:

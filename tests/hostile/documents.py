@@ -32,15 +32,16 @@ Place = tuple[Any, int]
 
 def shipped(name: str) -> Map:
     """A shipped scenario as a tree; ``extends`` and the models are named as a copy of the folders would have them."""
-    tree = _tree(YAML(typ="safe", pure=True).load((scenarios_dir() / f"{name}.yaml").read_text()))
+    tree = tree_of(YAML(typ="safe", pure=True).load((scenarios_dir() / f"{name}.yaml").read_text()))
     assert isinstance(tree, Map)
     return tree
 
 
-def _tree(data: Any) -> Any:
+def tree_of(data: Any) -> Any:
+    """A document of mappings and lists as a tree."""
     if isinstance(data, dict):
-        return Map([(str(key), _tree(value)) for key, value in data.items()])
-    return [_tree(item) for item in data] if isinstance(data, list) else data
+        return Map([(str(key), tree_of(value)) for key, value in data.items()])
+    return [tree_of(item) for item in data] if isinstance(data, list) else data
 
 
 def places(node: Any) -> Iterator[Place]:

@@ -21,9 +21,10 @@ from importlib import import_module
 from pathlib import Path
 
 from tests.capture.scenes import ARM, BOUNDS, TARGET
-from tests.hostile.captures import drawn, scenario
+from tests.hostile import captures, friction
 from tests.hostile.cases import Case, Command
-from tests.hostile.documents import text
+from tests.hostile.documents import Map, text
+from tests.hostile.drawing import Logs, drawn
 from tests.hostile.judge import complaint
 
 CPU_LIMIT_S, WALL_LIMIT_S = 20, 120
@@ -117,7 +118,7 @@ def _captured(path: Path) -> Iterator[Path]:
         sys.stdout.flush()
 
 
-def _guarded(seed: int, numbers: list[int], folder: Path, logs: tuple[bytes, ...], results: Path) -> None:
+def _guarded(seed: int, numbers: list[int], folder: Path, logs: Logs, results: Path) -> None:
     """In a child: run a batch, each case with its limits of time and memory."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -135,7 +136,7 @@ def _guarded(seed: int, numbers: list[int], folder: Path, logs: tuple[bytes, ...
             stream.write(json.dumps(asdict(result)) + "\n")
 
 
-def _died(seed: int, number: int, logs: tuple[bytes, ...], folder: Path, status: int) -> Result:
+def _died(seed: int, number: int, logs: Logs, folder: Path, status: int) -> Result:
     """Result of a case in which the process was ended."""
     stderr = (folder / str(number) / ".stderr").read_text(errors="replace")
     number_of = os.waitstatus_to_exitcode(status)
@@ -147,7 +148,7 @@ def _died(seed: int, number: int, logs: tuple[bytes, ...], folder: Path, status:
 
 def work(seed: int, numbers: list[int], folder: Path, results: Path) -> None:
     """All cases of a worker."""
-    logs = _logs(folder)
+    logs = logs_of_runs(folder)
     while numbers:
         batch = numbers[:_BATCH]
         child = os.fork()
@@ -164,8 +165,8 @@ def work(seed: int, numbers: list[int], folder: Path, results: Path) -> None:
         numbers = left + numbers[_BATCH:]
 
 
-def _logs(folder: Path) -> tuple[bytes, ...]:
-    """Logs of the case study without a hit, of two balls with one, of a capture. Loads, by the way, whatever costs time."""
+def logs_of_runs(folder: Path) -> Logs:
+    """Logs: the case study without a hit, two balls with one, a capture, friction. By the way loads what costs time."""
     import ffsm_mj
     from tests.scenes import two_balls
 
@@ -174,12 +175,20 @@ def _logs(folder: Path) -> tuple[bytes, ...]:
     ffsm_mj.run("coasting", {"duration_s": 0.1}, out=folder / "logs" / "a", rerun=False)
     (folder / "logs" / "models").mkdir()
     ffsm_mj.run(two_balls(folder / "logs" / "models", gap=0.01, duration_s=0.05), out=folder / "logs" / "b", rerun=False)
-    gripped = folder / "logs" / "gripped"
-    gripped.mkdir()
-    for name, content in (("robot.xml", ARM), ("object.xml", TARGET), ("scenario.yaml", text(scenario(BOUNDS)))):
-        (gripped / name).write_text(content)
-    ffsm_mj.run(gripped / "scenario.yaml", out=folder / "logs" / "c", rerun=False)
-    return tuple((folder / "logs" / name / "run.mcap").read_bytes() for name in "abc")
+    held = {"robot.xml": ARM.encode(), "object.xml": TARGET.encode()}
+    capture = _log_of(folder / "logs" / "c", captures.scenario(BOUNDS), held)
+    rubbed = _log_of(folder / "logs" / "d", friction.scenario(), friction.models())
+    return Logs(*((folder / "logs" / name / "run.mcap").read_bytes() for name in "ab"), capture, rubbed)
+
+
+def _log_of(folder: Path, scenario: Map, models: dict[str, bytes]) -> bytes:
+    import ffsm_mj
+
+    folder.mkdir()
+    for name, content in (*models.items(), ("scenario.yaml", text(scenario).encode())):
+        (folder / name).write_bytes(content)
+    ffsm_mj.run(folder / "scenario.yaml", out=folder / "run", rerun=False)
+    return (folder / "run" / "run.mcap").read_bytes()
 
 
 if __name__ == "__main__":

@@ -31,6 +31,28 @@ def mutate_tree(rng: Random, tree: Map) -> None:
         rng.choice(_TREE)(rng, tree)
 
 
+def mutate_within(rng: Random, tree: Map, sections: tuple[str, ...], words: tuple[str, ...], keys: tuple[str, ...]) -> None:
+    """One mutation of what some sections of a scenario say, by words and keys that could stand there."""
+    found = [place for name in sections if name in dict(tree.pairs) for place in places(dict(tree.pairs)[name])]
+    if not found:
+        return
+    place = rng.choice(found)
+    container, i = place
+    kind = rng.randrange(5)
+    if kind == 0:
+        del (container.pairs if isinstance(container, Map) else container)[i : i + 1]
+    elif kind == 1:
+        put(place, rng.choice(words))
+    elif kind == 2:
+        put(place, deepcopy(get(rng.choice(found))))
+    elif kind == 3 and isinstance(container, Map):
+        container.pairs[i] = (rng.choice(keys), container.pairs[i][1])
+    elif kind == 3:
+        container.insert(i, rng.choice(words))
+    else:
+        put(place, Raw(value(rng)))
+
+
 def _place(rng: Random, tree: Map) -> Any:
     return rng.choice(list(places(tree)) or [(tree, 0)])
 

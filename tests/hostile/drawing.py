@@ -1,0 +1,26 @@
+"""A case of any series by its number; each series of one subject has a seed of its own."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from tests.hostile import captures, friction
+from tests.hostile.cases import Case, case
+
+
+class Logs(NamedTuple):
+    """Logs of whole runs, to be mutated."""
+
+    plain: bytes
+    hit: bytes
+    capture: bytes
+    friction: bytes
+
+
+def drawn(seed: int, number: int, logs: Logs) -> Case:
+    """A case; equal seeds give equal cases."""
+    if seed == captures.CAPTURES:
+        return captures.drawn(number, logs.capture)
+    if seed == friction.FRICTION:
+        return friction.drawn(number, logs.friction)
+    return case(seed, number, (logs.plain, logs.hit))
