@@ -25,9 +25,6 @@ from ffsm_mj.records.facts import logged_models
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 
-_GRACE_S = 5.0
-"""A run that does not end by itself so long after its time is up is stuck; its process is ended."""
-
 
 @dataclass(frozen=True)
 class Job:
@@ -40,6 +37,7 @@ class Job:
         timeout_s: Wall time that a run may take; 0: any.
         laws: Control laws of a script, classes by kind.
         own_process: Whether the process is the campaign's own, so that it may be ended where a run is stuck.
+        grace_s: A run that does not end by itself so long after its time is up is stuck.
     """
 
     scenario: str
@@ -48,6 +46,7 @@ class Job:
     timeout_s: float = 0.0
     laws: Mapping[str, Any] = field(default_factory=dict)
     own_process: bool = True
+    grace_s: float = 5.0
 
 
 class OtherVersionsError(FfsmError):
@@ -149,7 +148,7 @@ class _stopped_when_stuck:  # noqa: N801 (a context manager)
     """Ends this process where a run in it is stuck: C code that does not come back hears no exception."""
 
     def __init__(self, job: Job) -> None:
-        self._after = job.timeout_s + _GRACE_S if job.timeout_s and job.own_process else 0.0
+        self._after = job.timeout_s + job.grace_s if job.timeout_s and job.own_process else 0.0
 
     def __enter__(self) -> None:
         if self._after:
