@@ -146,6 +146,7 @@ sys.stdout.buffer.write(run.log.rows.tobytes())"""
     assert subprocess.run(command, capture_output=True, check=True).stdout == prepared.run().log.rows.tobytes()
 
 
+@pytest.mark.long
 def test_runs_in_threads_are_the_runs_in_a_row(tmp_path):
     """Six in four threads, all begun at once; what one installs or how it ends must not reach its neighbours."""
     recipes = {name: recipe(name, tmp_path) for name in dict.fromkeys(SEVERAL)}

@@ -110,6 +110,7 @@ def test_an_unfinished_campaign_says_so(many):
     assert "100 of 128 runs, samples of kind `random`, 2 parameters." in page(results(many[:100], runs=128))
 
 
+@pytest.mark.long
 def test_pictures(many, tmp_path):
     texts = [each | {"x_law": "newton" if each["run"] % 2 else "blend"} for each in many]
     made = save_figures(results(texts), [], tmp_path)

@@ -75,6 +75,7 @@ def test_analyze_several_runs(tmp_path, capsys):
     assert "unknown law 'charm'; allowed: angular momentum" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_figures_of_several_runs(tmp_path, capsys, monkeypatch):
     """A folder for each run, named apart, and one figure of all; which figures there are is tested in test_plots."""
     every = plots._makers

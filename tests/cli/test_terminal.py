@@ -92,6 +92,7 @@ def test_figures_are_counted():
     assert "figures of a" not in "\n".join(shown.screen)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("runs")
 def test_pictures_of_a_film_are_counted():
     shown = on_terminal(ffsm("export", "a", "--gif", "--fps", "10"))
@@ -129,6 +130,7 @@ sys.exit(main(["reproduce", "--check", "--long", "--out", sys.argv[1]]))
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("columns", [20, 200])
 def test_reproduce_counts_its_runs(tmp_path, columns):
     """The whole command but for its runs, which only wait: known from the start how many, and each that ends is seen."""

@@ -78,6 +78,7 @@ def test_a_leak_of_a_ten_millionth_is_found_whenever_it_happens(long, at, key, n
     assert law.time_s == at
 
 
+@pytest.mark.long
 def test_the_same_verdict_however_the_rows_are_cut(baseline):
     log = replace(baseline.log, rows=baseline.log.rows[::7])
     header = replace(log.header, facts={**log.header.facts, "time_step_s": "3e-5"})  # ten stretches

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
 import ffsm_mj
 from tests.hostile.mjcf_mutations import model, xml
 
 
+@pytest.mark.long
 def test_an_arm_that_spins_too_fast_to_follow(tmp_path):
     """21 000 rad/s turn a link three times within a step: halving the step looked for a touch in noise without end."""
     robot = model("ffsm_3dof.xml")

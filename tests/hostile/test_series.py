@@ -9,7 +9,7 @@ import pytest
 
 from tests.hostile.series import run_series
 
-_PART = 300
+_PART = 200
 
 
 @pytest.mark.long

@@ -139,6 +139,7 @@ def caught_up(tmp_path_factory):
     return ran
 
 
+@pytest.mark.long
 def test_what_the_rule_drops_falls_with_the_third_power_of_its_interval(caught_up):
     """The error of the motion under torques that are continuous in time: at least the power 2.5 (the prototype: 3)."""
     runs = {interval: caught_up(interval) for interval in (1e-2, 4e-3, 1e-3, 2e-5)}

@@ -64,6 +64,7 @@ def test_a_force_a_thousandth_too_large_is_noticed(tmp_path, monkeypatch):
     assert faults(run) | judged(run)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_forgotten_re_detection_is_noticed(tmp_path, monkeypatch):
     """The face goes on for ever: what is held beyond its edge touches nothing."""

@@ -79,6 +79,7 @@ def scenario(models: Path, **changes: object) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_everything_works_from_the_run_folder_and_from_the_log_when_the_originals_are_gone(models, tmp_path, capsys):
     all_files = {path.relative_to(models).as_posix() for path in models.rglob("*.*")} - {"ball.xml"}

@@ -153,6 +153,7 @@ def test_no_two_of_many_curves_look_alike(many_legged):
     assert len(looks) == len(lines) == 16
 
 
+@pytest.mark.long
 def test_the_same_data_give_the_same_bytes(hit, tmp_path):
     first, again = (plots.save(hit, tmp_path / name, ["motion", "momenta"]) for name in ("a", "b"))
     assert [path.name for path in first] == ["motion.png", "motion.svg", "momenta.png", "momenta.svg"]

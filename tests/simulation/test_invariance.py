@@ -151,6 +151,7 @@ def hardware(tmp_path_factory):
     return ffsm_mj.load_run(folder)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_body_fixed_thrusters_stop_the_robot(hardware):
     """After the pause at most one shortest pulse of a pair is left on each axis, of the 1.2 N s that the hit gave.

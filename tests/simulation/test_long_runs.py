@@ -29,6 +29,7 @@ def large(monkeypatch):
     monkeypatch.setattr(stored_rows, "KEPT_BYTES", 0)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.usefixtures("large")
 def test_memory_and_file_give_the_same_numbers(tmp_path):
@@ -195,6 +196,7 @@ def peak_MB(code: str, kept_MiB: int = 64) -> float:
     return int(done.stdout.splitlines()[-1]) / 1024
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_memory_is_flat_while_a_run_is_written_and_read(tmp_path):
     """Two balls at 1 kHz, 10 s and 60 s: rows of 60 s are 50 MB. What grows is the index, 1 kB per chunk."""
