@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from tests.hostile.worker import Result
@@ -36,3 +37,14 @@ def run_series(seed: int, first: int, count: int, folder: Path, workers: int | N
     if len(results) != count:
         raise RuntimeError(f"{len(results)} of {count} cases were run:\n" + "\n".join(said))
     return sorted(results, key=lambda result: result.number)
+
+
+def complaints(results: Sequence[Result]) -> list[str]:
+    """What is wrong with the cases, each with what it said last."""
+    return [f"case {r.number} ({r.kind}): {r.complaint}\n{r.stderr[-600:]}" for r in results if r.complaint]
+
+
+def takes_some(results: Sequence[Result], kind: str) -> bool:
+    """Whether of the cases of a kind some are taken and some refused: otherwise they would show nothing."""
+    refused = [r.codes[-1] == 2 for r in results if r.kind.startswith(kind)]
+    return any(refused) and not all(refused)

@@ -321,19 +321,23 @@ def test_pressed_by_its_spin_as_it_is_caught(tmp_path):
     assert "would stay in contact" in again.worst["motion"].what
 
 
+RUBBING = [
+    {"geoms": ["hand", "target/target"], "restitution": 0.5},
+    {"geoms": ["target/target", "stone/stone"], "restitution": 0.7, "mu": 0.5},
+]
+THROWN = {
+    "joints": {"target/free": [1.3, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [2.2, 0.1, 0.05, 1, 0, 0, 0]},
+    "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "stone/free": [-1.0, 0.1, 0, 3, 2, 5], "shoulder": 0.1},
+}
+
+
 def test_what_is_held_is_struck(tmp_path):
     """The body that the stone meets is link and object in one: momenta of all parties, and the path, with that mass."""
     path = captures.grasping(
         tmp_path,
         others={"stone": captures.stone()},
-        impact_pairs=[
-            {"geoms": ["hand", "target/target"], "restitution": 0.5},
-            {"geoms": ["target/target", "stone/stone"], "restitution": 0.7, "mu": 0.5},
-        ],
-        initial={
-            "joints": {"target/free": [1.3, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [2.2, 0.1, 0.05, 1, 0, 0, 0]},
-            "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "stone/free": [-1.0, 0.1, 0, 3, 2, 5], "shoulder": 0.1},
-        },
+        impact_pairs=RUBBING,
+        initial=THROWN,
     )
     run = good(ffsm_mj.run(path))
     (hit,) = (hit for hit in run.impacts if hit.mu)
@@ -384,14 +388,6 @@ def test_friction_is_an_arrow_of_its_own_in_the_log(one):
     assert any(text.endswith("N s friction") for text in texts)
 
 
-RUBBING = [
-    {"geoms": ["hand", "target/target"], "restitution": 0.5},
-    {"geoms": ["target/target", "stone/stone"], "restitution": 0.7, "mu": 0.5},
-]
-THROWN = {
-    "joints": {"target/free": [1.3, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [2.2, 0.1, 0.05, 1, 0, 0, 0]},
-    "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "stone/free": [-1.0, 0.1, 0, 3, 2, 5], "shoulder": 0.1},
-}
 IN_TOUCH = {
     "joints": {"target/free": [1.1, 0, 0, 1, 0, 0, 0], "stone/free": [1.3, 0, 0, 1, 0, 0, 0]},
     "rates": {"robot/free": [0.5, 0, 0, 0, 0, 0], "stone/free": [0, 0.1, 0, 0, 0, 3]},
