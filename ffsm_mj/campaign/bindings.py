@@ -80,6 +80,9 @@ def _effect(dispersion: Dispersion, target: Target, columns: tuple[int, ...]) ->
         raise LookupError(
             f"{target.key} {has} for the {how} to start from; state one under overrides, or draw the value itself"
         )
+    spread = dispersion.offset or dispersion.scale or dispersion
+    if type(meant) is int and spread.is_numeric and not spread.is_integer:
+        raise LookupError(f"{target.key} is an integer: draw it from integers by values, choice or grid (2, not 2.0)")
     return Effect(how, columns, target.at)
 
 

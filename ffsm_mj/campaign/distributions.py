@@ -17,6 +17,14 @@ def _scalar(value: Any) -> Any:
     raise ValueError("should be a finite number, a text or a flag")
 
 
+def _number(value: Any) -> Any:
+    if isinstance(value, bool | str) or not isinstance(value, int | float) or not abs(value) < float("inf"):
+        raise ValueError("should be a finite number")
+    return value
+
+
+Number = Annotated[Any, AfterValidator(_number), WithJsonSchema({"type": "number"})]
+"""An integer stays one: keys of a scenario that count take no other numbers."""
 Scalar = Annotated[Any, AfterValidator(_scalar), WithJsonSchema({"type": ["number", "string", "boolean"]})]
 _LEAST_U, _MOST_U = 2.0**-54, 1.0 - 2.0**-53
 """Between these every inverse is finite."""
@@ -60,12 +68,21 @@ class LogNormal(StrictModel):
 class Levels(StrictModel):
     """Equally spaced numbers, for a grid."""
 
-    low: float
+    low: Number
     """The first."""
-    high: float
+    high: Number
     """The last."""
     levels: Annotated[int, Field(ge=2, le=100_000)]
     """How many."""
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """The levels; integers where both ends and the distance between levels are."""
+        span, steps = self.high - self.low, self.levels - 1
+        if isinstance(span, int) and span % steps == 0:
+            return tuple(self.low + i * (span // steps) for i in range(self.levels))
+        with np.errstate(all="ignore"):  # what is not finite is refused once it is drawn
+            return tuple(np.linspace(float(self.low), float(self.high), self.levels).tolist())
 
 
 class Distribution(StrictModel):
@@ -84,8 +101,8 @@ class Distribution(StrictModel):
     """Lognormal, by median and the standard deviation of the logarithm."""
     choice: Annotated[tuple[Scalar, ...], Field(min_length=1)] | None = None
     """One of these, texts too, all as likely; the levels of a grid in this order."""
-    values: Annotated[tuple[float, ...], Field(min_length=1)] | None = None
-    """One of these numbers, all as likely, drawn in rising order; the levels of a grid."""
+    values: Annotated[tuple[Number, ...], Field(min_length=1)] | None = None
+    """One of these numbers, all as likely, drawn in rising order; the levels of a grid. Integers stay integers."""
     grid: Levels | None = None
     """Equally spaced levels; only for samples of kind ``grid``."""
 
@@ -111,16 +128,19 @@ class Distribution(StrictModel):
         if self.choice is not None:
             return self.choice
         if self.values is not None:
-            return tuple(sorted(self.values))
-        if self.grid is not None:
-            with np.errstate(all="ignore"):  # what is not finite is refused once it is drawn
-                return tuple(np.linspace(self.grid.low, self.grid.high, self.grid.levels).tolist())
-        return None
+            whole = all(isinstance(each, int) for each in self.values)
+            return tuple(sorted(self.values if whole else map(float, self.values)))  # one column, of one type
+        return self.grid.numbers if self.grid is not None else None
 
     @property
     def is_numeric(self) -> bool:
         """Whether only numbers are drawn."""
         return self.choice is None or not any(isinstance(each, bool | str) for each in self.choice)
+
+    @property
+    def is_integer(self) -> bool:
+        """Whether only integers are drawn."""
+        return self.levels is not None and all(type(each) is int for each in self.levels)
 
     @property
     def mean_missing(self) -> bool:

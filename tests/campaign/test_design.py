@@ -321,3 +321,27 @@ def test_a_mass_that_the_model_swallows_is_noticed(tmp_path, monkeypatch):
     monkeypatch.setattr(row_check, "recipe", lambda *_: plan.base)
     with pytest.raises(InputError, match=r"model.rock.rock.mass_kg is 1.0 although 1.000\d+ was drawn: .*not applied"):
         plan.design()
+
+
+@pytest.mark.parametrize(
+    ("dispersion", "drawn"),
+    [
+        ({"values": [3, 1, 2]}, [1, 2, 3]),
+        ({"choice": [3, 1]}, [3, 1]),
+        ({"grid": {"low": 1, "high": 5, "levels": 3}}, [1, 3, 5]),
+        ({"scale": {"values": [2, 1]}}, [10_000, 20_000]),
+        ({"offset": {"values": [5, -5]}}, [9_995, 10_005]),
+    ],
+)
+def test_a_key_that_counts_is_dispersed_by_integers(tmp_path, dispersion, drawn):
+    """The scenario takes an integer and no float, so integers of the file stay integers, through design.json too."""
+    made = design(tmp_path, {"impact.max_impacts": dispersion}, {"kind": "grid"})
+    for each in (made, Design.from_json(made.to_json())):
+        told = [each.overrides(run)["impact.max_impacts"] for run in range(len(drawn))]
+        assert told == drawn
+        assert all(type(value) is int for value in told)
+
+
+def test_numbers_of_both_kinds_are_one_column_of_floats(tmp_path):
+    made = design(tmp_path, {"duration_s": {"values": [2, 0.5]}}, {"kind": "grid"})
+    assert [(value, type(value)) for (value,) in made.rows] == [(0.5, float), (2.0, float)]
