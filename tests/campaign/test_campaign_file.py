@@ -153,7 +153,10 @@ def line_of(folder, dispersions=None, samples=None, **more):
             "dispersions.a.scale: a.scale and a.scale have one column; rename one entry, with its keys under 'keys'",
         ),
         ({"impact_pairs.*.restitution": {"uniform": [0.5, 1.2]}}, "restitution must be in [0, 1]; above 1 only with"),
-        ({"impact.max_impacts": {"uniform": [1, 9]}}, "impact.max_impacts is an integer: draw it from integers by values, choice"),
+        (
+            {"impact.max_impacts": {"uniform": [1, 9]}},
+            "impact.max_impacts is an integer: draw it from integers by values, choice",
+        ),
         ({"impact.max_impacts": {"values": [1.0, 2]}}, "dispersions.impact.max_impacts: impact.max_impacts is an integer"),
         ({"impact.max_impacts": {"scale": {"uniform": [1, 2]}}}, "impact.max_impacts is an integer: draw it from integers"),
         ({"impact.max_impacts": {"values": [0, 2]}}, "impact.max_impacts: should be greater than 0, got 0"),
