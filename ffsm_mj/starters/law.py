@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from ffsm_mj.errors import InputError
@@ -34,12 +36,21 @@ def write_law(name: str, folder: Path, taken: tuple[str, ...]) -> list[str]:
     if home.exists():
         raise InputError(f"new-law: {home} exists; nothing is written over it")
     home.mkdir(parents=True)
-    written = []
-    for source in sorted(files("ffsm_mj").joinpath("starters", _TEMPLATE).iterdir(), key=lambda each: each.name):
-        if source.is_file():
-            (home / _named(source.name, name)).write_text(_named(source.read_text(encoding="utf-8"), name), encoding="utf-8")
-            written.append(_named(source.name, name))
-    return written
+    template = files("ffsm_mj").joinpath("starters", _TEMPLATE)
+    texts = {_named(place, name): _named(text, name) for place, text in _texts(template, "")}
+    for place, text in texts.items():
+        (home / place).parent.mkdir(exist_ok=True)
+        (home / place).write_text(text, encoding="utf-8")
+    return sorted(texts)
+
+
+def _texts(folder: Traversable, above: str) -> Iterator[tuple[str, str]]:
+    """Files in a folder of the template and in folders of it: path from the template, and text."""
+    for each in folder.iterdir():
+        if each.is_file():
+            yield above + each.name, each.read_text(encoding="utf-8")
+        elif each.name != "__pycache__":
+            yield from _texts(each, f"{above}{each.name}/")
 
 
 def _named(text: str, name: str) -> str:
