@@ -82,6 +82,8 @@ def reference() -> Iterator[str]:
     yield (
         "Here for `baseline`; other models have their own joints, actuators and controllers in the same places, and with\n"
         "fixed bodies six columns each of `ledger.fixed_on_robot_...` and `ledger.fixed_on_objects_...`: their impulses.\n"
+        "With gravity three of `ledger.total_gravity_work_J` and so on, and six each of `ledger.gravity_on_robot_...` and\n"
+        "`ledger.gravity_on_objects_...`: its work and its impulses, which the residuals take off as well.\n"
         "With impact pairs that have `mu` above 0 `ledger.friction_heat_J`: the kinetic energy lost in impacts with\n"
         "friction, less what the work of their normal impulses took.\n"
     )

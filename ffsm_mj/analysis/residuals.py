@@ -19,8 +19,8 @@ from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout, momentum_keys
 STRETCH_STEPS = 100_000
 """Steps over which a residual may change by what a law allows; then it is counted anew."""
 
-# Accounts that are there where the scene has fixed bodies.
-_FIXED = ("fixed_on_robot", "fixed_on_objects")
+# Impulses from outside that are there where the scene has fixed bodies, or gravity.
+_OUTSIDE = ("fixed", "gravity")
 
 
 def stretch_s(facts: Mapping[str, str]) -> float:
@@ -35,25 +35,34 @@ class Accounts:
         """Find them."""
         self._party, self._free = party, free_components(facts, party)
         self._momenta = {p: layout.places(momentum_keys(p)) for p in PARTIES}
-        fixed = _FIXED if f"ledger.{_FIXED[0]}_{COMPONENTS[0]}" in layout.index else ()
-        self._external, self._contact, *self._fixed = (
-            layout.places(f"ledger.{account}_{component}" for component in COMPONENTS)
-            for account in ("external", "contact", *fixed)
+        there = [name for name in _OUTSIDE if f"ledger.{name}_on_robot_{COMPONENTS[0]}" in layout.index]
+        self._external, self._contact = (
+            layout.places(f"ledger.{account}_{component}" for component in COMPONENTS) for account in ("external", "contact")
         )
+        self._outside = [
+            layout.places(f"ledger.{name}_on_{of}_{component}" for of in PARTIES[1:] for component in COMPONENTS)
+            for name in there
+        ]
         self._energy, self._work = layout.index[f"energy.{party}_J"], layout.index["ledger.work_J"]
         self._gained = layout.index[f"ledger.{party}_impact_energy_J"]
+        self._fallen = layout.index.get(f"ledger.{party}_gravity_work_J")
         own = "state.q_robot_" if party == "robot" else "state.q_"
         self._places = [i for i, s in enumerate(layout.signals) if s.unit == "m" and s.key.startswith(own)]
 
     def energy(self, block: FloatArray) -> FloatArray:
-        """T less work and energy gained in impacts, J, (n,): constant where all is explained."""
-        return unexplained_energy(self._party, *(block[:, i] for i in (self._energy, self._work, self._gained)))
+        """T less work and energy gained in impacts, and from gravity, J, (n,): constant where all is explained."""
+        energy, work, gained = (block[:, i] for i in (self._energy, self._work, self._gained))
+        if self._fallen is not None:
+            gained = gained + block[:, self._fallen]
+        return unexplained_energy(self._party, energy, work, gained)
 
     def momentum(self, block: FloatArray) -> FloatArray:
         """(P, L) less impulses on the components that are free, N s and N m s, (n, 6): constant where all is explained."""
         own, external, contact = (block[:, i] for i in (self._momenta[self._party], self._external, self._contact))
-        fixed = block[:, np.concatenate(self._fixed)] if self._fixed else np.zeros((len(block), 12))
-        return unexplained_momentum(self._party, own, external, contact, fixed, self._free)
+        outside = (
+            np.sum([block[:, places] for places in self._outside], axis=0) if self._outside else np.zeros((len(block), 12))
+        )
+        return unexplained_momentum(self._party, own, external, contact, outside, self._free)
 
     def energy_scale(self, block: FloatArray) -> FloatArray:
         """Kinetic energy, J, (n,)."""

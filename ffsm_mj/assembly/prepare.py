@@ -19,6 +19,7 @@ from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.properties import Change
 from ffsm_mj.model.system import System
 from ffsm_mj.present.run import Run
+from ffsm_mj.records.facts import gravity_facts, told_gravity
 from ffsm_mj.scenario.loading import load_scenario
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path
@@ -175,8 +176,9 @@ class Prepared:
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
             f" steps of {self.scenario.time_step_s:g} s",
         ]
+        falls = told_gravity(gravity_facts(system.mj.opt.gravity))
         lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
-            "conservative: nothing in the models breaks it"
+            falls or "conservative: nothing in the models breaks it"
         ]
         lines += [f"note: {change.told}" for change in self.changes]
         lines += [f"note: {note}" for note in system.notes]

@@ -27,7 +27,7 @@ from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.sink import Sink
 from ffsm_mj.present.run import Run
 from ffsm_mj.records.events import Outcome, OutcomeRecord
-from ffsm_mj.records.facts import conservative_facts, free_facts, model_facts, task_facts
+from ffsm_mj.records.facts import conservative_facts, free_facts, gravity_facts, model_facts, task_facts
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.simulation.loop import Plant, Settings, Simulation
@@ -135,6 +135,7 @@ def _facts(assembly: Assembly) -> dict[str, str]:
         "phases": "\n".join(phase.name for phase in config.phases),
     }
     facts |= conservative_facts(assembly.system.faults) | free_facts(assembly.ledger.free)
+    facts |= gravity_facts(assembly.system.mj.opt.gravity)
     facts |= model_facts(assembly.changes)
     if config.task is not None:
         facts |= task_facts(config.task.axes, config.task.target_m)

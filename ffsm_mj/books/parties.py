@@ -24,12 +24,19 @@ def party_momenta(robot: FloatArray, objects: FloatArray) -> FloatArray:
 
 
 def unexplained_energy(party: str, energy: FloatArray, work: FloatArray, gained: FloatArray) -> FloatArray:
-    """Energy of a party less work of the actuators, all of which act on the robot, and energy gained in impacts, J, (n,)."""
+    """Energy of a party less work of the actuators, all of which act on the robot, and other energy gained, J, (n,).
+
+    Args:
+        party: ``total``, ``robot`` or ``objects``.
+        energy: Kinetic, of the party, J, (n,).
+        work: Of the actuators, J, (n,).
+        gained: By the party in impacts and contacts, and from gravity, J, (n,).
+    """
     return (energy if party == "objects" else energy - work) - gained
 
 
 def unexplained_momentum(
-    party: str, momentum: FloatArray, external: FloatArray, contact: FloatArray, fixed: FloatArray, free: FloatArray
+    party: str, momentum: FloatArray, external: FloatArray, contact: FloatArray, outside: FloatArray, free: FloatArray
 ) -> FloatArray:
     """Momentum (P, L about the origin) of a party less impulses, N s and N m s, (n, 6); zero where its joints bear it.
 
@@ -38,10 +45,10 @@ def unexplained_momentum(
         momentum: Of the party, (n, 6).
         external: Impulse of base actuators, from outside on the robot, (n, 6).
         contact: Impulse of the robot on the objects, the opposite of that on the robot, (n, 6).
-        fixed: Impulse of fixed bodies, from outside on robot and objects, (n, 12).
+        outside: Impulse of fixed bodies and of gravity on robot and objects, (n, 12).
         free: 1 for each component that the party's base joints leave free, else 0, (6,).
     """
-    on_robot, on_objects = fixed[:, :6], fixed[:, 6:]
+    on_robot, on_objects = outside[:, :6], outside[:, 6:]
     booked = {
         "total": external + on_robot + on_objects,
         "robot": external - contact + on_robot,

@@ -1,4 +1,8 @@
-"""What in a model breaks the conservation of energy or momentum: each element by name, with file and line."""
+"""What in a model breaks the conservation of energy or momentum: each element by name, with file and line.
+
+Uniform gravity, and ``gravcomp`` against it, are refused in a conservative scenario, for momentum is not conserved under
+them. Where a scenario need not be conservative they are outside forces that the balance knows, and no fault.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +27,14 @@ def authored_integrator(spec: Any) -> str | None:
     return str(mujoco.mjtIntegrator(spec.option.integrator).name.removeprefix("mjINT_"))
 
 
-def spec_faults(spec: Any, files: ModelFiles) -> list[str]:
-    """Options of one model file that act on free motion: gravity, fluid, wind, another integrator.
+def spec_faults(spec: Any, files: ModelFiles, *, conservative: bool) -> list[str]:
+    """Options of one model file that act on free motion: fluid, wind, another integrator; gravity where that is refused.
 
     A URDF has no words for options, so its defaults are not held against it.
     """
     option = spec.option
     faults = []
-    if not files.urdf and np.any(option.gravity):
+    if conservative and not files.urdf and np.any(option.gravity):
         value = " ".join(f"{g:g}" for g in option.gravity)
         faults.append(f'{files.place}: gravity is {value}; write <option gravity="0 0 0"/>')
     for name in ("density", "viscosity"):
@@ -46,14 +50,14 @@ def spec_faults(spec: Any, files: ModelFiles) -> list[str]:
     return faults
 
 
-def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
+def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles], *, conservative: bool) -> list[str]:
     """Dissipative or elastic elements of the compiled scene, each with the file and line of the model it came from."""
     following = {prefix: mimics(each) for prefix, each in files.items()} if model.neq else {}
     places = Places(scene, files)
     return [
         (_mimic_fault(model, name, following) if kind == "equality" else "")
         or f"{places.of(kind, name)} has {what}; remove it, or let 'strip' of the scenario"
-        for kind, name, what in _elements(model)
+        for kind, name, what in _elements(model, conservative=conservative)
     ]
 
 
@@ -67,7 +71,17 @@ def _mimic_fault(model: Any, equality: str, following: Mapping[str, list[Mimic]]
     return next(filter(None, (mimic.fault(follower, leader) for mimic in following[prefix])), "")
 
 
-def _elements(model: Any) -> Iterator[tuple[str, str, str]]:
+def _cut_short(model: Any, body: int) -> bool:
+    """Whether actuators hold a body up against gravity, at a joint that limits their force."""
+    limited = model.jnt_actgravcomp.astype(bool) & model.jnt_actfrclimited.astype(bool)
+    while body:
+        if limited[model.jnt_bodyid == body].any():
+            return True
+        body = int(model.body_parentid[body])
+    return False
+
+
+def _elements(model: Any, *, conservative: bool) -> Iterator[tuple[str, str, str]]:
     """Yield (kind, full name, what breaks conservation)."""
     for j in range(model.njnt):
         joint = model.joint(j)
@@ -78,12 +92,14 @@ def _elements(model: Any) -> Iterator[tuple[str, str, str]]:
             yield "joint", joint.name, f"frictionloss {np.max(model.dof_frictionloss[dofs]):g}"
         if np.any(model.jnt_stiffness[j]):
             yield "joint", joint.name, f"stiffness {np.max(model.jnt_stiffness[j]):g} (a spring)"
+        if model.jnt_limited[j] and not conservative:  # a conservative scenario does not enforce them
+            yield "joint", joint.name, "limits (a soft constraint force)"
     for t in range(model.ntendon):
         for attribute in ("stiffness", "damping", "frictionloss"):
             if np.any(getattr(model, f"tendon_{attribute}")[t]):
                 yield "tendon", model.tendon(t).name, attribute
     for b in range(model.nbody):
-        if model.body_gravcomp[b]:
+        if model.body_gravcomp[b] and (conservative or _cut_short(model, b)):
             yield "body", model.body(b).name, "gravcomp"
     for e in range(model.neq):
         yield "equality", model.equality(e).name, "a soft constraint force"

@@ -71,7 +71,7 @@ class Tree:
 
 @dataclass(frozen=True)
 class System:
-    """A compiled scene: the robot and its objects in zero gravity, contacts without force.
+    """A compiled scene: the robot and its objects, contacts without force; no gravity where it must be conservative.
 
     Attributes:
         mj: The MuJoCo model (RK4, contacts disabled, autoreset off).
@@ -79,7 +79,7 @@ class System:
         objects: Trees of the floating objects, in the order of the scenario.
         fixed: Objects that are fixed to the world, in the order of the scenario.
         files: Files of each model by tree name.
-        faults: What breaks conservation; empty for a conservative system.
+        faults: What breaks the balance of energy or momentum; empty where nothing does. Gravity does not, it enters it.
         notes: What was taken out of models; what MJCF says and the simulation does not do (joint limits); what MuJoCo
             warned of.
         changes: Properties of bodies and geoms that the scenario gives, as the scene was compiled.
@@ -204,7 +204,7 @@ def compile_system(
             with collected_warnings(warned[name]):
                 parts.append(part(name, model_files, vfs))
                 spec = parts[-1].spec
-                faults += spec_faults(spec, model_files)
+                faults += spec_faults(spec, model_files, conservative=conservative)
                 take_options(scene, spec, conservative=conservative)
                 if grasp is not None and name == grasp.tree:
                     join(scene, spec, grasp)
@@ -214,7 +214,7 @@ def compile_system(
             raise InputError(moving)
         model = compile_scene(scene, files, vfs)
     changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
-    faults += model_faults(model, scene, files)
+    faults += model_faults(model, scene, files, conservative=conservative)
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
     held = grasp.tree if grasp is not None else ""

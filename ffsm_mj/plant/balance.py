@@ -11,7 +11,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.signals import COMPONENTS, PARTIES, Signal, unit_of
 
-ACCOUNTS = 28
+ACCOUNTS = 43
 """How many numbers all accounts have."""
 
 
@@ -25,6 +25,8 @@ class Accounts:
         external: Impulse (P, L about the origin) of base actuators on the robot, (..., 6).
         contact: Impulse of the robot on the objects, (..., 6).
         fixed: Impulse of fixed bodies on the robot and on the objects, (..., 12).
+        fallen: Work of gravity on (total, robot, objects), J, (..., 3).
+        gravity: Impulse of gravity on the robot and on the objects, (..., 12).
     """
 
     work: FloatArray
@@ -32,11 +34,13 @@ class Accounts:
     external: FloatArray
     contact: FloatArray
     fixed: FloatArray
+    fallen: FloatArray
+    gravity: FloatArray
 
     @classmethod
     def of(cls, numbers: FloatArray) -> Accounts:
-        """Views of the numbers of all accounts, (..., 28)."""
-        return cls(*np.split(numbers, (1, 4, 10, 16), axis=-1))
+        """Views of the numbers of all accounts, (..., ACCOUNTS)."""
+        return cls(*np.split(numbers, (1, 4, 10, 16, 28, 31), axis=-1))
 
     def take(self, other: Accounts) -> None:
         """Take over the numbers of other accounts."""
@@ -85,6 +89,8 @@ _BY_MATRIX = "momentum of the robot from the base rows of M qdot, paper (8)-(9);
 _LEFT = "momentum - momentum(0) - impulses, {}; zero where the base joints are not free"
 
 _FIXED = "impulse of fixed bodies on the {}"
+_GRAVITY = "impulse of gravity on the {}"
+_OPTIONAL = {"fixed": 12, "fallen": 3, "gravity": 12}
 
 _ENTRIES = {
     "energy": _Entry(_by_party("energy", "{}_J", "kinetic energy"), lambda b: b.energy),
@@ -105,6 +111,11 @@ _ENTRIES = {
         tuple(s for party in PARTIES[1:] for s in _components("ledger", f"fixed_on_{party}", _FIXED.format(party))),
         lambda b: b.accounts.fixed,
     ),
+    "fallen": _Entry(_by_party("ledger", "{}_gravity_work_J", "work of gravity"), lambda b: b.accounts.fallen),
+    "gravity": _Entry(
+        tuple(s for party in PARTIES[1:] for s in _components("ledger", f"gravity_on_{party}", _GRAVITY.format(party))),
+        lambda b: b.accounts.gravity,
+    ),
     "energy_residual": _Entry(
         _by_party("ledger", "{}_energy_residual_J", "T - T(0) - work - impact energy"), lambda b: b.energy_residual
     ),
@@ -119,12 +130,13 @@ class Statement:
     """What the ledger of a scene says, in columns.
 
     Attributes:
-        signals: The columns; those of fixed bodies are there where the scene has some.
+        signals: The columns; those of fixed bodies and of gravity are there where the scene has them.
     """
 
-    def __init__(self, *, fixed: bool) -> None:
-        """Say whether the scene has fixed bodies."""
-        self._entries = {name: entry for name, entry in _ENTRIES.items() if fixed or name != "fixed"}
+    def __init__(self, *, fixed: bool, gravity: bool) -> None:
+        """Say whether the scene has fixed bodies, and gravity."""
+        present = {"fixed": fixed, "fallen": gravity, "gravity": gravity}
+        self._entries = {name: entry for name, entry in _ENTRIES.items() if present.get(name, True)}
         self.signals = tuple(signal for entry in self._entries.values() for signal in entry.signals)
         self._ends = tuple(accumulate(len(entry.signals) for entry in self._entries.values()))
 
@@ -136,7 +148,7 @@ class Statement:
     def balance(self, told: FloatArray) -> Balance:
         """The balance of samples whose signals have these values, (n, number of signals)."""
         parts = dict(zip(self._entries, np.split(told, self._ends[:-1], axis=1), strict=True))
-        parts.setdefault("fixed", np.zeros((len(told), 12)))
+        parts = {name: np.zeros((len(told), size)) for name, size in _OPTIONAL.items()} | parts
         accounts = Accounts(*(parts[account.name] for account in fields(Accounts)))
         by_party = {name: parts[name].reshape(-1, 3, 6) for name in ("momentum", "momentum_residual")}
         return Balance(

@@ -1,4 +1,4 @@
-"""What an object gains while the robot carries it, so that nothing else acts on it: the difference of two states."""
+"""What an object gains from the robot that carries it: the difference of two states, less what gravity gave it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.books.gravity import NUMBERS
 from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.model.dynamics import subtree_momenta
 from ffsm_mj.model.system import System, Tree
@@ -28,10 +29,12 @@ class Carried:
             system: Robot and objects.
             data: Their state.
             momentum: M qdot, kept current by others, (nv,).
-            numbers: Where what a note keeps is, (SIZE,): number; energy in J; P and L about the origin.
+            numbers: Where what a note keeps is: number; energy in J; P and L about the origin; behind these SIZE what
+                gravity gave to each tree, kept current by others, (number of trees, NUMBERS), or nothing without.
         """
         self._system, self._data, self._momentum = system, data, momentum
-        self._numbers, self._start = numbers, numbers[1:]
+        self._numbers, self._start = numbers[: self.SIZE], numbers[1 : self.SIZE]
+        self._fallen = numbers[self.SIZE :].reshape(-1, NUMBERS)
         self._tree: Tree | None = None
 
     def forget(self) -> None:
@@ -59,15 +62,19 @@ class Carried:
         mujoco.mj_subtreeVel(self._system.mj, data)
         mass = float(self._system.mj.body_subtreemass[root])
         momentum = subtree_momenta(mass, data.subtree_linvel[root], data.subtree_com[root], data.subtree_angmom[root])
-        return np.concatenate(((0.5 * float(h[tree.dofs] @ rates[tree.dofs]),), momentum))
+        now = np.concatenate(((0.5 * float(h[tree.dofs] @ rates[tree.dofs]),), momentum))
+        return now - self._fallen[1 + self._system.objects.index(tree)] if len(self._fallen) else now
 
     def gained(self, notes: Notes, used: slice) -> Iterator[tuple[Any, Booking]]:
         """What was given to the one carried since that began: rows of the notes, and one booking for all of them."""
-        numbers = notes.accounts[used, -self.SIZE :]
-        for number in sorted(set(numbers[:, 0].tolist()) - {0.0}):
-            tree, rows = self._system.objects[int(number) - 1], numbers[:, 0] == number
+        own = notes.accounts[used, -(self.SIZE + self._fallen.size) :]
+        numbers, fallen = own[:, : self.SIZE], own[:, self.SIZE :]
+        for number in map(int, sorted(set(numbers[:, 0].tolist()) - {0.0})):
+            tree, rows = self._system.objects[number - 1], numbers[:, 0] == number
             energy = 0.5 * (notes.h[used, tree.dofs] * notes.rates[used, tree.dofs]).sum(axis=1, keepdims=True)
             states = np.concatenate((energy, notes.momenta(tree.root, used)), axis=1)
+            if fallen.size:
+                states -= fallen[:, NUMBERS * number : NUMBERS * (number + 1)]
             yield rows, _given(states[rows] - numbers[rows, 1:])
 
 

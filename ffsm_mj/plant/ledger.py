@@ -13,6 +13,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.books.base_motors import BaseMotors
+from ffsm_mj.books.gravity import NUMBERS, Gravity, by_party
 from ffsm_mj.books.joint_work import JointWork
 from ffsm_mj.books.parties import party_energies, party_momenta, unexplained_energy, unexplained_momentum
 from ffsm_mj.books.thrusters import Thrusters, thrusters
@@ -24,6 +25,8 @@ from ffsm_mj.plant.carried import Carried
 from ffsm_mj.plant.notes import Notes
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import PARTIES
+
+_FALLEN = ACCOUNTS + Carried.SIZE
 
 
 class Ledger:
@@ -53,9 +56,12 @@ class Ledger:
         objects_free = np.all(object_free, axis=0) if object_free else np.ones(6, dtype=np.bool_)
         self.free = np.array([robot_free & objects_free, robot_free, objects_free], dtype=np.float64)
         self._base = BaseMomentum(system, system.robot)
-        self._statement = Statement(fixed=bool(system.fixed))
-        self._numbers = np.zeros(ACCOUNTS + Carried.SIZE)
+        falls = bool(np.any(system.mj.opt.gravity))
+        self._statement = Statement(fixed=bool(system.fixed), gravity=falls)
+        self._numbers = np.zeros(_FALLEN + falls * NUMBERS * len(system.trees))
         self._accounts = Accounts.of(self._numbers[:ACCOUNTS])
+        self._fallen = self._numbers[_FALLEN:].reshape(-1, NUMBERS)
+        self._gravity = Gravity(system, data, self._fallen) if falls else None
         self._carried = Carried(system, data, momentum, self._numbers[ACCOUNTS:])
         external = external_actuators(system)
         on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
@@ -83,6 +89,11 @@ class Ledger:
         before = self._statement.balance(told[None])
         self._carried.forget()
         self._accounts.take(before.accounts)
+        if self._gravity is not None:  # of the objects only their sum is known, and only changes count
+            self._fallen.fill(0.0)
+            work, impulse = before.accounts.fallen[0], before.accounts.gravity[0].reshape(2, 6)
+            for tree, own, pushed in zip(self._fallen, work[1:], impulse, strict=False):
+                tree[0], tree[1:] = own, pushed
         self._energy_0, self._momentum_0 = np.zeros(3), np.zeros((3, 6))
         self.note()
         start = self._balance()
@@ -108,11 +119,15 @@ class Ledger:
         energy = party_energies(h * notes.rates[used], robot.dofs)
         of_objects = sum((notes.momenta(tree.root, used) for tree in self._system.objects), np.zeros((used.stop, 6)))
         momentum = party_momenta(notes.momenta(robot.root, used), of_objects)
-        impulses = accounts.external, accounts.contact, accounts.fixed
+        if self._gravity is not None:
+            fallen = notes.accounts[used, _FALLEN:].reshape(used.stop, -1, NUMBERS)
+            accounts.fallen[:], accounts.gravity[:] = by_party(fallen)
+        grown = accounts.gained + accounts.fallen
+        impulses = accounts.external, accounts.contact, accounts.fixed + accounts.gravity
         since_start = energy - self._energy_0, momentum - self._momentum_0
         left = [
             (
-                unexplained_energy(party, since_start[0][:, i], accounts.work[:, 0], accounts.gained[:, i]),
+                unexplained_energy(party, since_start[0][:, i], accounts.work[:, 0], grown[:, i]),
                 unexplained_momentum(party, since_start[1][:, i], *impulses, self.free[i]),
             )
             for i, party in enumerate(PARTIES)
@@ -135,6 +150,8 @@ class Ledger:
 
     def open(self) -> None:
         """Remember the state at the start of a (sub-)step, as far as the efforts held in it need it."""
+        if self._gravity is not None:
+            self._gravity.open()
         self._pushed = self._joint_work.open()
         if self._pushed:
             for pushing in self._outside:
@@ -143,6 +160,8 @@ class Ledger:
     def close(self, duration_s: float) -> None:
         """Book the work and impulse of the efforts held since ``open``; the state in ``data`` is the end of the step."""
         self._joint_work.close()
+        if self._gravity is not None:
+            self._gravity.close(duration_s)
         if self._pushed:
             for pushing in self._outside:
                 pushing.close(duration_s)

@@ -15,7 +15,7 @@ from ffsm_mj.present.json_text import json_text
 from ffsm_mj.present.record_lines import record_lines
 from ffsm_mj.present.text_table import table
 from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.records.facts import told_models
+from ffsm_mj.records.facts import told_gravity, told_models
 
 _MOST_CONTACTS = 20
 _STEP_HINT = (
@@ -52,8 +52,9 @@ def headline(run: Run) -> str:
 
 
 def _models(run: Run) -> str:
-    """Properties of bodies and geoms that the scenario gave, as they were compiled."""
-    return "\n".join(told_models(run.log.header.facts))
+    """Properties of bodies and geoms that the scenario gave, as they were compiled; gravity."""
+    facts = run.log.header.facts
+    return "\n".join([*told_models(facts), *filter(None, [told_gravity(facts)])])
 
 
 def what_is_missing(run: Run) -> str:

@@ -79,6 +79,19 @@ def conservative_facts(faults: Sequence[str]) -> dict[str, str]:
     return {"conservative": "false" if faults else "true", "not_conservative": "; ".join(faults)}
 
 
+def gravity_facts(gravity: Iterable[float]) -> dict[str, str]:
+    """How uniform gravity is told, (3,), m/s^2; nothing where there is none."""
+    shown = [repr(float(g)) for g in gravity]
+    return {"gravity_m_s2": " ".join(shown)} if any(float(g) for g in shown) else {}
+
+
+def told_gravity(facts: Mapping[str, str]) -> str:
+    """What a person is told of gravity; empty where there is none."""
+    if "gravity_m_s2" not in facts:
+        return ""
+    return f"gravity {one_line(facts['gravity_m_s2'])} m/s2 is an outside force: its impulse and work enter the balance"
+
+
 def is_conservative(facts: Mapping[str, str]) -> bool:
     """Whether nothing in the models breaks conservation."""
     return facts.get("conservative") == "true"

@@ -17,7 +17,7 @@ from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
-from ffsm_mj.records.facts import conservative_facts, free_facts
+from ffsm_mj.records.facts import conservative_facts, free_facts, gravity_facts
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.recount.retrace import Retrace
 from ffsm_mj.recount.scene import LogScene, log_scene
@@ -62,4 +62,5 @@ def recount(
 def _facts(scene: LogScene, retrace: Retrace) -> dict[str, str]:
     """What the models and the scenario say, whatever the log says of them."""
     facts = free_facts(retrace.free) | conservative_facts(scene.system.faults)
+    facts |= gravity_facts(scene.system.mj.opt.gravity)
     return facts | {"time_step_s": repr(scene.scenario.time_step_s)}

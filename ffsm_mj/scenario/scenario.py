@@ -262,7 +262,8 @@ class Scenario(StrictModel):
     control_period_s: PositiveFloat = 0.001
     """Time between two decisions of the controller, a multiple of the time step, s."""
     conservative: bool = True
-    """Refuse gravity, damping, friction, springs, fluids and other integrators in the models."""
+    """Refuse gravity, damping, friction, springs, fluids and other integrators in the models. Where it is false,
+    gravity enters the balance; with anything else of these energy and momenta are not judged."""
     stop_on_impact: bool = False
     """End the run right after the first impact."""
     robot: RobotConfig

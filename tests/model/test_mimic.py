@@ -81,4 +81,7 @@ def test_another_constraint_of_such_joints_is_no_mimic(otto):
 def test_not_conservative_it_stays_what_mujoco_makes_of_it(otto):
     system = compile_paths(otto, {"other": otto}, conservative=False)
     assert system.mj.neq == 2
-    assert [fault.partition(" mimics ")[0].rpartition(": ")[2] for fault in system.faults] == ["joint 'nod'"] * 2
+    following = [fault.partition(" mimics ")[0].rpartition(": ")[2] for fault in system.faults if " mimics " in fault]
+    assert following == ["joint 'nod'"] * 2
+    # What a conservative scenario leaves aside acts here, as soft as MuJoCo makes it.
+    assert sum("has limits" in fault for fault in system.faults) == 2
