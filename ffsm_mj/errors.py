@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -96,6 +97,11 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in text)
 
 
+def printable(text: str) -> str:
+    """Lines with everything escaped that a terminal could take for more than text; the line ends stay."""
+    return text if text.replace("\n", "").isprintable() else "\n".join(map(one_line, text.split("\n")))
+
+
 def described(error: BaseException) -> str:
     """Kind and text of an exception of someone else's code, on one line that can be printed and logged whatever it says."""
     try:
@@ -104,6 +110,24 @@ def described(error: BaseException) -> str:
         text = ""
     shown = text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
     return f"{type(error).__name__}: {shown}" if shown else type(error).__name__
+
+
+@contextmanager
+def working_on(place: Path | str) -> Iterator[None]:
+    """Turn any exception that a file's content causes into one line that names the file.
+
+    Readers refuse what they know to be wrong with messages of their own. This stands behind them: no list of what a file can
+    do to the libraries that work on it is complete, and a traceback says nothing about the file.
+
+    Raises:
+        InputError: Something was raised that is no error of ours, of the operating system, or an interruption.
+    """
+    try:
+        yield
+    except (FfsmError, OSError):
+        raise
+    except Exception as error:
+        raise InputError(f"{place}: cannot be used ({described(error)}{raised_at(error)})") from error
 
 
 def raised_at(error: BaseException) -> str:

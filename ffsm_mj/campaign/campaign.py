@@ -117,6 +117,8 @@ class Campaign:
         with closing(Store(self.folder.table, write=False) if there else Store(":memory:")) as store:
             if store.last() >= len(self.design.rows):  # extended since by somebody
                 self.design = self.folder.design()
+            if store.last() >= len(self.design.rows):
+                raise InputError(f"{self.folder.table}: has a row of run {store.last()}, which the design has not")
             yield store
 
     @contextmanager
@@ -268,6 +270,7 @@ class Campaign:
         with self._table() as store:
             row = store.row(index)
             same = store.settings == self._settings
+        self.folder.refuse_links()
         folder = self.folder.replay(index)
         return replay(self._job(own=False), index, self.design.overrides(index), folder, row, same_settings=same)
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, get_args
 
+from ffsm_mj.campaign.dispersions import Operation
 from ffsm_mj.campaign.effects import Effect
+from ffsm_mj.campaign.sampler import KINDS
 from ffsm_mj.errors import InputError
 
 _FORMAT = 1
+_LARGEST = 2**63
+"""Of a table's integers."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +85,52 @@ class Design:
                 for b in data["bindings"]
             )
             rows = tuple(map(tuple, data["rows"]))
-            return cls(data["kind"], data["seed"], data["n"], tuple(data["parameters"]), rows, bindings)
-        except (ValueError, KeyError, TypeError) as error:
+            design = cls(data["kind"], data["seed"], data["n"], tuple(data["parameters"]), rows, bindings)
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError(f"no design of a campaign ({type(error).__name__}: {error})") from error
+        if fault := _fault(design):
+            raise InputError(f"no design of a campaign ({fault})")
+        return design
+
+
+def _fault(design: Design) -> str:
+    """What is wrong with a design that somebody wrote, in a few words; empty where nothing is."""
+    width = len(design.parameters)
+    faults = {
+        f"kind {design.kind!r}": design.kind not in KINDS,
+        f"seed {design.seed!r}": not isinstance(design.seed, int),
+        f"n {design.n!r}": not isinstance(design.n, int) or design.n < 1,
+        "a parameter that is no name": not all(isinstance(name, str) for name in design.parameters),
+        "a row that has not as many values as there are parameters": any(len(row) != width for row in design.rows),
+        "a value that is no number or text": not all(_is_scalar(value) for row in design.rows for value in row),
+        "a key that is no text": not all(isinstance(binding.key, str) for binding in design.bindings),
+        "an effect that cannot be applied": not all(
+            _can_be_applied(effect, width) for binding in design.bindings for effect in binding.effects
+        ),
+    }
+    return next((fault for fault, found in faults.items() if found), "")
+
+
+def _is_scalar(value: Any) -> bool:
+    return isinstance(value, str | float) or (isinstance(value, int) and abs(value) < _LARGEST)
+
+
+def _can_be_applied(effect: Effect, width: int) -> bool:
+    axis, span = effect.axis, effect.span
+    return (
+        effect.operation in get_args(Operation)
+        and _are_whole(effect.columns)
+        and len(effect.columns) in (1, 3)
+        and all(0 <= column < width for column in effect.columns)
+        and _are_whole(effect.at)
+        and (span is None or (_are_whole(span) and len(span) == 2))
+        and (axis is None or (isinstance(axis, tuple) and len(axis) == 3 and all(map(_is_scalar, axis)) and any(axis)))
+        and (span is None or axis is not None or len(effect.columns) == 3)
+    )
+
+
+def _are_whole(values: Any) -> bool:
+    return isinstance(values, tuple) and all(isinstance(value, int) for value in values)
 
 
 def _tuples(value: Any) -> Any:

@@ -14,6 +14,7 @@ from filelock import FileLock, Timeout
 from ffsm_mj.campaign.design import Design
 from ffsm_mj.errors import InputError, LogWriteError
 from ffsm_mj.log.run_folder import SUMMARY
+from ffsm_mj.present.output_place import refuse_link
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.scenario.source import write_yaml
 
@@ -63,6 +64,15 @@ class CampaignFolder:
             return False
         return bool(summary.get("outcome") != Outcome.INTERRUPTED)
 
+    def refuse_links(self) -> None:
+        """Refuse to write into a folder through symbolic links, which may lead anywhere; the folder itself may be one.
+
+        Raises:
+            InputError: One of its names is a symbolic link.
+        """
+        for name in (_LOCK, CAMPAIGN, DESIGN, TABLE, "scenario", REPLAYS):
+            refuse_link(self.path / name)
+
     @contextmanager
     def driven(self) -> Iterator[None]:
         """One driver at a time; the operating system gives the lock back when a process ends, however.
@@ -70,6 +80,7 @@ class CampaignFolder:
         Raises:
             InputError: Another process drives this campaign, or the folder cannot be made.
         """
+        self.refuse_links()
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             lock = FileLock(self.path / _LOCK)
@@ -138,7 +149,9 @@ class CampaignFolder:
         unfinished = file.with_name(f".{file.name}-{os.getpid()}")
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
-            unfinished.write_bytes(data)
+            unfinished.unlink(missing_ok=True)
+            with unfinished.open("xb") as stream:
+                stream.write(data)
             os.replace(unfinished, file)
         except OSError as error:
             unfinished.unlink(missing_ok=True)

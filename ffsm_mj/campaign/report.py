@@ -13,7 +13,7 @@ from ffsm_mj.campaign.results import TableRow
 from ffsm_mj.campaign.table import as_arrow
 from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.log.run_folder import find_log
-from ffsm_mj.present.output_place import usable_folder, writing
+from ffsm_mj.present.output_place import folder_below, new_file
 from ffsm_mj.present.run import load_run
 
 PAGE, PARQUET, CSV = "report.md", "results.parquet", "results.csv"
@@ -42,15 +42,13 @@ def write_report(found: Campaign, page: Path | None = None) -> list[Path]:
 
     results = found.results()
     page = page or found.folder.path / PAGE
-    pictures = page.parent / FIGURES / page.stem
-    usable_folder(pictures)
-    with writing(page.parent):
-        made = save_figures(results, list(_replayed(found, results.rows)), pictures)
-        shown = [(what, f"{FIGURES}/{page.stem}/{file}") for what, file in made]
-        text = report_page(results, found.config.description, found.config.success, shown)
-        page.write_text(text, encoding="utf-8")
-    with writing(found.folder.path):
-        tables = _write_tables(found.folder.path, results.rows)
+    pictures = folder_below(page.parent, FIGURES, page.stem)
+    made = save_figures(results, list(_replayed(found, results.rows)), pictures)
+    shown = [(what, f"{FIGURES}/{page.stem}/{file}") for what, file in made]
+    text = report_page(results, found.config.description, found.config.success, shown)
+    with new_file(page) as place:
+        place.write_text(text, encoding="utf-8")
+    tables = _write_tables(found.folder.path, results.rows)
     return [page, *(page.parent / file for _, file in shown), *tables]
 
 
@@ -61,8 +59,10 @@ def _write_tables(folder: Path, rows: Sequence[TableRow]) -> list[Path]:
     table: Any = as_arrow(rows)
     if not table.num_columns:
         return []
-    pyarrow.parquet.write_table(table, folder / PARQUET)
-    pyarrow.csv.write_csv(table, folder / CSV)
+    with new_file(folder / PARQUET) as place:
+        pyarrow.parquet.write_table(table, place)
+    with new_file(folder / CSV) as place:
+        pyarrow.csv.write_csv(table, place)
     return [folder / PARQUET, folder / CSV]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 
+KINDS = ("grid", "random", "lhs", "sobol", "saltelli")
 EXTENDABLE = ("random", "sobol")
 """Kinds of samples whose first rows stay where they are when there are more."""
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ffsm_mj.campaign.foreign_table import fault_of_row, fault_of_tables, refuse_foreign_file
 from ffsm_mj.errors import InputError, LogWriteError
 
 _TABLES = """
@@ -81,6 +82,8 @@ class Store:
         in_memory = str(path) == ":memory:"
         if not write and not in_memory and not self.path.is_file():
             raise InputError(f"{self.path}: no such campaign")
+        if not in_memory:
+            refuse_foreign_file(self.path)
         # The rollback journal, SQLite's own default, works on file systems of clusters too; WAL needs one host.
         with self._writing():
             self._db = sqlite3.connect(str(path), timeout=60.0, check_same_thread=False)
@@ -88,13 +91,20 @@ class Store:
             if write:
                 with self._writing():
                     self._make(max_pages)
-            found = self._db.execute("PRAGMA user_version").fetchone()[0]
-        except sqlite3.DatabaseError as error:
-            raise InputError(f"{self.path}: is no table of a campaign ({error})") from error
+            with self._reading():
+                self._refuse_foreign()
+                told = self._db.execute("SELECT hash, content FROM settings").fetchone()
+        except BaseException:
+            self._db.close()
+            raise
+        self.digest, self.settings = (str(told[0]), str(told[1])) if told else ("", "")
+
+    def _refuse_foreign(self) -> None:
+        found = self._db.execute("PRAGMA user_version").fetchone()[0]
         if found != _FORMAT:
             raise InputError(f"{self.path}: is no table of a campaign of this version")
-        told = self._db.execute("SELECT hash, content FROM settings").fetchone()
-        self.digest, self.settings = (str(told[0]), str(told[1])) if told else ("", "")
+        if fault := fault_of_tables(self._db, _TABLES):
+            raise InputError(f"{self.path}: is no table of a campaign ({fault})")
 
     def _make(self, max_pages: int | None) -> None:
         self._db.execute("PRAGMA synchronous=NORMAL")
@@ -109,6 +119,18 @@ class Store:
             yield
         except sqlite3.OperationalError as error:
             raise LogWriteError(self.path, OSError(0, str(error))) from error
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Reading what anybody may have written.
+
+        Raises:
+            InputError: It cannot be read.
+        """
+        try:
+            yield
+        except (sqlite3.Error, ValueError, RecursionError) as error:
+            raise InputError(f"{self.path}: is no table of a campaign ({error})") from error
 
     def begin(self, digest: str, settings: str) -> None:
         """Write the settings, once: their hash, and what they are.
@@ -142,24 +164,29 @@ class Store:
 
     def done(self) -> set[int]:
         """Numbers of the runs that have a row."""
-        return {int(i) for (i,) in self._db.execute("SELECT i FROM rows WHERE hash = ?", (self.digest,))}
+        with self._reading():
+            return {int(i) for (i,) in self._db.execute("SELECT i FROM rows WHERE hash = ?", (self.digest,))}
 
     def last(self) -> int:
         """The greatest number of a run that has a row; -1 where none has."""
-        found = self._db.execute("SELECT max(i) FROM rows WHERE hash = ?", (self.digest,)).fetchone()[0]
-        return -1 if found is None else int(found)
+        with self._reading():
+            found = self._db.execute("SELECT max(i) FROM rows WHERE hash = ?", (self.digest,)).fetchone()[0]
+            return -1 if found is None else int(found)
 
     def failed(self, first: int) -> int:
         """How many of the first runs of the design failed."""
-        found = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (self.digest, first))
-        return int(found.fetchone()[0])
+        with self._reading():
+            found = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (self.digest, first))
+            return int(found.fetchone()[0])
 
     def outcomes(self) -> dict[str, int]:
         """How many rows by outcome, the most frequent first."""
-        found = self._db.execute(
-            "SELECT outcome, count(*) n FROM rows WHERE hash = ? GROUP BY outcome ORDER BY n DESC, outcome", (self.digest,)
-        )
-        return {str(outcome): int(count) for outcome, count in found}
+        with self._reading():
+            found = self._db.execute(
+                "SELECT outcome, count(*) n FROM rows WHERE hash = ? GROUP BY outcome ORDER BY n DESC, outcome",
+                (self.digest,),
+            )
+            return {str(outcome): int(count) for outcome, count in found}
 
     def failures(self, most: int) -> list[Row]:
         """The first failed runs."""
@@ -175,12 +202,19 @@ class Store:
 
     def _rows(self, which: str, *values: Any) -> list[Row]:
         columns = "i, outcome, message, phase, metrics, model, cpu, wall_s, cpu_s"
-        return [
-            Row(i, outcome, message, phase, json.loads(metrics), json.loads(model), *rest)
-            for i, outcome, message, phase, metrics, model, *rest in self._db.execute(
-                f"SELECT {columns} FROM rows WHERE {which}", values
-            )
-        ]
+        with self._reading():
+            return [self._row(*found) for found in self._db.execute(f"SELECT {columns} FROM rows WHERE {which}", values)]
+
+    def _row(
+        self, i: Any, outcome: Any, message: Any, phase: Any, metrics: str, model: str, cpu: Any, wall_s: Any, cpu_s: Any
+    ) -> Row:
+        try:
+            measured, read = json.loads(metrics), json.loads(model)
+        except (ValueError, TypeError, RecursionError) as error:
+            raise InputError(f"{self.path}: row {i} cannot be read ({error})") from error
+        if fault := fault_of_row((outcome, message, phase, cpu), (i, wall_s, cpu_s), (measured, read)):
+            raise InputError(f"{self.path}: row {i} cannot be read ({fault})")
+        return Row(i, outcome, message, phase, measured, read, cpu, wall_s, cpu_s)
 
     def close(self) -> None:
         """Close the file."""

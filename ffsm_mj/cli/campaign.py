@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 from ffsm_mj.campaign.campaign import Campaign
@@ -15,14 +13,15 @@ from ffsm_mj.campaign.status import Status
 from ffsm_mj.cli.commands import Say, Stage
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.standard_streams import complain
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, one_line, working_on
 
 _LINE_EVERY_S = 30.0
 
 
 def campaign(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     """Do what is asked; returns the exit code."""
-    return _ACTIONS[options.action](options, say, stage)
+    with working_on(options.folder if "folder" in options else options.campaign or "campaign"):
+        return _ACTIONS[options.action](options, say, stage)
 
 
 def _run(options: argparse.Namespace, say: Say, stage: Stage) -> int:
@@ -100,10 +99,10 @@ def _status(options: argparse.Namespace, say: Say, _: Stage) -> int:
 
 
 def _say_status(status: Status, say: Say) -> None:
-    outcomes = ", ".join(f"{count} {name}" for name, count in status.outcomes.items())
+    outcomes = ", ".join(f"{count} {one_line(name)}" for name, count in status.outcomes.items())
     say(f"{status.name}: {status.done} of {status.runs} runs{f' ({outcomes})' if outcomes else ''}, {status.failed} failed")
     for message in status.messages:
-        say(f"  {message}")
+        say(f"  {one_line(message)}")
     if status.failed > len(status.messages):
         say(f"  and {status.failed - len(status.messages)} more")
 
@@ -145,12 +144,7 @@ class _Lines:
         self._next = now + _LINE_EVERY_S
         per_s = (done - self._first) / (now - self._begun)
         left = f", {(total - done) / per_s / 60.0:.0f} min left" if per_s > 0.0 else ""
-        with suppress(OSError):  # whoever listened has gone; the runs go on
-            print(
-                f"{self._name}: {done:.0f} of {total:.0f} runs, {per_s * 60.0:.0f} a minute{left}",
-                file=sys.stderr,
-                flush=True,
-            )
+        complain(f"{self._name}: {done:.0f} of {total:.0f} runs, {per_s * 60.0:.0f} a minute{left}")
 
 
 _ACTIONS: dict[str, Callable[[argparse.Namespace, Say, Stage], int]] = {

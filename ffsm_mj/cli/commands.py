@@ -13,10 +13,10 @@ from ffsm_mj.analysis.run import compare
 from ffsm_mj.analysis.verdicts import DEEPEST_M, DEFAULT_TOLERANCE, LAW_NAMES, RELATIVE_LAWS, Tolerance
 from ffsm_mj.cli.exit_codes import DAMAGED, OK, VIOLATED
 from ffsm_mj.cli.progress import Report
-from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.errors import InputError, unknown_name, working_on
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.present.comparison_report import comparison_report
-from ffsm_mj.present.output_place import usable_file, usable_folder
+from ffsm_mj.present.output_place import folder_below, usable_file, usable_folder
 from ffsm_mj.present.run import Run, load_run
 from ffsm_mj.present.text_report import (
     as_json,
@@ -60,15 +60,17 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     found: dict[int, list[str]] = {OK: [], VIOLATED: [], DAMAGED: []}
     shown = {name: f"{name} ({number} of {len(names)})" if several else name for number, name in enumerate(names, 1)}
     for path, name, run in _load_all(options.runs, shown, stage):
-        again = recount(run.log, stage(f"recompute {shown[name]}", "samples"))
-        found[_judge(run, again, tolerance)].append(name)
-        if options.json:
-            data.append(verification_data(run, again, tolerance))
-        else:
-            say(f"{path.resolve()}\n\n{verification(run, again, tolerance)}" + "\n" * (several or options.plots is not None))
-        if options.plots:
-            folder = Path(options.plots) / name if several else Path(options.plots)
-            _plot(run, folder, None if options.json else say, stage(f"figures of {shown[name]}", "figures"))
+        with working_on(path):
+            again = recount(run.log, stage(f"recompute {shown[name]}", "samples"))
+            found[_judge(run, again, tolerance)].append(name)
+            if options.json:
+                data.append(verification_data(run, again, tolerance))
+            else:
+                text = verification(run, again, tolerance) + "\n" * (several or options.plots is not None)
+                say(f"{path.resolve()}\n\n{text}")
+            if options.plots:
+                folder = folder_below(Path(options.plots), name) if several else Path(options.plots)
+                _plot(run, folder, None if options.json else say, stage(f"figures of {shown[name]}", "figures"))
         if several and (options.compare or options.plots):
             kept.append((name, run))
     if options.json:
@@ -119,7 +121,8 @@ def _load_all(paths: Sequence[str], names: Mapping[str, str], stage: Stage) -> I
     """Each run with its path and name; what is shown for a name stands behind it."""
     for path, (name, shown) in zip(paths, names.items(), strict=True):
         stage(f"read {shown}", "")
-        run = load_run(path)
+        with working_on(path):
+            run = load_run(path)
         if not len(run.log.rows):
             raise InputError(f"{path}: the log holds no sample, there is nothing to verify")
         yield Path(path), name, run
@@ -137,7 +140,8 @@ def _refuse_impossible(options: argparse.Namespace) -> None:
 def _compare(runs: Sequence[tuple[str, Run]], say: Say, stage: Stage) -> None:
     for name, run in runs[1:]:
         stage(f"compare {name}", "")
-        say("\n" + comparison_report((runs[0][0], name), compare(runs[0][1], run)))
+        with working_on(run.path or name):
+            say("\n" + comparison_report((runs[0][0], name), compare(runs[0][1], run)))
 
 
 def _plot(run: Run, folder: Path, say: Say | None, report: Report | None) -> None:
@@ -152,7 +156,8 @@ def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | N
     from ffsm_mj.present.plots import MOST_RUNS, save_comparison
 
     stage("comparison", "")
-    save_comparison(runs, folder)
+    with working_on(", ".join(str(run.path) for _, run in runs)):
+        save_comparison(runs, folder)
     if say is not None:
         left_out = f", the first {MOST_RUNS} runs" if len(runs) > MOST_RUNS else ""
         say(f"figures in {folder}: comparison (svg, png){left_out}")
@@ -177,6 +182,14 @@ def export(options: argparse.Namespace, say: Say, stage: Stage) -> str:
     if out.suffix.lower() != suffix and (options.form in _FILE_NAMES or out.suffix.lower() in _EXPORT_SUFFIX.values()):
         raise InputError(f"--{options.form} writes {suffix}, --out {out} ends otherwise")
     usable_file(out)
+    with working_on(log):
+        run = _export(log, table, out, options, say, stage)
+    if run.note:
+        say(f"note: {run.note}")
+    return f"{log}: {what_is_missing(run)}" if what_is_missing(run) else ""
+
+
+def _export(log: Path, table: str, out: Path, options: argparse.Namespace, say: Say, stage: Stage) -> Run:
     stage(f"read {log}", "")
     run = load_run(log)
     if options.form == "html":
@@ -194,6 +207,4 @@ def export(options: argparse.Namespace, say: Say, stage: Stage) -> str:
 
         stage(out.name, "")
         say(f"{out}: {write_table(run, table, out, options.form)}")
-    if run.note:
-        say(f"note: {run.note}")
-    return f"{log}: {what_is_missing(run)}" if what_is_missing(run) else ""
+    return run

@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from textwrap import fill
 
@@ -14,9 +14,12 @@ from ffsm_mj.assembly.interrupts import raised
 from ffsm_mj.cli.command_line import HelpAsked, parse, parser
 from ffsm_mj.cli.exit_codes import BAD_INPUT, DAMAGED, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED, VIOLATED
 from ffsm_mj.cli.progress import Progress, progress
+from ffsm_mj.cli.quiet import quiet_libraries
 from ffsm_mj.cli.standard_streams import Output, complain, secure
 
 _VIEWER = "127.0.0.1:9876"
+_READERS = ("analyze", "export", "view", "campaign", "new")
+"""Commands that work on files which may be somebody else's."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -47,7 +50,8 @@ def _perform(arguments: Sequence[str], output: Output) -> int:
     try:
         with raised():
             options = parse(arguments)
-            return _COMMANDS[options.command](options, output)
+            with quiet_libraries() if options.command in _READERS else nullcontext():
+                return _COMMANDS[options.command](options, output)
     except HelpAsked as asked:
         output.say(str(asked))
         return OK
@@ -200,12 +204,13 @@ def _view(options: argparse.Namespace, _: Output) -> int:
         return RUN_FAILED
     if recording is not None:
         return _open_viewer(recording, options.listen)
+    from ffsm_mj.errors import working_on
     from ffsm_mj.log.rerun.from_log import write_recording
     from ffsm_mj.present.run import load_run
 
     with tempfile.TemporaryDirectory(prefix="ffsm-") as folder:
         made = Path(folder) / RECORDING
-        with progress() as shown:
+        with progress() as shown, working_on(f"log {log}"):
             shown.stage(f"recording of {log}")
             write_recording(load_run(log).log, made)
         return _open_viewer(made, options.listen)
@@ -263,10 +268,11 @@ def _schema(options: argparse.Namespace, output: Output) -> int:
 
 
 def _new(options: argparse.Namespace, output: Output) -> int:
+    from ffsm_mj.errors import working_on
     from ffsm_mj.starters.robot import Asked, write_scenario
 
     packages = tuple(map(Path, options.package_path))
-    with progress() as shown:
+    with progress() as shown, working_on(options.robot):
         shown.stage(f"compile {options.robot}")
         lines = write_scenario(
             Asked(

@@ -11,6 +11,8 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.segment import Segment
 
+from ffsm_mj.errors import one_line
+
 _PATIENCE_S = 0.4
 """What is done sooner needs no line."""
 _BAR_CELLS = (8, 40)
@@ -33,7 +35,7 @@ class ProgressLine:
 
     def stage(self, name: str, unit: str = "", total: float | None = None) -> Callable[[float, float], None]:
         """See :meth:`ffsm_mj.cli.progress.Progress.stage`."""
-        self._name, self._unit, self._start = name, unit, time.monotonic()
+        self._name, self._unit, self._start = one_line(name), unit, time.monotonic()
         self._state = 0.0, total
         if self._live is None:
             self._show()

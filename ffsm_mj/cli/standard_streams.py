@@ -1,4 +1,7 @@
-"""stdout and stderr of a command: a reader who has gone away ends nothing, output that is lost is told."""
+"""stdout and stderr of a command: a reader who has gone away ends nothing, output that is lost is told.
+
+All that a command prints passes here, and nothing of it steers the terminal, whoever wrote the files that it speaks of.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ import errno
 import io
 import os
 import sys
+
+from ffsm_mj.errors import one_line, printable
 
 _GONE = {errno.EPIPE, errno.EBADF}
 """The reader of a pipe has closed it (``| head``), or stdout was closed from the start: nobody wants the output."""
@@ -41,11 +46,11 @@ class Output:
         self.lost, self._open = "", True
 
     def say(self, text: str) -> None:
-        """Print a line, or several."""
+        """Print a line, or several; what a file may hold besides text (colours, bidirectional marks) is escaped."""
         if not self._open:
             return
         try:
-            print(text, flush=True)
+            print(printable(text), flush=True)
         except OSError as error:
             self._open = False
             if error.errno not in _GONE:
@@ -54,9 +59,9 @@ class Output:
 
 
 def complain(text: str) -> None:
-    """Print a line to stderr; there is nowhere to tell that this fails."""
+    """Print a line to stderr, what is no text in it escaped; there is nowhere to tell that this fails."""
     try:
-        print(text, file=sys.stderr, flush=True)
+        print(one_line(text), file=sys.stderr, flush=True)
     except OSError:
         _silence(2)
 

@@ -16,7 +16,7 @@ from PIL import Image
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, MissingPackageError, OutputLostError
-from ffsm_mj.present.output_place import usable_file, writing
+from ffsm_mj.present.output_place import new_file, usable_file
 from ffsm_mj.present.pictures import pictures
 from ffsm_mj.present.plots.style import publication
 from ffsm_mj.present.plots.subject import Subject
@@ -125,8 +125,8 @@ def _counted(pictures: Iterator[Any], count: int, report: Callable[[float, float
 def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
     held = BytesIO()
     _save_gif(held, pictures, frames_per_second)
-    with writing(path):
-        path.write_bytes(held.getvalue())
+    with new_file(path) as place:
+        place.write_bytes(held.getvalue())
 
 
 def _save_gif(to: BinaryIO, pictures: Iterator[Any], frames_per_second: float) -> None:
@@ -141,10 +141,16 @@ def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) ->
         ffmpeg = import_module("imageio_ffmpeg")
     except ImportError as error:
         raise MissingPackageError("--mp4", "imageio-ffmpeg", "mp4") from error
+    with new_file(path) as place:
+        _film(ffmpeg, path, place, pictures, frames_per_second)
+
+
+def _film(ffmpeg: Any, path: Path, place: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
+    """Write a film at a place; errors name the path that was asked for."""
     first = next(pictures)
     size = first.shape[1], first.shape[0]
     writer = ffmpeg.write_frames(
-        str(path), size, fps=frames_per_second, quality=8, macro_block_size=2, ffmpeg_log_level="quiet"
+        str(place), size, fps=frames_per_second, quality=8, macro_block_size=2, ffmpeg_log_level="quiet"
     )
     count = 1
     writer.send(None)
@@ -157,7 +163,7 @@ def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) ->
         raise OutputLostError(path, "ffmpeg stopped") from error
     finally:
         writer.close()
-    if not _holds(ffmpeg, path, count):
+    if not _holds(ffmpeg, place, count):
         raise OutputLostError(path, "ffmpeg did not write it to its end")
 
 

@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 from ffsm_mj.analysis.comparison import Comparison, ImpactDifference, RecordsDifference
+from ffsm_mj.errors import one_line
 from ffsm_mj.present.text_table import table
 
 
@@ -25,8 +26,8 @@ def comparison_report(labels: tuple[str, str], found: Comparison) -> str:
 
 
 def _scenario_lines(found: Comparison) -> str:
-    lines = [f"  {key}: {_brief(a)} -> {_brief(b)}" for key, a, b in found.scenario]
-    lines += [f"  model {name} differs" for name in found.models]
+    lines = [f"  {one_line(f'{key}: {_brief(a)} -> {_brief(b)}')}" for key, a, b in found.scenario]
+    lines += [f"  model {one_line(name)} differs" for name in found.models]
     return "\n".join(["scenario:", *lines]) if lines else "scenario and models are the same"
 
 
@@ -37,7 +38,7 @@ def _brief(value: Any) -> str:
 
 def _record_lines(found: Comparison) -> str:
     """One line for each kind of record that either run has: how many, and the first that differ."""
-    return "\n".join(["records:", *(f"  {_compared(each)}" for each in found.records if each.a or each.b)])
+    return "\n".join(["records:", *(f"  {one_line(_compared(each))}" for each in found.records if each.a or each.b)])
 
 
 def _compared(each: RecordsDifference) -> str:
@@ -67,5 +68,5 @@ def _motion_lines(found: Comparison) -> str:
         lines.append(table(("largest difference of", "is", "unit", "at s"), rows))
     for which, keys in (("first", found.only_a), ("second", found.only_b)):
         if keys:
-            lines.append(f"only in the {which}: {', '.join(keys)}")
+            lines.append(f"only in the {which}: {one_line(', '.join(keys))}")
     return "\n\n".join(lines)

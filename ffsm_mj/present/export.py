@@ -16,7 +16,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.tables import Table, samples, table_names
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.present.output_place import usable_file, writing
+from ffsm_mj.present.output_place import new_file, usable_file
 
 _ROWS_AT_ONCE = 50_000
 
@@ -48,7 +48,10 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
         raise InputError(f"--table: {unknown_name('table', name, table_names(run.log))}")
     usable_file(path)
     write = _write_parquet if form == "parquet" else _write_csv
-    with writing(path), path.open("wb") as stream:  # a path would be removed by pyarrow where writing fails, be it a device
+    with (
+        new_file(path) as place,
+        place.open("wb") as stream,
+    ):  # pyarrow would remove a path where writing fails, be it a device
         rows, columns = write(_parts(run, name), stream)
     return f"{rows} rows of {columns} columns"
 

@@ -11,7 +11,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import InputError
 from ffsm_mj.present.animation import gif
 from ffsm_mj.present.frame_rate import MOST_FRAMES_PER_SECOND
-from ffsm_mj.present.output_place import usable_file, writing
+from ffsm_mj.present.output_place import new_file, usable_file
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Film:
         if target.suffix.lower() != ".gif":
             raise InputError(f"{target}: the film is a .gif; 'ffsm export --mp4' makes an .mp4")
         usable_file(target)
-        with writing(target):
-            target.write_bytes(self.gif)
+        with new_file(target) as place:
+            place.write_bytes(self.gif)
         return target
 
     def _repr_html_(self) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.errors import one_line
 from ffsm_mj.records.kinds import RecordKind
 
 _MOST_LINES = 20
@@ -19,6 +20,6 @@ def record_lines(run: Run) -> list[str]:
 def _lines(kind: RecordKind, records: Sequence[Any]) -> Iterator[str]:
     yield f"{kind.plural.replace('_', ' ')}: {len(records) or 'none'}"
     for record in records[:_MOST_LINES]:
-        yield f"  {kind.time(record):.6f} s  {kind.sentence(record)}"
+        yield f"  {kind.time(record):.6f} s  {one_line(kind.sentence(record))}"
     if len(records) > _MOST_LINES:
         yield f"  and {len(records) - _MOST_LINES} more: ffsm export --csv --table {kind.plural}"

@@ -11,6 +11,7 @@ from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.recounted import Recount
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.verdicts import Law, Tolerance
+from ffsm_mj.errors import one_line
 from ffsm_mj.present.json_text import json_text
 from ffsm_mj.present.record_lines import record_lines
 from ffsm_mj.present.text_table import table
@@ -32,16 +33,16 @@ def run_report(run: Run) -> str:
     if run.conservative or laws:
         parts.append(conservation_table(laws) + ("" if all(law.holds for law in laws) else _STEP_HINT))
     if not run.conservative:
-        parts.append("not conservative: " + run.why_not_conservative)
+        parts.append("not conservative: " + one_line(run.why_not_conservative))
     return "\n\n".join(part for part in parts if part)
 
 
 def headline(run: Run) -> str:
     """One line: scenario, outcome, times."""
     summary = run.summary()
-    line = f"{run.name}: {summary['outcome']}"
+    line = one_line(f"{run.name}: {summary['outcome']}")
     if summary["message"]:
-        line += f" ({summary['message']})"
+        line += one_line(f" ({summary['message']})")
     if run.complete:
         line += f"; {summary['duration_s']:g} s simulated"
         if summary["wall_s"]:  # not told where SOURCE_DATE_EPOCH is set
@@ -205,7 +206,7 @@ def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
     if run.conservative or laws:
         parts.append(conservation_table(laws))
     if not run.conservative:
-        fault = run.why_not_conservative
+        fault = one_line(run.why_not_conservative)
         parts.append(f"energy and momenta are not judged, the run is not conservative: {fault}")
     if laws:
         left = " in what can be read" if damage else ""
@@ -223,7 +224,7 @@ def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
 def agreement(again: Recount) -> str:
     """One line: whether the columns of the log are what its states say; more where they are not."""
     if again.obstacle:
-        why = f"nothing can be recomputed ({again.obstacle})"
+        why = f"nothing can be recomputed ({one_line(again.obstacle)})"
         return f"NOT VERIFIED: {why}; the laws are judged by what the log says of itself"
     worst = sorted(again.worst.values(), key=lambda one: -one.excess)
     if again.agrees:
@@ -234,7 +235,7 @@ def agreement(again: Recount) -> str:
 
 def _difference(worst: Difference) -> str:
     unit = f" {worst.unit}" if worst.unit else ""
-    return f"{worst.size:.1e}{unit} in {worst.what} at {worst.time_s:.3f} s (allowed {worst.allowed:.1e})"
+    return f"{worst.size:.1e}{unit} in {one_line(worst.what)} at {worst.time_s:.3f} s (allowed {worst.allowed:.1e})"
 
 
 def damage_of(run: Run, again: Recount) -> str:

@@ -6,6 +6,8 @@ import shutil
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 
+from ffsm_mj.errors import one_line
+
 _LEAST = 40
 """On a terminal of fewer letters nothing is laid out."""
 
@@ -24,7 +26,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, keys: int = 1) 
         rows: As many cells each.
         keys: Columns at the left that say which row it is; each part of a divided table has them.
     """
-    cells = [list(head), *(list(row) for row in rows)]
+    cells = [list(head), *(list(map(one_line, row)) for row in rows)]  # a line end in a name would make a row of its own
     columns = [_padded(column) for column in zip(*cells, strict=True)]
     parts = _parts([2 + len(column[0]) for column in columns], terminal_width(), keys)
     return "\n\n".join(

@@ -20,6 +20,7 @@ from ffsm_mj.records.signals import PARTIES
 
 _ALL_FREE = "1 1 1 1 1 1"
 _MODELS = ("model", "controller_model")
+_TIMES = ("time_step_s", "control_period_s")
 _DEEPEST = 5  # tree, body, geoms, geom, key
 
 
@@ -137,6 +138,9 @@ def fault_of_facts(facts: Mapping[str, str]) -> str:
         words = facts.get(name, _ALL_FREE).split()
         if len(words) != 6 or not set(words) <= {"0", "1"}:
             return f"its fact {name} is {facts[name]!r}; six of 0 and 1 are allowed"
+    for name in _TIMES:
+        if name in facts and not (_is_number(facts[name]) and float(facts[name]) > 0.0):
+            return f"its fact {name} is {facts[name]!r}; a positive number of seconds is allowed"
     for name in _MODELS:
         if name in facts and not _is_numbers(facts[name]):
             return f"its fact {name} is {facts[name]!r}; JSON objects with finite numbers or lists of them are allowed"

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -36,6 +40,18 @@ def on_full_disk(*arguments):
         return subprocess.run(ffsm(*arguments), stdout=full, stderr=subprocess.PIPE, text=True, check=False)
 
 
+@contextmanager
+def no_room(monkeypatch) -> Iterator[None]:
+    """Every file ends after 100 bytes: like a full disk, the writer is told so by the operating system."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # or what is imported meanwhile is cut in the cache
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
 @pytest.mark.parametrize("arguments", ["analyze a", "schema", "run --list", "-h", ""])
 @pytest.mark.usefixtures("run")
 def test_a_full_stdout_is_no_success(arguments):
@@ -65,25 +81,56 @@ def test_a_reader_who_has_gone_is_no_failure(arguments):
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio-ffmpeg leaves its pipe open
 @pytest.mark.parametrize("form", ["--csv --table impacts", "--csv", "--parquet", "--gif", "--mp4", "--html"])
-def test_a_file_on_a_full_disk_is_lost(form, run, capsys):
-    """Through a link: what a library tidies away after a failure is the link, not the device."""
+def test_a_file_on_a_full_disk_is_lost(form, run, capsys, monkeypatch):
+    """An earlier file of that name stays as it was, and nothing is left beside it."""
     name = f"x.{form.split()[0][2:]}"
-    os.symlink(FULL, name)
-    assert main(["export", run, *form.split(), "--out", name]) == 3
+    Path(name).write_text("earlier")
+    with no_room(monkeypatch):
+        assert main(["export", run, *form.split(), "--out", name]) == 3
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith(f"{name}: output is lost (")
     assert captured.err.count("\n") == 1
-    assert os.path.islink(name)
+    assert Path(name).read_text() == "earlier"
+    assert sorted(os.listdir()) == ["a", name]
+
+
+@pytest.mark.parametrize("form", ["--csv --table impacts", "--parquet", "--gif", "--mp4", "--html"])
+def test_a_link_is_replaced_and_never_written_through(form, run, tmp_path, capsys):
+    """A run folder may be a stranger's, and what an export is called by itself is known."""
+    (tmp_path / "precious").write_text("mine")
+    names = {"--csv": "impacts.csv", "--parquet": "samples.parquet", "--html": "run.html"}
+    name = Path(run, names.get(form.split()[0], f"motion.{form[2:]}"))
+    name.symlink_to(tmp_path / "precious")
+    assert main(["export", run, *form.split()]) == 0, capsys.readouterr().err
+    assert (tmp_path / "precious").read_text() == "mine"
+    assert name.is_file()
+    assert not name.is_symlink()
+
+
+def test_an_interrupted_export_leaves_the_earlier_file_whole(run, capsys, monkeypatch):
+    assert main(["export", run, "--csv"]) == 0
+    earlier = Path(run, "samples.csv").read_bytes()
+
+    def interrupted(_, stream):
+        stream.write(b"time_s,")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ffsm_mj.present.export._write_csv", interrupted)
+    before = sorted(os.listdir(run))
+    assert main(["export", run, "--csv"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+    assert Path(run, "samples.csv").read_bytes() == earlier
+    assert sorted(os.listdir(run)) == before
 
 
 def test_figures_on_a_full_disk_are_lost(run, capsys, monkeypatch):
     every = plots._makers
     monkeypatch.setattr(plots, "_makers", lambda run, _: every(run, ["energies"]))
-    os.mkdir("figures")
-    os.symlink(FULL, "figures/energies.svg")
-    assert main(["analyze", run, "--plots", "figures"]) == 3
-    assert capsys.readouterr().err == "figures: output is lost (No space left on device)\n"
+    with no_room(monkeypatch):
+        assert main(["analyze", run, "--plots", "figures"]) == 3
+    assert capsys.readouterr().err == "figures/energies.png: output is lost (File too large)\n"
+    assert os.listdir("figures") == []
 
 
 LONG = "x" * 300

@@ -125,3 +125,53 @@ def test_a_number_that_is_not_finite_is_null_in_json(hit, tmp_path, capsys):
     found = capsys.readouterr()
     assert json.loads(found.out, parse_constant=pytest.fail)["complete"]
     assert found.err == ""
+
+
+EVIL = "\x1b]0;owned\x07\x1b[31m\u202e\u2066$script ${x} $$\nall 99 laws hold\r"
+
+
+def test_what_a_log_says_does_not_steer_the_terminal(hit, tmp_path, capsys):
+    """Colours, titles, bidirectional marks and line ends in names, messages and facts: escaped wherever they are printed."""
+
+    def change(record):
+        if isinstance(record, Channel) and "conservative" in record.metadata:
+            odd = {"scenario": EVIL, "phases": EVIL, "conservative": "false", "not_conservative": EVIL}
+            record = replace(record, metadata=record.metadata | odd)
+        yield record
+
+    path = changed(hit, tmp_path / "x.mcap", change)
+    assert main(["analyze", path]) in (0, 1)
+    assert main(["export", path, "--csv", "--table", EVIL]) == 2
+    captured = capsys.readouterr()
+    assert (captured.out + captured.err).replace("\n", "").isprintable()
+    assert [line for line in captured.out.splitlines() if line.startswith("all 99 laws hold")] == []
+
+
+@pytest.mark.parametrize("name", ["time_step_s", "control_period_s"])
+@pytest.mark.parametrize("text", ["None", "", "nan", "-1", "inf", "0"])
+def test_a_step_that_is_none(hit, tmp_path, capsys, name, text):
+    def change(record):
+        facts = isinstance(record, Channel) and "conservative" in record.metadata
+        yield replace(record, metadata=record.metadata | {name: text}) if facts else record
+
+    path = changed(hit, tmp_path / "x.mcap", change)
+    assert main(["analyze", path]) == 2
+    assert capsys.readouterr().err == f"{path}: its fact {name} is {text!r}; a positive number of seconds is allowed\n"
+
+
+@pytest.mark.parametrize("arguments", ["analyze", "export --csv", "export --html", "view"])
+def test_whatever_a_log_makes_go_wrong_is_one_line(hit, tmp_path, capsys, monkeypatch, arguments):
+    """Also what nobody has foreseen, here a reader that breaks down."""
+
+    def broken(*_):
+        raise ZeroDivisionError("float\ndivision")
+
+    path = changed(hit, tmp_path / "x.mcap", lambda record: [record])
+    monkeypatch.setattr("ffsm_mj.present.run.read_log", broken)
+    monkeypatch.setattr("ffsm_mj.log.rerun.viewer.has_display", lambda: True)
+    command, *options = arguments.split()
+    assert main([command, path, *options]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "x.mcap: cannot be used (ZeroDivisionError: float division (test_logs.py:" in captured.err
+    assert captured.err.count("\n") == 1

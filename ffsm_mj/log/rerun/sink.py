@@ -56,7 +56,7 @@ class RerunSink:
         self._picker = FramePicker(self._system, layout, self._view_rate_hz)
         self._recording = rr.RecordingStream(
             f"ffsm-mj {header.scenario_name}",  # an open viewer keeps one layout per application
-            recording_id=f"{header.scenario_name}-{header.facts['created_utc']}",
+            recording_id=f"{header.scenario_name}-{header.facts.get('created_utc', '')}",
         )
         self._connect()
         self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import MissingPackageError
-from ffsm_mj.present.output_place import usable_file, writing
+from ffsm_mj.present.output_place import new_file, usable_file
 from ffsm_mj.present.plots.subject import Subject
 
 __all__ = ["write_page"]
@@ -43,6 +43,6 @@ def write_page(run: Run, path: Path) -> str:
     picked = poses(subject)
     drawn = scene(subject, picked)
     page = document(run, drawn, picked).encode()
-    with writing(path):
-        path.write_bytes(page)
+    with new_file(path) as place:
+        place.write_bytes(page)
     return f"{picked.said}, {len(page) / 1e6:.1f} MB"

@@ -9,6 +9,8 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from ffsm_mj.present.output_place import new_file
+
 # Okabe & Ito: told apart with every kind of colour vision; the line styles tell them apart in greyscale.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
@@ -72,6 +74,7 @@ def write(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = FO
         for form in formats:
             path = folder / f"{name}.{form}"
             metadata = {"Date": None, "Creator": "ffsm-mj"} if form == "svg" else {"Software": "ffsm-mj"}
-            figure.savefig(path, format=form, dpi=dpi, metadata=metadata)
+            with new_file(path) as place:
+                figure.savefig(place, format=form, dpi=dpi, metadata=metadata)
             paths.append(path)
     return paths
