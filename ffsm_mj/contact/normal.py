@@ -23,6 +23,9 @@ _ROUNDING = 1e-15
 _ITERATIONS = 20
 _LONGEST_STEP = 0.1
 _FLATTEST = 1e-9
+# The smallest eigenvalue of a symmetric matrix is known to a few units of rounding of its largest: close to the axis of a
+# cylinder a turn of the rim has a radius of 1e7 m and more, and what is left of the other one is noise, zero at times.
+_EIGENVALUE_ROUNDING = 16.0 * 2.0**-52
 
 
 def polished(first: Shape, second: Shape, estimate: FloatArray) -> FloatArray:
@@ -67,7 +70,7 @@ def _maximise(first: Shape, second: Shape, normal: FloatArray, edges: FloatArray
         # The Hessian on the sphere: both geoms' radii, and the gap because a turned direction stays a unit vector.
         slope = tangents @ (first.radii(normal) + second.radii(-normal)) @ tangents.T
         slope += float(offset @ normal) * np.eye(len(slope))
-        if _least_eigenvalue(slope) < _FLATTEST:
+        if _least_eigenvalue(slope) < max(_FLATTEST, _EIGENVALUE_ROUNDING * float(np.abs(slope).max())):
             break  # nothing is curved: the direction has no better neighbour
         step = np.linalg.solve(slope, tangents @ offset)
         length = math.hypot(*step)

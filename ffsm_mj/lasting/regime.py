@@ -74,6 +74,7 @@ class Lasting(Regime):
         if moved is not None and moved is not motion:
             self._look_anew(held)
         self._settle()
+        self._closed.press()  # what pressed on the motion before may be on one rigid body in this one
 
     def _look_anew(self, held: frozenset[ContactPair]) -> None:
         """Hold what is closed and still of the pairs that there are while this moves, of which some were held before."""
