@@ -58,8 +58,9 @@ class Course:
     def restart(self) -> None:
         """Look again after something changed at one instant: velocities, who is active, what moves."""
         self._active = [regime for regime in self.regimes if regime.active]
-        pushing = sorted((regime for regime in self._active if regime.pushes), key=lambda regime: regime.answers)
-        self.motion.push_with([regime.push for regime in pushing])
+        pushing = [regime for regime in self._active if regime.pushes]
+        pushes, answers = ([each.push for each in pushing if each.answers is answering] for answering in (False, True))
+        self.motion.push_with(pushes, answers)
         for regime in self.regimes:
             regime.restart()
         self.motion.flight.clear(self._horizon())

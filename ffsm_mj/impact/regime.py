@@ -105,8 +105,7 @@ class Impacts(Detector):
             ]
             return resolve(model, data, contacts, self._rules.law)
 
-        other = self.motion if self.motion.data is not self.scene.data else None
-        return settled(self.scene.system.mj, self.scene.data, touching, self._rules.rest, with_restitution, other)
+        return settled(self.scene.system.mj, self.scene.data, touching, self._rules.rest, with_restitution, self.motion)
 
     def apply(self, touching: Touching, impact: Impact) -> Impact:
         """Give what moves its velocities after; returns the impact in the coordinates of the system."""

@@ -1,8 +1,9 @@
 """Which contacts come to rest: rule (10), the next flight is shorter than a time that the scenario states.
 
 At an impact the accelerations of the gaps follow from the velocities that a plastic impact of all touching contacts would
-leave and from the efforts held. Where they press, contact forces lambda >= 0 answer so that no gap accelerates inwards;
-b = G_ii lambda_i is the acceleration that contact i takes off its pair, -gap'' without it and with the forces of the others.
+leave and from what pushes there besides contacts: the efforts held, gravity, springs. Where they press, contact forces
+lambda >= 0 answer so that no gap accelerates inwards; b = G_ii lambda_i is the acceleration that contact i takes
+off its pair, -gap'' without it and with the forces of the others.
 A contact that separates at u flies for 2 u / b.
 """
 
@@ -23,7 +24,6 @@ from ffsm_mj.impact.laws import least_norm, project
 from ffsm_mj.impact.resolution import Impact, resolve
 from ffsm_mj.impact.touching import Touching, touching_points
 from ffsm_mj.model.dynamics import mass_matrix
-from ffsm_mj.motion.flight import WHOLE_STATE
 from ffsm_mj.motion.motion import Motion
 
 
@@ -67,19 +67,19 @@ def settled(
     touching: Touching,
     rule: RestRule,
     resolve_with: Callable[[FloatArray], Impact],
-    motion: Motion | None = None,
+    motion: Motion,
 ) -> Settled:
     """Resolve an impact, plastic where a contact would fly for too short a time.
 
     A contact with e = 1 never comes to rest, except where it does not even approach; one that rests may let others rest.
 
     Args:
-        model: MuJoCo model.
+        model: MuJoCo model of the system.
         data: Its data at the impact, before it, with the efforts held.
         touching: Pairs in contact.
         rule: What counts as lasting.
         resolve_with: Resolves the impact of all their points with a coefficient of restitution for each.
-        motion: What moves and stands for it, where that is another model; the bodies of its impacts are those of it.
+        motion: What moves and stands for it; the bodies of its impacts are those of it.
     """
     points = touching_points(touching)
     used = np.array([pair.restitution for pair, _, _ in points])
@@ -106,17 +106,16 @@ def _pressing(
     data: Any,
     points: Sequence[tuple[ContactPair, Proximity, FloatArray]],
     impact: Impact,
-    motion: Motion | None,
+    motion: Motion,
 ) -> FloatArray:
     """The b of each contact in m/s^2, (k,); zero where it is not pressed."""
     plastic_contacts = [replace(contact, restitution=0.0) for contact in impact.contacts]
-    moving = (model, data) if motion is None else (motion.model, motion.data)
-    plastic = resolve(*moving, plastic_contacts)
-    with _after(model, data, plastic.after.qvel, motion) as (seen, moved):
-        rates = [pair.second_rate(model, seen, near, point) for pair, near, point in points]
+    plastic = resolve(motion.model, motion.data, plastic_contacts)
+    with _without_contacts(motion, plastic.after.qvel):
+        rates = [pair.second_rate(model, data, near, point) for pair, near, point in points]
         free, rounding = np.array([[rate.value, rate.rounding] for rate in rates]).T
-        J = np.stack([contact_jacobian(moving[0], moved, contact) for contact in impact.contacts])
-        A = np.linalg.solve(np.linalg.cholesky(mass_matrix(moving[0], moved)), J.T).T
+        J = np.stack([contact_jacobian(motion.model, motion.data, contact) for contact in impact.contacts])
+        A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, motion.data)), J.T).T
     # The laws of impact solve the same problem in velocities: any w with A w = gap'' will do.
     w = np.linalg.lstsq(A, free, rcond=None)[0]
     pressing = np.sum(A * A, axis=1) * least_norm(A, project(A, w))
@@ -124,24 +123,24 @@ def _pressing(
 
 
 @contextmanager
-def _after(model: Any, data: Any, qvel: FloatArray, motion: Motion | None) -> Iterator[tuple[Any, Any]]:
-    """Data of the system, and of what moves, at other velocities of this, under the efforts held; for a while."""
-    if motion is None:
-        scratch = mujoco.MjData(model)
-        state = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
-        mujoco.mj_getState(model, data, state, WHOLE_STATE)
-        mujoco.mj_setState(model, scratch, state, WHOLE_STATE)
-        scratch.qvel[:] = qvel
-        mujoco.mj_forward(model, scratch)
-        yield scratch, scratch
-        return
-    before, pushed = motion.data.qvel.copy(), motion.data.qfrc_applied.copy()
+def _without_contacts(motion: Motion, qvel: FloatArray) -> Iterator[None]:
+    """What moves, and what follows it, at other velocities under all forces but those of contacts.
+
+    What ``qfrc_applied`` holds is of the last stage: forces of contacts that answer what was before the impact, and of
+    springs at the velocities before it. Who depends on the state alone is asked anew, who answers is left out.
+    """
+    data = motion.data
+    before, pushed = data.qvel.copy(), data.qfrc_applied.copy()
     try:
-        motion.data.qfrc_applied.fill(0.0)  # the forces of contacts in the stage before are none of those after
+        data.qfrc_applied.fill(0.0)
         _put(motion, qvel)
-        yield data, motion.data
+        if motion.pushes:
+            for push in motion.pushes:
+                push(data)
+            _put(motion, qvel)
+        yield
     finally:
-        motion.data.qfrc_applied[:] = pushed
+        data.qfrc_applied[:] = pushed
         _put(motion, before)
 
 

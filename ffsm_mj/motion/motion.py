@@ -25,6 +25,7 @@ class Motion:
         path: The last step.
         flight: Makes the steps and keeps account of their length.
         bodies: Id in this model of each body of the system that it stands for.
+        pushes: Forces besides the efforts that act in its stages and depend on the state alone.
         grasp: Name of the grasp that holds an object while it moves; empty where it is the system itself.
         carried: The object that it holds, as the system has it; None where it holds none.
         rigid: Pairs of the system's geoms that cannot move against each other in it, though they can in the system.
@@ -40,6 +41,7 @@ class Motion:
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
         self.room = tuple(np.empty((4, 3, model.nv)))
         self.bodies: Sequence[int] = range(model.nbody)
+        self.pushes: Sequence[Push] = ()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self._unpushed = self.flight = fastest(Flight)(model, data, self.path.start, self.momentum)
 
@@ -48,10 +50,16 @@ class Motion:
         """Bodies of the system that are parts of the robot in it, though they are an object's."""
         return frozenset(self.carried.bodies) if self.carried is not None else frozenset()
 
-    def push_with(self, pushes: Sequence[Push]) -> None:
-        """Let forces act in every stage of the coming steps, and no others; derived quantities follow."""
-        if pushes:
-            pushed = PushedFlight(self.model, self.data, self.path.start, self.momentum, pushes, self.follow)
+    def push_with(self, pushes: Sequence[Push], answers: Sequence[Push] = ()) -> None:
+        """Let forces act in every stage of the coming steps, and no others; derived quantities follow.
+
+        Args:
+            pushes: Those that depend on the state alone.
+            answers: Those that answer all others, asked after them.
+        """
+        self.pushes = tuple(pushes)
+        if every := (*pushes, *answers):
+            pushed = PushedFlight(self.model, self.data, self.path.start, self.momentum, every, self.follow)
             self.flight, self.path.integrate = pushed, pushed.integrate
             pushed.refresh()
         elif self.flight is not self._unpushed:

@@ -9,6 +9,7 @@ import pytest
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.impact import Contact, resolve
 from ffsm_mj.impact.resting import RestRule, settled
+from ffsm_mj.motion.motion import Motion
 from tests.contact.test_geometry import PAIRS, shape
 from tests.scenes import scene
 
@@ -77,13 +78,15 @@ def test_what_presses_is_the_motion_after_a_plastic_impact(tmp_path, rng):
     pressed = 0
     for _ in range(12):
         pair, model, data = close_pair(tmp_path, "capsule", "ellipsoid", rng)
+        motion, forces = Motion(model, data), data.qfrc_applied.copy()
+        motion.push_with([lambda pushed, forces=forces: np.add(pushed.qfrc_applied, forces, out=pushed.qfrc_applied)])
         near = pair.proximity(model, data)
         data.qvel[:] *= -0.4 * np.sign(near.rate)  # it approaches, and the forces count
         mujoco.mj_forward(model, data)
         near = pair.proximity(model, data)
         before = pair.second_rate(model, data, near, near.points[0]).value
         impact = resolve(model, data, [Contact(pair.body_a, pair.body_b, near.points[0], near.normal, 0.0)])
-        met = settled(model, data, [(pair, near)], RestRule(1e-3, 0.0), lambda _, impact=impact: impact)
+        met = settled(model, data, [(pair, near)], RestRule(1e-3, 0.0), lambda _, impact=impact: impact, motion)
         data.qvel[:] = impact.after.qvel
         mujoco.mj_forward(model, data)
         after = pair.second_rate(model, data, near, near.points[0]).value

@@ -13,6 +13,8 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.cli.main import main
+from ffsm_mj.impact import regime as impact_regime
+from ffsm_mj.impact.resting import settled
 from ffsm_mj.impact.time_of_impact import Detector
 from ffsm_mj.motion.step_path import StepPath
 from ffsm_mj.simulation import loop as simulation
@@ -399,3 +401,37 @@ def test_an_overlap_is_never_reported_as_good(tmp_path, monkeypatch, capsys):
     # The balls pass through each other from 0.01 s on, at 1 m/s.
     run = ffsm_mj.load_run(tmp_path / "through")
     assert run["ledger.deepest_overlap_m"].max() == pytest.approx(0.04, abs=1e-12)
+
+
+def test_what_presses_after_an_impact_is_without_the_contact_forces_before_it(tmp_path, monkeypatch):
+    """Rule (10): a ball of 2 kg that lies on a slab is hit by one of 0.5 kg from above, under gravity of 2.5 m/s^2.
+
+    In b the slab bears both, 6.25 N / 2 kg; the stone is borne with 1.25 N, G = 1 / 2 + 1 / 0.5.
+    """
+    found = []
+
+    def remembered(*args):
+        found.append(settled(*args))
+        return found[-1]
+
+    monkeypatch.setattr(impact_regime, "settled", remembered)
+    gravity = '<option gravity="0 0 -2.5"/>'
+    slab = f'<mujoco>{gravity}<worldbody><geom name="slab" type="box" size="1 1 0.1"/></worldbody></mujoco>'
+    path = scene(
+        tmp_path,
+        ball("ball", mass=2.0, joints="z").replace(HEAD, gravity),
+        {"stone": ball("stone", mass=0.5, joints="z").replace(HEAD, gravity), "slab": slab},
+        fixed={"slab": {}},
+        conservative=False,
+        duration_s=0.4,
+        initial={"joints": {"robot/z": 0.2, "stone/z": 0.5}},
+        impact_pairs=[
+            {"geoms": ["slab/slab", "ball"], "restitution": 0.5},
+            {"geoms": ["ball", "stone/stone"], "restitution": 0.5},
+        ],
+    )
+    run = ffsm_mj.run(path)
+    assert len(run.records["contact_beginnings"])
+    hit = next(met for met in found if len(met.pressing) == 2)
+    np.testing.assert_allclose(hit.pressing, [3.125, 3.125], rtol=1e-9)
+    check(run)
