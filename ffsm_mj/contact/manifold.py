@@ -38,11 +38,7 @@ def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, leve
     """
     if min(len(first), len(second)) == 1:
         return first if len(first) == 1 else second
-    axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    u = np.cross(normal, axis)
-    u /= np.linalg.norm(u)
-    plane = np.stack((u, np.cross(normal, u)))
-    a, b = (hull(points @ plane.T, merge=_SAME_M, straight=_STRAIGHT) for points in (first, second))
+    plane, a, b = _flattened(first, second, normal)
     reach = 1e-9 + 1e-7 * max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
     candidates = [p for p in a if _inside(p, b, reach)] + [p for p in b if _inside(p, a, reach)] + _crossings(a, b)
     if not candidates:
@@ -51,6 +47,29 @@ def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, leve
     low, high = (_heights(points @ normal, points @ plane.T, corners) for points in (first, second))
     touching = high - low <= (high - low).min() + level
     return np.asarray(corners[touching] @ plane + np.outer(0.5 * (low + high)[touching], normal))
+
+
+def opposite(first: FloatArray, second: FloatArray, normal: FloatArray) -> bool:
+    """Whether two features lie opposite each other along a normal: if not, it is not the normal of the two geoms.
+
+    Args:
+        first: Extreme points of one geom along the normal, (m, 3).
+        second: Extreme points of the other against it, (n, 3).
+        normal: Direction from the first geom to the second.
+    """
+    _, a, b = _flattened(first, second, normal)
+    corners = [(p, b) for p in a] + [(p, a) for p in b]
+    return any(_inside(p, polygon, _SAME_M) for p, polygon in corners) or bool(_crossings(a, b))
+
+
+def _flattened(first: FloatArray, second: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Axes across the normal, (2, 3), and both features in their plane."""
+    axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    u = np.cross(normal, axis)
+    u /= np.linalg.norm(u)
+    plane = np.stack((u, np.cross(normal, u)))
+    a, b = (hull(points @ plane.T, merge=_SAME_M, straight=_STRAIGHT) for points in (first, second))
+    return plane, a, b
 
 
 def _heights(heights: FloatArray, places: FloatArray, corners: FloatArray) -> FloatArray:

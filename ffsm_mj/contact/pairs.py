@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.manifold import LEVEL_M, touching_set
+from ffsm_mj.contact.manifold import LEVEL_M, opposite, touching_set
 from ffsm_mj.contact.normal import polished, separation
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
 from ffsm_mj.contact.shape import PARALLEL, Shape
@@ -37,6 +37,8 @@ FAR = 1e3
 _PASSES, _SETTLED = 20, 1e-5
 # Its stand-off, as a share of the pair's size (half the thinnest extent), and in m at most.
 _SHARE, _SHIFT = 0.2, 1e-2
+# The least stand-off, m: there MuJoCo's witnesses, good to some 1e-15, give a direction within the reach of the polish.
+_NEAREST = 1e-9
 # Rotations and accelerations inside a step may exceed what its ends show; the bound keeps this margin.
 _BOUND_MARGIN = 1.1
 # Relative error of an eigenvalue of a sum of inertias, against the greatest: some 1e-16, with room.
@@ -192,8 +194,11 @@ class ContactPair:
     def proximity(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
         first, second = Shape(model, data, self._g1), Shape(model, data, self._g2)
-        estimate, witness = self._shifted_query(model, data)
-        normal = self._normal = polished(first, second, estimate)
+        estimate, witness = self._shifted_query(model, data, self._estimate(model, data), min(_SHIFT, _SHARE * self.size))
+        normal = polished(first, second, estimate)
+        if not _is_normal(first, second, normal):
+            normal, witness = self._nearer_query(model, data, (normal, witness))
+        self._normal = normal
         level = LEVEL_M + first.vague + second.vague
         points = touching_set(first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL), normal, level)
         points = points if len(points) else witness[None]
@@ -237,11 +242,30 @@ class ContactPair:
         angular, linear = data.cvel[body][:3], data.cvel[body][3:]
         return np.asarray(linear + np.cross(angular, points - data.subtree_com[root]))
 
-    def _shifted_query(self, model: Any, data: Any) -> tuple[FloatArray, FloatArray]:
-        """Normal and the midpoint of the witnesses, asked with b moved clear of a."""
+    def _nearer_query(
+        self, model: Any, data: Any, found: tuple[FloatArray, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Normal and witness where those of the usual shift, which are given, are none: corners within a hair of each other.
+
+        There each pass of the query turns the direction by the corners' offset across it over the shift, no more; from less
+        and less far away it turns far enough to see the faces and edges that the corners belong to. The separation along
+        none of the directions on the way is larger than that along the normal.
+        """
+        first, second = Shape(model, data, self._g1), Shape(model, data, self._g2)
+        (best, witness), shift = found, min(_SHIFT, _SHARE * self.size)
+        while shift > _NEAREST and not _is_normal(first, second, best):
+            shift *= 0.1
+            direction, between = self._shifted_query(model, data, best, shift)
+            normal = polished(first, second, direction)
+            if separation(first, second, normal) > separation(first, second, best):
+                best, witness = normal, between
+        return best, witness
+
+    def _shifted_query(
+        self, model: Any, data: Any, normal: FloatArray, shift: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Normal and the midpoint of the witnesses, asked with b moved clear of a, first along an estimate."""
         centre = data.geom_xpos[self._g2].copy()
-        normal = self._estimate(model, data)
-        shift = min(_SHIFT, _SHARE * self.size)
         try:
             for _ in range(_PASSES):
                 data.geom_xpos[self._g2] = centre + shift * normal
@@ -265,6 +289,11 @@ class ContactPair:
         direction = data.geom_xpos[self._g2] - data.geom_xpos[self._g1]
         length = float(np.linalg.norm(direction))
         return np.asarray(direction / length) if length > 0.0 else np.array([1.0, 0.0, 0.0])
+
+
+def _is_normal(first: Shape, second: Shape, direction: FloatArray) -> bool:
+    """Whether what is extreme along a direction in one geom lies opposite what is extreme against it in the other."""
+    return opposite(first.extreme(direction, PARALLEL), second.extreme(-direction, PARALLEL), direction)
 
 
 def _direction(fromto: FloatArray) -> FloatArray:
