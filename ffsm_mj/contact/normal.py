@@ -9,13 +9,14 @@ it, two edges or a face leave no choice.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from itertools import combinations
+from collections.abc import Iterable, Iterator
+from itertools import combinations, product
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.shape import Shape, cross
+from ffsm_mj.contact.manifold import opposite
+from ffsm_mj.contact.shape import PARALLEL, Shape, cross
 
 _WIDTH = 1e-4
 """The query's direction is good to about 1e-5 rad: edges and faces within this may be the ones that touch."""
@@ -35,9 +36,25 @@ def polished(first: Shape, second: Shape, estimate: FloatArray) -> FloatArray:
     and the separation along none is larger than that along the normal.
     """
     edges = np.vstack((first.edges(estimate, _WIDTH), second.edges(-estimate, _WIDTH)))
+    best = _best(first, second, estimate, _choices(edges))
+    if (first.vague or second.vague) and not is_normal(first, second, best):
+        # Of a face of a mesh two directions that span it were asked; what touches at its side needs that very edge.
+        finer = _best(first, second, best, _crossed(first.hull_edges(best, _WIDTH), second.hull_edges(-best, _WIDTH)))
+        if separation(first, second, finer) >= separation(first, second, best) - _ROUNDING:
+            best = finer
+    return best
+
+
+def is_normal(first: Shape, second: Shape, direction: FloatArray) -> bool:
+    """Whether what is extreme along a direction in one geom lies opposite what is extreme against it in the other."""
+    return opposite(first.extreme(direction, PARALLEL), second.extreme(-direction, PARALLEL), direction)
+
+
+def _best(first: Shape, second: Shape, estimate: FloatArray, choices: Iterable[FloatArray]) -> FloatArray:
+    """The direction of largest separation among those of some choices of edges, and an estimate."""
     best, largest = estimate, -np.inf
     # Where directions tie to rounding the one with more edges counts, and the estimate itself, which is less exact, last.
-    for normal in (*(_maximise(first, second, estimate, fixed) for fixed in _choices(edges)), estimate):
+    for normal in (*(_maximise(first, second, estimate, fixed) for fixed in choices), estimate):
         value = separation(first, second, normal)
         if value > largest + _ROUNDING:
             best, largest = normal, value
@@ -56,6 +73,15 @@ def _choices(edges: FloatArray) -> Iterator[FloatArray]:
             yield np.stack((one, other))
     yield from edges[:, None]
     yield edges[:0]
+
+
+def _crossed(of_first: FloatArray, of_second: FloatArray) -> Iterator[FloatArray]:
+    """The same of one edge of each geom at most: two of one geom say no more than the face that they bound."""
+    for one, other in product(of_first, of_second):
+        if math.hypot(*cross(one, other)) > _WIDTH:
+            yield np.stack((one, other))
+    yield from np.vstack((of_first, of_second))[:, None]
+    yield of_first[:0]
 
 
 def _maximise(first: Shape, second: Shape, normal: FloatArray, edges: FloatArray) -> FloatArray:

@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.manifold import LEVEL_M, opposite, touching_set
-from ffsm_mj.contact.normal import polished, separation
+from ffsm_mj.contact.manifold import LEVEL_M, touching_set
+from ffsm_mj.contact.normal import is_normal, polished, separation
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
 from ffsm_mj.contact.shape import PARALLEL, Shape
 from ffsm_mj.model.system import System
@@ -196,7 +196,7 @@ class ContactPair:
         first, second = Shape(model, data, self._g1), Shape(model, data, self._g2)
         estimate, witness = self._shifted_query(model, data, self._estimate(model, data), min(_SHIFT, _SHARE * self.size))
         normal = polished(first, second, estimate)
-        if not _is_normal(first, second, normal):
+        if not is_normal(first, second, normal):
             normal, witness = self._nearer_query(model, data, (normal, witness))
         self._normal = normal
         level = LEVEL_M + first.vague + second.vague
@@ -242,9 +242,7 @@ class ContactPair:
         angular, linear = data.cvel[body][:3], data.cvel[body][3:]
         return np.asarray(linear + np.cross(angular, points - data.subtree_com[root]))
 
-    def _nearer_query(
-        self, model: Any, data: Any, found: tuple[FloatArray, FloatArray]
-    ) -> tuple[FloatArray, FloatArray]:
+    def _nearer_query(self, model: Any, data: Any, found: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Normal and witness where those of the usual shift, which are given, are none: corners within a hair of each other.
 
         There each pass of the query turns the direction by the corners' offset across it over the shift, no more; from less
@@ -253,7 +251,7 @@ class ContactPair:
         """
         first, second = Shape(model, data, self._g1), Shape(model, data, self._g2)
         (best, witness), shift = found, min(_SHIFT, _SHARE * self.size)
-        while shift > _NEAREST and not _is_normal(first, second, best):
+        while shift > _NEAREST and not is_normal(first, second, best):
             shift *= 0.1
             direction, between = self._shifted_query(model, data, best, shift)
             normal = polished(first, second, direction)
@@ -261,9 +259,7 @@ class ContactPair:
                 best, witness = normal, between
         return best, witness
 
-    def _shifted_query(
-        self, model: Any, data: Any, normal: FloatArray, shift: float
-    ) -> tuple[FloatArray, FloatArray]:
+    def _shifted_query(self, model: Any, data: Any, normal: FloatArray, shift: float) -> tuple[FloatArray, FloatArray]:
         """Normal and the midpoint of the witnesses, asked with b moved clear of a, first along an estimate."""
         centre = data.geom_xpos[self._g2].copy()
         try:
@@ -289,11 +285,6 @@ class ContactPair:
         direction = data.geom_xpos[self._g2] - data.geom_xpos[self._g1]
         length = float(np.linalg.norm(direction))
         return np.asarray(direction / length) if length > 0.0 else np.array([1.0, 0.0, 0.0])
-
-
-def _is_normal(first: Shape, second: Shape, direction: FloatArray) -> bool:
-    """Whether what is extreme along a direction in one geom lies opposite what is extreme against it in the other."""
-    return opposite(first.extreme(direction, PARALLEL), second.extreme(-direction, PARALLEL), direction)
 
 
 def _direction(fromto: FloatArray) -> FloatArray:

@@ -80,6 +80,24 @@ class Shape:
             axes = _directions(self._mesh_points(local, width))
         return np.asarray(axes @ self._rotation.T)
 
+    def hull_edges(self, direction: FloatArray, width: float) -> FloatArray:
+        """The same as :meth:`edges`, of a mesh each edge of its convex hull: of a face all that bound it, (k, 3)."""
+        if self._kind != mujoco.mjtGeom.mjGEOM_MESH:
+            return self.edges(direction, width)
+        model, mesh = self._model, int(self._model.geom_dataid[self._geom])
+        polygons = slice(int(model.mesh_polyadr[mesh]), int(model.mesh_polyadr[mesh]) + int(model.mesh_polynum[mesh]))
+        starts, counts = model.mesh_polyvertadr[polygons], model.mesh_polyvertnum[polygons]
+        first, count = int(starts[0]), int(counts.sum())
+        following = np.arange(1, count + 1)
+        following[starts - first + counts - 1] = starts - first
+        corners = model.mesh_polyvert[first : first + count]
+        ends = np.unique(np.sort(np.stack((corners, corners[following]), axis=1), axis=1), axis=0)
+        vertices = self._vertices()
+        heights = vertices @ (self._rotation.T @ direction)
+        near = heights >= heights.max() - width * float(model.geom_rbound[self._geom])
+        a, b = vertices[ends[near[ends].all(axis=1)]].swapaxes(0, 1)
+        return np.asarray((b - a) / np.linalg.norm(b - a, axis=1)[:, None] @ self._rotation.T)
+
     def radii(self, direction: FloatArray) -> FloatArray:
         """Radii of curvature at the extreme point along a unit vector, a symmetric matrix (3, 3), m; flat directions 0."""
         if self._kind in (_SPHERE, _CAPSULE):
@@ -94,13 +112,16 @@ class Shape:
         return np.asarray(self._rotation @ radii @ self._rotation.T)
 
     def _mesh_points(self, local: FloatArray, width: float) -> FloatArray:
-        model = self._model
-        mesh = int(model.geom_dataid[self._geom])
-        first = int(model.mesh_vertadr[mesh])
-        vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64)
+        vertices = self._vertices()
         heights = vertices @ local
-        reach = max(width, _SINGLE) * float(model.geom_rbound[self._geom]) if width > 0.0 else 0.0
+        reach = max(width, _SINGLE) * float(self._model.geom_rbound[self._geom]) if width > 0.0 else 0.0
         return np.unique(vertices[heights >= heights.max() - reach], axis=0)
+
+    def _vertices(self) -> FloatArray:
+        """Of a mesh, in its own axes, (n, 3)."""
+        model, mesh = self._model, int(self._model.geom_dataid[self._geom])
+        first = int(model.mesh_vertadr[mesh])
+        return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64))
 
 
 def _ends(component: float, half: float, width: float) -> tuple[float, ...]:

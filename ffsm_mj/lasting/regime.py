@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact.regimes import Effect, Instant, Regime, Scene
@@ -249,6 +250,11 @@ class Lasting(Regime):
             self._report.book(impulses)
         self._impacts.deepen(-min([at.gap for at in closed.decide().rows.held], default=0.0))
         return done
+
+    def held_points(self) -> dict[ContactPair, list[FloatArray]]:
+        """Where the closed pairs are held at the state in ``data``, m, world axes."""
+        data = self.scene.data
+        return {pair: [touch.feature.at(data).point for touch in touches] for pair, touches in self._closed.by_pair.items()}
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:
         """The closed pairs, as control laws see them."""

@@ -2,10 +2,15 @@
 
 Where the pairs touch and how their gaps accelerate comes from the support functions of their geoms
 (:mod:`ffsm_mj.contact.second_rate`), not from frozen features; all closed pairs enter one inequality problem.
+
+No state tells a point that is closed from one that has lifted off by a picometre and carries nothing: which of the near points
+are closed is taken from the contact model of the replay, as long as the others do not overlap by more than a point may before
+it lands.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -19,21 +24,24 @@ from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.impact.contact import Contact, contact_jacobian
 from ffsm_mj.impact.laws import least_norm, project
-from ffsm_mj.lasting.closed import closed_and_still, held_stillness
+from ffsm_mj.lasting.closed import LANDS_M, closed_and_still, held_stillness
+from ffsm_mj.lasting.regime import Lasting
 from ffsm_mj.lasting.report import force_keys, mode_key
 from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.motion.flight import WHOLE_STATE
 from ffsm_mj.records.signals import Layout
 
 _NEAR_M = 1e-6
+_SAME_POINT_M = 1e-6
+"""A near point no farther than this from where a pair is held is that point: vertices of meshes are known to 2e-7 of a metre."""
 
 
 class ContactCheck:
     """Compares the contact forces of rows with those that the state of the row asks for."""
 
-    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], layout: Layout) -> None:
-        """Bind to the data that is at the state of the row when asked."""
-        self._scene, self._pairs = scene, tuple(pairs)
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], lasting: Lasting, layout: Layout) -> None:
+        """Bind to the data that is at the state of the row when asked, and to the contact model of the replay."""
+        self._scene, self._pairs, self._lasting = scene, tuple(pairs), lasting
         self._forces = layout.places(key for pair in pairs for key in force_keys(pair))
         self._modes = layout.places(mode_key(pair) for pair in pairs)
         self._scratch = mujoco.MjData(scene.system.mj)
@@ -68,13 +76,8 @@ class ContactCheck:
         self, touching: Sequence[tuple[ContactPair, Proximity]], course: Course
     ) -> dict[ContactPair, FloatArray]:
         """Force on the second geom of each pair, N."""
-        # Of a face that is flat to 1e-6 rad all corners are near; those that open are in contact no more.
-        points = [
-            (pair, near, point)
-            for pair, near in touching
-            for point, rate in zip(near.points, near.rates.tolist(), strict=True)
-            if abs(rate) <= held_stillness(near)
-        ]
+        held = self._lasting.held_points()
+        points = [(pair, near, point) for pair, near in touching for point in _closed_points(near, held.get(pair, []))]
         if not points:
             return {}
         motion, bodies = course.motion, course.motion.bodies
@@ -114,6 +117,18 @@ class ContactCheck:
             motion.data.qfrc_applied[:] = applied
             mujoco.mj_forward(motion.model, motion.data)
             motion.path.arrived()
+
+
+def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArray]:
+    """Those near points of a pair that are closed, given where it is held.
+
+    Of a face that is flat to 1e-6 rad all corners are near; those that open are in contact no more.
+    """
+    still = [
+        point for point, rate in zip(near.points, near.rates.tolist(), strict=True) if abs(rate) <= held_stillness(near)
+    ]
+    closed = [point for point in still if any(math.dist(point, each) <= _SAME_POINT_M for each in held)]
+    return closed if closed and near.gap >= -LANDS_M else still
 
 
 def _push(course: Course, model: Any, data: Any) -> None:

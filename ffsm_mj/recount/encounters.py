@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, product
 from typing import Any
 
 import numpy as np
@@ -50,31 +50,54 @@ class Encounter:
         return int(self.records[0].step)
 
 
-def _order(event: Encounter) -> tuple[int, float, bool, int]:
-    """In time; at one instant an impact first, then as they are numbered."""
-    return event.step, event.time_s, event.kind != "impact", int(getattr(event.records[0], "event", 0))
+def _order(event: Encounter) -> tuple[int, float, int]:
+    """In time; at one instant as they are numbered."""
+    return event.step, event.time_s, int(getattr(event.records[0], "event", 0))
 
 
-def _led_up_to(events: Sequence[Encounter]) -> list[Encounter]:
-    """The same; at one instant what leaves the state in which an impact happens goes before it: a feature that changes.
+def _in_order(events: Sequence[Encounter]) -> list[Encounter]:
+    """Events in the order in which they happened.
 
-    That state or, where drift is taken out between the two, one that is nearer to it than the state in which it begins is to
-    that after the impact: a grasp that closes at a touch begins there.
+    Impacts have numbers of their own: at one instant nothing but the states tells where among the others each of them was.
     """
     out: list[Encounter] = []
-    for event in events:
-        place = len(out)
-        while place and event.kind != "impact" and _leads_to(event, out[place - 1]):
-            place -= 1
-        out.insert(place, event)
+    for _, group in groupby(sorted(events, key=_order), key=lambda event: (event.step, event.time_s)):
+        at_once = list(group)
+        impacts = [event for event in at_once if event.kind == "impact"]
+        out += _chained(impacts, [event for event in at_once if event.kind != "impact"])
     return out
 
 
-def _leads_to(event: Encounter, impact: Encounter) -> bool:
-    if impact.kind != "impact" or (event.step, event.time_s) != (impact.step, impact.time_s):
-        return False
-    before, after = np.linalg.norm(event.state_after - impact.state), np.linalg.norm(event.state - impact.state_after)
-    return bool(before < after)
+def _chained(impacts: Sequence[Encounter], others: Sequence[Encounter]) -> list[Encounter]:
+    """Two sequences as one, in which the state after each event is nearest to that before the next.
+
+    Nearest, not the same: drift may be taken out between the two. The sum of all jumps is least, found by dynamic
+    programming over how many of each sequence have happened; where sums tie, impacts go first.
+    """
+    if not impacts or not others:
+        return [*impacts, *others]
+    sums: dict[tuple[int, int, int], float] = {}
+    before: dict[tuple[int, int, int], tuple[int, int, int]] = {}
+    counts = len(impacts), len(others)
+    for i, j, which in product(range(counts[0] + 1), range(counts[1] + 1), (0, 1)):
+        if (i, j)[which]:
+            event, rest = (impacts[i - 1], (i - 1, j)) if which == 0 else (others[j - 1], (i, j - 1))
+            ways = [(*rest, last) for last in (1, 0) if rest[last]]
+            found = [sums[way] + _jump((impacts, others)[way[2]][rest[way[2]] - 1], event) for way in ways]
+            sums[i, j, which] = min(found, default=0.0)
+            if found:
+                before[i, j, which] = ways[found.index(min(found))]
+    place: tuple[int, int, int] | None = min(((*counts, last) for last in (1, 0)), key=lambda end: sums[end])
+    out = []
+    while place is not None:
+        out.append((impacts, others)[place[2]][place[place[2]] - 1])
+        place = before.get(place)
+    return out[::-1]
+
+
+def _jump(event: Encounter, after: Encounter) -> float:
+    """How far the state changes from one event to the next."""
+    return float(np.linalg.norm(after.state - event.state_after))
 
 
 class Encounters:
@@ -98,7 +121,7 @@ class Encounters:
         """
         self._system, self._step_s, self._found, self._fault_of = system, step_s, found, fault_of
         met = [event for kind in log.event_kinds for event in self._of_kind(kind, log)]
-        self.pending = _led_up_to(sorted(met, key=_order))
+        self.pending = _in_order(met)
 
     def _of_kind(self, kind: RecordKind, log: RunLog) -> Iterator[Encounter]:
         records = log.records.get(kind.plural, ())

@@ -75,10 +75,10 @@ class Retrace:
         self._period_s = self._step_s * self._steps
         mujoco.mj_forward(model, self._data)
         self._scene, self._free = Scene(scene.system, self._data), Motion(model, self._data)
-        self._impacts, lasting = impacts_of(scenario, self._scene, scene.pairs)
+        self._impacts, self._lasting = impacts_of(scenario, self._scene, scene.pairs)
         declared = declared_regimes(scenario, self._scene)
-        captures = captures_of(scenario, self._scene, self._free, self._impacts, scene.held, (lasting, *declared))
-        self._course = Course(self._free, (self._impacts, lasting, *captures, *declared))
+        captures = captures_of(scenario, self._scene, self._free, self._impacts, scene.held, (self._lasting, *declared))
+        self._course = Course(self._free, (self._impacts, self._lasting, *captures, *declared))
         self._ledger = Ledger(scene.system, self._data, self._free.momentum, notes=BLOCK_ROWS)
         self.free = self._ledger.free
         self._actuation, self._command = scene.actuation, Command.off(int(model.nu))
@@ -112,7 +112,7 @@ class Retrace:
         self._residual = layout.index[f"ledger.{FORCE_RESIDUAL}"]
         self._forces_apart = np.zeros(BLOCK_ROWS)
         self._known = np.setdiff1d(np.arange(len(layout.keys)), np.concatenate((self._told, self._state)))
-        self._contacts = ContactCheck(self._scene, self._impacts.pairs, layout)
+        self._contacts = ContactCheck(self._scene, self._impacts.pairs, self._lasting, layout)
         self._energy, self._mass = layout.index["energy.total_J"], float(self._model.body_mass.sum())
 
     def take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:

@@ -31,7 +31,9 @@ def corners_and_edges(model, data, geom):
     first = model.mesh_vertadr[model.geom_dataid[geom]]
     points = position + model.mesh_vert[first : first + 4].astype(float) @ rotation.T
     edges = np.array([points[j] - points[i] for i in range(4) for j in range(i)])
-    faces = [np.cross(points[b] - points[a], points[c] - points[a]) for a, b, c in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))]
+    faces = [
+        np.cross(points[b] - points[a], points[c] - points[a]) for a, b, c in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
+    ]
     return points, edges, np.array(faces)
 
 

@@ -189,7 +189,9 @@ class _Drawing:
         fittings = ""
         if rng.random() < 0.4:
             fittings += '<site name="jet" pos="-0.2 0.05 0.02" quat="0.9 0.1 0.2 0.3"/>'
-            actuators += '<motor name="jet" site="jet" gear="1 0 0 0 0 0"/><motor name="torquer" site="jet" gear="0 0 0 0 1 0"/>'
+            actuators += (
+                '<motor name="jet" site="jet" gear="1 0 0 0 0 0"/><motor name="torquer" site="jet" gear="0 0 0 0 1 0"/>'
+            )
             self.motors += [float(rng.uniform(0.5, 5.0)), float(rng.uniform(0.05, 0.5))]
             self.switched += [True, True]
         if rng.random() < 0.4:
