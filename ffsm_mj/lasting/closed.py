@@ -33,7 +33,7 @@ _DRIFT_M = 5e-10
 _OTHER_POINT_M = 2e-10
 """A pair that is so much deeper than what is held of it touches at another point."""
 LANDS_M = _OTHER_POINT_M + _DRIFT_M
-"""No point of a closed pair overlaps by more before it lands: what is held of the pair has drifted, and the point beside it."""
+"""No point of a closed pair overlaps by more before it lands: what is held of the pair may have drifted."""
 _LIFT_M, _SLOW_M_S = 1e-11, 1e-3
 """What would not lift off further than this counts as closed; nothing that separates faster is asked."""
 _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)

@@ -3,9 +3,9 @@
 Where the pairs touch and how their gaps accelerate comes from the support functions of their geoms
 (:mod:`ffsm_mj.contact.second_rate`), not from frozen features; all closed pairs enter one inequality problem.
 
-No state tells a point that is closed from one that has lifted off by a picometre and carries nothing: which of the near points
-are closed is taken from the contact model of the replay, as long as the others do not overlap by more than a point may before
-it lands.
+No state tells a point that is closed from one that has lifted off by a picometre and carries nothing: which of the near
+points are closed is taken from the contact model of the replay, as long as the others do not overlap by more than a point
+may before it lands.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from ffsm_mj.records.signals import Layout
 
 _NEAR_M = 1e-6
 _SAME_POINT_M = 1e-6
-"""A near point no farther than this from where a pair is held is that point: vertices of meshes are known to 2e-7 of a metre."""
+"""A near point no farther than this from where a pair is held is that point: vertices of meshes are known to 2e-7 m."""
 
 
 class ContactCheck:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
 from typing import Literal
 
 import mujoco
@@ -220,12 +221,12 @@ class _Drawing:
         return joints, {name: [float(x) for x in rate] if isinstance(rate, list) else rate for name, rate in rates.items()}
 
     def draw_pairs(self, links, names):
-        """Of every link and the bus with every object in half of the scenes, else of neighbours; of objects in their line."""
+        """Of every link and the bus with every object in half of the scenes, else of neighbours; of objects in line."""
         rng, rough = self.rng, self.rng.random() < 0.25
         moving = ["bus", *(f"link{i}" for i in range(links))]
         met = [(geom, name) for geom in moving for name in names] if rng.random() < 0.5 else [(moving[-1], names[0])]
         geoms = [(geom, f"{name}/{name}") for geom, name in met]
-        geoms += [(f"{a}/{a}", f"{b}/{b}") for a, b in zip(names, names[1:], strict=False)]
+        geoms += [(f"{a}/{a}", f"{b}/{b}") for a, b in pairwise(names)]
         usual = float(rng.choice(RESTITUTIONS))
         for a, b in geoms:
             e = usual if rng.random() < 0.6 else float(rng.choice(RESTITUTIONS))
@@ -263,7 +264,7 @@ class _Drawing:
         }
 
     def line_up(self, path, behind):
-        """Move the objects along x to drawn gaps, one before the other; then turn the whole, and boost it where it floats."""
+        """Move the objects along x to drawn gaps, one before the other; then turn the whole, boost it where it floats."""
         rng, said = self.rng, json.loads(path.read_text())
         parts = prepare(path, controllers=LAWS).assemble()
         model, data = parts.system.mj, parts.data

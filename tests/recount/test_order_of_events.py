@@ -1,4 +1,4 @@
-"""What happens at one instant is made again in the order in which it happened, though impacts are numbered for themselves."""
+"""What happens at one instant is replayed in the order in which it happened, though impacts have numbers of their own."""
 
 from __future__ import annotations
 
