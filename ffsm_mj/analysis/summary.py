@@ -44,6 +44,8 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
         "message": outcome.message if outcome else "the log breaks off before the end of the run",
         "duration_s": end,
         "steps": outcome.steps if outcome else 0,
+        "sub_steps": outcome.sub_steps if outcome else 0,
+        "smallest_step_s": outcome.smallest_step_s if outcome else 0.0,
         "wall_s": wall,
         "real_time_factor": end / wall if wall else 0.0,
         "conservative": is_conservative(log.header.facts),

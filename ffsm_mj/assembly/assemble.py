@@ -20,6 +20,7 @@ from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.models import changes_of
 from ffsm_mj.assembly.regimes import declared_regimes, impacts_of
 from ffsm_mj.assembly.run_size import too_large
+from ffsm_mj.assembly.step_control import step_control
 from ffsm_mj.capture.regime import Captures
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair
@@ -126,6 +127,7 @@ def assemble(
         belief = Belief(believed.mj, data) if believed is not None else None
         controller = PhaseMachine(phases) if belief is None else BelievingMachine(phases, belief, _beliefs(captures, held))
         ledger = Ledger(system, data, course.motion.momentum, notes=BLOCK_ROWS)
+        course.control = step_control(scenario, system, data, ledger)
         state = StateReport(system, data, task.tip_site if task is not None else None)
         columns = [*state.columns, *ledger.columns, *course.columns, *actuation.columns, *controller.columns]
         refuse_same_names(columns, system)

@@ -8,6 +8,7 @@ from typing import Any
 
 from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.regimes import Instant, Regime
+from ffsm_mj.contact.step_control import StepControl
 from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
@@ -22,11 +23,13 @@ class Course:
     Attributes:
         motion: What moves.
         regimes: Who watches; where two act at one instant, the first goes first.
+        control: Cuts steps into sub-steps; None: every step is made as it is asked for.
     """
 
     def __init__(self, motion: Motion, regimes: Sequence[Regime]) -> None:
         """Begin at the state of the motion."""
         self.regimes = tuple(regimes)
+        self.control: StepControl | None = None
         self._active: list[Regime] = []
         self._poll: Callable[[], None] | None = None
         self._passed_s: float | None = None
@@ -64,6 +67,8 @@ class Course:
         for regime in self.regimes:
             regime.restart()
         self.motion.flight.clear(self._horizon())
+        if self.control is not None:
+            self.control.restart()
 
     def reconsider(self) -> None:
         """Ask the regimes again how far they can see: one of them heard something."""
@@ -98,50 +103,72 @@ class Course:
         """Of everything, at the state in ``data``."""
         return self.motion.flight.energy
 
-    def advance(self, duration_s: float) -> tuple[float, Regime] | None:
-        """Integrate for a time, or until a regime acts.
+    def advance(self, duration_s: float) -> tuple[float, Regime | None]:
+        """Integrate for a time, a sub-step of it, or until a regime acts.
 
         Returns:
-            Time since the start in s, the state being there, and who acts; None when the whole time has passed.
+            Time since the start in s, the state being there, and who acts; None where nobody does.
 
         Raises:
             UnsupportedContactError: A motion is too fast to follow.
+            StepLimitError: A motion is too fast for the accuracy that is asked for.
         """
         motion, flight = self.motion, self.motion.flight
         if flight.horizon <= flight.way:
             for regime in self.regimes:
                 if regime.due():
                     return 0.0, regime
-        self._begin_step()
-        clear = motion.step(duration_s)
+        step_s, clear = self._step(duration_s, duration_s)
         # What is not finite is for the caller to notice.
         if clear or not math.isfinite(flight.energy):
-            return None
+            return step_s, None
         watching = [regime for regime in self.regimes if not regime.is_clear()]
-        motion.path.at_s = duration_s
+        motion.path.at_s = step_s
         if not watching:
-            self._flown(duration_s)
+            self._flown(step_s)
             flight.horizon = self._horizon()
-            return None
+            return step_s, None
         first: tuple[float, Regime] | None = None
         for regime in watching:
-            time_s = regime.first_event(duration_s if first is None else first[0])
+            time_s = regime.first_event(step_s if first is None else first[0])
             if time_s is not None and (first is None or time_s < first[0]):
                 first = time_s, regime
-        at_s = duration_s if first is None else first[0]
+        at_s = step_s if first is None else first[0]
         motion.path.move_to(at_s)
         self._flown(at_s)
         for regime in self.regimes:
             regime.arrived(at_s)
         motion.flight.clear(self._horizon())
-        return first
+        return first if first is not None else (step_s, None)
 
-    def fly(self, duration_s: float) -> None:
-        """Integrate for a time, whatever happens on the way."""
+    def fly(self, most_s: float, left_s: float) -> float:
+        """Integrate for a time or a sub-step of it, whatever happens on the way; says for how long.
+
+        Args:
+            most_s: The time.
+            left_s: What is left of the step of the grid: sub-steps are those that a run would make of it.
+
+        Raises:
+            StepLimitError: The motion is too fast for the accuracy that is asked for.
+        """
+        step_s, _ = self._step(left_s, most_s)
+        self.motion.path.at_s = step_s
+        self._flown(step_s)
+        return step_s
+
+    def _step(self, left_s: float, most_s: float) -> tuple[float, bool]:
+        """A (sub-)step of at most ``most_s``: its duration, and whether nothing can have happened in it."""
+        control = self.control
+        if control is None:
+            self._begin_step()
+            return most_s, self.motion.step(most_s)
+        control.begin(left_s, pushed=bool(self._active))
         self._begin_step()
-        self.motion.step(duration_s)
-        self.motion.path.at_s = duration_s
-        self._flown(duration_s)
+        return control.step(self.motion, left_s, most_s, self._exchanged)
+
+    def _exchanged(self, duration_s: float) -> list[Booking]:
+        """What the wrenches of the active regimes did in a step that may yet be taken back."""
+        return [booking for regime in self._active if (booking := regime.exchanged(duration_s)) is not None]
 
     def _flown(self, duration_s: float) -> None:
         for regime in self.regimes:

@@ -181,6 +181,10 @@ class Regime:
         """It has ended: what its wrenches did."""
         return self._exchange.end(duration_s)
 
+    def exchanged(self, duration_s: float) -> Booking | None:
+        """The same for a step that may yet be taken back, and a shorter one made: nothing is kept of it."""
+        return self.end_step(duration_s)
+
     @cached_property
     def _exchange(self) -> Exchange:
         return Exchange(self.scene.system, self.scene.data, self.wrenches)

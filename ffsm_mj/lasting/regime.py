@@ -8,7 +8,7 @@ feature, or where a pair touches at another point.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ffsm_mj.arrays import FloatArray
@@ -234,22 +234,30 @@ class Lasting(Regime):
 
     def end_step(self, duration_s: float) -> Booking | None:
         """What the contacts exchanged, and what taking the drift out of them did as the step began."""
-        closed, system = self._closed, self.scene.system
-        done = self._righted
-        if closed.pressing:
-            stages = closed.stages[-5:-1]  # the last one is that of the end, where the next step begins
-            key = closed.pressing, self.motion
-            if self._shared is None or self._shared[0] != key:
-                self._shared = (
-                    key,
-                    Shares.of(system, closed.pressing, self.motion.carried_bodies),
-                    robot_dofs(system, self.motion),
-                )
-            booking, impulses = booked(stages, duration_s, *self._shared[1:])
-            done = added(done, booking)
-            self._report.book(impulses)
-        self._impacts.deepen(-min([at.gap for at in closed.decide().rows.held], default=0.0))
+        done, impulses = self._exchanged(duration_s)
+        self._report.book(impulses)
+        self._impacts.deepen(-min([at.gap for at in self._closed.decide().rows.held], default=0.0))
         return done
+
+    def exchanged(self, duration_s: float) -> Booking | None:
+        """The same where the step may yet be taken back."""
+        return self._exchanged(duration_s)[0]
+
+    def _exchanged(self, duration_s: float) -> tuple[Booking | None, Mapping[ContactPair, float]]:
+        """What was exchanged in a step that has just been made, and the impulse of each pair in N s."""
+        closed, system = self._closed, self.scene.system
+        if not closed.pressing:
+            return self._righted, {}
+        stages = closed.stages[-5:-1]  # the last one is that of the end, where the next step begins
+        key = closed.pressing, self.motion
+        if self._shared is None or self._shared[0] != key:
+            self._shared = (
+                key,
+                Shares.of(system, closed.pressing, self.motion.carried_bodies),
+                robot_dofs(system, self.motion),
+            )
+        booking, impulses = booked(stages, duration_s, *self._shared[1:])
+        return added(self._righted, booking), impulses
 
     def held_points(self) -> dict[ContactPair, list[FloatArray]]:
         """Where the closed pairs are held at the state in ``data``, m, world axes."""

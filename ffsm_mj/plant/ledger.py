@@ -6,6 +6,7 @@ body moves is integrated over the (sub-)step; the arithmetic is in :mod:`ffsm_mj
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import mujoco
@@ -18,6 +19,7 @@ from ffsm_mj.books.joint_work import JointWork
 from ffsm_mj.books.parties import party_energies, party_momenta, unexplained_energy, unexplained_momentum
 from ffsm_mj.books.thrusters import Thrusters, thrusters
 from ffsm_mj.compiled import fastest
+from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.model.dynamics import BaseMomentum, external_actuators, free_components
 from ffsm_mj.model.system import System, Tree
 from ffsm_mj.plant.balance import ACCOUNTS, Accounts, Balance, Statement
@@ -122,19 +124,47 @@ class Ledger:
         if self._gravity is not None:
             fallen = notes.accounts[used, _FALLEN:].reshape(used.stop, -1, NUMBERS)
             accounts.fallen[:], accounts.gravity[:] = by_party(fallen)
+        residuals = self._unexplained(energy - self._energy_0, momentum - self._momentum_0, accounts)
+        by_matrix = self._base.momenta(notes.jacp[used], notes.jacr[used], notes.position[used], h)
+        return Balance(energy, momentum, by_matrix, accounts, *residuals)
+
+    def _unexplained(self, energy: FloatArray, momentum: FloatArray, accounts: Accounts) -> tuple[FloatArray, FloatArray]:
+        """What accounts leave unexplained of changes of energy, (n, 3), and of momentum, (n, 3, 6); shapes as given."""
         grown = accounts.gained + accounts.fallen
         impulses = accounts.external, accounts.contact, accounts.fixed + accounts.gravity
-        since_start = energy - self._energy_0, momentum - self._momentum_0
         left = [
             (
-                unexplained_energy(party, since_start[0][:, i], accounts.work[:, 0], grown[:, i]),
-                unexplained_momentum(party, since_start[1][:, i], *impulses, self.free[i]),
+                unexplained_energy(party, energy[:, i], accounts.work[:, 0], grown[:, i]),
+                unexplained_momentum(party, momentum[:, i], *impulses, self.free[i]),
             )
             for i, party in enumerate(PARTIES)
         ]
-        energy_residual, momentum_residual = (np.stack(parts, axis=1) for parts in zip(*left, strict=True))
-        by_matrix = self._base.momenta(notes.jacp[used], notes.jacr[used], notes.position[used], h)
-        return Balance(energy, momentum, by_matrix, accounts, energy_residual, momentum_residual)
+        of_energy, of_momentum = (np.stack(parts, axis=1) for parts in zip(*left, strict=True))
+        return of_energy, of_momentum
+
+    def entered(self) -> FloatArray:
+        """What one unit of each number of the accounts explains of (T, P, L) of (total, robot, objects), (21, numbers)."""
+        units = Accounts.of(np.eye(ACCOUNTS))
+        energy, momentum = self._unexplained(np.zeros((ACCOUNTS, 3)), np.zeros((ACCOUNTS, 3, 6)), units)
+        return -np.concatenate((energy[:, :, None], momentum), axis=2).reshape(ACCOUNTS, -1).T
+
+    def increments(self, duration_s: float, bookings: Iterable[Booking]) -> FloatArray:
+        """What a (sub-)step since ``open`` would add to the accounts, (numbers,); they stay as they are.
+
+        Args:
+            duration_s: Of the step; the state in ``data`` is its end.
+            bookings: What contacts exchanged in it.
+        """
+        numbers, kept = self._numbers, self._numbers.copy()
+        numbers.fill(0.0)  # a sum since t = 0 would swallow the digits that matter here
+        self.close(duration_s)
+        for booking in bookings:
+            self.book(*booking)
+        if self._gravity is not None:
+            self._accounts.fallen[:], self._accounts.gravity[:] = by_party(self._fallen)
+        added = numbers[:ACCOUNTS].copy()
+        numbers[:] = kept
+        return added
 
     def carry(self, tree: Tree | None) -> None:
         """From the state in ``data`` on the robot gives what this object gains; what it gave to the last one is booked.

@@ -27,7 +27,14 @@ _STEP_HINT = (
 
 def run_report(run: Run) -> str:
     """Outcome, impacts, tip and conservation of a finished run."""
-    parts = [headline(run), impact_table(run.impacts), contact_table(run.contacts), *record_lines(run), _models(run)]
+    parts = [
+        headline(run),
+        _sub_steps(run),
+        impact_table(run.impacts),
+        contact_table(run.contacts),
+        *record_lines(run),
+        _models(run),
+    ]
     parts += [*_phase_lines(run), *_tip_lines(run), *_unhandled_lines(run)]
     laws = run.laws()
     if run.conservative or laws:
@@ -50,6 +57,15 @@ def headline(run: Run) -> str:
     else:
         line += f"; {summary['duration_s']:g} s logged"
     return line
+
+
+def _sub_steps(run: Run) -> str:
+    """How far accuracy cut the steps; empty where none is asked for."""
+    summary = run.summary()
+    if not summary["sub_steps"]:
+        return ""
+    cut = f"accuracy: {summary['steps']} steps taken in {summary['sub_steps']} sub-steps"
+    return f"{cut}, the smallest {summary['smallest_step_s']:.3g} s"
 
 
 def _models(run: Run) -> str:

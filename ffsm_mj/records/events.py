@@ -17,6 +17,7 @@ class Outcome(StrEnum):
     COMPLETED = "completed"
     DIVERGED = "diverged"
     EVENT_LIMIT = "event_limit"
+    STEP_LIMIT = "step_limit"
     UNSUPPORTED_CONTACT = "unsupported_contact"
     CONTROLLER_FAILED = "controller_failed"
     WRITE_FAILED = "write_failed"
@@ -32,6 +33,7 @@ _SENTENCES = {
     Outcome.COMPLETED: "the run reached its end",
     Outcome.DIVERGED: "the motion diverged",
     Outcome.EVENT_LIMIT: "the scenario's limit on the number of impacts was reached",
+    Outcome.STEP_LIMIT: "the motion is too fast for the accuracy that the scenario asks for",
     Outcome.UNSUPPORTED_CONTACT: "a contact cannot be resolved exactly",
     Outcome.CONTROLLER_FAILED: "the controller failed",
     Outcome.WRITE_FAILED: "the log could not be written",
@@ -186,11 +188,13 @@ class OutcomeRecord:
         outcome: One of the outcomes, ``completed`` where all went well.
         message: What there is to say of it.
         end_s: Simulation time at the end.
-        steps: Integration steps taken.
+        steps: Integration steps of the grid, those of ``time_step_s``.
         wall_s: Wall time of the simulation; 0 where SOURCE_DATE_EPOCH is set.
         controller_ticks: Control ticks taken.
         reports: What the control laws of the phases begun say of their work, by phase; JSON in the log.
         versions: Versions of the packages that shape a result.
+        sub_steps: Integration steps into which ``accuracy`` cut those of the grid; 0 without.
+        smallest_step_s: The shortest that it chose; 0 without.
     """
 
     outcome: str
@@ -201,6 +205,8 @@ class OutcomeRecord:
     controller_ticks: int
     reports: Mapping[str, Report] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
+    sub_steps: int = 0
+    smallest_step_s: float = 0.0
 
 
 class Event(Protocol):

@@ -13,8 +13,10 @@ from ffsm_mj.analysis.agreement import AGREES, Agreement, Difference, scales
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.assembly.captures import captures_of
 from ffsm_mj.assembly.regimes import declared_regimes, impacts_of
+from ffsm_mj.assembly.step_control import step_control
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.regimes import Scene
+from ffsm_mj.contact.step_control import StepLimitError
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.recorder import BLOCK_ROWS
@@ -81,6 +83,7 @@ class Retrace:
         self._course = Course(self._free, (self._impacts, self._lasting, *captures, *declared))
         self._ledger = Ledger(scene.system, self._data, self._free.momentum, notes=BLOCK_ROWS)
         self.free = self._ledger.free
+        self._course.control = step_control(scenario, scene.system, self._data, self._ledger)
         self._actuation, self._command = scene.actuation, Command.off(int(model.nu))
         self._again = np.zeros((BLOCK_ROWS, len(log.header.layout.keys)))
         self._flown = np.zeros((BLOCK_ROWS, model.nq + model.nv))
@@ -252,28 +255,42 @@ class Retrace:
 
     def _fly(self, duration_s: float) -> None:
         """Fly on with the efforts held, and book the flight; nothing is flown where the duration is not positive."""
-        if duration_s > 0.0 and self._take_off(duration_s):
-            self._book(duration_s)
+        last_s = self._take_off(duration_s)
+        if last_s > 0.0:
+            self._book(last_s)
 
     def _arrive(self, duration_s: float, state: FloatArray) -> FloatArray:
         """Fly to a logged state, which is what is booked; gives the state at the end of the flight."""
-        moved = duration_s > 0.0 and self._take_off(duration_s)
+        last_s = self._take_off(duration_s)
         flown = self._state_now()
         if not np.array_equal(flown, state):
             self._put(state)
-        if moved:
-            self._book(duration_s)
+        if last_s > 0.0:
+            self._book(last_s)
         return flown
 
-    def _take_off(self, duration_s: float) -> bool:
-        """Fly for a time; says whether anything could move."""
-        self._ledger.open()
-        try:
-            self._course.fly(duration_s)
-        except RunEnded as end:  # nothing would have moved on from here, as where a pair with friction is pressed
-            self.motion.keep(Difference(end.message, math.inf, AGREES, "", float(self._data.time)))
-            return False
-        return True
+    def _take_off(self, duration_s: float) -> float:
+        """Fly for a time, in the sub-steps of the run, the last of which is still to be booked.
+
+        Returns:
+            Duration of the last one; 0 where nothing could move.
+        """
+        left = self._left
+        while duration_s > 0.0:
+            self._ledger.open()
+            try:
+                flown = self._course.fly(duration_s, left)
+            except (
+                RunEnded,
+                StepLimitError,
+            ) as end:  # nothing would have moved on from here: a pair with friction is pressed
+                self.motion.keep(Difference(str(end), math.inf, AGREES, "", float(self._data.time)))
+                return 0.0
+            if flown >= duration_s:
+                return flown
+            self._book(flown)
+            duration_s, left = duration_s - flown, left - flown
+        return 0.0
 
     def _state_now(self) -> FloatArray:
         return np.concatenate((self._data.qpos, self._data.qvel))

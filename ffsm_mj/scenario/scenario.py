@@ -259,6 +259,8 @@ class Scenario(StrictModel):
     """Simulated time, a multiple of the control period, s."""
     time_step_s: PositiveFloat = 0.001
     """Integration step of RK4, s."""
+    accuracy: Annotated[float, Field(ge=1e-9, le=1e-3)] | None = None
+    """Steps are cut into sub-steps so that energy and momenta err by less, over (1 + scale); left out: none is cut."""
     control_period_s: PositiveFloat = 0.001
     """Time between two decisions of the controller, a multiple of the time step, s."""
     conservative: bool = True

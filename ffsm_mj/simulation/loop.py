@@ -10,13 +10,13 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from itertools import count
 from typing import Any
 
 import mujoco
 
 from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.regimes import Effect, Instant, Regime
+from ffsm_mj.contact.step_control import StepLimitError
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.controller_protocol import Command, Observation, TaskController
 from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at, unknown_name
@@ -105,7 +105,13 @@ class Simulation:
             wall_s=time.perf_counter() - started,
             controller_ticks=self._done.ticks,
             reports=reports,
+            **self._sub_steps(),
         )
+
+    def _sub_steps(self) -> dict[str, Any]:
+        """What accuracy made of the steps; nothing without."""
+        control = self._plant.course.control
+        return {"sub_steps": control.steps, "smallest_step_s": control.smallest_s} if control and control.steps else {}
 
     def _summed_up(self, outcome: Outcome, message: str) -> tuple[Outcome, str, Mapping[str, Report]]:
         """How the run ended, and what the control laws say of it; one that cannot say it has failed."""
@@ -191,29 +197,34 @@ class Simulation:
         """One integration step, with as many events as happen in it."""
         plant, step_s = self._plant, self._settings.time_step_s
         end_s, left = (self._done.steps + 1) * step_s, step_s
-        for events in count(1):
+        events = 0
+        while left > 0.0:
             plant.ledger.open()
-            try:
-                event = plant.course.advance(left)
-            except UnsupportedContactError as error:
-                raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
-            elapsed = left if event is None else event[0]
+            elapsed, regime = self._advance(left, end_s)
             if elapsed > 0.0:
                 plant.ledger.close(elapsed)
             for booking in plant.course.bookings(elapsed):
                 plant.ledger.book(*booking)
             plant.actuation.elapse(elapsed)
             self._check_finite()
-            if event is None:
-                break
             left -= elapsed
-            plant.data.time = self._done.time_s = end_s - left
-            self._act(event[1], end_s - left, events)
-            if left <= 0.0:
-                break
+            if regime is not None:
+                events += 1
+                plant.data.time = self._done.time_s = end_s - left
+                self._act(regime, end_s - left, events)
         self._done.steps += 1
         # Multiples of the step, not sums: the clock does not drift.
         plant.data.time = self._done.time_s = end_s
+
+    def _advance(self, left: float, end_s: float) -> tuple[float, Regime | None]:
+        """Move on in the step that ends at a time, of which so much is left."""
+        try:
+            return self._plant.course.advance(left)
+        except UnsupportedContactError as error:
+            raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
+        except StepLimitError as error:
+            message = f"{Outcome.STEP_LIMIT.sentence}: at t = {end_s - left:.6g} s {error}"
+            raise RunEnded(Outcome.STEP_LIMIT, f"{message}; a shorter time_step_s or a larger accuracy goes on") from error
 
     def _check_finite(self) -> None:
         if self._warnings or not math.isfinite(self._plant.course.kinetic_energy_J):

@@ -46,9 +46,9 @@ def first_touch(system, data, speed, step, offset, *, start=0.0):
     course = Course(Motion(system.mj, data), [Detector(Scene(system, data), [pair])])
     time = start
     while time < start + 0.3:
-        touch = course.advance(step)
-        if touch is not None:
-            return time + touch[0]
+        elapsed, regime = course.advance(step)
+        if regime is not None:
+            return time + elapsed
         time += step
     return None
 

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import fields
+from itertools import takewhile
 from typing import Any, get_args, get_origin, get_type_hints
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
@@ -18,12 +19,12 @@ _MESSAGE_CLASSES: dict[tuple[type, str], Any] = {}
 _SCALARS = {float: _Field.TYPE_DOUBLE, int: _Field.TYPE_INT64, str: _Field.TYPE_STRING}
 
 
-def record_schema(kind: RecordKind) -> bytes:
-    """FileDescriptorSet of a kind of record, derived from its dataclass."""
+def record_schema(kind: RecordKind, without: int = 0) -> bytes:
+    """FileDescriptorSet of a kind of record, derived from its dataclass, without so many of its last fields."""
     name, hints = kind.record.__name__.lower(), get_type_hints(kind.record)
     file = descriptor_pb2.FileDescriptorProto(name=f"ffsm/{name}.proto", package="ffsm", syntax="proto3")
     message = file.message_type.add(name=kind.schema.removeprefix("ffsm."))
-    for number, field in enumerate(fields(kind.record), start=1):
+    for number, field in enumerate(fields(kind.record)[: len(fields(kind.record)) - without], start=1):
         _add_field(message, field.name, number, hints[field.name])
     return bytes(descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString())
 
@@ -31,12 +32,19 @@ def record_schema(kind: RecordKind) -> bytes:
 def is_schema_of(kind: RecordKind, schema: bytes) -> bool:
     """Whether a schema in a file is that of a kind as it is known here, whoever put it into bytes.
 
+    An earlier version may not have the last fields yet: those that are zero where nothing is said, as protobuf reads them.
+
     Raises:
         DecodeError: It is no schema.
     """
     ours = record_schema(kind)
+    if schema == ours:
+        return True
+    if len(schema) > 2 * len(ours):
+        return False
     parse = descriptor_pb2.FileDescriptorSet.FromString
-    return schema == ours or (len(schema) <= 2 * len(ours) and parse(schema) == parse(ours))
+    later = sum(1 for _ in takewhile(lambda field: field.default in (0, ""), reversed(fields(kind.record))))
+    return any(parse(schema) == parse(record_schema(kind, without)) for without in range(later + 1))
 
 
 def _add_field(message: Any, name: str, number: int, hint: Any) -> None:

@@ -1,0 +1,127 @@
+"""Steps cut by ``accuracy``: checks pass whatever the step of the grid, and a log is replayed with the same sub-steps."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.errors import InputError
+from ffsm_mj.plant.step_error import StepError
+from ffsm_mj.recount import recount
+from tests.lasting.random_pushes import LAWS, drawn
+from tests.scenes import ARM, HEAD, box, scene
+
+
+def whirling(folder, *, rate=1.0, **scenario):
+    """An arm that whirls at up to 10 rad/s on a tumbling base, before a tumbling box: 10 ms are far too long for it."""
+    rates = {
+        "shoulder": 4.0 * rate,
+        "elbow": -7.0 * rate,
+        "robot/free": [0.2, 0, 0, *(rate * np.array((1.0, 2.0, 3.0)))],
+        "b/free": [-2.0, 0, 0, *(rate * np.array((3.0, 6.0, 2.0)))],
+    }
+    return scene(
+        folder,
+        ARM,
+        {"b": box("b", half=(0.1, 0.2, 0.35))},
+        **{
+            "duration_s": 0.3,
+            "time_step_s": 0.01,
+            "control_period_s": 0.02,
+            "initial": {"joints": {"shoulder": 0.3, "elbow": 0.9, "b/free": [3, 0.3, 0.2, 1, 0, 0, 0]}, "rates": rates},
+            "impact_pairs": [{"geoms": ["tip", "b/b"]}],
+            **scenario,
+        },
+    )
+
+
+@pytest.fixture(scope="module")
+def accurate(tmp_path_factory):
+    return ffsm_mj.run(whirling(tmp_path_factory.mktemp("whirling"), accuracy=1e-9))
+
+
+def test_a_run_passes_its_checks_whatever_its_step(tmp_path, accurate):
+    fixed = ffsm_mj.run(whirling(tmp_path))
+    assert max(law.residual / law.tolerance for law in fixed.laws()) > 100.0
+    # A step may use up 0.5 of a hundred thousandth of the tolerance; its rounding, and that of what is compared, as much.
+    assert max(law.residual / law.tolerance for law in accurate.laws()) < 30 / 100_000
+
+
+def test_a_log_is_replayed_with_the_same_sub_steps(accurate):
+    again = recount(accurate.log)
+    assert again.agrees
+    assert again.worst["motion"].size == 0.0
+
+
+def test_the_work_is_told(accurate):
+    summary = accurate.summary()
+    assert summary["steps"] == 30
+    assert summary["sub_steps"] > 10 * summary["steps"]
+    assert 0.01 / 1024 <= summary["smallest_step_s"] < 0.01 / 10
+
+
+def test_the_answer_is_that_of_a_shorter_step(tmp_path, accurate):
+    short = ffsm_mj.run(whirling(tmp_path, time_step_s=0.0001))
+    # Errors of 1e-14 of energy a step of 1e-2 s, and of as little of the state in 30 of them; 1e-4 s leaves some 1e-11.
+    np.testing.assert_allclose(accurate.qpos[-1], short.qpos[-1], rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 13])
+def test_under_pressing_contacts_and_across_events(tmp_path, seed):
+    """Scenes with impacts and persistent contact of bodies that spin, some of which fail at a fixed step."""
+    rng = np.random.default_rng(seed)
+    path = drawn(rng, tmp_path, step=5e-3, steps=20)
+    said = json.loads(path.read_text())
+    said["initial"]["rates"]["block/free"][3:] = (4.0 * rng.normal(size=3)).tolist()
+    path.write_text(json.dumps(said | {"accuracy": 1e-9}))
+    run = ffsm_mj.run(path, controllers=LAWS)
+    again = recount(run.log)
+    assert run.outcome == "completed"
+    assert all(law.holds for law in run.laws())
+    assert again.agrees
+    assert all(law.holds for law in again.laws())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["capture-planar", "free-flying-hardware", "free-flying"])
+def test_while_an_object_is_grasped_and_with_thrusters_and_ideal_motors(scenario):
+    overrides = {"accuracy": 1e-9, "duration_s": 14.0, "time_step_s": 0.02, "control_period_s": 0.02, "log.rerun": False}
+    run = ffsm_mj.run(scenario, overrides)
+    again = recount(run.log)
+    assert all(law.holds for law in run.laws())
+    assert again.agrees
+    assert run.summary()["sub_steps"] > run.summary()["steps"]
+
+
+def test_a_motion_too_fast_for_any_step_ends_the_run(tmp_path):
+    """At 1e5 rad/s the shortest sub-step, 10 us, is one radian: no accuracy, an outcome of its own, and no stall."""
+    run = ffsm_mj.run(whirling(tmp_path, rate=1e5, accuracy=1e-9))
+    assert run.outcome == "step_limit"
+    assert "shorter time_step_s or a larger accuracy" in run.message
+    assert recount(run.log).agrees
+
+
+def test_what_a_shorter_step_does_not_mend_is_left_to_the_checks(tmp_path, monkeypatch):
+    """A leak at a rate of 1e-3 of all energy a second: no sub-step is too short for it, the run goes on and fails."""
+    honest = StepError.relative
+    monkeypatch.setattr(StepError, "relative", lambda self, t, *a, **k: honest(self, t, *a, **k) + 1e-3 * t)
+    run = ffsm_mj.run(whirling(tmp_path, rate=0.1, accuracy=1e-9))
+    assert run.outcome == "completed"
+    assert run.summary()["sub_steps"] == run.summary()["steps"]
+
+
+@pytest.mark.parametrize(("value", "said"), [("1e-12", "greater than or equal"), ("1", "less than"), ("yes", "number")])
+def test_an_accuracy_that_is_none_is_refused(tmp_path, value, said):
+    path = whirling(tmp_path)
+    with pytest.raises(InputError, match=said):
+        ffsm_mj.run(path, [f"accuracy={value}"])
+
+
+def test_without_conservation_there_is_nothing_to_measure_by(tmp_path):
+    robot = ARM.replace(HEAD, '<option gravity="0 0 0" density="1"/>', 1)
+    path = scene(tmp_path, robot, {}, accuracy=1e-9, conservative=False)
+    with pytest.raises(InputError, match=r"accuracy: nothing is conserved"):
+        ffsm_mj.run(path)
