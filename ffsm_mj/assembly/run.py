@@ -25,6 +25,7 @@ from ffsm_mj.log.memory_sink import MemorySink
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.sink import Sink
+from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.present.run import Run
 from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.facts import conservative_facts, free_facts, gravity_facts, model_facts, task_facts
@@ -39,6 +40,7 @@ _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydant
 # A run checks that its state is finite and ends where it is not; numpy would say so again, and to nobody in particular.
 @np.errstate(all="ignore")
 @one_blas_thread()
+@stopped_clock()
 def simulate(
     assembly: Assembly,
     folder: RunFolder | None = None,

@@ -8,8 +8,11 @@ import subprocess
 import sys
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from itertools import count
 from threading import Barrier, Event, Thread, current_thread
 
+import mujoco
+import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -17,6 +20,7 @@ import ffsm_mj
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.model import system as model_system
+from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.recount import recount
 from tests.scenes import two_balls
 
@@ -106,6 +110,37 @@ def test_blas_has_one_thread_in_a_run_and_what_it_had_afterwards(tmp_path):
     recount(run.log, report=lambda *_: inside.append(blas()))
     assert set().union(*inside) == {1}
     assert blas() == {2}
+
+
+def timed(data, model):
+    """Whether MuJoCo times a step."""
+    data.timer.duration[:] = 0.0
+    mujoco.mj_step(model, data)
+    return bool(np.any(data.timer.duration))
+
+
+def test_mujoco_s_clock_stands_still_in_a_run_and_goes_on_afterwards(tmp_path):
+    """One of the user's own goes on in the run too."""
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    data, inside = mujoco.MjData(model), []
+
+    def run():
+        inside.clear()
+        ffsm_mj.run(two_balls(tmp_path, duration_s=0.01), report=lambda *_: inside.append(timed(data, model)))
+        return any(inside), timed(data, model)
+
+    assert timed(data, model)
+    assert run() == (False, True)
+    with stopped_clock():
+        assert run() == (False, False)
+    assert timed(data, model)
+    ticks = count()
+    mujoco.set_mjcb_time(lambda: float(next(ticks)))
+    try:
+        assert run() == (True, True)
+    finally:
+        mujoco.set_mjcb_time(None)
+    assert timed(data, model)
 
 
 @pytest.mark.usefixtures("two")
