@@ -131,10 +131,10 @@ class Actuation:
 
     def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
         """Open and shut the valves of the on-off actuators, which deliver all or nothing of what the limits left of it."""
-        if not (self._valves_open or True in powered[self._counted].tolist()):
+        on = powered.tolist()  # lists are read faster than arrays one by one
+        if not (self._valves_open or any([on[i] for i, _ in self._valves])):
             return  # all are shut, and stay so
-        # Lists of floats are read faster than arrays one by one.
-        on, wanted = powered.tolist(), self._wanted.tolist()
+        wanted = self._wanted.tolist()
         lower, upper, forces = self._lower.tolist(), self._upper.tolist(), []
         for i, valve in self._valves:
             forces.append(valve.fire(wanted[i], lower[i], upper[i], time_s) if on[i] else valve.shut())

@@ -135,7 +135,7 @@ class Simulation:
         try:
             for tick in range(settings.ticks):
                 now = tick * period
-                self._decide(self._observed(now, self._unheard, contacts=self._plant.course.contacts()))
+                self._decide(self._observed(now, self._unheard, self._plant.course.contacts(), at_tick=True))
                 self._record(now)
                 report(now)
                 poll()
@@ -148,11 +148,11 @@ class Simulation:
             for record in self._plant.course.finish(Instant(self._done.time_s, self._done.steps)):
                 self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
 
-    def _observed(self, time_s: float, events: tuple[Any, ...], **others: Any) -> Observation:
+    def _observed(self, time_s: float, events: tuple[Any, ...], contacts: tuple[Any, ...], at_tick: bool) -> Observation:
         """What the controller is shown."""
         free, motion = self._plant.data, self._plant.course.motion
         shown = motion.data if motion.grasp else free
-        return Observation(time_s, shown, events, free=free, grasp=motion.grasp, **others)
+        return Observation(time_s, shown, events, at_tick, contacts, free, motion.grasp)
 
     def _decide(self, observation: Observation) -> None:
         """Ask the controller, and record the phase that begins with that."""
@@ -255,7 +255,7 @@ class Simulation:
         """Ask the controller at once, and record the event with the efforts that act from there on."""
         end, events = effect.end, (*self._unheard, *effect.records)
         contacts = self._plant.course.contacts() if effect.asks else ()
-        observation = self._observed(time_s, events, at_tick=False, contacts=contacts)
+        observation = self._observed(time_s, events, contacts, at_tick=False)
         try:
             if not effect.asks:
                 self._unheard = events
