@@ -10,9 +10,9 @@ from ffsm_mj.contact.unhandled import UNHANDLED_CONTACT
 from ffsm_mj.impact.kind import IMPACT
 from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.records.kinds import register
-from ffsm_mj.records.run_kinds import OUTCOME, PHASE
+from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE
 
-IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, OUTCOME)
+IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, INTERNAL_ERROR, OUTCOME)
 
 DECLARED = CAPTURES
 """Of runs whose scenario declares what leaves them."""

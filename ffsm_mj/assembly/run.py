@@ -31,6 +31,7 @@ from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.facts import conservative_facts, free_facts, gravity_facts, model_facts, task_facts
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.loop import Plant, Settings, Simulation
 from ffsm_mj.simulation.rows import RowWriter
 
@@ -97,17 +98,26 @@ def simulate(
             recorder.open(header)
             outcome = simulation.run(interrupted, lambda t: report(t, config.duration_s) if report else None)
             recorder.outcome = _with_versions(outcome)
-    except LogWriteError as error:
+    except Exception as error:
         if recorder.outcome is None:
             raise
         # The run is over and a log could not be finished: what the summary needs of it is in memory.
-        memory.close(replace(recorder.outcome, outcome=Outcome.WRITE_FAILED.value, message=str(error)))
+        memory.close(_unfinished(recorder.outcome, error))
     if folder is None:
         return Run(memory.log(), digested=digested.digest)
     log = folder.log.absolute()
     finished = Run(memory.log(stored_rows(log, layout)), log, digested.digest)
     folder.write_summary(finished.summary())
     return finished
+
+
+def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:
+    """How a run ended whose log could not be finished."""
+    if isinstance(error, LogWriteError):
+        return replace(outcome, outcome=Outcome.WRITE_FAILED.value, message=str(error))
+    record = internal_error(error, outcome.end_s, outcome.steps)
+    message = f"the log could not be finished: {record.error} ({record.where})"
+    return replace(outcome, outcome=Outcome.INTERNAL_ERROR.value, message=message)
 
 
 def _settings(config: Scenario) -> Settings:

@@ -18,7 +18,7 @@ class Group:
     """Runs that went wrong in the same way.
 
     Attributes:
-        how: Outcome; of an ``error`` its type too; or which law of the campaign they do not fulfil.
+        how: Outcome; of an ``error`` or ``internal_error`` its type too; or which law of the campaign they do not fulfil.
         phase: The last phase that began; empty where none did.
         runs: Their numbers.
         message: What the first of them says.
@@ -43,7 +43,11 @@ def groups(results: Results) -> list[Group]:
 def _how(row: TableRow) -> str:
     if row["outcome"] == "completed":
         return "a law is violated" if row["failed"] else "no success"
-    error = row["message"].partition(":")[0] if row["outcome"] == "error" else ""
+    error = ""
+    if row["outcome"] == "error":
+        error = row["message"].partition(":")[0]
+    elif row["outcome"] == "internal_error":  # "at t = 0.3 s: ZeroDivisionError: ..."
+        error = row["message"].partition(": ")[2].partition(":")[0]
     return f"{row['outcome']} ({error})" if error else str(row["outcome"])
 
 

@@ -138,6 +138,9 @@ def _describe_analyze(analyze: argparse.ArgumentParser) -> None:
     analyze.add_argument("--json", action="store_true", help="print summary and laws as JSON; a list for several runs")
     analyze.add_argument("--compare", action="store_true", help="say what differs between the first run and each other one")
     analyze.add_argument("--plots", metavar="DIR", help="write figures as SVG and PNG; a folder for each of several runs")
+    analyze.add_argument(
+        "--traceback", action="store_true", help="print the traceback of a run that ended by internal_error"
+    )
 
 
 def _describe_export(export: argparse.ArgumentParser) -> None:

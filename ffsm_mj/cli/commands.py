@@ -68,6 +68,8 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
             else:
                 text = verification(run, again, tolerance) + "\n" * (several or options.plots is not None)
                 say(f"{path.resolve()}\n\n{text}")
+                for line in _internal_errors(run, options.runs, shown=options.traceback):
+                    say(line)
             if options.plots:
                 folder = folder_below(Path(options.plots), name) if several else Path(options.plots)
                 _plot(run, folder, None if options.json else say, stage(f"figures of {shown[name]}", "figures"))
@@ -84,6 +86,12 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     if options.plots and several:
         _plot_comparison(kept, Path(options.plots), None if options.json else say, stage)
     return next((code for code in (VIOLATED, DAMAGED) if found[code]), OK)
+
+
+def _internal_errors(run: Run, named: Sequence[str], *, shown: bool) -> Iterator[str]:
+    """The traceback of each exception that ended a run, or how to see it."""
+    for record in run.records["internal_errors"]:
+        yield f"\n{record.traceback.rstrip()}" if shown else f"\ntraceback: ffsm analyze {' '.join(named)} --traceback"
 
 
 def _judge(run: Run, again: Recount, tolerance: Tolerance) -> int:
@@ -124,13 +132,16 @@ def _load_all(paths: Sequence[str], names: Mapping[str, str], stage: Stage) -> I
         with working_on(path):
             run = load_run(path)
         if not len(run.log.rows):
-            raise InputError(f"{path}: the log holds no sample, there is nothing to verify")
+            ended = f" ({run.outcome}: {run.message})" if run.complete else ""
+            raise InputError(f"{path}: the log holds no sample, there is nothing to verify{ended}")
         yield Path(path), name, run
 
 
 def _refuse_impossible(options: argparse.Namespace) -> None:
     if options.json and options.compare:
         raise InputError("--compare prints text: leave --json out, or call ffsm_mj.compare(a, b) in Python")
+    if options.json and options.traceback:
+        raise InputError("--traceback prints text: leave --json out, or read records['internal_errors'] in Python")
     if options.compare and len(options.runs) < 2:
         raise InputError("--compare: name two runs or more")
     if options.plots:

@@ -18,6 +18,8 @@ from ffsm_mj.cli.quiet import quiet_libraries
 from ffsm_mj.cli.standard_streams import Output, complain, secure
 
 _VIEWER = "127.0.0.1:9876"
+_SHOW_TRACEBACK = "FFSM_TRACEBACK"
+"""Environment variable: an exception that nothing else handles is raised."""
 _READERS = ("analyze", "export", "view", "campaign", "new")
 """Commands that work on files which may be somebody else's."""
 
@@ -26,11 +28,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     secure()
     output = Output()
-    code = _perform(sys.argv[1:] if arguments is None else arguments, output)
+    try:
+        code = _perform(sys.argv[1:] if arguments is None else arguments, output)
+    except Exception as error:
+        if os.environ.get(_SHOW_TRACEBACK):
+            raise
+        code = _internal_error(error)
     if output.lost:
         complain(f"stdout: output is lost ({output.lost})")
         return code or OUTPUT_LOST
     return code
+
+
+def _internal_error(error: Exception) -> int:
+    """One line for an exception that nothing else handles; Python's exit code for it, 1, says here that a check fails."""
+    from ffsm_mj.errors import described, raised_at
+
+    complain(f"internal_error: {described(error)}{raised_at(error)}; {_SHOW_TRACEBACK}=1 shows the traceback")
+    return RUN_FAILED
 
 
 def one_blas_thread() -> None:

@@ -16,6 +16,7 @@ class Outcome(StrEnum):
 
     COMPLETED = "completed"
     DIVERGED = "diverged"
+    INTERNAL_ERROR = "internal_error"
     EVENT_LIMIT = "event_limit"
     STEP_LIMIT = "step_limit"
     UNSUPPORTED_CONTACT = "unsupported_contact"
@@ -32,6 +33,7 @@ class Outcome(StrEnum):
 _SENTENCES = {
     Outcome.COMPLETED: "the run reached its end",
     Outcome.DIVERGED: "the motion diverged",
+    Outcome.INTERNAL_ERROR: "ffsm-mj or a plug-in raised an exception",
     Outcome.EVENT_LIMIT: "the scenario's limit on the number of impacts was reached",
     Outcome.STEP_LIMIT: "the motion is too fast for the accuracy that the scenario asks for",
     Outcome.UNSUPPORTED_CONTACT: "a contact cannot be resolved exactly",
@@ -178,6 +180,25 @@ class UnhandledContactRecord:
     start_s: float
     end_s: float
     max_depth_m: float
+
+
+@dataclass(frozen=True)
+class InternalErrorRecord:
+    """An exception that ended the run: a fault of ffsm-mj or of a plug-in, not of the motion.
+
+    Attributes:
+        time_s: Simulation time at the last event or step end before it.
+        step: Integration step in which it was raised, from 0.
+        error: Type and text of the exception, on one line.
+        where: File, line and function that raised it.
+        traceback: Python's traceback, with paths relative to where packages are installed.
+    """
+
+    time_s: float
+    step: int
+    error: str
+    where: str
+    traceback: str
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ffsm_mj.records.events import Outcome, OutcomeRecord, PhaseRecord
+from ffsm_mj.records.events import InternalErrorRecord, Outcome, OutcomeRecord, PhaseRecord
 from ffsm_mj.records.kinds import RecordKind
 
 
@@ -28,6 +28,25 @@ PHASE = RecordKind(
         "reason": ("", "why it begins"),
     },
     state=lambda record: record.name,
+    in_every_run=True,
+)
+
+INTERNAL_ERROR = RecordKind(
+    record=InternalErrorRecord,
+    name="internal_error",
+    plural="internal_errors",
+    when="when an exception of ffsm-mj or of a plug-in ends the run",
+    time=lambda record: record.time_s,
+    sentence=lambda record: f"internal error: {record.error} ({record.where})",
+    summarised=False,  # outcome and message of the summary say the same
+    columns={
+        "time_s": ("s", "simulation time at the last event or step end before it"),
+        "step": ("", "integration step, from 0"),
+        "error": ("", "type and text of the exception"),
+        "where": ("", "file, line and function that raised it"),
+        "traceback": ("", "Python's traceback"),
+    },
+    warning=lambda _: True,
     in_every_run=True,
 )
 

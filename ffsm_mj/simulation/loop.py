@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +27,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.plant.actuation import Actuation
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.records.events import Outcome, OutcomeRecord, Report, RunEnded
+from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.rows import RowWriter
 
 MOST_EVENTS_PER_STEP = 1000
@@ -72,6 +74,7 @@ class Simulation:
         self._done = _Progress()
         self._warnings: list[str] = []
         self._unheard: tuple[Any, ...] = ()
+        self._of_caller: Exception | None = None
 
     def run(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> OutcomeRecord:
         """Simulate to the end, or to what ends the run before.
@@ -81,21 +84,23 @@ class Simulation:
             report: Told the simulation time at each tick.
 
         Returns:
-            How it ended, but for the versions that made it.
+            How it ended, but for the versions that made it. An exception in it is an outcome too, but for one of ``report``.
         """
         started = time.perf_counter()
-        outcome, message = Outcome.COMPLETED, ""
-        with collected_warnings(self._warnings):
+
+        def tell(time_s: float) -> None:
             try:
-                self._loop(interrupted, report)
-            except RunEnded as end:
-                outcome, message = end.outcome, end.message if end.outcome != Outcome.COMPLETED else ""
-            except KeyboardInterrupt:
-                outcome, message = Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence
-            except LogWriteError as error:
-                outcome, message = Outcome.WRITE_FAILED, str(error)
-            except mujoco.FatalError as error:
-                outcome, message = Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: MuJoCo gave up ({described(error)})"
+                report(time_s)
+            except Exception as error:
+                self._of_caller = error
+                raise
+
+        with collected_warnings(self._warnings):
+            ended = self._ended(lambda: self._loop(interrupted, tell))
+            finished = self._ended(self._finish)
+        # Whatever ended the run first is what there is to tell, but for a log that takes no more.
+        completed = ended[0] == Outcome.COMPLETED or finished[0] == Outcome.WRITE_FAILED
+        outcome, message = finished if completed else ended
         outcome, message, reports = self._summed_up(outcome, message)
         return OutcomeRecord(
             outcome=outcome.value,
@@ -112,6 +117,31 @@ class Simulation:
         """What accuracy made of the steps; nothing without."""
         control = self._plant.course.control
         return {"sub_steps": control.steps, "smallest_step_s": control.smallest_s} if control and control.steps else {}
+
+    def _ended(self, part: Callable[[], None]) -> tuple[Outcome, str]:
+        """Do a part of the run; says how it ended, and what there is to say of that."""
+        try:
+            part()
+        except RunEnded as end:
+            return end.outcome, end.message if end.outcome != Outcome.COMPLETED else ""
+        except KeyboardInterrupt:
+            return Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence
+        except LogWriteError as error:
+            return Outcome.WRITE_FAILED, str(error)
+        except mujoco.FatalError as error:
+            return Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: MuJoCo gave up ({described(error)})"
+        except Exception as error:
+            if error is self._of_caller:
+                raise
+            return self._failed(error)
+        return Outcome.COMPLETED, ""
+
+    def _failed(self, error: Exception) -> tuple[Outcome, str]:
+        """Keep an exception that nobody expected in the log, traceback and all."""
+        record = internal_error(error, self._done.time_s, self._done.steps)
+        with suppress(Exception):  # the log may be what raised it; the outcome tells in any case
+            self._recorder.event(record)
+        return Outcome.INTERNAL_ERROR, f"at t = {record.time_s:.6g} s: {record.error} ({record.where})"
 
     def _summed_up(self, outcome: Outcome, message: str) -> tuple[Outcome, str, Mapping[str, Report]]:
         """How the run ended, and what the control laws say of it; one that cannot say it has failed."""
@@ -132,21 +162,23 @@ class Simulation:
                 raise RunEnded(Outcome.INTERRUPTED)
 
         self._plant.course.interrupt_by(poll)
-        try:
-            for tick in range(settings.ticks):
-                now = tick * period
-                self._decide(self._observed(now, self._unheard, self._plant.course.contacts(), at_tick=True))
-                self._record(now)
-                report(now)
-                poll()
-                for _ in range(settings.steps_per_tick):
-                    self._step()
-            self._record(settings.ticks * period)
-        finally:
-            for record in self._plant.watch.finish(self._done.time_s):
-                self._recorder.event(record)
-            for record in self._plant.course.finish(Instant(self._done.time_s, self._done.steps)):
-                self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
+        for tick in range(settings.ticks):
+            now = tick * period
+            self._decide(self._observed(now, self._unheard, self._plant.course.contacts(), at_tick=True))
+            self._record(now)
+            report(now)
+            poll()
+            for _ in range(settings.steps_per_tick):
+                self._step()
+        self._record(settings.ticks * period)
+
+    def _finish(self) -> None:
+        """Hand over what is left at the end of the run, however it ended."""
+        for record in self._plant.watch.finish(self._done.time_s):
+            self._recorder.event(record)
+        for record in self._plant.course.finish(Instant(self._done.time_s, self._done.steps)):
+            self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
+        self._recorder.pass_on()
 
     def _observed(self, time_s: float, events: tuple[Any, ...], contacts: tuple[Any, ...], at_tick: bool) -> Observation:
         """What the controller is shown."""

@@ -33,6 +33,6 @@ class RowWriter:
     def complete(self, block: FloatArray) -> None:
         """Write what is worked out for all rows filled since the last block."""
         for table, stretches in self._tables:
-            values = table()
+            values = table()[: len(block)]  # a part may have noted one more, where an exception came before it was a row
             for own, there in stretches:
                 block[:, there] = values[:, own]

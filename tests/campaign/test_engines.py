@@ -21,9 +21,11 @@ from ffsm_mj.campaign import engines, worker
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.driver import EngineLostError
 from ffsm_mj.campaign.engines import loop
+from ffsm_mj.campaign.failures import groups
 from ffsm_mj.campaign.loading import load_campaign
 from ffsm_mj.campaign.store import Row, Store
 from ffsm_mj.campaign.worker import Job
+from ffsm_mj.contact.course import Course
 from ffsm_mj.errors import InputError, LogWriteError
 from tests.campaign.files import TUMBLING, campaign_file, two_rocks
 from tests.campaign.laws import Fuse
@@ -336,3 +338,23 @@ def test_a_dispersion_that_is_not_applied_is_noticed(tmp_path: Path, monkeypatch
     monkeypatch.setattr(type(plan.base.source), "overridden", lambda self, _: self)
     with pytest.raises(InputError, match="the dispersion is not applied"):
         plan.design()
+
+
+def test_an_internal_error_is_a_failed_run_of_that_outcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And grouped by the exception's type."""
+    campaign = Campaign.load(collisions(tmp_path, limits={"max_failed": 1.0}), tmp_path / "out")
+    advance = Course.advance
+
+    def broken(course: Course, duration_s: float) -> Any:
+        if course.kinetic_energy_J > 0.7:
+            raise LookupError("on purpose")
+        return advance(course, duration_s)
+
+    monkeypatch.setattr(Course, "advance", broken)
+    status = campaign.run(loop().open())
+    failed = status.outcomes["internal_error"]
+    assert 0 < failed < 8
+    assert (status.failed, status.outcomes["completed"]) == (failed, 8 - failed)
+    (group,) = groups(campaign.results())
+    assert (group.how, len(group.runs)) == ("internal_error (LookupError)", failed)
+    assert group.message.startswith("at t = 0 s: LookupError: on purpose (")

@@ -241,16 +241,18 @@ def test_leaving_the_program_is_no_fault_of_a_controller(tmp_path):
 
 
 def test_a_fault_of_our_own_is_not_hidden_and_costs_no_data(tmp_path, monkeypatch):
-    """No outcome pretends that a defect is a result: it propagates, and the log up to it is readable."""
+    """A defect at an event is an outcome of its own; what came before is in the log."""
     parts = prepare(two_balls(tmp_path)).assemble()
 
     def defect(*_):
         raise RuntimeError("a defect")
 
     monkeypatch.setattr("ffsm_mj.impact.regime.party_energies", defect)
-    with pytest.raises(RuntimeError, match="a defect"):
-        simulate(parts, RunFolder(tmp_path / "out"))
-    assert ffsm_mj.load_run(tmp_path / "out").time[-1] == pytest.approx(0.3, abs=2e-3)
+    simulate(parts, RunFolder(tmp_path / "out"))
+    run = ffsm_mj.load_run(tmp_path / "out")
+    assert run.outcome == "internal_error"
+    assert run.message.startswith("at t = 0.3 s: RuntimeError: a defect (impact/regime.py:")
+    assert run.time[-1] == pytest.approx(0.3, abs=2e-3)
 
 
 def test_mujocos_own_errors_end_the_run(tmp_path, monkeypatch):

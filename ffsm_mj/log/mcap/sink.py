@@ -122,13 +122,15 @@ class McapSink:
         with self._writing() as possible:
             if not possible or self._file is None:
                 return
-            if outcome is not None:
-                self._record(outcome)
-            self._writer.finish()  # type: ignore[no-untyped-call]
-            if outcome is not None:
-                self._file.finish()
-            else:
-                self._file.stream.close()
+            try:
+                if outcome is not None:
+                    self._record(outcome)
+            finally:  # an outcome that cannot be written leaves a file that is whole but for it
+                self._writer.finish()  # type: ignore[no-untyped-call]
+                if outcome is not None:
+                    self._file.finish()
+                else:
+                    self._file.stream.close()
 
     @contextmanager
     def _writing(self) -> Iterator[bool]:

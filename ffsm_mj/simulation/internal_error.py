@@ -1,0 +1,45 @@
+"""What a log keeps of an exception that ends a run, and nothing else should have."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from traceback import extract_tb, format_exception
+
+import ffsm_mj
+from ffsm_mj.errors import described
+from ffsm_mj.records.events import InternalErrorRecord
+
+_LONGEST_TRACEBACK = 20_000
+
+
+def internal_error(error: BaseException, time_s: float, step: int) -> InternalErrorRecord:
+    """Describe an exception for the log.
+
+    Args:
+        error: The exception, as it was caught.
+        time_s: Simulation time.
+        step: Integration step, from 0.
+    """
+    text = "".join(format_exception(error))[-_LONGEST_TRACEBACK:]
+    return InternalErrorRecord(time_s, step, described(error), _raised_in(error), _relative(text))
+
+
+def _raised_in(error: BaseException) -> str:
+    """File, line and function: the deepest of this package, the deepest of all where none is."""
+    frames = extract_tb(error.__traceback__)
+    package = Path(ffsm_mj.__file__).parent
+    own = [frame for frame in frames if package in Path(frame.filename).parents] or frames
+    if not own:
+        return "unknown"
+    frame = own[-1]
+    place = Path(frame.filename)
+    return f"{place.relative_to(package) if package in place.parents else place.name}:{frame.lineno} in {frame.name}"
+
+
+def _relative(text: str) -> str:
+    """A traceback without the folders of this machine in which packages are."""
+    for folder in sorted(filter(None, map(os.path.abspath, sys.path)), key=len, reverse=True):
+        text = text.replace(f'File "{folder}{os.sep}', 'File "')
+    return text
