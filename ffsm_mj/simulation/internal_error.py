@@ -7,11 +7,11 @@ import sys
 from pathlib import Path
 from traceback import extract_tb, format_exception
 
-import ffsm_mj
 from ffsm_mj.errors import described
 from ffsm_mj.records.events import InternalErrorRecord
 
 _LONGEST_TRACEBACK = 20_000
+_PACKAGE = Path(__file__).parents[1]
 
 
 def internal_error(error: BaseException, time_s: float, step: int) -> InternalErrorRecord:
@@ -29,13 +29,12 @@ def internal_error(error: BaseException, time_s: float, step: int) -> InternalEr
 def _raised_in(error: BaseException) -> str:
     """File, line and function: the deepest of this package, the deepest of all where none is."""
     frames = extract_tb(error.__traceback__)
-    package = Path(ffsm_mj.__file__).parent
-    own = [frame for frame in frames if package in Path(frame.filename).parents] or frames
+    own = [frame for frame in frames if _PACKAGE in Path(frame.filename).parents] or frames
     if not own:
         return "unknown"
     frame = own[-1]
     place = Path(frame.filename)
-    return f"{place.relative_to(package) if package in place.parents else place.name}:{frame.lineno} in {frame.name}"
+    return f"{place.relative_to(_PACKAGE) if _PACKAGE in place.parents else place.name}:{frame.lineno} in {frame.name}"
 
 
 def _relative(text: str) -> str:
