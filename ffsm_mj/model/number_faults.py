@@ -34,9 +34,20 @@ def number_faults(model: Any) -> Iterator[tuple[str, str, str]]:
             if not worst <= MOST_LENGTH:
                 yield kind, getattr(model, kind)(i).name, f"has a length of {worst:g} m; at most {MOST_LENGTH:g} m"
     yield from _colour_faults(model)
+    yield from _delays(model)
     for i in range(model.npair):
         if model.pair_geom1[i] == model.pair_geom2[i]:
             yield "geom", model.geom(model.pair_geom1[i]).name, "is in a <contact><pair> with itself; remove it"
+
+
+def _delays(model: Any) -> Iterator[tuple[str, str, str]]:
+    """Elements whose values MuJoCo delays: the balance would take the effort of now where that of before acts."""
+    for kind, count in (("actuator", model.nu), ("sensor", model.nsensor)):
+        delays, buffers = (getattr(model, f"{kind}_{what}") for what in ("delay", "history"))
+        for i in range(count):
+            if delays[i] or buffers[i, 0]:
+                what = f"delay {delays[i]:g} s, nsample {buffers[i, 0]}"
+                yield kind, getattr(model, kind)(i).name, f"has {what}, which is not modelled; remove delay and nsample"
 
 
 def _colour_faults(model: Any) -> Iterator[tuple[str, str, str]]:

@@ -143,3 +143,19 @@ def test_a_model_is_known_by_its_ending(tmp_path, name):
     (tmp_path / name).write_text(ball("ball"))
     with pytest.raises(InputError, match=r"no model file by its name: MJCF ends in \.xml, URDF in \.urdf"):
         prepare(path)
+
+
+def test_a_delayed_actuator_or_sensor_is_refused_by_name(tmp_path):
+    """MuJoCo would let the effort of 10 ms ago act, and the balance take that of now."""
+    robot = ball("ball", joints="x").replace('name="push_x"', 'name="push_x" delay="0.01" nsample="10"')
+    (line,) = faults(tmp_path, robot)
+    assert line.endswith(
+        "robot.xml:5: actuator 'push_x' has delay 0.01 s, nsample 10, which is not modelled; remove delay and nsample"
+    )
+    sensor = '<sensor><jointpos name="seen" joint="x" delay="0.002" nsample="2"/></sensor></mujoco>'
+    (line,) = faults(tmp_path, ball("ball", joints="x").replace("</mujoco>", "\n" + sensor))
+    assert "robot.xml:6: sensor 'seen' has delay 0.002 s, nsample 2" in line
+    # From a class too.
+    default = '<default><motor delay="0.01" nsample="10"/></default><worldbody>'
+    (line,) = faults(tmp_path, ball("ball", joints="x").replace("<worldbody>", default))
+    assert "actuator 'push_x' has delay 0.01 s" in line
