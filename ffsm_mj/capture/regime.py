@@ -302,7 +302,7 @@ class Captures(Regime):
         Raises:
             ValueError: They are of a grasp that there is not.
         """
-        self.scene.numbers.next = records[0].event
+        self.scene.numbers.believe(records[0].event)
         for record in records:
             if record.grasp not in self._grips:
                 raise ValueError(f"no grasp {record.grasp!r}")

@@ -32,20 +32,26 @@ GROUP = "ffsm_mj.contact_regimes"
 
 
 class Numbers:
-    """Numbers of the events of a run that share one count: at one instant nothing else tells which came first.
-
-    Attributes:
-        next: The number of the next one.
-    """
+    """Numbers of the events of a run that share one count: at one instant nothing else tells which came first."""
 
     def __init__(self) -> None:
         """From 0."""
-        self.next = 0
+        self._next: int | None = 0
 
     def take(self) -> int:
         """The number of an event that happens now."""
-        self.next += 1
-        return self.next - 1
+        number = self._next or 0
+        self._next = number + 1
+        return number
+
+    def forget(self) -> None:
+        """``analyze`` goes on behind a hole in a log: how many events there were in it is not known."""
+        self._next = None
+
+    def believe(self, number: int) -> None:
+        """``analyze`` is where a log has an event of this number: where the count is not known it goes on from there."""
+        if self._next is None:
+            self._next = number
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ class Lasting(Regime):
 
     def meet(self, records: Sequence[Any]) -> None:
         """Take up pairs of which a log tells something, where they are in contact and not held: no impact closed them."""
-        self.scene.numbers.next = records[0].event
+        self.scene.numbers.believe(records[0].event)
         if {record.pair for record in records} - {pair.name for pair in self._closed.by_pair}:
             self.close(self._impacts.contacts())
 
