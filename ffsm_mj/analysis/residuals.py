@@ -46,6 +46,15 @@ class Accounts:
         self._energy, self._work = layout.index[f"energy.{party}_J"], layout.index["ledger.work_J"]
         self._gained = layout.index[f"ledger.{party}_impact_energy_J"]
         self._fallen = layout.index.get(f"ledger.{party}_gravity_work_J")
+        self._energies = [
+            i for i in (self._work if party != "objects" else None, self._gained, self._fallen) if i is not None
+        ]
+        on_robot, on_objects = ([part[k : k + 6] for part in self._outside] for k in (0, 6))
+        self._impulses = {
+            "total": [self._external, *on_robot, *on_objects],
+            "robot": [self._external, self._contact, *on_robot],
+            "objects": [self._contact, *on_objects],
+        }[party]
         own = "state.q_robot_" if party == "robot" else "state.q_"
         self._places = [i for i, s in enumerate(layout.signals) if s.unit == "m" and s.key.startswith(own)]
 
@@ -64,9 +73,19 @@ class Accounts:
         )
         return unexplained_momentum(self._party, own, external, contact, outside, self._free)
 
-    def energy_scale(self, block: FloatArray) -> FloatArray:
-        """Kinetic energy, J, (n,)."""
-        return np.abs(block[:, self._energy])
+    def scales(self, block: FloatArray) -> FloatArray:
+        """The largest of the terms that cancel in energy, P and L: J, N s and N m s, (n, 3).
+
+        They are the kinetic energy and the momenta of now and what is booked: where a fixed body bears a weight for long, or an
+        actuator and a contact push against each other, the accounts grow while nothing moves.
+        """
+        energies = np.abs(block[:, [self._energy, *self._energies]]).max(axis=1)
+        lever, linear, angular = norms(block[:, self._places]), [self.linear_scale(block)], [self.angular_scale(block)]
+        for places in self._impulses:
+            impulse = block[:, places] * self._free
+            linear.append(norms(impulse[:, :3]))
+            angular.append(norms(impulse[:, 3:]) + lever * linear[-1])
+        return np.stack((energies, np.max(linear, axis=0), np.max(angular, axis=0)), axis=1)
 
     def linear_scale(self, block: FloatArray) -> FloatArray:
         """Sum of the norms of P of those who belong to the party, N s, (n,): what cancels in the whole system's."""

@@ -8,10 +8,13 @@ at 1 ms) is judged by its residual as it is; one of K stretches may drift K time
 found in any.
 
 The scale is the largest size, up to the end of the stretch, of the terms that cancel in the quantity: each of them is
-rounded to 1e-16 of itself, whatever is left of the sum. For T that is T; for P the sum of |P| of robot and objects; for L
-about the origin |L| + r |P|, where r is the norm of all coordinates that are lengths: the size of the terms r x m v. The
-lever belongs there twice over: L is spin plus r x P, and an error d of P is an error r d of L; a run that drifts away, or is
-seen from another origin, is judged as any other.
+rounded to 1e-16 of itself, whatever is left of the sum. For T that is T, or what is booked of work, impact energy or work
+of gravity where that is more; for P the sum of |P| of robot and objects, or a booked impulse; for L about the origin |L|
++ r |P|, where r is the norm of all coordinates that are lengths: the size of the terms r x m v. The lever belongs there
+twice over: L is spin plus r x P, and an error d of P is an error r d of L; a run that drifts away, or is seen from
+another origin, is judged as any other. While the robot holds an object, its own balance takes off the change of the
+object's energy and momentum: terms that cancel there too, and what a step leaves of the two bodies' motion is all the
+robot's.
 """
 
 from __future__ import annotations
@@ -110,21 +113,25 @@ class Audit:
         self._overlap, self._deepest = layout.index.get(_OVERLAP), Peak()
         self._residual, self._complementarity = layout.index.get(_RESIDUAL), Peak()
         self._forces = layout.places(key.removesuffix("_mode") + "_force_N" for key in layout.keys if key.endswith("_mode"))
+        self._grasp = layout.index.get("contact.capture_grasp")
         self._time, self.samples = layout.time, 0
 
     def rows(self, block: FloatArray) -> None:
         """Take the next rows."""
         self.samples += len(block)
         times = block[:, self._time]
+        scales = {party: accounts.scales(block) for party, accounts in self._accounts.items()}
+        if self._grasp is not None:
+            # What the robot gives to what it holds is booked as the change of the object's own energy and momentum.
+            scales["robot"] += scales["objects"] * (block[:, [self._grasp]] > 0.0)
         for party, accounts in self._accounts.items():
-            momentum = accounts.momentum(block)
-            linear, angular = accounts.linear_scale(block), accounts.angular_scale(block)
-            self._changes[party, "energy"].add(times, accounts.energy(block)[:, None], accounts.energy_scale(block))
+            momentum, (energy, linear, angular) = accounts.momentum(block), scales[party].T
+            self._changes[party, "energy"].add(times, accounts.energy(block)[:, None], energy)
             self._changes[party, "linear momentum"].add(times, momentum[:, :3], linear)
             self._changes[party, "angular momentum"].add(times, momentum[:, 3:], angular)
-            if party == "robot":
-                difference = (block[:, self._matrix] - block[:, self._bodies]) * self._free
-                self._two_ways.add(times, difference, linear + angular)
+        own = self._accounts["robot"]
+        difference = (block[:, self._matrix] - block[:, self._bodies]) * self._free
+        self._two_ways.add(times, difference, own.linear_scale(block) + own.angular_scale(block))
         if self._overlap is not None:
             self._deepest.add(times, block[:, [self._overlap]], np.zeros(len(block)))
         if self._residual is not None and len(self._forces):

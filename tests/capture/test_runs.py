@@ -14,7 +14,7 @@ from ffsm_mj.capture.regime import Captures
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.recount import recount
-from tests.capture.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, grasping, stone
+from tests.capture.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, TARGET, grasping, stone
 from tests.scenes import ball, scene
 
 HOLD = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
@@ -502,3 +502,22 @@ def test_the_case_study_catches_its_box():
     # Held by construction: the box is where it was in the hand.
     held = run.time > capture.time_s
     assert np.ptp(run["contact.capture_grasp"][held]) == 0.0
+
+
+def test_an_object_that_outweighs_the_robot_is_held_by_scales_of_both(tmp_path):
+    """What RK4 leaves of 1e6 kg at 5 ms is all in the robot's balance, which takes off the change of the object's energy."""
+    path = grasping(tmp_path / "scene", time_step_s=0.005, control_period_s=0.005)
+    target, share = tmp_path / "scene" / "target.xml", 1e6 / 3.0
+    inertia = " ".join(f"{share * moment:.9g}" for moment in (0.04, 0.05, 0.06))
+    heavy = TARGET.replace('mass="3"', 'mass="1e6"').replace('diaginertia="0.04 0.05 0.06"', f'diaginertia="{inertia}"')
+    target.write_text(heavy)
+    run = ffsm_mj.run(path)
+    assert run.captures
+    laws = {(law.name, law.party): law for law in run.laws()}
+    assert all(law.holds for law in laws.values())
+    robot, objects = (laws["energy", party] for party in ("robot", "objects"))
+    assert robot.residual > 1e-9 * (1.0 + run["energy.robot_J"].max())  # more than its own energy would allow
+    assert robot.tolerance < 1.01 * (objects.tolerance + 1e-9 * run["energy.robot_J"].max())
+    # Until it is held the robot is judged by its own.
+    free = ffsm_mj.run(path, {"duration_s": 0.5, "phases": [{"name": "meet", "until": "end", "controller": OFF}]})
+    assert next(law for law in free.laws() if (law.name, law.party) == ("energy", "robot")).tolerance < 1.1e-9
