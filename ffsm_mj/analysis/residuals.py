@@ -76,8 +76,8 @@ class Accounts:
     def scales(self, block: FloatArray) -> FloatArray:
         """The largest of the terms that cancel in energy, P and L: J, N s and N m s, (n, 3).
 
-        They are the kinetic energy and the momenta of now and what is booked: where a fixed body bears a weight for long, or an
-        actuator and a contact push against each other, the accounts grow while nothing moves.
+        They are the kinetic energy and the momenta of now and what is booked: where a fixed body bears a weight for long,
+        or an actuator and a contact push against each other, the accounts grow while nothing moves.
         """
         energies = np.abs(block[:, [self._energy, *self._energies]]).max(axis=1)
         lever, linear, angular = norms(block[:, self._places]), [self.linear_scale(block)], [self.angular_scale(block)]
