@@ -12,14 +12,12 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.carrier import Vector
 from ffsm_mj.contact.cores import Core, Face, Line, Point
 from ffsm_mj.contact.outline import Outline
-from ffsm_mj.contact.shape import PARALLEL, Shape
+from ffsm_mj.contact.shape import PARALLEL, Shape, vagueness
 from ffsm_mj.hull import hull
 from ffsm_mj.model.dynamics import cross
 
 _SAME_M, _STRAIGHT = 1e-12, 1e-9
 """Corners no farther apart than the first are one; one that hardly turns is none (as in :mod:`.manifold`)."""
-_SINGLE = 2e-7
-"""Vertices of meshes are known to this share of its size."""
 _NO_CONE = np.empty((0, 3))
 _SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
@@ -37,7 +35,7 @@ class FlatOutline(Outline):
         self._model, self._geom, self._kind = model, geom, int(model.geom_type[geom])
         self._name = _NAMES.get(self._kind, "vertex")
         self._radius = self._size[0] if self._kind in _NAMES else 0.0
-        self.vague = _SINGLE * float(model.geom_rbound[geom]) if self._kind == _MESH else 0.0
+        self.vague = vagueness(model, geom)
         self._corners = self._ordered(Shape(model, data, geom).extreme(outward, PARALLEL) - self._radius * outward)
         self.flat = len(self._corners) > 2
 

@@ -18,7 +18,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.manifold import LEVEL_M, touching_set
 from ffsm_mj.contact.normal import is_normal, polished, separation
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
-from ffsm_mj.contact.shape import PARALLEL, Shape
+from ffsm_mj.contact.shape import PARALLEL, Shape, vagueness
 from ffsm_mj.model.system import System
 
 _UNSUPPORTED = {
@@ -91,6 +91,7 @@ class ContactPair:
         restitution: Coefficient e of this pair.
         mu: Coefficient of friction of this pair.
         geom_ids: Ids of both geoms.
+        vague: How well the places of the points of both are known, m: 0 but for meshes.
         size: Length in m below which the pair's gap is a simple function of time (half the thinnest extent).
     """
 
@@ -113,6 +114,7 @@ class ContactPair:
         self.restitution, self.mu = restitution, mu
         self.size = 0.5 * float(min(model.geom_aabb[self._g1, 3:].min(), model.geom_aabb[self._g2, 3:].min()))
         self._r1, self._r2 = float(model.geom_rbound[self._g1]), float(model.geom_rbound[self._g2])
+        self.vague = vagueness(model, self._g1) + vagueness(model, self._g2)
         self._root1, self._root2 = int(model.body_rootid[self.body_a]), int(model.body_rootid[self.body_b])
         self._fromto = np.empty(6)
         self._normal: FloatArray | None = None
@@ -199,7 +201,7 @@ class ContactPair:
         if not is_normal(first, second, normal):
             normal, witness = self._nearer_query(model, data, (normal, witness))
         self._normal = normal
-        level = LEVEL_M + first.vague + second.vague
+        level = LEVEL_M + self.vague
         points = touching_set(first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL), normal, level)
         points = points if len(points) else witness[None]
         rounding = _ROUNDING + 4.0 * _EPSILON * float(np.abs(points).max())

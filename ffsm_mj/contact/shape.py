@@ -42,7 +42,7 @@ class Shape:
     @property
     def vague(self) -> float:
         """How well the places of its points are known, m: 0 but for meshes."""
-        return _SINGLE * float(self._model.geom_rbound[self._geom]) if self._kind == mujoco.mjtGeom.mjGEOM_MESH else 0.0
+        return vagueness(self._model, self._geom)
 
     def extreme(self, direction: FloatArray, width: float = 0.0) -> FloatArray:
         """All extreme points along a unit vector, (k, 3); edges and faces within ``width`` rad of square to it whole."""
@@ -122,6 +122,11 @@ class Shape:
         model, mesh = self._model, int(self._model.geom_dataid[self._geom])
         first = int(model.mesh_vertadr[mesh])
         return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64))
+
+
+def vagueness(model: Any, geom: int) -> float:
+    """How well the places of a geom's points are known, m: 0 but for meshes, whose vertices are in single precision."""
+    return _SINGLE * float(model.geom_rbound[geom]) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH else 0.0
 
 
 def _ends(component: float, half: float, width: float) -> tuple[float, ...]:

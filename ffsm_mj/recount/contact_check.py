@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -70,7 +71,9 @@ class ContactCheck:
         if pair.gap(model, data, 1.0) > _NEAR_M:
             return None
         near = pair.proximity(model, data)
-        return near if closed_and_still(near, held_stillness(near) if lasts else near.still) else None
+        # Where several vertices of a mesh touch, the gap of the one that is left is known no better than their places.
+        seen = replace(near, gap=near.gap - pair.vague) if lasts else near
+        return near if closed_and_still(seen, held_stillness(near) if lasts else near.still) else None
 
     def _resultants(
         self, touching: Sequence[tuple[ContactPair, Proximity]], course: Course
