@@ -10,7 +10,7 @@ import pytest
 
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.shape import Shape
-from tests.scenes import HEAD, box, compile_paths
+from tests.scenes import HEAD, ball, box, compile_paths
 
 SIGNS = np.array([*product((-1.0, 1.0), repeat=3)])
 
@@ -85,3 +85,28 @@ def test_normal_where_corners_nearly_meet(tmp_path, rng, offset_m):
         # Corners are sums of numbers of a metre, MuJoCo's meshes among them: 1e-15 each; the normal is that over the offset.
         assert cold.gap == pytest.approx(gap, abs=1e-14)
         assert np.linalg.norm(cold.normal - normal) < 1e-13 + 1e-14 / offset_m
+
+
+def test_normal_at_the_edge_of_a_fine_mesh(tmp_path, rng):
+    """A ball at the side of a face of nine vertices: what it touches is the edge, a hair away from the face's own normal."""
+    half, radius = 0.25, 0.125  # of powers of two, which single precision tells exactly
+    grid = " ".join(str(half * x) for corner in product((-1, 0, 1), repeat=3) for x in corner)
+    mesh = f"""<mujoco>{HEAD}<asset><mesh name="box" vertex="{grid}"/></asset><worldbody><body name="box">
+      <freejoint name="free"/><inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
+      <geom name="box" type="mesh" mesh="box" mass="0"/></body></worldbody></mujoco>"""
+    (tmp_path / "a.xml").write_text(mesh)
+    (tmp_path / "b.xml").write_text(ball("ball", radius=radius))
+    system = compile_paths(tmp_path / "a.xml", {"o": tmp_path / "b.xml"})
+    model, data = system.mj, mujoco.MjData(system.mj)
+    pair = ContactPair(system, "pair", "robot/box", "o/ball", 1.0)
+    for tilt in (1e-7, 1e-6, 2e-5, 9e-5, 1e-3):
+        normal, along = np.array([np.sin(tilt), 0.0, np.cos(tilt)]), rng.uniform(-0.2, 0.2)
+        rotation, quaternion = np.empty(9), rng.normal(size=4)
+        data.qpos[3:7] = quaternion / np.linalg.norm(quaternion)
+        mujoco.mju_quat2Mat(rotation, data.qpos[3:7])
+        turn = rotation.reshape(3, 3)
+        data.qpos[7:10] = turn @ (np.array([half, along, half]) + radius * normal)
+        mujoco.mj_forward(model, data)
+        near = pair.proximity(model, data)
+        # The normal is known to the rounding of places, 1e-16, over the radius.
+        assert np.linalg.norm(near.normal - turn @ normal) < 1e-14

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Literal
 
 import mujoco
@@ -88,7 +88,7 @@ class _Drawing:
 
     def __init__(self, rng, folder):
         self.rng, self.folder = rng, folder
-        self.step = float(rng.choice(STEPS_S))
+        self.step, self.presses = float(rng.choice(STEPS_S)), bool(rng.random() < 0.5)
         self.motors, self.switched = [], []
         self.pairs, self.kinds = [], {}
 
@@ -97,7 +97,7 @@ class _Drawing:
         links = int(rng.integers(1, 5))
         objects = {name: self.free_body(name) for name in OBJECTS[: int(rng.integers(1, 4))]}
         robot = self.robot(links)
-        behind = str(rng.choice(["", "", "wall", "slab"]))
+        behind = str(rng.choice(["wall", "wall", "slab", ""] if self.presses else ["", "", "wall", "slab"]))
         fixed = {}
         if behind:
             half = "0.3 1 1" if behind == "wall" else f"{rng.uniform(0.02, 0.1)} 0.4 0.5"
@@ -109,7 +109,7 @@ class _Drawing:
         self.draw_pairs(links, [*objects])
         step = self.step
         tick = step * int(rng.choice([1, 1, 2]))
-        duration = round(min(1.0, max(0.25, 200 * step)) / tick) * tick
+        duration = round(min(1.0, max(0.4, 200 * step)) / tick) * tick
         path = scene(
             self.folder,
             robot,
@@ -147,17 +147,25 @@ class _Drawing:
         a, b, c = (size * rng.uniform(0.5, 1.3, 3)).tolist()
         place = f'name="{name}" pos="{_numbers(at)}" quat="{_numbers(self.turn())}" mass="0"'
         if kind == "mesh":
-            if rng.random() < 0.4:  # a frustum: faces that are flat to single precision only
-                top = rng.uniform(0.4, 1.0)
-                corners = [[x * a * s, y * b * s, z * c] for z, s in ((-1, 1), (1, top)) for x in (-1, 1) for y in (-1, 1)]
-                points = np.array(corners)
-            else:
-                points = rng.normal(size=(int(rng.integers(6, 16)), 3))
-                points *= np.array([a, b, c]) / np.linalg.norm(points, axis=1)[:, None]
+            points = self.vertices() * (a, b, c)
             asset = f'<mesh name="{name}" vertex="{_numbers(points.ravel())}"/>'
             return f'<geom {place} type="mesh" mesh="{name}"/>', asset
         sizes = {"sphere": [a], "capsule": [a, b], "cylinder": [a, b]}.get(kind, [a, b, c])
         return f'<geom {place} type="{kind}" size="{_numbers(sizes)}"/>', ""
+
+    def vertices(self):
+        """Of a mesh of about unit size: of a random hull, or with faces that are flat to single precision only."""
+        rng, kind = self.rng, str(self.rng.choice(["hull", "hull", "frustum", "prism", "grid"]))
+        if kind == "frustum":
+            top = rng.uniform(0.4, 1.0)
+            return np.array([[x * s, y * s, z] for z, s in ((-1, 1), (1, top)) for x in (-1, 1) for y in (-1, 1)])
+        if kind == "prism":
+            angles = 2.0 * math.pi * np.arange(count := int(rng.integers(3, 12))) / count
+            return np.array([[math.cos(angle), math.sin(angle), z] for z in (-1, 1) for angle in angles])
+        if kind == "grid":
+            return np.array([*product((-1.0, 0.0, 1.0), repeat=3)])
+        points = rng.normal(size=(int(rng.integers(6, 16)), 3))
+        return points / np.linalg.norm(points, axis=1)[:, None]
 
     def free_body(self, name):
         rng, size = self.rng, float(self.rng.uniform(0.08, 0.2))
@@ -172,9 +180,9 @@ class _Drawing:
         bus, assets = self.geom("bus", 0.2)
         body, ends, actuators = "", "", ""
         for i in range(links):
-            slides = rng.random() < 0.35
+            slides = rng.random() < 0.35 or (self.presses and i == 0)
             axis = rng.normal(size=3)
-            if slides and rng.random() < 0.7:
+            if slides and (self.presses or rng.random() < 0.7):
                 axis = np.array([1.0, 0.1 * rng.normal(), 0.1 * rng.normal()])
             where = 0.35 if i == 0 else 0.25
             geom, asset = self.geom(f"link{i}", 0.09, (0.12, 0.0, 0.0))
@@ -227,20 +235,23 @@ class _Drawing:
         met = [(geom, name) for geom in moving for name in names] if rng.random() < 0.5 else [(moving[-1], names[0])]
         geoms = [(geom, f"{name}/{name}") for geom, name in met]
         geoms += [(f"{a}/{a}", f"{b}/{b}") for a, b in pairwise(names)]
-        usual = float(rng.choice(RESTITUTIONS))
+        usual = 0.0 if self.presses else float(rng.choice(RESTITUTIONS))
         for a, b in geoms:
             e = usual if rng.random() < 0.6 else float(rng.choice(RESTITUTIONS))
             if {self.kinds.get(each.rpartition("/")[2]) for each in (a, b)} <= {"cylinder", "ellipsoid"}:
                 e = 1.0  # two that are round cannot stay in contact
+            if self.presses and e == 1.0:
+                continue  # what is pressed and never rests bounces a thousand times in a step
             mu = {"mu": float(rng.uniform(0.05, 0.8))} if rough and rng.random() < 0.6 else {}
             self.pairs.append({"geoms": [a, b], "restitution": e, "name": f"{a}-{b}".replace("/", "_"), **mu})
 
     def phases(self, duration):
         """Waves from the start to the end; in two of five scenes with a grasp that closes and lets go."""
         rng, count = self.rng, len(self.motors)
+        bias = rng.uniform(0.5, 2.0) if self.presses else rng.choice([0.0, 0.5])
         waves = {
             "kind": "waves",
-            "bias": [float(x) for x in np.array(self.motors) * rng.choice([0.0, 0.5]) * ~np.array(self.switched)],
+            "bias": [float(x) for x in np.array(self.motors) * bias * ~np.array(self.switched)],
             "amplitude": self.motors,
             "rate_rad_s": rng.uniform(2.0, 30.0, count).tolist(),
             "phase_rad": rng.uniform(0.0, 2.0 * math.pi, count).tolist(),
@@ -273,7 +284,7 @@ class _Drawing:
         start = said["initial"]["joints"]
         for name in said["objects"]:
             geom = model.geom(f"{name}/{name}").id
-            wanted = float(rng.choice([1e-12, 1e-4, 3e-3, 1e-2, 3e-2]))
+            wanted = float(rng.choice([1e-12, 1e-4, 3e-3, 1e-2] if self.presses else [1e-12, 1e-4, 3e-3, 1e-2, 3e-2]))
             shift = self.clear(model, data, ahead, geom) - wanted
             data.geom_xpos[geom, 0] -= shift
             where = said["objects"][name]["pose"]["position_m"] if name == behind else start[f"{name}/free"]
