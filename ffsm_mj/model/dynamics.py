@@ -135,21 +135,23 @@ def free_components(system: System, tree: Tree) -> np.ndarray[Any, np.dtype[np.b
     A component is free when the joints allow the matching unit twist in every configuration; a few are tried.
     """
     free = np.ones(6, dtype=np.bool_)
-    for projector in _free_projectors(system, tree):
+    for projector in free_projectors(system, tree):
         free &= np.isclose(np.linalg.norm(projector - np.eye(6), axis=0), 0.0, atol=1e-9)
     return free
 
 
 def free_projector(system: System, tree: Tree) -> FloatArray | None:
     """What a tree's base joints leave free of a wrench about the origin, shape (6, 6); None where that turns with them."""
-    first, *others = _free_projectors(system, tree)
+    first, *others = free_projectors(system, tree)
     return first if np.allclose(others, first, rtol=0.0, atol=1e-9) else None
 
 
-def _free_projectors(system: System, tree: Tree) -> Iterator[FloatArray]:
-    for data in _general_configurations(system.mj):
-        jacobian = base_jacobian(system.mj, data, tree)
-        yield jacobian @ np.linalg.pinv(jacobian)
+def free_projectors(system: System, tree: Tree) -> tuple[FloatArray, ...]:
+    """What a tree's base joints leave free of a wrench about the origin in a few configurations, (6, 6) each."""
+    if tree.name not in system.projectors:
+        jacobians = (base_jacobian(system.mj, data, tree) for data in _general_configurations(system.mj))
+        system.projectors[tree.name] = tuple(jacobian @ np.linalg.pinv(jacobian) for jacobian in jacobians)
+    return system.projectors[tree.name]
 
 
 def external_actuators(system: System) -> np.ndarray[Any, np.dtype[np.bool_]]:

@@ -117,6 +117,11 @@ class System:
         """Ids of all bodies of fixed objects."""
         return frozenset(body for each in self.fixed for body in each.bodies)
 
+    @cached_property
+    def projectors(self) -> dict[str, tuple[FloatArray, ...]]:
+        """Room for :func:`ffsm_mj.model.dynamics.free_projectors`, by tree: all parts of a run ask for the same."""
+        return {}
+
     def copy(self) -> System:
         """The same scene with a MuJoCo model of its own."""
         return replace(self, mj=copy.copy(self.mj))

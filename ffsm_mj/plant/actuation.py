@@ -132,7 +132,7 @@ class Actuation:
     def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
         """Open and shut the valves of the on-off actuators, which deliver all or nothing of what the limits left of it."""
         on = powered.tolist()  # lists are read faster than arrays one by one
-        if not (self._valves_open or any(on[i] for i, _ in self._valves)):
+        if not (self._valves_open or True in [on[i] for i, _ in self._valves]):
             return  # all are shut, and stay so
         wanted = self._wanted.tolist()
         lower, upper, forces = self._lower.tolist(), self._upper.tolist(), []
