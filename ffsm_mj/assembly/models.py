@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,8 +20,19 @@ from ffsm_mj.scenario.source import YamlSource
 _BELIEVED = ("model", "controller_model")
 
 
-def compile_scenario(scenario: Scenario, source: YamlSource) -> tuple[System, System | None, Mapping[str, HeldSystem]]:
+Reader = Callable[[Path, Sequence[Path], Sequence[Path]], ModelFiles]
+"""Reads a model as :func:`ffsm_mj.model.files.read_model` does."""
+
+
+def compile_scenario(
+    scenario: Scenario, source: YamlSource, read: Reader = read_model
+) -> tuple[System, System | None, Mapping[str, HeldSystem]]:
     """Compile robot and objects of a scenario.
+
+    Args:
+        scenario: As it was validated.
+        source: Where its keys stand.
+        read: Reads a model; who makes many runs of the same files keeps what was read.
 
     Returns:
         The scene, what the control laws take it for (None: they know it), and the systems in which its captures hold.
@@ -29,7 +40,7 @@ def compile_scenario(scenario: Scenario, source: YamlSource) -> tuple[System, Sy
     Raises:
         InputError: A file is missing or malformed, or a model is not what a free-floating system needs.
     """
-    files = _model_files(scenario, source)
+    files = _model_files(scenario, source, read)
     try:
         system = _compiled(scenario, files, "model")
         believed = _compiled(scenario, files, *_BELIEVED) if any(scenario.controller_model.values()) else None
@@ -67,13 +78,13 @@ def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, g
     return compile_system(robot, changed, time_step_s=scenario.time_step_s, conservative=scenario.conservative, grasp=grasp)
 
 
-def _model_files(scenario: Scenario, source: YamlSource) -> dict[str, ModelFiles]:
+def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[str, ModelFiles]:
     """Files of all models, the robot's first, and what is done to them in any case.
 
     Raises:
         InputError: A file is missing or malformed.
     """
-    paths: dict[str, tuple[Path, list[Path], list[Path]]] = {}
+    paths: dict[str, tuple[Path, tuple[Path, ...], tuple[Path, ...]]] = {}
     faults = []
     models = {("robot",): scenario.robot} | {("objects", name): part for name, part in scenario.objects.items()}
     for keys, part in models.items():
@@ -81,9 +92,9 @@ def _model_files(scenario: Scenario, source: YamlSource) -> dict[str, ModelFiles
         if not os.path.isfile(path):  # without an exception for a name that is too long
             what = "is a folder, not a model file:" if os.path.isdir(path) else "no such model file"
             faults.append(Fault(f"{what} {path}", (*keys, "mjcf")))
-        found: dict[str, list[Path]] = {}
+        found: dict[str, tuple[Path, ...]] = {}
         for key in ("asset_folders", "package_paths"):
-            found[key] = [_beside(source, (*keys, key), folder) for folder in getattr(part, key)]
+            found[key] = tuple(_beside(source, (*keys, key), folder) for folder in getattr(part, key))
             for i, folder in enumerate(found[key]):
                 if not os.path.isdir(folder):
                     faults.append(Fault(f"no such folder: {folder}", (*keys, key, i)))
@@ -92,9 +103,7 @@ def _model_files(scenario: Scenario, source: YamlSource) -> dict[str, ModelFiles
         raise located(ScenarioFaults(faults), source)
     parts = {keys[-1]: part for keys, part in models.items()}
     poses = {name: part.fixed_at for name, part in scenario.objects.items()}
-    files = {
-        name: replace(read_model(*given), strip=parts[name].strip, pose=poses.get(name)) for name, given in paths.items()
-    }
+    files = {name: replace(read(*given), strip=parts[name].strip, pose=poses.get(name)) for name, given in paths.items()}
     sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
     return files | {"robot": replace(files["robot"], sites=sites)}
 

@@ -12,10 +12,11 @@ from typing import Any
 from ffsm_mj.assembly.assemble import Assembly, assemble, disarmed_pairs, refused_rest, unwatched_overlaps
 from ffsm_mj.assembly.captures import HeldSystem
 from ffsm_mj.assembly.damping import unstable_damping
-from ffsm_mj.assembly.models import changes_of, compile_scenario
+from ffsm_mj.assembly.models import Reader, changes_of, compile_scenario
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import Change
 from ffsm_mj.model.system import System
 from ffsm_mj.present.run import Run
@@ -94,13 +95,21 @@ def _recipe(scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any], 
     return recipe(config, source, controllers)
 
 
-def recipe(config: Scenario, source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({})) -> Prepared:
+def recipe(
+    config: Scenario, source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({}), read: Reader = read_model
+) -> Prepared:
     """Compile a scenario that was read; what is wrong with its parts is told when they are assembled.
+
+    Args:
+        config: The scenario.
+        source: Where its keys stand.
+        controllers: See :func:`run`.
+        read: Reads the files of a model.
 
     Raises:
         InputError: A model is wrong.
     """
-    system, believed, held = compile_scenario(config, source)
+    system, believed, held = compile_scenario(config, source, read)
     return Prepared(config, source, system, dict(controllers), believed, held)
 
 

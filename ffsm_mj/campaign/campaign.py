@@ -197,7 +197,7 @@ class Campaign:
     def _job(self, *, own: bool) -> Job:
         metrics, timeout = self.config.kept_metrics, self.config.limits.timeout_s or 0.0
         scenario = str(self.folder.scenario.resolve())
-        return Job(scenario, metrics, row_versions(), timeout, self._laws, own)
+        return Job(scenario, metrics, row_versions(), settings_hash(self._settings), timeout, self._laws, own)
 
     def extend(self, n: int) -> None:
         """Add runs to the design; those that it has stay as they are.

@@ -66,7 +66,7 @@ def replay(
     Raises:
         InputError: The run cannot be made.
     """
-    assembly = prepared_run(job.scenario, overrides, job.laws).assemble()
+    assembly = prepared_run(job, overrides).assemble()
     effort = Effort(assembly.system, assembly.actuation.keys)
     run = simulate(assembly, RunFolder(folder, force=True), with_rerun=False, watchers=(effort,))
     if run.outcome == Outcome.INTERRUPTED:

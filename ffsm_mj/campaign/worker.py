@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ffsm_mj.assembly.blas_threads import one_blas_thread
+from ffsm_mj.assembly.models import Reader
 from ffsm_mj.assembly.prepare import Prepared, as_overrides, recipe
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.effort import Effort
@@ -21,6 +22,7 @@ from ffsm_mj.campaign.outcomes import ERROR, TIMEOUT
 from ffsm_mj.campaign.settings import row_versions
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.errors import FfsmError, InputError, described, raised_at
+from ffsm_mj.model.files import read_model
 from ffsm_mj.records.facts import logged_models
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource, read_yaml
@@ -34,6 +36,7 @@ class Job:
         scenario: The base scenario, every default written out, beside its models: where all workers can read it.
         metrics: What is measured.
         versions: Packages with which the campaign was begun.
+        digest: Hash of the campaign's settings: where it is the same, so are the scenario and its models.
         timeout_s: Wall time that a run may take; 0: any.
         laws: Control laws of a script, classes by kind.
         own_process: Whether the process is the campaign's own, so that it may be ended where a run is stuck.
@@ -43,6 +46,7 @@ class Job:
     scenario: str
     metrics: tuple[str, ...]
     versions: Mapping[str, str]
+    digest: str = ""
     timeout_s: float = 0.0
     laws: Mapping[str, Any] = field(default_factory=dict)
     own_process: bool = True
@@ -70,7 +74,7 @@ def probe(job: Job) -> str:
             raise OtherVersionsError(
                 f"worker {platform.node()}: {package} {here.get(package, 'none')}, where the campaign has {wanted}"
             )
-    _read(job.scenario)
+    _read(job.scenario, job.digest)
     return platform.node()
 
 
@@ -85,7 +89,7 @@ def make_rows(job: Job, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> list[R
         OtherVersionsError: There are other packages here.
         InputError: The scenario cannot be read here.
     """
-    _probed(job.scenario, tuple(sorted(job.versions.items())))
+    _probed(job.scenario, tuple(sorted(job.versions.items())), job.digest)
     rows: list[Row] = []
     with one_blas_thread():  # asked for once, not by every run
         for index, overrides in runs:
@@ -97,8 +101,8 @@ def make_rows(job: Job, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> list[R
 
 
 @lru_cache(maxsize=4)
-def _probed(scenario: str, versions: tuple[tuple[str, str], ...]) -> None:
-    probe(Job(scenario, (), dict(versions)))
+def _probed(scenario: str, versions: tuple[tuple[str, str], ...], digest: str) -> None:
+    probe(Job(scenario, (), dict(versions), digest))
 
 
 def make_row(job: Job, index: int, overrides: Mapping[str, Any]) -> Row:
@@ -117,7 +121,7 @@ def make_row(job: Job, index: int, overrides: Mapping[str, Any]) -> Row:
 
 
 def _run(job: Job, overrides: Mapping[str, Any], begun: float) -> dict[str, Any]:
-    assembly = prepared_run(job.scenario, overrides, job.laws).assemble()
+    assembly = prepared_run(job, overrides).assemble()
     effort = Effort(assembly.system, assembly.actuation.keys)
 
     def look(*_: float) -> None:
@@ -164,19 +168,26 @@ def _nowhere() -> Any:
     return Path(os.devnull).open("w", encoding="utf-8")
 
 
-def prepared_run(scenario: str, overrides: Mapping[str, Any], laws: Mapping[str, Any]) -> Prepared:
+def prepared_run(job: Job, overrides: Mapping[str, Any]) -> Prepared:
     """A run of the campaign, made ready.
 
     Raises:
         InputError: The overrides or what they make of a model are wrong.
     """
-    source = _read(scenario).overridden(as_overrides(overrides))
-    return recipe(validated(source, laws), source, laws)
+    source = _read(job.scenario, job.digest).overridden(as_overrides(overrides))
+    return recipe(validated(source, job.laws), source, job.laws, _model_reader(job.scenario, job.digest))
+
+
+# A worker makes runs of several campaigns, and a folder may hold another one than it did: the digest tells them apart.
+@lru_cache(maxsize=4)
+def _read(scenario: str, digest: str) -> YamlSource:  # noqa: ARG001
+    return read_yaml(Path(scenario))
 
 
 @lru_cache(maxsize=4)
-def _read(scenario: str) -> YamlSource:
-    return read_yaml(Path(scenario))
+def _model_reader(scenario: str, digest: str) -> Reader:  # noqa: ARG001
+    """Reads each model of a campaign once."""
+    return cache(read_model)
 
 
 @cache

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -29,6 +31,7 @@ from ffsm_mj.contact.course import Course
 from ffsm_mj.errors import InputError, LogWriteError
 from tests.campaign.files import TUMBLING, campaign_file, two_rocks
 from tests.campaign.laws import Fuse
+from tests.scenes import ball
 
 METRICS = ["impacts.0.time_s", "impacts.0.impulse_N_s", "duration_s", "impacts.count"]
 SPEED = {"initial.rates.robot/free.0": {"uniform": [0.8, 1.6]}}
@@ -57,6 +60,25 @@ def in_a_loop(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Any, ...]]
     campaign = Campaign.load(collisions(folder), folder / "out")
     campaign.run(loop().open())
     return told(campaign)
+
+
+def test_a_folder_that_holds_another_campaign_now_is_read_anew(tmp_path: Path) -> None:
+    """In a process that has made runs of the one before: another scenario, or another model under the same name.
+
+    J = (1 + e) v m M / (m + M) with m = 1 kg: twice as much at twice the speed, and 3/2 of that with M = 3 kg instead of 1.
+    """
+    found = []
+    for speed, mass in ((1.0, 1.0), (2.0, 1.0), (2.0, 3.0)):
+        path = collisions(tmp_path, n=1, overrides={"initial.rates.robot/free": [speed, 0.0, 0.0, 0.0, 0.0, 0.0]})
+        (tmp_path / "stone.xml").write_text(ball("stone", mass=mass))
+        stated = json.loads(path.read_text()) | {"dispersions": {"impact_pairs.0.restitution": {"uniform": [0.2, 1.0]}}}
+        path.write_text(json.dumps(stated))
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
+        campaign = Campaign.load(path, tmp_path / "out")
+        campaign.run(loop().open())
+        found.append(campaign.rows()[0].metrics["impacts.0.impulse_N_s"])
+    assert found[1] == pytest.approx(2.0 * found[0], rel=1e-9)
+    assert found[2] == pytest.approx(1.5 * found[1], rel=1e-9)
 
 
 def test_runs_hit(in_a_loop: list[tuple[Any, ...]]) -> None:
