@@ -116,7 +116,7 @@ class ContactPair:
         self._r1, self._r2 = float(model.geom_rbound[self._g1]), float(model.geom_rbound[self._g2])
         self.vague = vagueness(model, self._g1) + vagueness(model, self._g2)
         self._root1, self._root2 = int(model.body_rootid[self.body_a]), int(model.body_rootid[self.body_b])
-        self._fromto = np.empty(6)
+        self._fromto = np.zeros(6)
         self._normal: FloatArray | None = None
 
     def _check(self, system: System) -> None:

@@ -60,8 +60,9 @@ class ContactWatch:
         now = self._unknown_overlaps() if self._data.ncon else {}
         if not now and not self._open:
             return []
-        ended = [self._record(pair, time_s) for pair in self._open.keys() - now.keys()]
-        for pair in self._open.keys() - now.keys():
+        over = [pair for pair in self._open if pair not in now]
+        ended = [self._record(pair, time_s) for pair in over]
+        for pair in over:
             del self._open[pair]
         for pair, depth in now.items():
             start, deepest = self._open.get(pair, (time_s, 0.0))

@@ -165,9 +165,9 @@ class Closed:
             self._decided = Decision(touches, problem)
         return self._decided
 
-    def leaving(self) -> set[Touch]:
+    def leaving(self) -> tuple[Touch, ...]:
         """Those whose gap opens."""
-        return self.decide().leaving() if self.touches else set()
+        return self.decide().leaving() if self.touches else ()
 
     def press(self) -> None:
         """From here on hold those that press at the state in ``data``."""

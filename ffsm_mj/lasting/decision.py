@@ -42,10 +42,10 @@ class Decision:
             self._pressing = [i for i, (rate, rounding) in enumerate(eased) if rate > rounding]
         return self._pressing
 
-    def leaving(self) -> set[Touch]:
-        """Those whose gap opens."""
+    def leaving(self) -> tuple[Touch, ...]:
+        """Those whose gap opens, in the order of the contacts: a set of objects has another one in every process."""
         rates = zip(self.touches, self._opening(self.forces), self.problem.rounding, strict=True)
-        return {touch for touch, rate, rounding in rates if rate > _OPENS * rounding}
+        return tuple(touch for touch, rate, rounding in rates if rate > _OPENS * rounding)
 
     def holds_for(self, held: Sequence[Touch]) -> float:
         """Below zero where others are held than those that press, up to forces that redundant contacts may share anew."""

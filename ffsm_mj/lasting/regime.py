@@ -67,7 +67,7 @@ class Lasting(Regime):
         """
         super().bind(motion)
         self._closed.bind(motion)
-        held = frozenset(self._closed.by_pair)
+        held = tuple(self._closed.by_pair)
         for pair in held:
             if pair.geom_ids in motion.rigid:
                 self._closed.hold(pair, ())
@@ -77,7 +77,7 @@ class Lasting(Regime):
         self._settle()
         self._closed.press()  # what pressed on the motion before may be on one rigid body in this one
 
-    def _look_anew(self, held: frozenset[ContactPair]) -> None:
+    def _look_anew(self, held: Sequence[ContactPair]) -> None:
         """Hold what is closed and still of the pairs that there are while this moves, of which some were held before."""
         for pair, near in self._impacts.contacts():
             if abs(near.gap) <= GAP_TOLERANCE:  # what was let go where it overlaps is for the impact
@@ -299,7 +299,7 @@ class Lasting(Regime):
             return CONTACT_BEGINS, begins
         leaving, beyond = closed.leaving(), closed.beyond_an_edge()
         lost = [pair for pair in beyond if not self._found_anew(pair)]
-        ends = [pair for pair, touches in closed.by_pair.items() if leaving.issuperset(touches) or pair in lost]
+        ends = [pair for pair, touches in closed.by_pair.items() if set(touches).issubset(leaving) or pair in lost]
         if ends:
             return CONTACT_ENDS, ends
         changes = [*beyond, *(touch.pair for touch in leaving)]

@@ -144,14 +144,13 @@ def kinds() -> tuple[RecordKind, ...]:
 
 
 def kinds_of(names: Sequence[str]) -> tuple[RecordKind, ...]:
-    """The kinds of every run, and those with some names, in order.
+    """The kinds of every run, then those with some names in their order, whatever else is registered, and when.
 
     Raises:
         KeyError: No such kind.
     """
-    for name in names:
-        kind_named(name)
-    return tuple(kind for kind in _KINDS.values() if kind.in_every_run or kind.name in names)
+    every = (name for name, kind in _KINDS.items() if kind.in_every_run)
+    return tuple(map(kind_named, dict.fromkeys((*every, *names))))
 
 
 def kind_named(name: str) -> RecordKind:

@@ -176,7 +176,8 @@ class _Contents:
             raise LogError(path, fault)
         files = dict(self.attachments)
         scenario = _text(path, form.SCENARIO_ATTACHMENT, files.pop(form.SCENARIO_ATTACHMENT, b""))
-        declared = tuple(kind.name for kind in known if not kind.in_every_run)
+        by_topic = {kind.topic: kind.name for kind in known if not kind.in_every_run}
+        declared = tuple(by_topic[topic] for topic in channels if topic in by_topic)  # as in the run
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata, declared)
         log = run_log(header, rows, events, outcome)
         damage = _damage(salvage, len(data), _gaps(log), ended=outcome is not None)
