@@ -7,6 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from ffsm_mj.controller_protocol import (
     ControllerError,
@@ -21,6 +22,10 @@ from ffsm_mj.controller_protocol import (
 
 _SMALL_SHARES = 1e-7
 _PASSES = 100
+_PREFERRED = 1e-9
+"""Of two columns that pull alike, to so much of their pull per place in the list, the first counts; far above rounding."""
+_NO_SHARE = 1e-12
+"""Of the largest share: below, a share is rounding."""
 
 
 def actuators_by_name(system: System, names: Sequence[str], key: str) -> IntArray:
@@ -89,6 +94,10 @@ class ThrusterAllocation:
 def _shares(columns: FloatArray, force: FloatArray) -> FloatArray:
     """Non-negative shares of columns that together come closest to a force.
 
+    Where columns tie, as those of jets that are mirror images do, rounding would decide which of them gets a share. So which
+    columns have one is decided with columns that are longer the earlier they are in the list, each by the same small step:
+    of columns that pull alike the first is taken. The shares are then those of the columns as they are.
+
     Redundant columns can send the method round in circles. Where they do, small shares are asked for as well, with a weight
     that costs a millionth of the force: then no two sets of shares are equally good.
 
@@ -98,7 +107,12 @@ def _shares(columns: FloatArray, force: FloatArray) -> FloatArray:
     from scipy.optimize import nnls  # a second to import, needed by runs that steer by thrusters
 
     try:
-        return np.asarray(nnls(columns, force)[0])
+        shares = np.asarray(nnls(columns, force)[0])
+        used = _used(nnls(columns * (1.0 + _PREFERRED * np.arange(columns.shape[1], 0.0, -1.0)), force)[0])
+        if (used != _used(shares)).any():
+            shares = np.zeros(len(shares))
+            shares[used] = nnls(columns[:, used], force)[0]
+        return shares
     except RuntimeError:  # its iteration limit
         count = columns.shape[1]
     weight = _SMALL_SHARES * float(np.linalg.norm(columns, axis=0).max())
@@ -107,6 +121,11 @@ def _shares(columns: FloatArray, force: FloatArray) -> FloatArray:
         return np.asarray(nnls(stacked, wanted, maxiter=_PASSES * count)[0])
     except RuntimeError as error:
         raise ControllerError("no shares of the thrusters in the force on the base were found") from error
+
+
+def _used(shares: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which columns have a share."""
+    return np.asarray(shares > _NO_SHARE * shares.max(initial=0.0))
 
 
 class WheelAllocation:

@@ -21,6 +21,7 @@ from ffsm_mj.model.properties import Change
 from ffsm_mj.model.system import System
 from ffsm_mj.present.run import Run
 from ffsm_mj.records.facts import gravity_facts, told_gravity
+from ffsm_mj.scenario.grasps import never_armed
 from ffsm_mj.scenario.loading import load_scenario
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path
@@ -193,6 +194,12 @@ class Prepared:
         lines += [f"note: {note}" for note in system.notes]
         lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
         lines += [
-            f"note: {told}" for told in (*unstable_damping(assembly), *refused_rest(assembly), *disarmed_pairs(assembly))
+            f"note: {told}"
+            for told in (
+                *unstable_damping(assembly),
+                *refused_rest(assembly),
+                *disarmed_pairs(assembly),
+                *never_armed(self.scenario),
+            )
         ]
         return lines

@@ -27,6 +27,16 @@ def capture_faults(scenario: Scenario) -> list[Fault]:
     return faults or [*_second_grasps(scenario), *_ends_at_no_capture(scenario)]
 
 
+def never_armed(scenario: Scenario) -> Iterator[str]:
+    """Captures that no phase arms, for people; where a control law may ask for them that is said."""
+    armed = {name for phase in scenario.phases for name in phase.arm}
+    asking = [phase.name for phase in scenario.phases if not _asks_for_nothing(phase)]
+    for name in scenario.captures:
+        if name not in armed:
+            law = f" unless the control law of phase {asking[0]!r} asks for it" if asking else ""
+            yield f"no phase arms the capture {name!r}, so it never takes hold{law}; write 'arm: [{name}]' in a phase"
+
+
 def _ends_at_no_capture(scenario: Scenario) -> Iterator[Fault]:
     """Phases that wait for a capture that cannot come: they arm nothing, and no control law has asked for it."""
     for i, phase in enumerate(scenario.phases):

@@ -14,7 +14,7 @@ from ffsm_mj.capture.regime import Captures
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.recount import recount
-from tests.capture.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, TARGET, grasping, stone
+from tests.capture.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, TARGET, TOUCH, grasping, stone
 from tests.scenes import ball, scene
 
 HOLD = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
@@ -451,6 +451,26 @@ def test_check_lists_what_is_disarmed_and_the_watch_leaves_it_out(tmp_path, capf
     assert main(["check", str(path)]) == 0
     assert "note: while 'grasp' holds, 1 pairs of geoms are on one rigid body and cannot meet" in capfd.readouterr().out
     assert ffsm_mj.run(path).unhandled_contacts == ()
+
+
+def test_check_says_which_capture_no_phase_arms(tmp_path, capfd):
+    class Arms:
+        telemetry_signals = ()
+
+        def __init__(self, *_):
+            pass
+
+        start = control = telemetry = lambda *_: ()
+
+    sites = {"robot_site": "grip", "object_site": "handle"}
+    captures = {"grasp": {**sites, "when": TOUCH}, "spare": {**sites, "when": NEAR}}
+    path = grasping(tmp_path / "scene", captures=captures)
+    assert main(["check", str(path)]) == 0
+    told = [line for line in capfd.readouterr().out.splitlines() if "arms" in line]
+    assert told == ["note: no phase arms the capture 'spare', so it never takes hold; write 'arm: [spare]' in a phase"]
+    asked = {"name": "ask", "until": "end", "controller": {"kind": "arms"}}
+    lines = ffsm_mj.prepare(grasping(tmp_path / "asked", phases=[asked]), controllers={"arms": Arms}).describe()
+    assert any("'grasp', so it never takes hold unless the control law of phase 'ask' asks for it" in line for line in lines)
 
 
 def test_the_log_of_a_run_with_captures(tmp_path, capfd):

@@ -146,6 +146,53 @@ def test_nothing_comes_closer_to_the_wrench(rig, rng, base, names):
             np.testing.assert_allclose(efforts, best, rtol=0, atol=1e-10)
 
 
+CORNERS = [(y, z) for y in (-0.3, 0.3) for z in (-0.2, 0.2)]
+
+
+def mirrored(folder, base):
+    """A cube with jets at the corners of its faces, along the edges: every jet has an image in each plane of symmetry."""
+    axes = "0 1 0", "0 0 1"
+    sites, motors = [], []
+    for x, sign in ((-0.5, 1), (0.5, -1)):
+        for k, (y, z) in enumerate(CORNERS):
+            name = f"{'back' if sign > 0 else 'front'}{k}"
+            sites.append(f'<site name="{name}" pos="{x} {y} {z}"/>')
+            motors.append(f'<motor name="{name}" site="{name}" gear="{sign} 0 0 0 0 0" ctrlrange="0 9" ctrllimited="true"/>')
+            for axis in axes:
+                for turn in (1, -1):
+                    side = f"{name}_{'y' if axis == axes[0] else 'z'}{'p' if turn > 0 else 'm'}"
+                    gear = " ".join(str(turn * float(part)) for part in axis.split())
+                    motors.append(
+                        f'<motor name="{side}" site="{name}" gear="{gear} 0 0 0" ctrlrange="0 9" ctrllimited="true"/>'
+                    )
+    (folder / "cube.xml").write_text(f"""<mujoco>{HEAD}<worldbody><body name="bus">{BASES[base]}
+      <inertial pos="0 0 0" mass="5" diaginertia="1 1 1"/>{"".join(sites)}</body></worldbody>
+      <actuator>{"".join(motors)}</actuator></mujoco>""")
+    return compile_paths(folder / "cube.xml")
+
+
+@pytest.mark.parametrize("base", ["free", "planar"])
+def test_ties_between_mirror_images_are_broken_by_the_list_and_not_by_rounding(tmp_path, rng, base):
+    """The same jets fire at poses that differ by rounding, and of two images that do the same the first of the list does."""
+    system = mirrored(tmp_path, base)
+    data, thrusters = mujoco.MjData(system.mj), np.arange(system.mj.nu)
+    allocation = ThrusterAllocation(system, thrusters)
+    wrenches = [np.eye(6)[i] * sign for i in range(6) for sign in (2.0, -2.0)] + [np.array((2.0, 1.0, 0, 0, 0, 0.3))]
+    for wrench in wrenches:
+        chosen = set()
+        for _ in range(12):
+            mujoco.mj_resetData(system.mj, data)
+            mujoco.mj_integratePos(system.mj, data.qpos, 1e-15 * rng.normal(size=system.mj.nv), 1.0)
+            mujoco.mj_forward(system.mj, data)
+            chosen.add(tuple(np.flatnonzero(allocation.efforts(data, wrench[:3], wrench[3:]) > 1e-9).tolist()))
+        assert len(chosen) == 1, wrench
+    if base == "planar":  # jets that differ in height alone do the same
+        for listed, expected in ((thrusters, ["back0", "back2"]), (thrusters[::-1], ["back3", "back1"])):
+            efforts = ThrusterAllocation(system, listed).efforts(data, np.array((1.0, 0.0, 0.0)), np.zeros(3))
+            fired = [system.mj.actuator(listed[i]).name.removeprefix("robot/") for i in np.flatnonzero(efforts > 1e-9)]
+            assert fired == expected
+
+
 @pytest.mark.parametrize("names", [WHEELS, WHEELS[:3], WHEELS[:2], ("w1", "far")])
 def test_wheels_turn_the_base_as_asked_with_least_effort(rig, rng, names):
     """At any pose, redundant or too few: the torque on the base is minus the motors' about their axes."""
