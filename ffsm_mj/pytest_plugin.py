@@ -95,8 +95,10 @@ def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, laws: Sequence[st
     if broken:
         lines = [
             f"{law.name} of {law.party}: residual {law.residual:.3e} {law.unit} in {law.component} at {law.time_s:.3f} s, "
-            f"allowed {law.tolerance:.3e}"
+            f"allowed {law.tolerance:.3e}{f' ({law.truncation.sentence(law.unit)})' if law.truncation else ''}"
             for law in broken
         ]
         head = f"{run.name}: {len(broken)} of {len(checked)} conservation laws violated in {run.digest.end_s:g} s"
+        if all(law.fails_by_truncation for law in broken):
+            head += ", by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario or halve its time_step_s"
         raise AssertionError("\n  ".join([head, *lines]))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from ffsm_mj.analysis.agreement import Difference
 from ffsm_mj.analysis.friction_check import FrictionCheck
+from ffsm_mj.analysis.refined import Refined, explained
 from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Audit, Law, Tolerance
 from ffsm_mj.records.events import ImpactRecord
 
@@ -32,6 +33,7 @@ class Recount:
     audit: Audit
     _impacts: tuple[ImpactRecord, ...]
     _friction: FrictionCheck
+    _refined: Callable[[], Refined | None] = lambda: None
 
     @property
     def agrees(self) -> bool:
@@ -44,4 +46,4 @@ class Recount:
         Args:
             tolerance: See :func:`ffsm_mj.analysis.verdicts.check_laws`.
         """
-        return self.audit.laws(self._impacts, tolerance, self._friction)
+        return explained(self.audit.laws(self._impacts, tolerance, self._friction), tolerance, self._refined)

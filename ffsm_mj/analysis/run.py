@@ -16,12 +16,13 @@ from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.digest import Digest, digest
 from ffsm_mj.analysis.friction_check import FrictionCheck
-from ffsm_mj.analysis.summary import summarise, tip_error
+from ffsm_mj.analysis.refined import Refined, explained, refined
+from ffsm_mj.analysis.summary import failing_checks, summarise, tip_error
 from ffsm_mj.analysis.tables import Table, table
 from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Law, Tolerance
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import unknown_name
-from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.records.events import ImpactRecord, Outcome, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.facts import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import PARTIES
@@ -188,8 +189,17 @@ class Run:
         return why_not_conservative(self.log.header.facts)
 
     def laws(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
-        """Every law with its worst residual; see :func:`ffsm_mj.analysis.verdicts.check_laws`."""
-        return self.digest.audit.laws(self.log.impacts, tolerance, self._friction)
+        """Every law with its worst residual; see :func:`ffsm_mj.analysis.verdicts.check_laws`.
+
+        Where energy or momenta fail, the run is replayed in shorter steps: ``law.truncation`` says what that leaves of the
+        residual, ``law.fails_by_truncation`` whether the step alone makes it fail.
+        """
+        laws = self.digest.audit.laws(self.log.impacts, tolerance, self._friction)
+        return explained(laws, tolerance, lambda: self._refined)
+
+    @cached_property
+    def _refined(self) -> Refined | None:
+        return refined(self.log) if self.outcome != Outcome.INTERRUPTED else None  # who interrupts a run waits for nothing
 
     @cached_property
     def _friction(self) -> FrictionCheck:
@@ -237,9 +247,14 @@ class Run:
         """
         return tip_error(self.log)
 
-    def summary(self) -> dict[str, Any]:
-        """Content of ``summary.json``."""
-        return deepcopy(self._summary)
+    def summary(self, *, checks: bool = True) -> dict[str, Any]:
+        """Content of ``summary.json``.
+
+        Args:
+            checks: With ``checks``, for which a run that fails some is replayed.
+        """
+        summary = deepcopy(self._summary)
+        return summary | {"checks": failing_checks(self.laws())} if checks else summary
 
     @cached_property
     def _summary(self) -> dict[str, Any]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.analysis.digest import Digest, TipDigest
-from ffsm_mj.analysis.verdicts import Audit
+from ffsm_mj.analysis.truncation import Truncation
+from ffsm_mj.analysis.verdicts import Audit, Law
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.capture.record import CAPTURE
 from ffsm_mj.records.facts import is_conservative, logged_models, logged_task
@@ -33,7 +36,7 @@ def tip_error(log: RunLog) -> FloatArray:
 
 
 def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
-    """Content of ``summary.json``, the contract of the run folder."""
+    """Content of ``summary.json``, the contract of the run folder, but for its ``checks``."""
     outcome = log.outcome
     wall = outcome.wall_s if outcome else 0.0
     end = outcome.end_s if outcome else digest.end_s
@@ -91,6 +94,34 @@ def tip_summary(tip: TipDigest | None) -> dict[str, Any] | None:
         "final_error_m": tip.last_m,
         "final_speed_m_s": tip.last_m_s,
     }
+
+
+def failing_checks(laws: Sequence[Law]) -> dict[str, Any]:
+    """Whether all checks pass; else which fail, and what of that is truncation."""
+    failing = [
+        {
+            "check": law.name,
+            "of": law.party,
+            "residual": law.residual if math.isfinite(law.residual) else None,
+            "allowed": law.tolerance,
+            "unit": law.unit,
+            "fails_by_truncation": law.fails_by_truncation,
+            "truncation": truncation_data(law.truncation),
+        }
+        for law in laws
+        if not law.holds
+    ]
+    alone = bool(failing) and all(each["fails_by_truncation"] for each in failing)
+    return {"passed": not failing, "fail_by_truncation": alone, "failing": failing}
+
+
+def truncation_data(found: Truncation | None) -> dict[str, Any] | None:
+    """The same as plain data."""
+    return None if found is None else {key: _finite(value) for key, value in asdict(found).items()}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _conservation(audit: Audit) -> dict[str, float | None] | None:

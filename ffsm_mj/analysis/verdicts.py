@@ -27,6 +27,7 @@ import numpy as np
 
 from ffsm_mj.analysis.friction_check import FrictionCheck, Miss
 from ffsm_mj.analysis.residuals import Accounts, Change, Peak, stretch_s
+from ffsm_mj.analysis.truncation import Truncation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.facts import free_components, is_conservative
@@ -48,6 +49,9 @@ RELATIVE_LAWS = (
 LAW_NAMES = (*RELATIVE_LAWS, "no penetration", "contact complementarity")
 """All that is checked. No penetration where the log tells the depth; its tolerance is a depth in m. The last one where a
 contact lasts."""
+
+STEP_LAWS = LAW_NAMES[:3]
+"""Those that the truncation of the step may make fail."""
 
 Tolerance = float | Mapping[str, float]
 """One tolerance for all relative laws, or some laws' own by name; those not named keep the default."""
@@ -79,6 +83,7 @@ class Law:
         tolerance: What is allowed: the relative tolerance times (1 + scale).
         unit: Unit of both.
         drift: Worst magnitude since the first sample; that of ``residual`` in a run of one stretch.
+        truncation: What of a residual that is too large is truncation; None where that was not asked for or cannot be told.
     """
 
     name: str
@@ -89,6 +94,12 @@ class Law:
     tolerance: float
     unit: str
     drift: float
+    truncation: Truncation | None = None
+
+    @property
+    def fails_by_truncation(self) -> bool:
+        """Whether it fails by the truncation of the step alone: a shorter step or ``accuracy`` lets it pass."""
+        return not self.holds and self.truncation is not None and self.truncation.alone
 
     @property
     def holds(self) -> bool:
@@ -116,17 +127,24 @@ class Audit:
         self._grasp = layout.index.get("contact.capture_grasp")
         self._time, self.samples = layout.time, 0
 
-    def rows(self, block: FloatArray) -> None:
-        """Take the next rows."""
+    def rows(self, block: FloatArray, added: FloatArray | None = None) -> None:
+        """Take the next rows.
+
+        Args:
+            block: Rows, (n, columns).
+            added: To the residuals of energy, P and L of each subsystem in these rows, (n, 3, 7).
+        """
+        more = np.zeros((len(block), len(PARTIES), 7)) if added is None else added
         self.samples += len(block)
         times = block[:, self._time]
         scales = {party: accounts.scales(block) for party, accounts in self._accounts.items()}
         if self._grasp is not None:
             # What the robot gives to what it holds is booked as the change of the object's own energy and momentum.
             scales["robot"] += scales["objects"] * (block[:, [self._grasp]] > 0.0)
-        for party, accounts in self._accounts.items():
-            momentum, (energy, linear, angular) = accounts.momentum(block), scales[party].T
-            self._changes[party, "energy"].add(times, accounts.energy(block)[:, None], energy)
+        for i, (party, accounts) in enumerate(self._accounts.items()):
+            residual, (of_energy, linear, angular) = accounts.energy(block) + more[:, i, 0], scales[party].T
+            momentum = accounts.momentum(block) + more[:, i, 1:]
+            self._changes[party, "energy"].add(times, residual[:, None], of_energy)
             self._changes[party, "linear momentum"].add(times, momentum[:, :3], linear)
             self._changes[party, "angular momentum"].add(times, momentum[:, 3:], angular)
         own = self._accounts["robot"]

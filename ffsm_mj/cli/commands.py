@@ -11,7 +11,7 @@ import numpy as np
 from ffsm_mj.analysis.recounted import Recount
 from ffsm_mj.analysis.run import compare
 from ffsm_mj.analysis.verdicts import DEEPEST_M, DEFAULT_TOLERANCE, LAW_NAMES, RELATIVE_LAWS, Tolerance
-from ffsm_mj.cli.exit_codes import DAMAGED, OK, VIOLATED
+from ffsm_mj.cli.exit_codes import DAMAGED, OK, TRUNCATED, VIOLATED
 from ffsm_mj.cli.progress import Report
 from ffsm_mj.errors import InputError, unknown_name, working_on
 from ffsm_mj.log.run_folder import find_log
@@ -21,6 +21,7 @@ from ffsm_mj.present.run import Run, load_run
 from ffsm_mj.present.text_report import (
     as_json,
     damage_of,
+    fail_by_truncation,
     verification,
     verification_data,
     what_is_missing,
@@ -45,7 +46,7 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 
     Returns:
         The exit code: VIOLATED where a law does not hold or a log does not agree with its states, else DAMAGED where one is
-        damaged, incomplete or without models to verify it with.
+        damaged, incomplete or without models to verify it with, else TRUNCATED where a check fails by the step alone.
 
     Raises:
         InputError: A run cannot be read or holds no sample, a tolerance names no law, options exclude each other, or
@@ -57,7 +58,7 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     names = run_names(options.runs)
     several = len(names) > 1
     data, kept = [], []
-    found: dict[int, list[str]] = {OK: [], VIOLATED: [], DAMAGED: []}
+    found: dict[int, list[str]] = {OK: [], VIOLATED: [], DAMAGED: [], TRUNCATED: []}
     shown = {name: f"{name} ({number} of {len(names)})" if several else name for number, name in enumerate(names, 1)}
     for path, name, run in _load_all(options.runs, shown, stage):
         with working_on(path):
@@ -78,14 +79,18 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     if options.json:
         say(as_json(data if several else data[0]))
     elif several:
-        words = ((VIOLATED, "; VIOLATED in "), (DAMAGED, "; damaged or incomplete: "))
+        words = (
+            (VIOLATED, "; VIOLATED in "),
+            (DAMAGED, "; damaged or incomplete: "),
+            (TRUNCATED, "; truncation of the step: "),
+        )
         rest = "".join(head + ", ".join(found[code]) for code, head in words if found[code])
         say(f"{len(found[OK])} of {len(names)} runs verified{rest}")
     if options.compare:
         _compare(kept, say, stage)
     if options.plots and several:
         _plot_comparison(kept, Path(options.plots), None if options.json else say, stage)
-    return next((code for code in (VIOLATED, DAMAGED) if found[code]), OK)
+    return next((code for code in (VIOLATED, DAMAGED, TRUNCATED) if found[code]), OK)
 
 
 def _internal_errors(run: Run, named: Sequence[str], *, shown: bool) -> Iterator[str]:
@@ -95,10 +100,14 @@ def _internal_errors(run: Run, named: Sequence[str], *, shown: bool) -> Iterator
 
 
 def _judge(run: Run, again: Recount, tolerance: Tolerance) -> int:
-    """Exit code of one run; what is violated is worse than what is missing."""
-    if not all(law.holds for law in again.laws(tolerance)) or not (again.agrees or again.obstacle):
+    """Exit code of one run; what is violated is worse than what is missing, and that than a step that is too long."""
+    laws = again.laws(tolerance)
+    truncated = fail_by_truncation(laws)
+    if not (truncated or all(law.holds for law in laws)) or not (again.agrees or again.obstacle):
         return VIOLATED
-    return OK if run.complete and not damage_of(run, again) and not again.obstacle else DAMAGED
+    if not run.complete or damage_of(run, again) or again.obstacle:
+        return DAMAGED
+    return TRUNCATED if truncated else OK
 
 
 def _tolerance(given: Sequence[tuple[str, float]]) -> Tolerance:

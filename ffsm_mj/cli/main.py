@@ -12,7 +12,7 @@ from textwrap import fill
 
 from ffsm_mj.assembly.interrupts import raised
 from ffsm_mj.cli.command_line import HelpAsked, parse, parser
-from ffsm_mj.cli.exit_codes import BAD_INPUT, DAMAGED, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED, VIOLATED
+from ffsm_mj.cli.exit_codes import BAD_INPUT, DAMAGED, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED, TRUNCATED, VIOLATED
 from ffsm_mj.cli.progress import Progress, progress
 from ffsm_mj.cli.quiet import quiet_libraries
 from ffsm_mj.cli.standard_streams import Output, complain, secure
@@ -125,7 +125,7 @@ def _run(options: argparse.Namespace, output: Output) -> int:
     if not options.out:
         folder.link_latest()
     from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE
-    from ffsm_mj.present.text_report import run_report, verdict, violated
+    from ffsm_mj.present.text_report import fail_by_truncation, run_report, verdict, violated
 
     output.say(run_report(run))
     output.say(f"\nfiles in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
@@ -135,7 +135,8 @@ def _run(options: argparse.Namespace, output: Output) -> int:
         return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
     if violated(run, DEFAULT_TOLERANCE):
         complain(verdict(run, run.laws()))
-        return OK if options.allow_violations else VIOLATED
+        code = TRUNCATED if fail_by_truncation(run.laws()) else VIOLATED
+        return OK if options.allow_violations else code
     return OK
 
 

@@ -164,9 +164,9 @@ class Course:
             return most_s, self.motion.step(most_s)
         control.begin(left_s, pushed=bool(self._active))
         self._begin_step()
-        return control.step(self.motion, left_s, most_s, self._exchanged)
+        return control.step(self.motion, left_s, most_s, self.exchanged)
 
-    def _exchanged(self, duration_s: float) -> list[Booking]:
+    def exchanged(self, duration_s: float) -> list[Booking]:
         """What the wrenches of the active regimes did in a step that may yet be taken back."""
         return [booking for regime in self._active if (booking := regime.exchanged(duration_s)) is not None]
 

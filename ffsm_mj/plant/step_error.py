@@ -112,7 +112,11 @@ class StepError:
             bookings: What contacts exchanged in that time.
             carried: An object is a part of the robot: what passes between the two is what it gained, whatever that is.
         """
-        left = self.residuals(duration_s, bookings).tolist()
+        return self.over_scale(self.residuals(duration_s, bookings), carried=carried)
+
+    def over_scale(self, residuals: FloatArray, *, carried: bool) -> float:
+        """The largest of residuals, (3, 7), over (1 + scale); see :meth:`relative`."""
+        left = residuals.tolist()
         # The whole is at most the sum of robot and objects.
         parties = (_TOTAL,) if carried else (_ROBOT, _OBJECTS)
         size = max(self._size(left[party], party) for party in parties)

@@ -107,10 +107,12 @@ def _laws(run: Run) -> str:
     lax = "" if run.conservative else "energy and momenta not judged, as the models are not conservative"
     if not laws:
         return lax or "no samples to judge"
-    worst, broken = max(laws, key=_used), sum(not law.holds for law in laws)
-    verdict = (
-        f"{broken} of {_counted(len(laws), 'law')} VIOLATED" if broken else f"{_counted(len(laws), 'law')} checked, all hold"
+    worst, broken = max(laws, key=_used), [law for law in laws if not law.holds]
+    fate = (
+        "VIOLATED" if not all(law.fails_by_truncation for law in broken) else "too large by the truncation of the step alone"
     )
+    of = _counted(len(laws), "law")
+    verdict = f"{len(broken)} of {of} {fate}" if broken else f"{of} checked, all hold"
     near = f"worst {worst.name} of {worst.party}: {worst.residual:.1e} of {worst.tolerance:.1e} {worst.unit}"
     return "; ".join(part for part in (f"{verdict}, {near}", lax) if part)
 

@@ -10,6 +10,7 @@ from ffsm_mj.analysis.agreement import Difference
 from ffsm_mj.analysis.contacts import Contact
 from ffsm_mj.analysis.recounted import Recount
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.summary import failing_checks, truncation_data
 from ffsm_mj.analysis.verdicts import Law, Tolerance
 from ffsm_mj.errors import one_line
 from ffsm_mj.present.json_text import json_text
@@ -20,8 +21,8 @@ from ffsm_mj.records.facts import told_gravity, told_models
 
 _MOST_CONTACTS = 20
 _STEP_HINT = (
-    "\n  what RK4 itself leaves falls with the fourth power of the step: try half the time_step_s, or state what you accept"
-    " with 'ffsm analyze --tolerance'"
+    "\n  these checks fail by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario, take a shorter"
+    " time_step_s, or state what you accept with 'ffsm analyze --tolerance'"
 )
 
 
@@ -38,7 +39,7 @@ def run_report(run: Run) -> str:
     parts += [*_phase_lines(run), *_tip_lines(run), *_unhandled_lines(run)]
     laws = run.laws()
     if run.conservative or laws:
-        parts.append(conservation_table(laws) + ("" if all(law.holds for law in laws) else _STEP_HINT))
+        parts.append(conservation_table(laws) + _truncation_lines(laws))
     if not run.conservative:
         parts.append("not conservative: " + one_line(run.why_not_conservative))
     return "\n\n".join(part for part in parts if part)
@@ -46,7 +47,7 @@ def run_report(run: Run) -> str:
 
 def headline(run: Run) -> str:
     """One line: scenario, outcome, times."""
-    summary = run.summary()
+    summary = run.summary(checks=False)
     line = one_line(f"{run.name}: {summary['outcome']}")
     if summary["message"]:
         line += one_line(f" ({summary['message']})")
@@ -61,7 +62,7 @@ def headline(run: Run) -> str:
 
 def _sub_steps(run: Run) -> str:
     """How far accuracy cut the steps; empty where none is asked for."""
-    summary = run.summary()
+    summary = run.summary(checks=False)
     if not summary["sub_steps"]:
         return ""
     cut = f"accuracy: {summary['steps']} steps taken in {summary['sub_steps']} sub-steps"
@@ -174,12 +175,18 @@ def conservation_table(laws: Sequence[Law]) -> str:
                 law.component,
                 f"{law.time_s:.3f}",
                 f"{law.tolerance:.1e}",
-                "holds" if law.holds else "VIOLATED",
+                "holds" if law.holds else "truncation" if law.fails_by_truncation else "VIOLATED",
             )
             for law in laws
         ),
         keys=2,
     )
+
+
+def _truncation_lines(laws: Sequence[Law]) -> str:
+    """What of each residual that is too large is truncation, and what to do about it; empty where none is."""
+    told = [f"\n  {law.name} of {law.party}, {law.truncation.sentence(law.unit)}" for law in laws if law.truncation]
+    return "".join(told) + (_STEP_HINT if fail_by_truncation(laws) else "")
 
 
 def _phase_lines(run: Run) -> list[str]:
@@ -191,7 +198,7 @@ def _phase_lines(run: Run) -> list[str]:
 
 
 def _tip_lines(run: Run) -> list[str]:
-    tip = run.summary()["tip"]
+    tip = run.summary(checks=False)["tip"]
     if tip is None:
         return []
     target = ", ".join(f"{x:g}" for x in tip["target_m"])
@@ -226,7 +233,7 @@ def verification(run: Run, again: Recount, tolerance: Tolerance) -> str:
         parts.append(f"energy and momenta are not judged, the run is not conservative: {fault}")
     if laws:
         left = " in what can be read" if damage else ""
-        parts.append(verdict(run, laws) + left + ("" if all(law.holds for law in laws) else _STEP_HINT))
+        parts.append(verdict(run, laws) + left + _truncation_lines(laws))
     parts.append(agreement(again))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
@@ -261,8 +268,10 @@ def damage_of(run: Run, again: Recount) -> str:
 
 def verdict(run: Run, laws: Sequence[Law]) -> str:
     """One line: which laws are violated, or that all hold."""
-    broken = [f"{law.name} of {law.party}" for law in laws if not law.holds]
-    words = f"VIOLATED: {', '.join(broken)}" if broken else f"all {len(laws)} laws hold"
+    broken = [f"{law.name} of {law.party}" for law in laws if not (law.holds or law.fails_by_truncation)]
+    short = [f"{law.name} of {law.party}" for law in laws if law.fails_by_truncation]
+    found = [("VIOLATED", broken), ("checks fail by the truncation of the step alone", short)]
+    words = "; ".join(f"{head}: {', '.join(names)}" for head, names in found if names) or f"all {len(laws)} laws hold"
     return f"{words} over {run.digest.end_s:g} s ({run.digest.samples} samples)"
 
 
@@ -271,8 +280,15 @@ def violated(run: Run, tolerance: Tolerance) -> bool:
     return not all(law.holds for law in run.laws(tolerance))
 
 
+def fail_by_truncation(laws: Sequence[Law]) -> bool:
+    """Whether checks fail, all of them by the truncation of the step alone."""
+    failing = [law for law in laws if not law.holds]
+    return bool(failing) and all(law.fails_by_truncation for law in failing)
+
+
 def verification_data(run: Run, again: Recount, tolerance: Tolerance) -> dict[str, Any]:
     """The same for scripts, as plain data."""
+    judged = again.laws(tolerance)
     laws = [
         {
             "law": law.name,
@@ -284,8 +300,10 @@ def verification_data(run: Run, again: Recount, tolerance: Tolerance) -> dict[st
             "tolerance": law.tolerance,
             "holds": law.holds,
             "drift": _finite(law.drift),
+            "fails_by_truncation": law.fails_by_truncation,
+            "truncation": truncation_data(law.truncation),
         }
-        for law in again.laws(tolerance)
+        for law in judged
     ]
     states = {
         "agree": again.agrees,
@@ -305,7 +323,7 @@ def verification_data(run: Run, again: Recount, tolerance: Tolerance) -> dict[st
     }
     damage = damage_of(run, again)
     told = {"complete": run.complete, "note": run.note, "damage": damage}
-    return {"summary": run.summary(), "laws": laws, "states": states} | told
+    return {"summary": run.summary(checks=False) | {"checks": failing_checks(judged)}, "laws": laws, "states": states} | told
 
 
 def _finite(value: float) -> float | None:

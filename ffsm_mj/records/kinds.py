@@ -18,15 +18,8 @@ _TAKEN = frozenset(
     (
         *("samples", "contacts", "captures", "laws", "plumes"),  # tables and topics of every run
         *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "wall_s", "real_time_factor"),
-        *(
-            "sub_steps",
-            "smallest_step_s",
-            "conservative",
-            "tip",
-            "controller",
-            "conservation",
-            "versions",
-        ),  # keys of summary.json
+        *("sub_steps", "smallest_step_s", "conservative", "tip", "controller", "conservation"),
+        *("checks", "versions"),  # keys of summary.json
     )
 )
 """Plurals that mean something else."""

@@ -8,19 +8,21 @@ the next impact. The books are kept on the way by the ledger that keeps them in 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 from ffsm_mj.analysis.friction_check import FrictionCheck
 from ffsm_mj.analysis.recounted import Recount
+from ffsm_mj.analysis.refined import refined
 from ffsm_mj.analysis.verdicts import Audit, audit
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
-from ffsm_mj.records.facts import conservative_facts, free_facts, gravity_facts
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.recount.facts import state_facts
 from ffsm_mj.recount.retrace import Retrace
-from ffsm_mj.recount.scene import LogScene, log_scene
+from ffsm_mj.recount.scene import log_scene
 
 
 @one_blas_thread()
@@ -41,7 +43,7 @@ def recount(
         retrace = Retrace(scene, log)
     except InputError as error:
         return Recount({}, 0, 0, "", error.lines[0], audit(log), log.impacts, FrictionCheck(log))
-    seen = Audit(log.header.layout, dict(log.header.facts) | _facts(scene, retrace))
+    seen = Audit(log.header.layout, dict(log.header.facts) | state_facts(scene, retrace))
     sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
     with collected_warnings([]):
         for block in log.blocks():
@@ -55,12 +57,6 @@ def recount(
     sampling.end(log.outcome.end_s if log.outcome else None)
     found = {"motion": retrace.motion, "columns": retrace.columns, "impacts": retrace.impacts}
     worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
+    refine = cache(lambda: refined(log))  # made only where a check fails
     numbers = sum(agreement.numbers for agreement in found.values())
-    return Recount(worst, seen.samples, numbers, sampling.sentence(), "", seen, log.impacts, FrictionCheck(log))
-
-
-def _facts(scene: LogScene, retrace: Retrace) -> dict[str, str]:
-    """What the models and the scenario say, whatever the log says of them."""
-    facts = free_facts(retrace.free) | conservative_facts(scene.system.faults)
-    facts |= gravity_facts(scene.system.mj.opt.gravity)
-    return facts | {"time_step_s": repr(scene.scenario.time_step_s)}
+    return Recount(worst, seen.samples, numbers, sampling.sentence(), "", seen, log.impacts, FrictionCheck(log), refine)

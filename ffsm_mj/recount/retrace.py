@@ -278,13 +278,11 @@ class Retrace:
         """
         left = self._left
         while duration_s > 0.0:
+            self._before_flight(duration_s, left)
             self._ledger.open()
             try:
                 flown = self._course.fly(duration_s, left)
-            except (
-                RunEnded,
-                StepLimitError,
-            ) as end:  # nothing would have moved on from here: a pair with friction is pressed
+            except (RunEnded, StepLimitError) as end:  # nothing moves on from here: a pair with friction is pressed
                 self.motion.keep(Difference(str(end), math.inf, AGREES, "", float(self._data.time)))
                 return 0.0
             if flown >= duration_s:
@@ -292,6 +290,9 @@ class Retrace:
             self._book(flown)
             duration_s, left = duration_s - flown, left - flown
         return 0.0
+
+    def _before_flight(self, duration_s: float, left_s: float) -> None:
+        """A flight begins: of that time, or a sub-step of it, with so much left of the step of the grid."""
 
     def _state_now(self) -> FloatArray:
         return np.concatenate((self._data.qpos, self._data.qvel))

@@ -176,7 +176,9 @@ def test_help_says_the_exit_codes(capsys):
     for arguments in (["--help"], ["run", "-h"], []):
         assert main(arguments) == 0
         out = " ".join(capsys.readouterr().out.split())
-        assert "4 analyze, export: the log is damaged or incomplete; 130 interrupted" in out
+        assert (
+            "4 analyze, export: the log is damaged or incomplete; 5 checks fail by the truncation of the step alone" in out
+        )
 
 
 def test_a_film_is_of_the_form_that_its_name_says(tmp_path, capsys):
@@ -233,17 +235,17 @@ def test_a_closed_stdout_ends_nothing(tmp_path):
     assert json.loads((tmp_path / "cwd" / "piped" / "summary.json").read_text())["outcome"] == "completed"
 
 
-def test_a_run_that_violates_a_law_says_so_last_and_exits_1(capsys):
+def test_a_run_whose_step_is_too_long_says_so_last_and_exits_5(capsys):
     """A step of 0.1 s, far too coarse for the spatial robot: its momenta are off by 1e-5."""
     coarse = [f"-s{key}=0.1" for key in ("time_step_s", "control_period_s")]
     arguments = ["run", "spatial", *coarse, "-s", "duration_s=1", "--no-rerun"]
-    for allowed, code in (([], 1), (["--allow-violations"], 0)):
+    for allowed, code in (([], 5), (["--allow-violations"], 0)):
         assert main([*arguments, *allowed, "--out", f"run{code}"]) == code
         captured = capsys.readouterr()
-        assert captured.err.startswith("VIOLATED: ")
+        assert captured.err.startswith("checks fail by the truncation of the step alone: ")
         assert "linear momentum of robot" in captured.err
         assert captured.err.count("\n") == 1
-    assert main(["analyze", "run0"]) == 1
+    assert main(["analyze", "run0"]) == 5
 
 
 def test_a_run_folder_runs_again(tmp_path, capsys):
