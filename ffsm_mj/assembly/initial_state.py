@@ -37,6 +37,13 @@ def initial_state(scenario: Scenario, system: System) -> Any:
                 faults.append(Fault(fault, path))
     if faults:
         raise ScenarioFaults(faults)
+    if fault := fault_of_start(system, data):
+        raise ScenarioFaults([Fault(fault, ("initial",))])
+    return data
+
+
+def fault_of_start(system: System, data: Any) -> str:
+    """Derive everything from a state; returns why no run can start from it, empty where one can."""
     warnings: list[str] = []
     with collected_warnings(warnings):
         mujoco.mj_forward(system.mj, data)
@@ -44,11 +51,8 @@ def initial_state(scenario: Scenario, system: System) -> Any:
     if not share > LEAST_SHARE:
         joint = system.mj.joint(int(system.mj.dof_jntid[dof])).name
         how = f"singular to {share:.1g}" if share <= LEAST_SHARE else "not finite"
-        message = f"the mass matrix is {how} at joint {joint!r}: what it moves here has next to no mass or inertia"
-        raise ScenarioFaults([Fault(message, ("initial",))])
-    if warnings:
-        raise ScenarioFaults([Fault(f"MuJoCo warns: {' '.join(warnings[0].split())}", ("initial",))])
-    return data
+        return f"the mass matrix is {how} at joint {joint!r}: what it moves here has next to no mass or inertia"
+    return f"MuJoCo warns: {' '.join(warnings[0].split())}" if warnings else ""
 
 
 def _set_joint(joint: Joint, key: str, value: JointValue, target: Any) -> str:

@@ -17,7 +17,7 @@ from ffsm_mj.campaign.statistics import is_constant
 from ffsm_mj.present.plots.motion import draw_plane
 from ffsm_mj.present.plots.panels import envelope
 from ffsm_mj.present.plots.silhouette import Plane
-from ffsm_mj.present.plots.style import BLUE, VERMILLION, WIDTH_IN, publication, write
+from ffsm_mj.present.plots.style import BLUE, VERMILLION, WIDTH_IN, plain, publication, write
 from ffsm_mj.present.plots.subject import Subject
 from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.signals import identifier
@@ -82,9 +82,9 @@ def _against_parameters(results: Results, metric: str) -> Figure:
             axes.set_xlabel(_in_two_lines(name), fontsize=7.0)
             axes.tick_params(labelsize=6.5)
             if ticks:
-                axes.set_xticks(range(len(ticks)), labels=ticks)
+                axes.set_xticks(range(len(ticks)), labels=[plain(tick) for tick in ticks])
         for axes in panels[::_COLUMNS]:
-            axes.set_ylabel(metric, fontsize=7.5)
+            axes.set_ylabel(plain(metric), fontsize=7.5)
         if (~good).any():
             handles, labels = panels[0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside upper center", ncols=2)
@@ -101,6 +101,7 @@ def _axis(rows: Sequence[TableRow], name: str) -> tuple[Any, list[str]]:
 
 
 def _in_two_lines(name: str) -> str:
+    name = plain(name)
     if len(name) <= 24:
         return name
     middle = min((i for i, c in enumerate(name) if c == "."), key=lambda i: abs(i - len(name) // 2), default=len(name) // 2)

@@ -17,7 +17,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.contact_forces import ForceColumns, force_columns
 from ffsm_mj.present.plots.motion import draw_plane, legend_columns, mark_handles, polygons, tree_colours, view_box
 from ffsm_mj.present.plots.silhouette import Plane
-from ffsm_mj.present.plots.style import BLACK, GREEN, YELLOW
+from ffsm_mj.present.plots.style import BLACK, GREEN, YELLOW, plain
 from ffsm_mj.present.plots.subject import Subject
 
 _SIZE_PX = (960, 720)
@@ -114,7 +114,7 @@ def _from_three_sides(subject: Subject, rows: Sequence[int]) -> tuple[Figure, li
 def _legend(subject: Subject) -> list[Line2D]:
     handles = [Line2D([], [], color=part.colour, linewidth=1.4, label=part.label) for part in subject.tip_parts]
     for i, (name, colour) in enumerate(tree_colours(subject).items()):
-        label = name.replace("_", " ") if i else "base"
+        label = plain(name).replace("_", " ") if i else "base"
         handles.append(Line2D([], [], color=colour, linewidth=1.2, label=label))
     return handles + mark_handles(subject)
 
@@ -146,4 +146,4 @@ def _figure_size(wide: float, high: float, words_px: float) -> tuple[float, floa
 
 def _caption(run: Run, time: float, speed: float) -> str:
     phase = next((p.name for p in reversed(run.phases) if p.start_s <= time), "")
-    return f"t = {time:6.2f} s   {phase.replace('_', ' ')}   ({speed:g}x)"
+    return f"t = {time:6.2f} s   {plain(phase).replace('_', ' ')}   ({speed:g}x)"

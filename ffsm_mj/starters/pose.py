@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.assembly.initial_state import fault_of_start
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model.dynamics import mass_matrix
@@ -77,11 +78,16 @@ def _floats(system: System) -> bool:
 
 
 def posed(system: System, pose: dict[str, float]) -> Any:
-    """Data of the robot in a pose, everything derived from it."""
+    """Data of the robot in a pose, everything derived from it.
+
+    Raises:
+        InputError: No run can start from there.
+    """
     data = mujoco.MjData(system.mj)
     for name, value in pose.items():
         data.qpos[system.joint(f"robot/{name}").qpos] = value
-    mujoco.mj_forward(system.mj, data)
+    if fault := fault_of_start(system, data):
+        raise InputError(f"{system.files['robot'].place}: in its starting pose {fault}")
     return data
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.errors import InputError, ScenarioFaults
+from ffsm_mj.errors import InputError, ScenarioFaults, one_line
 from ffsm_mj.model.driven_joints import driven_joints
 from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.model.files import ModelFiles, read_model
@@ -92,7 +92,7 @@ def write_scenario(asked: Asked) -> list[str]:
         raise InputError(f"new: --base-mass: {asked.robot} floats already, no base is added; leave it out")
     base = None if vendor.floats else _base(asked.base_mass or rounded(_BASE_PER_ROBOT * vendor.mass, 1))
     asked.out.mkdir(parents=True, exist_ok=True)
-    with _taken_back(scenario, model, ball):
+    with _taken_back(asked.robot, scenario, model, ball):
         model.write_text(model_text(name, vendor, base, _relative(asked.robot, asked.out)), encoding="utf-8")
         folders = [] if vendor.folder.is_relative_to(os.path.abspath(asked.out)) else [vendor.folder]
         files = read_model(model, folders, asked.packages)
@@ -119,14 +119,27 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 @contextmanager
-def _taken_back(*paths: Path) -> Iterator[None]:
-    """Files that are gone again where something is wrong with them."""
+def _taken_back(robot: Path, *paths: Path) -> Iterator[None]:
+    """Files that are gone again where something is wrong with them; what is wrong with them is wrong with the robot.
+
+    Raises:
+        InputError: Names the robot's file wherever one of these was named.
+    """
     try:
         yield
-    except BaseException:
+    except BaseException as error:
         for path in paths:
             path.unlink(missing_ok=True)
+        if isinstance(error, InputError):
+            starts = {one_line(str(path)): path for path in paths}
+            raise InputError([_of_robot(line, robot, starts) for line in error.lines]) from error
         raise
+
+
+def _of_robot(line: str, robot: Path, starts: Mapping[str, Path]) -> str:
+    """A line about a file that is gone again, as one about the robot's file."""
+    start = next((start for start in starts if line.startswith(f"{start}:")), None)
+    return line if start is None else f"{robot}: as {starts[start].name}: {line[len(start) + 1 :].lstrip()}"
 
 
 def _hit(files: ModelFiles, ball: Path, wanted: str) -> Hit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -265,3 +266,25 @@ def test_a_link_that_leads_nowhere_is_not_written_through(vendor, tmp_path, capf
     (tmp_path / "work" / "my.yaml").symlink_to(tmp_path / "elsewhere.yaml")
     assert refused(capfd, "my", "--robot", path) == "new: my.yaml exists; nothing is written over it"
     assert not (tmp_path / "elsewhere.yaml").exists()
+
+
+_SPHERE = "<collision><geometry><sphere radius='0.3'/></geometry></collision>"
+_UNIT = "<inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/>"
+
+
+@pytest.mark.parametrize(("far", "axis"), [("1e9", "1 0 0"), ("0", "1 1 1e300")])
+def test_a_robot_from_which_no_run_can_start(tmp_path, capfd, far, axis):
+    """Refused in one line, with nothing of MuJoCo's beside it and nothing written; negative gains came of it before."""
+    links = "".join(
+        f"<link name='{name}'><inertial><origin xyz='0 0 {z}'/><mass value='1'/>{_UNIT}</inertial>{_SPHERE}</link>"
+        for name, z in (("a", "0"), ("b", far))
+    )
+    joint = "<joint name='j' type='revolute'><parent link='a'/><child link='b'/><origin xyz='1 0 0'/>"
+    limit = "<limit lower='-1' upper='1' effort='1' velocity='1'/>"
+    robot = tmp_path / "r.urdf"
+    robot.write_text(f"<robot name='r'>{links}{joint}<axis xyz='{axis}'/>{limit}</joint></robot>")
+    assert main(["new", "q", "--robot", str(robot), "--out", str(tmp_path / "o")]) == 2
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert re.fullmatch(rf"{robot}: as q\.xml: in its starting pose the mass matrix is .+\n", captured.err)
+    assert list((tmp_path / "o").iterdir()) == []

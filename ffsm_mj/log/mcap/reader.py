@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -25,7 +26,7 @@ from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import fault_of_facts
 from ffsm_mj.records.header import RunHeader
-from ffsm_mj.records.kinds import RecordKind, kinds
+from ffsm_mj.records.kinds import RecordKind, kind_of, kinds
 from ffsm_mj.records.run_log import RunLog, run_log
 from ffsm_mj.records.signals import TIME, Layout
 
@@ -168,6 +169,7 @@ class _Contents:
             records = [
                 decode_record(kind, message) for kind in known for message in self.messages(channels[kind.topic], data)
             ]
+            _refuse_odd_times(records)
         except (ValueError, LookupError, TypeError, DecodeError) as error:
             raise LogError(path, f"not of this version's format ({error})") from error
         outcome = next((record for record in records if isinstance(record, OutcomeRecord)), None)
@@ -182,6 +184,18 @@ class _Contents:
         log = run_log(header, rows, events, outcome)
         damage = _damage(salvage, len(data), _gaps(log), ended=outcome is not None)
         return replace(log, damage=damage, note=_note(channels, known))
+
+
+def _refuse_odd_times(records: Sequence[Event | OutcomeRecord]) -> None:
+    """Refuse records of no time.
+
+    Raises:
+        ValueError: A time is not finite.
+    """
+    for record in records:
+        time_s = record.end_s if isinstance(record, OutcomeRecord) else kind_of(record).time(record)
+        if not math.isfinite(time_s):
+            raise ValueError(f"the time of a record of {type(record).__name__} is {time_s}")
 
 
 def _look_for_kinds(topics: Iterable[str]) -> None:

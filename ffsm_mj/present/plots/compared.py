@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.present.plots.panels import envelope
-from ffsm_mj.present.plots.style import COLOURS, LINE_STYLES, WIDTH_IN
+from ffsm_mj.present.plots.style import COLOURS, LINE_STYLES, WIDTH_IN, plain
 from ffsm_mj.present.plots.thinning import thinned
 
 MOST_RUNS = len(COLOURS)
@@ -32,9 +32,9 @@ def comparison(runs: Sequence[tuple[str, Run]]) -> Figure:
             curves.insert(0, run.tip_error() if run.summary(checks=False)["tip"] is not None else missing)
         for axes, curve in zip(grid, curves, strict=True):
             x, y = envelope(run.time, curve)
-            axes.plot(x, y, color=COLOURS[i], linestyle=LINE_STYLES[i], label=label, zorder=3 + len(shown) - i)
+            axes.plot(x, y, color=COLOURS[i], linestyle=LINE_STYLES[i], label=plain(label), zorder=3 + len(shown) - i)
         marks = run.log.marks()
-        drawn |= dict.fromkeys(kind.plural.replace("_", " ") for kind, *_ in marks)
+        drawn |= dict.fromkeys(plain(kind.plural).replace("_", " ") for kind, *_ in marks)
         for time in sorted({time for _, time, _ in marks}):
             for axes in grid:
                 axes.axvline(time, color=COLOURS[i], linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=1)

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ffsm_mj.present.plots.panels import Line, Panel, stacked
+from ffsm_mj.present.plots.style import plain
 from ffsm_mj.present.plots.subject import Subject
 from ffsm_mj.records.signals import identifier
 
@@ -19,7 +20,8 @@ def contacts(subject: Subject) -> Figure:
         spells.setdefault(contact.pair, []).append((contact.start_s, end_s))
     names = [name for name in spells if f"contact.{identifier(name)}_force_N" in run.keys]
     forces, impulses = (
-        [Line(name, run[f"contact.{identifier(name)}_{what}"]) for name in names] for what in ("force_N", "impulse_N_s")
+        [Line(plain(name), run[f"contact.{identifier(name)}_{what}"]) for name in names]
+        for what in ("force_N", "impulse_N_s")
     )
     closed = {name: np.array(spans) for name, spans in spells.items()}
     panels = [

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.present.plots.silhouette import WORLD, Outline, Plane
-from ffsm_mj.present.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, WIDTH_IN, YELLOW
+from ffsm_mj.present.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, WIDTH_IN, YELLOW, plain
 from ffsm_mj.present.plots.subject import Subject
 from ffsm_mj.records.facts import logged_task
 
@@ -195,7 +195,7 @@ def _legend(subject: Subject) -> list[Line2D]:
     handles = [Line2D([], [], color=p.colour, linestyle=_TIP_STYLE, label=p.label) for p in subject.tip_parts]
     handles.append(Line2D([], [], color=colours[robot], linestyle=_BASE_STYLE, label="base"))
     for name in list(colours)[1:]:
-        handles.append(Line2D([], [], color=colours[name], linestyle=_OBJECT_STYLE, label=name.replace("_", " ")))
+        handles.append(Line2D([], [], color=colours[name], linestyle=_OBJECT_STYLE, label=plain(name).replace("_", " ")))
     return handles + mark_handles(subject)
 
 
@@ -203,7 +203,7 @@ def mark_handles(subject: Subject) -> list[Line2D]:
     """What a legend says of marks of records and of the target."""
     handles = []
     if subject.marks:
-        label = ", ".join(dict.fromkeys(kind.name.replace("_", " ") for kind, *_ in subject.marks))
+        label = ", ".join(dict.fromkeys(plain(kind.name).replace("_", " ") for kind, *_ in subject.marks))
         star = Line2D([], [], linestyle="none", marker="*", markersize=10, markeredgecolor=BLACK, label=label)
         star.set_markerfacecolor(YELLOW)
         handles.append(star)

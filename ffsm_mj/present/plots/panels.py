@@ -15,10 +15,11 @@ from matplotlib.transforms import blended_transform_factory
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.present.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, WIDTH_IN
+from ffsm_mj.present.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, WIDTH_IN, plain
 
 _SHADES = ("#F1F1F1", "#FFFFFF")
 _BUCKETS = 1200
+_FARTHEST = 1e100
 _AXES_IN = 4.0
 """Width of axes beside a legend, about."""
 _LETTER_IN = 0.075
@@ -86,7 +87,7 @@ def stacked(run: Run, panels: Sequence[Panel], *, columns: int = 1, height_in: f
 
 def _draw(axes: Axes, time: FloatArray, panel: Panel) -> None:
     for i, line in enumerate(panel.lines):
-        x, y = envelope(time if line.time is None else line.time, line.values)
+        x, y = envelope(time if line.time is None else line.time, _within_reach(line.values))
         axes.plot(
             x,
             y,
@@ -106,6 +107,11 @@ def _draw(axes: Axes, time: FloatArray, panel: Panel) -> None:
     axes.margins(x=0.0, y=0.08)
     if len(_named(panel)) > 1:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.3)
+
+
+def _within_reach(values: FloatArray) -> FloatArray:
+    """Values with gaps where a log holds what no axis can: Matplotlib's margins and transformations overflow far out."""
+    return np.where(np.abs(values) < _FARTHEST, values, np.nan)
 
 
 def _named(panel: Panel) -> list[Line]:
@@ -130,7 +136,7 @@ def _draw_bars(axes: Axes, panel: Panel) -> None:
     for row, intervals in enumerate(panel.bars.values()):
         spans = [(start, stop - start) for start, stop in intervals]
         axes.broken_barh(spans, (row - 0.38, 0.76), facecolors=BLUE, edgecolors=BLUE, linewidth=0.3)
-    axes.set_yticks(range(len(panel.bars)), list(panel.bars), fontsize=6.5)
+    axes.set_yticks(range(len(panel.bars)), list(map(plain, panel.bars)), fontsize=6.5)
     axes.set_ylim(len(panel.bars) - 0.4, -0.6)
     axes.margins(x=0.0)
 
@@ -166,7 +172,7 @@ def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None
         _make_room_at_the_top(axes)
         axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
         words = dict.fromkeys(kind.name if len(times) == 1 else kind.plural for kind, *_ in marks)
-        text = ", ".join(words).replace("_", " ")
+        text = plain(", ".join(words)).replace("_", " ")
         _tell_what(axes, text, times[-1])
 
 
@@ -194,7 +200,7 @@ def _name_phases(axes: Axes, phases: Sequence[dict[str, Any]], letter_s: float) 
     across = blended_transform_factory(axes.transData, axes.transAxes)
     taken = [float("-inf")] * 2
     for phase in phases:
-        text = phase["name"].replace("_", " ")
+        text = plain(phase["name"]).replace("_", " ")
         half = 0.5 * len(text) * letter_s
         middle = max(0.5 * (phase["start_s"] + phase["end_s"]), half)
         free = [level for level in (0, 1) if middle - half > taken[level]]

@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from ffsm_mj.errors import one_line
 from ffsm_mj.present.output_place import new_file
 
 # Okabe & Ito: told apart with every kind of colour vision; the line styles tell them apart in greyscale.
@@ -56,6 +57,11 @@ _RC = {
     "svg.hashsalt": "ffsm-mj",
     "path.simplify": True,
 }
+
+
+def plain(text: str) -> str:
+    """A name as Matplotlib draws it letter by letter: a log may hold any, and two dollar signs would be mathematics."""
+    return one_line(text).replace("$", r"\$")
 
 
 @contextmanager

@@ -51,6 +51,8 @@ class Subject:
             raise InputError(f"{run.path or run.name}: the log holds no sample, there is nothing to draw")
         self._place = f"log {run.path}" if run.path else "the log"
         self.run, self.system = thinned(run, times), compile_log(run.log, self._place)
+        if not len(self.run.log.rows):
+            raise InputError(f"{self._place}: no sample has finite coordinates, there is nothing to draw")
         self.silhouette = Silhouette(self.system)
 
     @cached_property

@@ -22,6 +22,8 @@ from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import PARTIES, TIP
 
 _SLICES = 600
+_FARTHEST = 1e12
+"""m, rad or s: no single number of this size comes from a motion."""
 
 
 def thinned(run: Run, times: Iterable[float] = ()) -> Run:
@@ -34,14 +36,21 @@ def thinned(run: Run, times: Iterable[float] = ()) -> Run:
     log = run.log
     count, width = len(log.rows), len(log.header.layout.signals)
     if 8 * count * width <= KEPT_BYTES:
-        return run
+        return _drawable(run)
     marks = np.array(sorted({*(kind_of(event).time(event) for event in log.events()), *times}))
     beside = _Beside(log)
     kept = [
         part[_outstanding(part, part[:, log.header.layout.time], beside.of(part), marks)]
         for part in _slices(log.blocks(), -(-count // _SLICES))
     ]
-    return Run(replace(log, rows=np.concatenate(kept)), run.path, run.digest)
+    return _drawable(Run(replace(log, rows=np.concatenate(kept)), run.path, run.digest))
+
+
+def _drawable(run: Run) -> Run:
+    """The same without rows whose time or coordinates no picture can have: a log may hold any double."""
+    places = np.column_stack((run.time, run.qpos))
+    there = (np.abs(places) < _FARTHEST).all(axis=1)
+    return run if there.all() else Run(replace(run.log, rows=np.asarray(run.log.rows[there])), run.path, run.digest)
 
 
 class _Beside:

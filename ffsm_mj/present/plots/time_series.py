@@ -11,7 +11,7 @@ from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import Joint, Tree
 from ffsm_mj.present.plots.panels import Line, Panel, running_maximum, stacked
-from ffsm_mj.present.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILLION
+from ffsm_mj.present.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILLION, plain
 from ffsm_mj.present.plots.subject import Subject
 from ffsm_mj.records.facts import free_components, logged_task
 from ffsm_mj.records.signals import COMPONENTS, PARTIES, coordinate_names, identifier, rate_names
@@ -24,7 +24,7 @@ PARTY_NAMES = {"total": "whole system", "robot": "FFSM", "objects": "object"}
 
 def short(name: str) -> str:
     """A model's name for a legend: without its tree, with spaces."""
-    return name.split("/", 1)[-1].replace("_", " ")
+    return plain(name.split("/", 1)[-1].replace("_", " "))
 
 
 def base(subject: Subject) -> Figure:
