@@ -10,6 +10,8 @@ from pathlib import Path
 from traceback import extract_tb
 
 _LONGEST_TEXT = 300
+THE_LOG = "the log"
+"""How a message begins where what raises it has no name for its log; :func:`working_on` puts the name there."""
 
 
 class FfsmError(Exception):
@@ -124,6 +126,11 @@ def working_on(place: Path | str) -> Iterator[None]:
     """
     try:
         yield
+    except InputError as error:
+        if not any(line.startswith(THE_LOG) for line in error.lines):
+            raise
+        named = [f"log {place}{line[len(THE_LOG) :]}" if line.startswith(THE_LOG) else line for line in error.lines]
+        raise InputError(named) from error
     except (FfsmError, OSError):
         raise
     except Exception as error:

@@ -88,10 +88,10 @@ class Store:
         with self._writing():
             self._db = sqlite3.connect(str(path), timeout=60.0, check_same_thread=False)
         try:
-            if write:
-                with self._writing():
-                    self._make(max_pages)
             with self._reading():
+                if write:
+                    with self._writing():
+                        self._make(max_pages)
                 self._refuse_foreign()
                 told = self._db.execute("SELECT hash, content FROM settings").fetchone()
         except BaseException:
@@ -129,7 +129,7 @@ class Store:
         """
         try:
             yield
-        except (sqlite3.Error, ValueError, RecursionError) as error:
+        except (sqlite3.Error, ValueError, OverflowError, RecursionError) as error:
             raise InputError(f"{self.path}: is no table of a campaign ({error})") from error
 
     def begin(self, digest: str, settings: str) -> None:

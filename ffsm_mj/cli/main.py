@@ -226,7 +226,7 @@ def _view(options: argparse.Namespace, _: Output) -> int:
 
     with tempfile.TemporaryDirectory(prefix="ffsm-") as folder:
         made = Path(folder) / RECORDING
-        with progress() as shown, working_on(f"log {log}"):
+        with progress() as shown, working_on(log):
             shown.stage(f"recording of {log}")
             write_recording(load_run(log).log, made)
         return _open_viewer(made, options.listen)

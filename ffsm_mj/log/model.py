@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ffsm_mj.errors import InputError, ScenarioFaults
+from ffsm_mj.errors import THE_LOG, InputError, ScenarioFaults
 from ffsm_mj.log.scenario import logged_scenario
 from ffsm_mj.model.files import ModelFiles, carried_model, logged_name
 from ffsm_mj.model.grasp import Grasp
@@ -12,7 +12,7 @@ from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.records.run_log import RunLog
 
 
-def compile_log(log: RunLog, place: str = "the log", grasp: Grasp | None = None) -> System:
+def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -> System:
     """Compile what the log carries, by what a run compiles with; control laws of others need not be installed for that.
 
     Nothing is written, and nothing but the log is read: a model of the log that refers to another file is refused.

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import THE_LOG, InputError
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
 from ffsm_mj.model.pose import Pose
 from ffsm_mj.model.properties import BodyProperties, Overrides
@@ -48,7 +48,7 @@ class LoggedScenario:
     kinds: Mapping[str, str]
 
 
-def scenario_data(log: RunLog, place: str = "the log") -> dict[str, Any]:
+def scenario_data(log: RunLog, place: str = THE_LOG) -> dict[str, Any]:
     """The scenario as plain data; ``place`` is the log's name for messages.
 
     Raises:
@@ -64,7 +64,7 @@ def scenario_data(log: RunLog, place: str = "the log") -> dict[str, Any]:
     return data
 
 
-def logged_scenario(log: RunLog, place: str = "the log") -> LoggedScenario:
+def logged_scenario(log: RunLog, place: str = THE_LOG) -> LoggedScenario:
     """What of the scenario the models are built from; ``place`` is the log's name for messages.
 
     Raises:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from tests.hostile.drawing import drawn
 from tests.hostile.series import run_series
+from tests.hostile.strangers import STRANGERS
 from tests.hostile.worker import Result, logs_of_runs, run_case
 
 
@@ -26,7 +27,7 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="ffsm-hostile-") as folder:
         if options.only is not None:
-            hostile = drawn(options.seed, options.only, logs_of_runs(Path(folder)))
+            hostile = drawn(options.seed, options.only, logs_of_runs(Path(folder), with_campaign=options.seed == STRANGERS))
             place = options.keep or Path(folder) / "case"
             _print(run_case(hostile, options.only, place.resolve()), hostile.commands)
             return 0

@@ -44,12 +44,15 @@ class Case:
         kind: What is hostile about it.
         files: Content by name; a name that ends in a slash is a folder.
         commands: Arguments of ``ffsm``.
+        folders: Empty folders.
+        links: Symbolic links, name and where it leads; nothing may be written there.
     """
 
     kind: str
     files: dict[str, bytes]
     commands: tuple[Command, ...]
     folders: tuple[str, ...] = field(default=())
+    links: tuple[tuple[str, str], ...] = field(default=())
 
 
 def case(seed: int, number: int, logs: tuple[bytes, ...]) -> Case:

@@ -29,17 +29,32 @@ def complaint(case: Case, command: tuple[str, ...], code: int, stderr: str) -> s
     return f"no file or place in: {bad[0]}" if bad else ""
 
 
+def control_character(*texts: str) -> str:
+    """What of an output a terminal could take for more than text; empty where nothing is."""
+    odd = [c for text in texts for c in text.replace("\n", "") if not c.isprintable()]
+    return f"prints {odd[0]!r}" if odd else ""
+
+
 def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
     """Whether a line says where a fault is, and what it is."""
     if re.search(r"', line 0\b", line):
         return False
-    if line.startswith(("-s ", "--out: ", "--table: ", "'': ", "ffsm ")):
-        return ": " in line
+    if re.match(r"-s |--\w+[: ]|'': |ffsm[: ]|new: |workers: |run \d+: |\S+: no such run\b", line):
+        return ": " in line or "--" in line
     names = sorted(
-        {*case.files, *case.folders, *(word for word in command[1:] if not word.startswith("-"))}, key=len, reverse=True
+        {
+            *case.files,
+            *case.folders,
+            *(name for name, _ in case.links),
+            *(word for word in command[1:] if not word.startswith("-")),
+        },
+        key=len,
+        reverse=True,
     )
     shown = [name.encode("unicode_escape").decode() for name in names if name]
     place = re.match(
         rf"(log )?(?P<file>\S*?(?:{'|'.join(map(re.escape, [*filter(None, names), *shown]))}))(?::\d+)?(?::\d+)?: \S", line
     )
-    return place is not None or bool(re.match(r"\S+\.(yaml|yml|xml|urdf|mcap|gif|csv)(:\d+(:\d+)?)?: \S", line))
+    return place is not None or bool(
+        re.match(r"\S+\.(yaml|yml|xml|urdf|mcap|gif|csv|json|sqlite|md)(:\d+(:\d+)?)?: \S", line)
+    )

@@ -12,9 +12,10 @@ import resource
 import shutil
 import signal
 import sys
+import tempfile
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from importlib import import_module
@@ -22,10 +23,13 @@ from pathlib import Path
 
 from tests.capture.scenes import ARM, BOUNDS, TARGET
 from tests.hostile import captures, friction
+from tests.hostile.campaigns import campaign_folder, scene_files
 from tests.hostile.cases import Case, Command
 from tests.hostile.documents import Map, text
 from tests.hostile.drawing import Logs, drawn
-from tests.hostile.judge import complaint
+from tests.hostile.judge import complaint, control_character
+from tests.hostile.strangers import STRANGERS
+from tests.hostile.writes import listing, only_reads, put_canaries, stray, touched_canary, watched
 
 CPU_LIMIT_S, WALL_LIMIT_S = 20, 120
 MEMORY_LIMIT = 3 << 30
@@ -42,6 +46,11 @@ _COSTLY = (
         "scipy.linalg",
     ),
     *("PIL.GifImagePlugin", "matplotlib.style"),
+)
+_COSTLY_TOO = (
+    *("ffsm_mj.campaign.campaign", "ffsm_mj.campaign.report_figures", "ffsm_mj.campaign.report_page", "scipy.stats.qmc"),
+    *("ffsm_mj.present.page.document", "ffsm_mj.log.rerun.from_log", "ffsm_mj.starters.robot", "imageio_ffmpeg"),
+    *("ffsm_mj.cli.campaign", "ffsm_mj.present.plots", "matplotlib.backends.backend_svg", "matplotlib.backends.backend_agg"),
 )
 
 
@@ -73,23 +82,46 @@ def write_case(hostile: Case, folder: Path) -> None:
         (folder / name).mkdir()
     for name, content in hostile.files.items():
         with suppress(OSError, ValueError):  # a name that no file can have: the case is that it is not there
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(content)
+    for name, target in hostile.links:
+        with suppress(OSError):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).symlink_to(target)
 
 
 def run_case(hostile: Case, number: int, folder: Path) -> Result:
-    """Give the commands of a case in its folder."""
-    write_case(hostile, folder)
-    os.chdir(folder)
+    """Give the commands of a case in a folder of its own, canaries beside it."""
+    here = folder / "case"
+    write_case(hostile, here)
+    put_canaries(folder)
+    os.chdir(here)
+    tempfile.tempdir = str(folder)
     started, codes, stderr, wrong = time.perf_counter(), [], "", ""
     for command in hostile.commands:
-        with _captured(folder / ".stderr") as path:
+        before = listing(here) if only_reads(command) else {}
+        with _captured(folder / ".stderr", folder / ".stdout"), watched() as places:
             code = _command(command)
-        stderr = path.read_text(errors="replace")
+        stderr, stdout = ((folder / name).read_text(errors="replace") for name in (".stderr", ".stdout"))
         codes.append(code)
-        wrong = complaint(hostile, command, code, stderr)
+        wrong = complaint(hostile, command, code, stderr) or control_character(stdout, stderr)
+        wrong = wrong or written(folder, command, places, before)
         if wrong or code:
             break
     return Result(number, hostile.kind, tuple(codes), stderr, wrong, time.perf_counter() - started)
+
+
+def written(folder: Path, command: Command, places: Sequence[str], before: Mapping[str, tuple[int, int]]) -> str:
+    """What is wrong with what a command wrote; empty where nothing is."""
+    here = folder / "case"
+    if canary := touched_canary(folder):
+        return f"wrote outside: {canary}"
+    if place := stray(places, folder, command):
+        return f"wrote outside: {place}"
+    if only_reads(command) and (changed := listing(here).items() ^ before.items()):
+        return f"only reads, and wrote {sorted(name for name, _ in changed)[0]}"
+    litter = [path.name for path in here.rglob("MUJOCO_LOG.TXT")]
+    return f"left {litter[0]}" if litter else ""
 
 
 def _command(arguments: Command) -> int:
@@ -106,13 +138,13 @@ def _command(arguments: Command) -> int:
 
 
 @contextmanager
-def _captured(path: Path) -> Iterator[Path]:
-    """Standard error into a file, standard output away, at the level of the system: MuJoCo writes there too."""
-    with path.open("wb") as err, open(os.devnull, "wb") as out:
+def _captured(errors: Path, output: Path) -> Iterator[None]:
+    """Standard error and output into files, at the level of the system: MuJoCo writes there too."""
+    with errors.open("wb") as err, output.open("wb") as out:
         os.dup2(err.fileno(), 2)
         os.dup2(out.fileno(), 1)
     try:
-        yield path
+        yield
     finally:
         sys.stderr.flush()
         sys.stdout.flush()
@@ -120,10 +152,12 @@ def _captured(path: Path) -> Iterator[Path]:
 
 def _guarded(seed: int, numbers: list[int], folder: Path, logs: Logs, results: Path) -> None:
     """In a child: run a batch, each case with its limits of time and memory."""
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
+    limit = MEMORY_LIMIT + _address_space()  # of libraries that are loaded, most of it never touched
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     faulthandler.enable()
     faulthandler.register(signal.SIGPROF, chain=True)
+    _alone()
     for number in numbers:
         place = folder / str(number)
         signal.setitimer(signal.ITIMER_PROF, CPU_LIMIT_S)
@@ -134,6 +168,25 @@ def _guarded(seed: int, numbers: list[int], folder: Path, logs: Logs, results: P
         shutil.rmtree(place, ignore_errors=True)
         with results.open("a") as stream:
             stream.write(json.dumps(asdict(result)) + "\n")
+
+
+def _address_space() -> int:
+    """How much of it this process has, in bytes; 0 where the system does not tell."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    except OSError:
+        return 0
+
+
+def _alone() -> None:
+    """Nothing but this process: a viewer that opens at once and ends, runs of campaigns one after the other in here."""
+    from ffsm_mj.campaign import engines
+    from ffsm_mj.log.rerun import viewer
+
+    sys.dont_write_bytecode = True
+    engines.pool = lambda _=None: engines.loop()
+    viewer.has_display = lambda: True
+    viewer.viewer_command = lambda *_, **__: ["true"]
 
 
 def _died(seed: int, number: int, logs: Logs, folder: Path, status: int) -> Result:
@@ -148,7 +201,7 @@ def _died(seed: int, number: int, logs: Logs, folder: Path, status: int) -> Resu
 
 def work(seed: int, numbers: list[int], folder: Path, results: Path) -> None:
     """All cases of a worker."""
-    logs = logs_of_runs(folder)
+    logs = logs_of_runs(folder, with_campaign=seed == STRANGERS)
     while numbers:
         batch = numbers[:_BATCH]
         child = os.fork()
@@ -165,7 +218,7 @@ def work(seed: int, numbers: list[int], folder: Path, results: Path) -> None:
         numbers = left + numbers[_BATCH:]
 
 
-def logs_of_runs(folder: Path) -> Logs:
+def logs_of_runs(folder: Path, *, with_campaign: bool = False) -> Logs:
     """Logs: the case study without a hit, two balls with one, a capture, friction. By the way loads what costs time."""
     import ffsm_mj
     from tests.scenes import two_balls
@@ -178,7 +231,15 @@ def logs_of_runs(folder: Path) -> Logs:
     held = {"robot.xml": ARM.encode(), "object.xml": TARGET.encode()}
     capture = _log_of(folder / "logs" / "c", captures.scenario(BOUNDS), held)
     rubbed = _log_of(folder / "logs" / "d", friction.scenario(), friction.models())
-    return Logs(*((folder / "logs" / name / "run.mcap").read_bytes() for name in "ab"), capture, rubbed)
+    made, scene = dict[str, bytes](), dict[str, bytes]()
+    if with_campaign:
+        for module in _COSTLY_TOO:
+            import_module(module)
+        (folder / "campaign").mkdir()
+        scene = scene_files(folder / "campaign")
+        made = campaign_folder(folder / "campaign")
+    plain, hit = ((folder / "logs" / name / "run.mcap").read_bytes() for name in "ab")
+    return Logs(plain, hit, capture, rubbed, made, scene)
 
 
 def _log_of(folder: Path, scenario: Map, models: dict[str, bytes]) -> bytes:

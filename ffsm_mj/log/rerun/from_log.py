@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import THE_LOG, InputError
 from ffsm_mj.log.model import compile_log
 from ffsm_mj.log.rerun.sink import RerunSink
 from ffsm_mj.log.scenario import logged_scenario
@@ -22,7 +22,7 @@ def write_recording(log: RunLog, path: Path) -> None:
     """
     system = compile_log(log)
     if missing := set(coordinate_keys(system.joints.values())) - set(log.header.layout.keys):
-        raise InputError(f"the log has no {min(missing)}, a coordinate of its models")
+        raise InputError(f"{THE_LOG} has no {min(missing)}, a coordinate of its models")
     sink = RerunSink(lambda: path, system, logged_scenario(log).view_rate_hz)
     sink.open(log.header)
     for event in log.events():
