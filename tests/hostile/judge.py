@@ -56,5 +56,5 @@ def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
         rf"(log )?(?P<file>\S*?(?:{'|'.join(map(re.escape, [*filter(None, names), *shown]))}))(?::\d+)?(?::\d+)?: \S", line
     )
     return place is not None or bool(
-        re.match(r"\S+\.(yaml|yml|xml|urdf|mcap|gif|csv|json|sqlite|md)(:\d+(:\d+)?)?: \S", line)
+        re.match(r"\S+\.(yaml|yml|xml|urdf|mcap|gif|mp4|html|csv|parquet|json|sqlite|md)(:\d+(:\d+)?)?: \S", line)
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
 from random import Random
@@ -203,9 +204,10 @@ def _attachment(rng: Random, found: _Records) -> None:
     elif kind == 2:
         found[i] = replace(old, data=mutate_bytes(rng, old.data))
     elif old.name.endswith(".xml"):
-        root = ET.fromstring(old.data)
-        mutate_model(rng, root)
-        found[i] = replace(old, data=xml(root))
+        with suppress(ET.ParseError):  # one that was mutated before
+            root = ET.fromstring(old.data)
+            mutate_model(rng, root)
+            found[i] = replace(old, data=xml(root))
     else:
         lines = old.data.split(b"\n")
         del lines[rng.randrange(len(lines))]

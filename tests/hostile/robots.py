@@ -81,7 +81,7 @@ def _odd_obj(rng: Random, data: bytes) -> bytes:
 def meshes(rng: Random) -> dict[str, bytes]:
     """Mesh files, some of them odd."""
     found = {"a.stl": stl(), "a.obj": obj(), "vendor/a.stl": stl(), "vendor/package.xml": b"<package/>"}
-    if rng.random() < 0.5:
+    if rng.random() < 0.3:
         name = rng.choice(("a.stl", "a.obj", "vendor/a.stl"))
         odd = _odd_obj if name.endswith("obj") else _odd_stl
         found[name] = rng.choice((odd, odd, mutate_bytes))(rng, found[name])
@@ -92,21 +92,21 @@ def robot(rng: Random) -> tuple[str, bytes]:
     """A robot's file: its name and what it holds."""
     if rng.random() < 0.35:
         root = ET.fromstring(_VENDOR.replace("{form}", rng.choice(("stl", "obj"))))
-        rng.choice((mutate_model, scale_model, lambda *_: None))(rng, root)
+        rng.choice((mutate_model, scale_model, scale_model, lambda *_: None))(rng, root)
         return "robot.xml", xml(root)
-    mesh, mimic, more = (rng.choice(each) if rng.random() < 0.3 else each[0] for each in (_MESHES, _MIMIC, _MORE))
-    inertia = _INERTIA.replace("{i}", rng.choice(("0.02", "0.02", "0.02", "0", "-1", "1e300")))
+    mesh, mimic, more = (rng.choice(each) if rng.random() < 0.15 else each[0] for each in (_MESHES, _MIMIC, _MORE))
+    inertia = _INERTIA.replace("{i}", rng.choice(("0.02",) * 12 + ("0", "-1", "1e300")))
     text = _URDF
     for key, value in {"inertia": inertia, "mesh": mesh, "mimic": mimic, "more": more}.items():
         text = text.replace("{" + key + "}", value)
     kind = rng.random()
-    if kind < 0.15:
+    if kind < 0.1:
         return "robot.urdf", mutate_bytes(rng, text.encode())
     try:
         root = ET.fromstring(text)
     except ET.ParseError:
         return "robot.urdf", text.encode()
-    for _ in range(rng.choice((0, 1, 1, 2, 3))):
+    for _ in range(rng.choice((0, 0, 1, 1, 1, 2))):
         _odd_urdf(rng, root)
     return "robot.urdf", xml(root)
 
@@ -116,7 +116,7 @@ def _odd_urdf(rng: Random, root: ET.Element) -> None:
     elements = [e for e in root.iter() if e.attrib]
     if not elements:
         return
-    element, kind = rng.choice(elements), rng.randrange(5)
+    element, kind = rng.choice(elements), rng.choice((0, 1, 2, 3, 3, 3, 3, 4))
     name = rng.choice(list(element.attrib))
     if kind == 0:
         parts = element.attrib[name].split() or [""]

@@ -145,11 +145,12 @@ def _new_case(rng: Random, _: Any) -> Case:
     name, content = robot(rng)
     options = ("--base-mass", rng.choice(("1", "1e300", "-1", "x", "1e-12"))) if rng.random() < 0.15 else ()
     options += ("--tip", rng.choice(("tip", "hand", "x", "", EVIL.replace("\0", "")))) if rng.random() < 0.15 else ()
-    options += ("--root", rng.choice(("foot", "x", "\x1b[2J"))) if rng.random() < 0.1 else ()
+    options += ("--root", rng.choice(("foot", "x", "\x1b[2J"))) if rng.random() < 0.05 else ()
     options += ("--package-path", rng.choice((".", "vendor", "x", "/"))) if rng.random() < 0.2 else ()
-    wanted = rng.choice(("q", "q", "q", "q.yaml", "../q", "", "a b", EVIL.replace("\0", ""), "x" * 300))
+    odd = ("q.yaml", "../q", "", "a b", EVIL.replace("\0", ""), "x" * 300)
+    wanted = rng.choice(odd) if rng.random() < 0.15 else "q"
     links = [(f"o/{rng.choice(('q.yaml', 'q.xml', 'q_ball.xml'))}", "../../outside/new")] if rng.random() < 0.1 else []
-    made: Command = ("new", wanted, "--robot", name, "--out", rng.choice(("o", "o", ".", "robot.urdf/x")), *options)
+    made: Command = ("new", wanted, "--robot", name, "--out", rng.choice(("o",) * 8 + (".", "robot.urdf/x")), *options)
     short = ("-s", "duration_s=0.02", "--no-rerun", "--out", "run")
     then: tuple[Command, ...] = (
         () if wanted != "q" or made[5] != "o" else (("check", "o/q.yaml"), ("run", "o/q.yaml", *short))

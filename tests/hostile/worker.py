@@ -191,12 +191,15 @@ def _alone() -> None:
 
 def _died(seed: int, number: int, logs: Logs, folder: Path, status: int) -> Result:
     """Result of a case in which the process was ended."""
-    stderr = (folder / str(number) / ".stderr").read_text(errors="replace")
+    said = folder / str(number) / ".stderr"
+    made = said.is_file()
+    stderr = said.read_text(errors="replace") if made else "the case itself could not be made"
     number_of = os.waitstatus_to_exitcode(status)
     limit = number_of == -signal.SIGPROF or "Timeout (" in stderr
     what = "over the time limit" if limit else f"the process died ({number_of})"
     shutil.rmtree(folder / str(number), ignore_errors=True)
-    return Result(number, drawn(seed, number, logs).kind, (number_of,), stderr, what, float(CPU_LIMIT_S) if limit else 0.0)
+    kind = drawn(seed, number, logs).kind if made else ""
+    return Result(number, kind, (number_of,), stderr, what, float(CPU_LIMIT_S) if limit else 0.0)
 
 
 def work(seed: int, numbers: list[int], folder: Path, results: Path) -> None:
