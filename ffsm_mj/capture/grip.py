@@ -30,6 +30,7 @@ class Grip:
         pairs: Names of the pairs at whose impact it closes.
         held: What moves while it holds.
         load: What the link puts on the object then.
+        stated_bounds: Bounds under which it closes, by the name of the value in :class:`Nearness`; empty where it has none.
         armed: Whether it may close.
         least: Nearest that it has come to its bounds since it was armed, inside steps too, and when in s; None where it was
             not looked at.
@@ -60,7 +61,11 @@ class Grip:
         self.sites, self.held = Sites(scene.system, grasp), Held(free, scene, system, grasp)
         self.load = InterfaceLoad(number, self.held, scene.data.site_xpos[self.sites.object], scene.data, others)
         self.pairs = frozenset(config.when.touch or ())
-        self._bounds = Bounds(config.when.within.bounds) if config.when.within is not None else None
+        stated = config.when.within.bounds if config.when.within is not None else ()
+        self._bounds = Bounds(stated) if stated else None
+        self.stated_bounds = {
+            name: bound for name, bound in zip(Nearness._fields, stated, strict=False) if bound is not None
+        }
         self._start: Vectors | None = None
         self._ended: tuple[float, Vectors] = math.nan, []
         self._clock = 0.0

@@ -142,6 +142,10 @@ class NearMissRecord:
         angle_rad: Angle between their frames then.
         speed_m_s: Relative speed at the object's site then.
         rate_rad_s: Relative angular speed then.
+        bounds: Bounds of the grasp by the name of the value that they bound.
+        failed: Name of the value that was furthest beyond its bound then, over that bound.
+        failed_value: That value, in the unit of its name.
+        failed_bound: Its bound.
         qpos: Configuration when it was disarmed, in the order of the sample's ``q_`` fields.
         qvel_before: Generalised velocity then, by joint.
         qvel_after: The same.
@@ -158,6 +162,10 @@ class NearMissRecord:
     angle_rad: float
     speed_m_s: float
     rate_rad_s: float
+    bounds: Mapping[str, tuple[float, ...]]
+    failed: str
+    failed_value: float
+    failed_bound: float
     qpos: tuple[float, ...]
     qvel_before: Mapping[str, tuple[float, ...]]
     qvel_after: Mapping[str, tuple[float, ...]]
@@ -177,7 +185,15 @@ def _capture_marks(record: CaptureRecord) -> list[Mark]:
 
 
 def _missed(record: NearMissRecord) -> str:
-    return f"{record.grasp} missed: {record.least_ratio:.4g} times its bounds at best, at t = {record.least_s:.6g} s"
+    """The values beyond their bounds where all were nearest to them, the worst first."""
+    beyond = [(getattr(record, name) / bound, name) for name, (bound,) in record.bounds.items()]
+    failed = [f"{_beyond(record, name)} ({ratio:.4g} times)" for ratio, name in sorted(beyond, reverse=True) if ratio > 1.0]
+    return f"{record.grasp} missed: {'; '.join(failed)}; nearest at t = {record.least_s:.6g} s"
+
+
+def _beyond(record: NearMissRecord, name: str) -> str:
+    unit = _SITES[name][0]
+    return f"{_SHORT[name]} {getattr(record, name):.4g} {unit}, bound {record.bounds[name][0]:.4g} {unit}"
 
 
 def _of_near_miss(record: NearMissRecord) -> dict[str, Any]:
@@ -193,6 +209,12 @@ _SITES = {
     "angle_rad": ("rad", "angle between their frames"),
     "speed_m_s": ("m/s", "relative speed of the two bodies at the object's site"),
     "rate_rad_s": ("rad/s", "relative angular speed"),
+}
+_SHORT = {
+    "position_m": "distance",
+    "angle_rad": "angle",
+    "speed_m_s": "relative speed",
+    "rate_rad_s": "relative angular speed",
 }
 
 CAPTURE = RecordKind(
@@ -263,6 +285,9 @@ NEAR_MISS = RecordKind(
         "least_ratio": ("", "least of the largest value over its bound while it was armed"),
         "least_s": ("s", "when that was"),
         **{name: (unit, f"{meaning} then") for name, (unit, meaning) in _SITES.items()},
+        "failed": ("", "name of the value that was furthest beyond its bound then, over that bound"),
+        "failed_value": ("", "that value, in the unit of its name"),
+        "failed_bound": ("", "its bound, in the unit of its name"),
     },
     warning=lambda _: True,
 )

@@ -248,9 +248,24 @@ class Captures(Regime):
         if grip.least is None:
             return []
         near, at_s = grip.least
-        state, ratio = self._state(self.scene.data.qvel), grip.ratio(near)
-        who = self.scene.numbers.take(), grip.grasp.name
-        return [NearMissRecord(*who, instant.time_s, instant.step, ratio, at_s, *near, **state)]
+        bounds = grip.stated_bounds
+        failed = max(bounds, key=lambda name: getattr(near, name) / bounds[name])
+        return [
+            NearMissRecord(
+                event=self.scene.numbers.take(),
+                grasp=grip.grasp.name,
+                time_s=instant.time_s,
+                step=instant.step,
+                least_ratio=grip.ratio(near),
+                least_s=at_s,
+                **near._asdict(),
+                bounds={name: (bound,) for name, bound in bounds.items()},
+                failed=failed,
+                failed_value=getattr(near, failed),
+                failed_bound=bounds[failed],
+                **self._state(self.scene.data.qvel),
+            )
+        ]
 
     def _state(self, before: FloatArray) -> dict[str, Any]:
         """Fields of a record that say what moved, the state after being that in ``data``."""

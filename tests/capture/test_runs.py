@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.campaign.metrics import evaluated, fault_of
 from ffsm_mj.capture.regime import Captures
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
+from ffsm_mj.present.text_report import run_report
 from ffsm_mj.recount import recount
 from tests.capture.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, TARGET, TOUCH, grasping, stone
 from tests.scenes import ball, scene
@@ -125,7 +127,42 @@ def test_a_grasp_that_never_closes_is_told_of_once_per_arming(tmp_path):
     assert first.position_m / 0.05 == pytest.approx(first.least_ratio)
     assert run.summary()["near_misses"][0]["least_ratio"] == first.least_ratio
     assert "qpos" not in run.summary()["near_misses"][0]
+    assert run.summary()["near_misses"][0]["failed"] == "position_m"
+    assert (first.failed_value, first.failed_bound) == (first.position_m, 0.05)
+    assert f"grasp missed: distance {first.position_m:.4g} m, bound 0.05 m ({first.least_ratio:.4g} times)" in run_report(
+        run
+    )
     assert run.captures == ()
+
+
+def test_a_miss_names_each_bound_that_failed(tmp_path):
+    """The ball passes through the hand at 1 m/s: near enough, never slow enough; turning is not bounded."""
+    within = {"position_m": 0.15, "angle_rad": 0.5, "speed_m_s": 0.4}
+    near = {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"within": within}}
+    rates = {"target/free": [-1.0, 0, 0, 0, 0, 0]}
+    path = scene(
+        tmp_path,
+        ball("ball"),
+        {"target": ball("target")},
+        initial={"joints": {"target/free": [0.1, 0, 0, 1, 0, 0, 0]}, "rates": rates},
+        captures={"grasp": near},
+        phases=[{"name": "try", "until": "end", "arm": ["grasp"], "controller": OFF}],
+        duration_s=0.2,
+    )
+    run = holds(ffsm_mj.run(path))
+    (miss,) = run.records["near_misses"]
+    assert miss.bounds == {name: (bound,) for name, bound in within.items()}
+    assert (miss.failed, miss.failed_bound) == ("speed_m_s", 0.4)
+    assert miss.failed_value == miss.speed_m_s == pytest.approx(1.0, abs=1e-12)
+    (told,) = run.summary()["near_misses"]
+    assert (told["failed"], told["failed_value"], told["failed_bound"]) == ("speed_m_s", miss.speed_m_s, 0.4)
+    (line,) = [line for line in run_report(run).splitlines() if "missed" in line]
+    assert "grasp missed: relative speed 1 m/s, bound 0.4 m/s (2.5 times); nearest at t = " in line
+    assert "distance" not in line
+    asked = ["near_misses.0.failed", "near_misses.0.failed_value", "near_misses.0.failed_bound"]
+    metrics = evaluated(run, {}, asked)
+    assert [metrics[name] for name in asked] == ["speed_m_s", miss.speed_m_s, 0.4]
+    assert all(fault_of(name, []) is None for name in asked)
 
 
 @pytest.mark.parametrize("step_s", [1e-3, 2e-2])
