@@ -42,7 +42,7 @@ def groups(results: Results) -> list[Group]:
 
 def _how(row: TableRow) -> str:
     if row["outcome"] == "completed":
-        return "a law is violated" if row["failed"] else "no success"
+        return "a check fails" if row["failed"] else "no success"
     error = ""
     if row["outcome"] == "error":
         error = row["message"].partition(":")[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
@@ -32,6 +33,8 @@ _DRIFTING = LAW_NAMES[:3]
 _ALWAYS = ("laws_hold", "drift", "deepest_overlap_m", *(f"laws.{name.replace(' ', '_')}" for name in LAW_NAMES))
 """What is told of every run: whether every law holds; the worst drift of energy and momenta, over (1 + scale) each; the
 deepest overlap in m; the worst residual of each law, in its unit, null where it is not judged."""
+_EXCESS = {name: f"excess.{name.replace(' ', '_')}" for name in LAW_NAMES}
+"""Told of each check that fails: its residual over its tolerance, the worst of its subsystems."""
 _TIP = ("min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s", *(f"target_m.{axis}" for axis in range(3)))
 _SCALARS = ("outcome", "message", "duration_s", "steps", "conservative", "controller.ticks")
 _CONSERVATION = ("energy_residual_J", "linear_momentum_residual_N_s", "angular_momentum_residual_N_m_s")
@@ -48,9 +51,17 @@ def always(laws: Sequence[Law]) -> dict[str, Scalar]:
         found[key] = law.residual if not isinstance(worst, float) else max(worst, law.residual)
         if law.name == "no penetration":
             found["deepest_overlap_m"] = law.residual
+    for name, key in _EXCESS.items():
+        if beyond := [_excess(law) for law in laws if law.name == name and not law.holds]:
+            found[key] = max(beyond)
     drifts = [law.drift / law.tolerance * 1e-9 for law in laws if law.name in _DRIFTING]
     found["drift"] = max(drifts) if drifts else None
     return found
+
+
+def _excess(law: Law) -> float:
+    """Residual over tolerance; infinite where either is no positive number."""
+    return law.residual / law.tolerance if law.residual > 0.0 and law.tolerance > 0.0 else math.inf
 
 
 def evaluated(run: Run, effort: Effort, names: Sequence[str]) -> dict[str, Scalar]:
@@ -159,7 +170,7 @@ def fault_of(name: str, actuators: Sequence[str]) -> str | None:
         return unknown_name("metric", name, [f"effort.{each}.{measure}" for each in actuators for measure in MEASURES])
     if re.fullmatch(r"controller\.phases\.\d+\.reports\.\w+", name):
         return None
-    known = [*_ALWAYS, *_SCALARS, *plugged()]
+    known = [*_ALWAYS, *_EXCESS.values(), *_SCALARS, *plugged()]
     known += [f"tip.{key}" for key in _TIP] + [f"conservation.{key}" for key in _CONSERVATION]
     known += [f"{each}.{what}" for each in lists for what in ("count", "0.KEY")] + [
         "effort.ACTUATOR.MEASURE",

@@ -2,13 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from ffsm_mj.campaign.store import Row, Store
 
 _SHOWN = 3
 """So many failures are told of."""
+EXCESS = "excess."
+"""How metrics begin that say of a check that fails how many times its tolerance the residual is."""
+
+
+@dataclass(frozen=True)
+class FailingCheck:
+    """A check that fails in some runs.
+
+    Attributes:
+        name: Of the check.
+        runs: In how many.
+        excess: The largest residual over its tolerance; infinite where one is not finite.
+        worst: Number of that run.
+    """
+
+    name: str
+    runs: int
+    excess: float
+    worst: int
 
 
 @dataclass(frozen=True)
@@ -22,6 +42,7 @@ class Status:
         failed: How many of those failed: did not come to their end, or violate a law.
         outcomes: How many by outcome.
         messages: The first failed runs, a line each.
+        checks: The checks that fail, the most frequent first.
         stopped: Why it was given up before its end; empty where it was not.
         enough: What was known well enough to end it; empty where that is not why it ended.
     """
@@ -32,6 +53,7 @@ class Status:
     failed: int
     outcomes: Mapping[str, int]
     messages: tuple[str, ...]
+    checks: tuple[FailingCheck, ...] = ()
     stopped: str = ""
     enough: str = ""
 
@@ -50,12 +72,34 @@ def status_of(store: Store, name: str, runs: int) -> Status:
         runs: How many its design has.
     """
     outcomes = store.outcomes()
-    messages = tuple(f"run {row.index}: {_why(row)}" for row in store.failures(_SHOWN))
-    return Status(name, runs, sum(outcomes.values()), store.failed(runs), outcomes, messages)
+    failed = store.failures(runs)
+    messages = tuple(f"run {row.index}: {_why(row)}" for row in failed[:_SHOWN])
+    return Status(name, runs, sum(outcomes.values()), store.failed(runs), outcomes, messages, failing_checks(failed))
+
+
+def failing_checks(failed: Iterable[Row]) -> tuple[FailingCheck, ...]:
+    """What the failed runs say of their checks, whatever their outcome; the most frequent first."""
+    found: dict[str, list[tuple[float, int]]] = {}
+    for row in failed:
+        for name, excess in _excesses(row).items():
+            found.setdefault(name, []).append((excess, row.index))
+    # Of equal ones the first run is the worst.
+    worst = {name: max(each, key=lambda one: (one[0], -one[1])) for name, each in found.items()}
+    made = [FailingCheck(name, len(each), *worst[name]) for name, each in found.items()]
+    return tuple(sorted(made, key=lambda check: (-check.runs, -check.excess, check.name)))
+
+
+def _excesses(row: Row) -> dict[str, float]:
+    """Residual over tolerance of each check that fails in a run."""
+    told = {key.removeprefix(EXCESS): value for key, value in row.metrics.items() if key.startswith(EXCESS)}
+    return {
+        name.replace("_", " "): float(value) if isinstance(value, int | float) else math.inf for name, value in told.items()
+    }
 
 
 def _why(row: Row) -> str:
     """Why a run failed."""
     if row.outcome == "completed":
-        return "a law is violated"
+        fails = [f"{name} ({excess:.3g} times its tolerance)" for name, excess in _excesses(row).items()]
+        return f"checks fail: {', '.join(fails)}" if fails else "a check fails"
     return f"{row.outcome}: {row.message}" if row.message else row.outcome

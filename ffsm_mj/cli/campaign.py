@@ -105,6 +105,10 @@ def _say_status(status: Status, say: Say) -> None:
         say(f"  {one_line(message)}")
     if status.failed > len(status.messages):
         say(f"  and {status.failed - len(status.messages)} more")
+    for check in status.checks:
+        runs = f"{check.runs} run{'s' if check.runs > 1 else ''}"
+        worst = f"at worst {check.excess:.3g} times its tolerance, run {check.worst}"
+        say(f"  check fails in {runs}: {one_line(check.name)}, {worst}")
 
 
 def _replay(options: argparse.Namespace, say: Say, stage: Stage) -> int:

@@ -19,6 +19,7 @@ from ffsm_mj.campaign.driver import Driver, EngineLostError
 from ffsm_mj.campaign.engines import Engine, loop
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.campaign.worker import Job, probe
+from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from tests.campaign.files import campaign_file, rock_hits, two_rocks
 from tests.campaign.laws import Fuse
@@ -149,3 +150,29 @@ def test_what_a_killed_process_left_is_not_in_the_way(tmp_path: Path) -> None:
     out.mkdir()
     (out / ".design.json-77").write_text("{")
     assert Campaign.load(path, out).status().done == 0
+
+
+def test_the_status_tells_failing_checks_by_name_and_size(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """In how many runs each fails, of whatever outcome, and where it is worst: infinite where a residual is no number."""
+    campaign = Campaign.load(rock_hits(tmp_path), tmp_path / "out")
+    fails = {
+        1: {"excess.energy": 4.0},
+        2: {"excess.energy": 40.0, "excess.no_penetration": 2.5},
+        4: {"excess.energy": 40.0},
+        5: {"excess.no_penetration": None},
+    }
+    with campaign._open_table() as store:
+        store.add([Row(i, "completed", metrics={"laws_hold": i not in fails, **fails.get(i, {})}) for i in range(7)])
+        store.add([Row(7, "diverged", "too fast", metrics={"laws_hold": False, "excess.energy": 1.5})])
+    checks = campaign.status().checks
+    assert [(each.name, each.runs, each.excess, each.worst) for each in checks] == [
+        ("energy", 4, 40.0, 2),
+        ("no penetration", 2, float("inf"), 5),
+    ]
+    assert main(["campaign", "status", str(tmp_path / "out")]) == 0
+    said = capfd.readouterr().out.splitlines()
+    assert "  run 2: checks fail: energy (40 times its tolerance), no penetration (2.5 times its tolerance)" in said
+    assert said[-2:] == [
+        "  check fails in 4 runs: energy, at worst 40 times its tolerance, run 2",
+        "  check fails in 2 runs: no penetration, at worst inf times its tolerance, run 5",
+    ]

@@ -67,6 +67,23 @@ def test_a_violated_law_counts_as_failed() -> None:
     assert metrics.always([law])["laws_hold"] is False  # type: ignore[list-item]
 
 
+def test_a_check_that_fails_tells_its_residual_over_its_tolerance() -> None:
+    """The worst of its subsystems; one that passes tells nothing, one without a number an infinite excess."""
+
+    def law(name: str, residual: float, tolerance: float) -> Any:
+        return SimpleNamespace(
+            name=name, residual=residual, drift=residual, tolerance=tolerance, holds=residual <= tolerance
+        )
+
+    laws = [law("energy", 6.0, 2.0), law("energy", 5.0, 1.0), law("energy", 8.0, 9.0), law("linear momentum", 1.0, 2.0)]
+    told = metrics.always([*laws, law("no penetration", float("nan"), 1e-9)])
+    assert {name: value for name, value in told.items() if name.startswith("excess.")} == {
+        "excess.energy": 5.0,
+        "excess.no_penetration": float("inf"),
+    }
+    assert fault_of("excess.energy", []) is None
+
+
 def test_effort_of_joint_motors(baseline: tuple[Run, dict[str, Any]]) -> None:
     """Efforts are held from row to row, so sums over rows are the integrals.
 

@@ -108,7 +108,7 @@ def test_failures_in_groups():
         ("diverged", "coast", (11, 12)),
         ("error (KeyError)", "coast", (6,)),
         ("no success", "coast", (8,)),
-        ("a law is violated", "coast", (9,)),
+        ("a check fails", "coast", (9,)),
         ("diverged", "approach", (10,)),
     ]
     assert groups(results(rows))[0].message == "ValueError: x is bad (law.py:3)"
