@@ -19,7 +19,6 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.lasting.rows import Rows, Touch
 from ffsm_mj.model.system import System
 from ffsm_mj.motion.motion import Motion
-from ffsm_mj.motion.pushed_flight import WEIGHTS
 
 Wrench = tuple[float, float, float, float, float, float]
 """Force and moment about the world origin."""
@@ -84,17 +83,17 @@ def robot_dofs(system: System, motion: Motion) -> slice:
 
 
 def booked(
-    stages: Sequence[Stage], duration_s: float, shares: Shares, robot: slice
+    stages: Sequence[Stage], parts: FloatArray, shares: Shares, robot: slice
 ) -> tuple[Booking, dict[ContactPair, float]]:
-    """What the contacts of the four stages of a step exchanged, and the integral of the size of each pair's force, N s.
+    """What the contacts of the stages of a step exchanged, and the integral of the size of each pair's force, N s.
 
     Args:
         stages: In their order.
-        duration_s: Length of the step.
+        parts: Time that each counts for, s.
         shares: Of the contacts.
         robot: The robot's dofs in what moves.
     """
-    parts, on_b = duration_s * WEIGHTS, [wrenches(stage.rows, stage.forces) for stage in stages]
+    on_b = [wrenches(stage.rows, stage.forces) for stage in stages]
     work = parts.dot(np.array([stage.power for stage in stages])).tolist()
     total, own = sum(work), sum(work[robot])
     weights, sizes = parts.tolist(), dict.fromkeys(shares.of_pairs, 0.0)

@@ -11,6 +11,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.exchange import Booking
 from ffsm_mj.contact.pairs import ContactPair, Proximity
@@ -25,7 +27,9 @@ from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.lasting.refusals import pressing_pairs, refusal, rubbing
 from ffsm_mj.lasting.report import Report
 from ffsm_mj.lasting.rows import Touch
+from ffsm_mj.lasting.sharing import pieces
 from ffsm_mj.motion.motion import Motion
+from ffsm_mj.motion.pushed_flight import WEIGHTS
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.records.kinds import RecordKind
@@ -248,6 +252,12 @@ class Lasting(Regime):
         closed, system = self._closed, self.scene.system
         if not closed.pressing:
             return self._righted, {}
+        anew = pieces(closed, self.motion, duration_s)
+        if anew is not None:
+            shares = Shares.of(system, anew.touches, self.motion.carried_bodies)
+            parts = np.array(anew.weights_s)
+            booking, impulses = booked(anew.stages, parts, shares, robot_dofs(system, self.motion))
+            return added(self._righted, booking), impulses
         stages = closed.stages[-5:-1]  # the last one is that of the end, where the next step begins
         key = closed.pressing, self.motion
         if self._shared is None or self._shared[0] != key:
@@ -256,7 +266,7 @@ class Lasting(Regime):
                 Shares.of(system, closed.pressing, self.motion.carried_bodies),
                 robot_dofs(system, self.motion),
             )
-        booking, impulses = booked(stages, duration_s, *self._shared[1:])
+        booking, impulses = booked(stages, duration_s * WEIGHTS, *self._shared[1:])
         return added(self._righted, booking), impulses
 
     def held_points(self) -> dict[ContactPair, list[FloatArray]]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.compiled import fastest
 from ffsm_mj.model.system import Tree
 from ffsm_mj.motion.flight import Flight
@@ -71,6 +73,12 @@ class Motion:
 
     def seat(self) -> None:
         """Go on from the state of what this stands for, derived quantities current: nothing where it is that itself."""
+
+    def go_to(self, qpos: FloatArray, qvel: FloatArray) -> None:
+        """Be at another state, derived quantities current; what this stands for follows."""
+        self.data.qpos[:], self.data.qvel[:] = qpos, qvel
+        mujoco.mj_forward(self.model, self.data)
+        self.path.arrived()
 
     def step(self, duration_s: float) -> bool:
         """Integrate for a time, refresh derived quantities; says whether nothing that is watched can have happened."""
