@@ -57,6 +57,9 @@ def opposite(first: FloatArray, second: FloatArray, normal: FloatArray) -> bool:
         second: Extreme points of the other against it, (n, 3).
         normal: Direction from the first geom to the second.
     """
+    if len(first) == len(second) == 1:  # by far the most
+        offset = second[0] - first[0]
+        return bool(np.linalg.norm(offset - offset @ normal * normal) <= _SAME_M)
     _, a, b = _flattened(first, second, normal)
     corners = [(p, b) for p in a] + [(p, a) for p in b]
     return any(_inside(p, polygon, _SAME_M) for p, polygon in corners) or bool(_crossings(a, b))

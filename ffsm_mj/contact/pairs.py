@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.manifold import LEVEL_M, touching_set
+from ffsm_mj.contact.manifold import LEVEL_M, opposite, touching_set
 from ffsm_mj.contact.normal import is_normal, polished, separation
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
 from ffsm_mj.contact.shape import PARALLEL, Shape, vagueness
@@ -198,11 +198,13 @@ class ContactPair:
         first, second = Shape(model, data, self._g1), Shape(model, data, self._g2)
         estimate, witness = self._shifted_query(model, data, self._estimate(model, data), min(_SHIFT, _SHARE * self.size))
         normal = polished(first, second, estimate)
-        if not is_normal(first, second, normal):
+        features = first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL)
+        if not opposite(*features, normal):
             normal, witness = self._nearer_query(model, data, (normal, witness))
+            features = first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL)
         self._normal = normal
         level = LEVEL_M + self.vague
-        points = touching_set(first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL), normal, level)
+        points = touching_set(*features, normal, level)
         points = points if len(points) else witness[None]
         rounding = _ROUNDING + 4.0 * _EPSILON * float(np.abs(points).max())
         rates, still = self._rates(data, normal, points)
