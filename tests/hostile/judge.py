@@ -39,7 +39,7 @@ def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
     """Whether a line says where a fault is, and what it is."""
     if re.search(r"', line 0\b", line):
         return False
-    if re.match(r"-s |--\w+[: ]|'': |ffsm[: ]|new: |workers: |run \d+: |\S+: no such run\b", line):
+    if re.match(r"-s |--\w+[: ]|'': |ffsm[: ]|new: |new-law: |logs/\S+: |workers: |run \d+: |\S+: no such run\b", line):
         return ": " in line or "--" in line
     names = sorted(
         {

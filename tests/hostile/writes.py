@@ -6,6 +6,7 @@ Links of a case lead to the canaries, so a write through one of them changes wha
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -17,6 +18,8 @@ OUTSIDE = "outside"
 CANARIES = {"precious": b"mine\n", "log.mcap": b"\x89MCAP0\r\n", "folder/kept": b"mine too\n"}
 _READING = {"check", "schema", "completion", "view"}
 _SQLITES = ("-journal", "-wal", "-shm")
+_HALF = re.compile("[\ud800-\udbff]|[\udc00-\udc7f]|[\udd00-\udfff]")
+"""Characters that no name of a file can have."""
 _WRITE = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 _BOTH = ("os.rename", "os.link", "os.symlink", "shutil.move", "shutil.copyfile")
 _ONE = ("os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os.chmod", "shutil.rmtree", "sqlite3.connect")
@@ -94,7 +97,7 @@ def watched() -> Iterator[list[str]]:
 
 def stray(places: Sequence[str], folder: Path, command: Sequence[str]) -> str:
     """A place outside a folder that nobody asked to be written; empty where there is none."""
-    named = [os.path.realpath(word) for word in command[1:] if word and "\0" not in word]
+    named = [os.path.realpath(word) for word in command[1:] if word and "\0" not in word and not _HALF.search(word)]
     allowed = (os.path.realpath(folder), "/dev", "/proc", *(name for name in named if name != "/"))
     return next((place for place in places if not _below(place, allowed)), "")
 
