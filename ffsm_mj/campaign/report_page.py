@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -14,6 +15,7 @@ from ffsm_mj.campaign.failures import differences, groups
 from ffsm_mj.campaign.results import Results, is_good, measured, numbers
 from ffsm_mj.campaign.sensitivity import rank_correlation, sobol_indices
 from ffsm_mj.campaign.statistics import CONFIDENCE, Share, is_constant, quantile, values_for_upper_end
+from ffsm_mj.errors import one_line
 from ffsm_mj.present.markdown import table
 
 _SHARES = (0.05, 0.5, 0.95)
@@ -40,10 +42,10 @@ def report_page(results: Results, description: str, success: str | None, figures
         figures: What each shows, and its file beside the page.
     """
     if not results.rows:
-        return f"# {results.name}\n\n0 of {results.runs} runs: there is nothing to tell yet.\n"
+        return f"# {_cell(results.name)}\n\n0 of {results.runs} runs: there is nothing to tell yet.\n"
     parts = [
-        f"# {results.name}",
-        *([description] if description else []),
+        f"# {_cell(results.name)}",
+        *([html.escape(description, quote=False)] if description else []),
         _head(results, success),
         "## Outcomes",
         _outcomes(results),
@@ -67,7 +69,7 @@ def _head(results: Results, success: str | None) -> str:
     made = f"{len(results.rows)} of {results.runs} runs" if not results.complete else f"{results.runs} runs"
     told = [f"{made}, samples of kind `{results.kind}`, {len(results.parameters)} parameters."]
     if success is not None:
-        told.append(f"A run is a success where `{success}`.")
+        told.append(f"A run is a success where {_code(success)}.")
     told.append(f"Intervals are two-sided, {100 * CONFIDENCE:g} %.")
     if results.kind in _NOMINAL:
         told.append(f"They are nominal: {_NOMINAL[results.kind]} not independent draws.")
@@ -79,7 +81,7 @@ def _head(results: Results, success: str | None) -> str:
 def _outcomes(results: Results) -> str:
     sample = results.sample
     counts = Counter(str(row["outcome"]) for row in sample)
-    rows = [_share_row(f"outcome `{outcome}`", count, len(sample)) for outcome, count in counts.most_common()]
+    rows = [_share_row(f"outcome {_code(outcome)}", count, len(sample)) for outcome, count in counts.most_common()]
     rows.append(
         _share_row("failed (did not come to the end, or violates a law)", sum(r["failed"] for r in sample), len(sample))
     )
@@ -182,7 +184,9 @@ def _failures(results: Results) -> Iterator[str]:
     if not found:
         yield "None."
         return
-    rows = [[each.how, each.phase, str(len(each.runs)), _runs(each.runs), _cell(each.message)] for each in found]
+    rows = [
+        [_cell(each.how), _cell(each.phase), str(len(each.runs)), _runs(each.runs), _cell(each.message)] for each in found
+    ]
     yield table(("what", "last phase", "number", "runs", "the first says"), rows)
     differing = differences(results)
     if not differing:
@@ -211,16 +215,20 @@ def _drawn(results: Results) -> str:
             rows.append([_code(name), *(_number(float(f(values))) for f in (np.min, np.median, np.max))])
         else:
             counts = Counter(str(row[name]) for row in results.sample)
-            rows.append([_code(name), ", ".join(f"{value}: {count}" for value, count in counts.most_common()), "", ""])
+            rows.append(
+                [_code(name), ", ".join(f"{_cell(value)}: {count}" for value, count in counts.most_common()), "", ""]
+            )
     return table(("parameter", "least", "median", "greatest"), rows)
 
 
 def _code(name: str) -> str:
-    return f"`{name}`"
+    """A name as it is, whatever Markdown would make of it."""
+    return "`" + one_line(name).replace("`", "'").replace("|", "\\|") + "`"
 
 
 def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
+    """A text of somebody else's in a table: no markup, one line."""
+    return html.escape(one_line(text), quote=False).replace("|", "\\|")
 
 
 def _number(value: float) -> str:

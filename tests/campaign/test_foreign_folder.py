@@ -188,3 +188,16 @@ def test_control_characters_of_a_row_stay_off_the_terminal(folder, capsys):
     assert captured.out.replace("\n", "").isprintable()
     assert captured.out.count("\n") == 2
     assert Path("D").is_dir()
+
+
+def test_words_of_a_row_are_no_markup_in_the_report(folder, capsys):
+    edit(folder, "DELETE FROM rows WHERE i = 1")
+    store = Store(folder / "rows.sqlite")
+    store.add([Row(1, "diverged", message="<script>x</script> | y\n# title", phase="<b>")])
+    store.close()
+    assert main(["campaign", "report", "D"]) == 0, capsys.readouterr().err
+    page = (folder / "report.md").read_text()
+    assert "<script>" not in page
+    assert "<b>" not in page
+    assert "\n# title" not in page
+    assert r"&lt;script&gt;x&lt;/script&gt; \| y\n# title" in page
