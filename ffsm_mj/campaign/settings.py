@@ -14,7 +14,7 @@ from ffsm_controllers import GROUP as LAWS
 from ffsm_mj.assembly.run import versions
 from ffsm_mj.campaign.metrics import GROUP as METRICS
 from ffsm_mj.compiled import is_compiled
-from ffsm_mj.yaml.parser import plain_value
+from ffsm_mj.yaml.parser import YamlFault, plain_value
 
 _LEAST_DIFFERENCES = 3
 
@@ -70,8 +70,11 @@ def settings_hash(settings: str) -> str:
 
 
 def differences(stored: str, now: str) -> str:
-    """What differs between two settings, for a person."""
-    a, b = (_leaves(_with_scenario_as_data(json.loads(text))) for text in (stored, now))
+    """What differs between two settings, for a person; somebody else may have written the stored ones."""
+    try:
+        a, b = (_leaves(_with_scenario_as_data(json.loads(text))) for text in (stored, now))
+    except (ValueError, TypeError, KeyError, RecursionError, YamlFault):
+        return "those there cannot be read"
     found = [
         f"{key} {_short(a.get(key))} there, {_short(b.get(key))} here"
         for key in sorted({*a, *b})

@@ -177,6 +177,15 @@ def test_a_design_that_is_none(folder, capsys, key, value):
     assert refused(capsys, "status", "D").startswith("D/design.json: no design of a campaign (")
 
 
+@pytest.mark.parametrize("content", ["", "[]", "{}", "[" * 100_000, '{"scenario": "[", "a": 1}'])
+def test_settings_that_are_none(folder, capsys, content):
+    db = sqlite3.connect(folder / "rows.sqlite")
+    with db:
+        db.execute("UPDATE settings SET content = ?", (content,))
+    db.close()
+    assert refused(capsys, "resume", "D") == "D: its rows were made with other settings: those there cannot be read"
+
+
 def test_control_characters_of_a_row_stay_off_the_terminal(folder, capsys):
     evil = "\x1b]0;owned\x07\u202e\nrun 3: all is well\r"
     edit(folder, "DELETE FROM rows WHERE i = 1")

@@ -77,7 +77,9 @@ class _Watch:
                 place = os.fsdecode(path)
                 # The last part is not followed where an entry of a folder is changed, as all but opening does.
                 folder, name = os.path.split(os.path.abspath(place))
-                self.places.append(os.path.realpath(place) if event == "open" else f"{os.path.realpath(folder)}/{name}")
+                self.places.append(
+                    os.path.realpath(place) if event == "open" else os.path.join(os.path.realpath(folder), name)
+                )
 
 
 _WATCH = _Watch()
