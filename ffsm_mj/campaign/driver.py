@@ -175,12 +175,22 @@ class Driver:
                 for future in sorted(done, key=lambda each: each.cancelled() or each.exception() is not None):
                     self._take(future, flying, queue)
                 self._stopped = self._stop()
+            self._keep_what_runs(flying)
         except (BrokenExecutor, CancelledError, OSError) as error:
             queue.lost(list(flying.values()))
             raise _LostError(described(error)) from error
         finally:
             for future in flying:
                 future.cancel()
+
+    def _keep_what_runs(self, flying: dict[Future[list[Row]], _Batch]) -> None:
+        """Store what was begun before a stop: an executor ends that before it closes, so its rows cost nothing more."""
+        running = [future for future in flying if not future.cancel()]
+        wait(running)
+        for future in running:
+            if future.exception() is None:
+                self._store(future.result())
+        flying.clear()
 
     def _take(self, future: Future[list[Row]], flying: dict[Future[list[Row]], _Batch], queue: _Queue) -> None:
         """Store what a batch came to."""

@@ -8,6 +8,7 @@ from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import nullcontext
 from pathlib import Path
+from threading import Timer
 from types import MappingProxyType
 from typing import Any
 
@@ -176,3 +177,34 @@ def test_the_status_tells_failing_checks_by_name_and_size(tmp_path: Path, capfd:
         "  check fails in 4 runs: energy, at worst 40 times its tolerance, run 2",
         "  check fails in 2 runs: no penetration, at worst inf times its tolerance, run 5",
     ]
+
+
+class Busy(Executor):
+    """Makes the first batch at once, has begun the second, and has the others wait."""
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if fn is probe:
+            future.set_result("here")
+            return future
+        rows = [Row(index, "completed") for index, _ in args[1]]
+        self.asked += [row.index for row in rows]
+        if len(self.asked) == 1:
+            future.set_result(rows)
+        elif len(self.asked) == 2:
+            future.set_running_or_notify_cancel()
+            Timer(0.1, future.set_result, [rows]).start()
+        return future
+
+
+def test_what_was_begun_before_a_stop_is_kept() -> None:
+    """It is made to its end anyway; what waits is not."""
+    rows: list[Row] = []
+    executor = Busy()
+    engine = Engine("busy", 1, lambda: nullcontext(executor))
+    Driver(engine, Job("", (), MappingProxyType({})), rows.extend, lambda: True).drive([(i, {}) for i in range(8)])
+    assert len(executor.asked) == 4
+    assert [row.index for row in rows] == [0, 1]
