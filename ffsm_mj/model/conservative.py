@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.mimic import Mimic, mimics
+from ffsm_mj.model.mimic import Mimic, mimic_fault, mimics
 from ffsm_mj.model.places import Places
 
 # Bits of MjSpec.authored.option that are set when <option> names the field (order of mjOption's fields).
@@ -68,7 +68,7 @@ def _mimic_fault(model: Any, equality: str, following: Mapping[str, list[Mimic]]
         return ""
     prefix, _, follower = model.joint(model.eq_obj1id[e]).name.partition("/")
     leader = model.joint(model.eq_obj2id[e]).name.partition("/")[2]
-    return next(filter(None, (mimic.fault(follower, leader) for mimic in following[prefix])), "")
+    return mimic_fault(following[prefix], follower, leader)
 
 
 def _cut_short(model: Any, body: int) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from ffsm_mj.model.files import ModelFiles
@@ -23,21 +23,37 @@ class Mimic:
     leader: str
     place: str
 
-    def fault(self, follower: str, leader: str) -> str:
-        """What is to be said of a constraint between two joints; empty where it is not this one's.
+    def makes(self, follower: str, leader: str) -> bool:
+        """Whether a constraint between two joints may be this one's.
 
         Args:
             follower: Name of the joint that follows, in the model: that of the URDF behind the prefixes of what attaches it.
             leader: Name of the joint that it follows, likewise.
         """
         before = follower.removesuffix(self.joint)
-        if (before + self.joint, before + self.leader) != (follower, leader):
-            return ""
-        return (
-            f"{self.place}: joint {follower!r} mimics joint {leader!r} (<mimic>), which MuJoCo makes a soft constraint: "
-            f"take <mimic> out, or let 'strip: [equalities]' of the scenario, so that each moves by its own motor, "
-            f'or write type="fixed" at joint {self.joint!r}'
-        )
+        return (before + self.joint, before + self.leader) == (follower, leader)
+
+
+def mimic_fault(written: Iterable[Mimic], follower: str, leader: str) -> str:
+    """What is to be said of a constraint between two joints; empty where no ``<mimic>`` makes it.
+
+    Where several URDFs of a model have joints of these names, all places are told.
+
+    Args:
+        written: Each ``<mimic>`` of the model, longest names first.
+        follower: Name of the joint that follows, in the model.
+        leader: Name of the joint that it follows.
+    """
+    found = [each for each in written if each.makes(follower, leader)]
+    if not found:
+        return ""
+    same = [each for each in found if each.joint == found[0].joint]
+    place = " or ".join(dict.fromkeys(each.place for each in same))
+    return (
+        f"{place}: joint {follower!r} mimics joint {leader!r} (<mimic>), which MuJoCo makes a soft constraint: "
+        f"take <mimic> out, or let 'strip: [equalities]' of the scenario, so that each moves by its own motor, "
+        f'or write type="fixed" at joint {found[0].joint!r}'
+    )
 
 
 def mimics(files: ModelFiles) -> list[Mimic]:

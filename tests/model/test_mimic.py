@@ -68,6 +68,36 @@ def test_a_mimic_of_an_attached_urdf_is_told_likewise(otto, prefixes):
     assert len(system.robot.joints) == 1 + 2 * len(prefixes)
 
 
+def test_mimics_of_two_urdfs_with_joints_of_one_name_are_told_with_both_places(otto):
+    """By the names alone either could be meant."""
+    (otto.parent / "anna.urdf").write_text("\n" + otto.read_text())
+    names = "otto", "anna"
+    assets = "".join(f'<model name="{name}" file="{name}.urdf"/>' for name in names)
+    attach = "".join(f'<attach model="{name}" body="hub" prefix="{name}_"/>' for name in names)
+    (otto.parent / "bus.xml").write_text(robot(assets, attach))
+    with pytest.raises(InputError) as refused:
+        compile_paths(otto.parent / "bus.xml")
+    line = otto.read_text()[: otto.read_text().index(MIMIC)].count("\n") + 1
+    for told, name in zip(refused.value.lines, names, strict=True):
+        places, _, rest = told.partition(": joint ")
+        assert set(places.split(" or ")) == {f"{otto}:{line}", f"{otto.parent / 'anna.urdf'}:{line + 1}"}
+        assert rest.startswith(f"'{name}_nod' mimics joint '{name}_swing'")
+
+
+def test_a_mimic_of_a_urdf_that_an_attached_model_attaches_is_told_likewise(otto):
+    """With the prefixes of both."""
+    arm = robot('<model name="otto" file="otto.urdf"/>', '<attach model="otto" body="hub" prefix="a_"/>')
+    (otto.parent / "arm.xml").write_text(arm.replace('<freejoint name="float"/>', ""))
+    (otto.parent / "bus.xml").write_text(
+        robot('<model name="arm" file="arm.xml"/>', '<attach model="arm" body="hub" prefix="b_"/>')
+    )
+    with pytest.raises(InputError) as refused:
+        compile_paths(otto.parent / "bus.xml")
+    (told,) = refused.value.lines
+    line = otto.read_text()[: otto.read_text().index(MIMIC)].count("\n") + 1
+    assert told.startswith(f"{otto}:{line}: joint 'b_a_nod' mimics joint 'b_a_swing' (<mimic>)")
+
+
 def test_another_constraint_of_such_joints_is_no_mimic(otto):
     """A URDF with a <mimic>, attached, and the constraint the other way round, which is the model's own."""
     text = robot('<model name="otto" file="otto.urdf"/>', '<attach model="otto" body="hub" prefix="a_"/>')

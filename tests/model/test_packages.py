@@ -118,6 +118,28 @@ def test_a_run_carries_the_file_of_a_package_that_an_attached_urdf_names(tmp_pat
     capsys.readouterr()
 
 
+def test_a_run_carries_the_file_of_a_package_that_a_urdf_in_an_attached_model_names(tmp_path, capsys):
+    """MJCF that attaches MJCF that attaches a URDF, twice: the run folder and the log have it all."""
+    attach = '<attach model="{0}" body="{1}" prefix="{2}"/>'
+    arm = robot('<model name="r" file="../arms/urdf/r.urdf"/>', attach.format("r", "l", "a_"))
+    models = '<model name="arm" file="mid/arm.xml"/><model name="other" file="mid/arm.xml"/>'
+    write(
+        tmp_path,
+        bus_dot_xml=robot(models, attach.format("arm", "hub", "x_") + attach.format("other", "hub", "y_")),
+        mid__arm_dot_xml=arm.replace('<freejoint name="float"/>', ""),
+        arms__urdf__r_dot_urdf=urdf(),
+        arms__pk__m__a_dot_obj=TETRA.format(x=2),
+    )
+    run = ffsm_mj.run(scenario(tmp_path, "bus.xml"), out=tmp_path / "run", rerun=False)
+    for folder in ("arms", "mid"):
+        (tmp_path / folder).rename(tmp_path / f"{folder} gone")
+    again = ffsm_mj.run(tmp_path / "run" / "scenario.yaml", out=tmp_path / "again", rerun=False)
+    assert again.log.rows[:].tobytes() == run.log.rows[:].tobytes()
+    assert compile_log(ffsm_mj.load_run(tmp_path / "again" / "run.mcap").log).mj.nmesh == 2
+    assert main(["analyze", str(tmp_path / "again")]) == 0
+    capsys.readouterr()
+
+
 @pytest.mark.parametrize("settings", SETTINGS)
 def test_a_run_carries_the_file_of_a_package(tmp_path, settings, capsys):
     write(tmp_path, robots__r_dot_urdf=urdf(settings=settings), share__pk__m__a_dot_obj=TETRA.format(x=1))
