@@ -17,6 +17,7 @@ from ffsm_mj.campaign.driver import Driver
 from ffsm_mj.campaign.engines import Engine
 from ffsm_mj.campaign.folder import CAMPAIGN, CampaignFolder
 from ffsm_mj.campaign.loading import Plan, load_campaign
+from ffsm_mj.campaign.metrics import COUNT
 from ffsm_mj.campaign.outcomes import RETRIED
 from ffsm_mj.campaign.replay import Replay, replay
 from ffsm_mj.campaign.results import Results, TableRow, column_of, measured
@@ -197,7 +198,16 @@ class Campaign:
     def _job(self, *, own: bool) -> Job:
         metrics, timeout = self.config.kept_metrics, self.config.limits.timeout_s or 0.0
         scenario = str(self.folder.scenario.resolve())
-        return Job(scenario, metrics, row_versions(), settings_hash(self._settings), timeout, self._laws, own)
+        return Job(
+            scenario,
+            metrics,
+            row_versions(),
+            settings_hash(self._settings),
+            timeout,
+            self._laws,
+            own,
+            truncated=self.config.truncated,
+        )
 
     def extend(self, n: int) -> None:
         """Add runs to the design; those that it has stay as they are.
@@ -292,4 +302,7 @@ def _settings(plan: Plan, laws: Mapping[str, Any]) -> str:
         "samples": config.samples.model_dump(mode="json", exclude={"n"}),
         "dispersions": config.model_dump(mode="json", exclude_none=True)["dispersions"],
     }
-    return settings_of(plan.base.scenario_yaml, plan.base.system.logged_files, sampling, config.kept_metrics, laws)
+    # A campaign that leaves the key out is what it was before there was one.
+    counted = {} if config.truncated == COUNT else {"truncated": config.truncated}
+    files = plan.base.system.logged_files
+    return settings_of(plan.base.scenario_yaml, files, sampling | counted, config.kept_metrics, laws)

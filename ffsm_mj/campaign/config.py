@@ -87,6 +87,8 @@ class CampaignFile(StrictModel):
     """What is kept of each run: paths into ``summary.json``, and what docs/campaigns.md lists."""
     success: str | None = None
     """When a run that completed is a success: ``METRIC < NUMBER``, several joined by ``and``."""
+    truncated: Literal["count", "fail"] = "count"
+    """Runs whose checks fail by the truncation of the step alone: they ``count`` as those that pass, or ``fail``."""
     keep: KeepConfig = KeepConfig()
     limits: LimitsConfig = LimitsConfig()
     stop: StopConfig | None = None

@@ -42,7 +42,9 @@ def groups(results: Results) -> list[Group]:
 
 def _how(row: TableRow) -> str:
     if row["outcome"] == "completed":
-        return "a check fails" if row["failed"] else "no success"
+        short = row.get("fails_by_truncation") is True
+        how = "checks fail by the truncation of the step alone" if short else "a check fails"
+        return how if row["failed"] else "no success"
     error = ""
     if row["outcome"] == "error":
         error = row["message"].partition(":")[0]

@@ -30,8 +30,18 @@ Scalar = float | int | str | bool | None
 Effort = Mapping[str, Mapping[str, float]]
 
 _DRIFTING = LAW_NAMES[:3]
-_ALWAYS = ("laws_hold", "drift", "deepest_overlap_m", *(f"laws.{name.replace(' ', '_')}" for name in LAW_NAMES))
-"""What is told of every run: whether every law holds; the worst drift of energy and momenta, over (1 + scale) each; the
+COUNT, FAIL = "count", "fail"
+"""What becomes of runs whose checks fail by the truncation of the step alone."""
+_ALWAYS = (
+    "laws_hold",
+    "fails_by_truncation",
+    "passes",
+    "drift",
+    "deepest_overlap_m",
+    *(f"laws.{name.replace(' ', '_')}" for name in LAW_NAMES),
+)
+"""What is told of every run: whether every law holds; whether those that do not fail by the truncation of the step alone;
+whether it passes as the campaign counts; the worst drift of energy and momenta, over (1 + scale) each; the
 deepest overlap in m; the worst residual of each law, in its unit, null where it is not judged."""
 _EXCESS = {name: f"excess.{name.replace(' ', '_')}" for name in LAW_NAMES}
 """Told of each check that fails: its residual over its tolerance, the worst of its subsystems."""
@@ -41,10 +51,18 @@ _CONSERVATION = ("energy_residual_J", "linear_momentum_residual_N_s", "angular_m
 _ENDS = {"phases": ("end_s",)}
 
 
-def always(laws: Sequence[Law]) -> dict[str, Scalar]:
-    """What every row tells of the laws of its run."""
+def always(laws: Sequence[Law], *, truncated: str = COUNT) -> dict[str, Scalar]:
+    """What every row tells of the laws of its run.
+
+    Args:
+        laws: The checks, with what of those that fail is truncation.
+        truncated: ``count``: a run that fails by the truncation of the step alone counts as one that passes; or ``fail``.
+    """
     found: dict[str, Scalar] = dict.fromkeys(_ALWAYS)
-    found["laws_hold"] = all(law.holds for law in laws)
+    failing = [law for law in laws if not law.holds]
+    found["laws_hold"] = not failing
+    found["fails_by_truncation"] = alone = bool(failing) and all(law.fails_by_truncation for law in failing)
+    found["passes"] = not failing or (alone and truncated == COUNT)
     for law in laws:
         key = f"laws.{law.name.replace(' ', '_')}"
         worst = found[key]
@@ -64,19 +82,22 @@ def _excess(law: Law) -> float:
     return law.residual / law.tolerance if law.residual > 0.0 and law.tolerance > 0.0 else math.inf
 
 
-def evaluated(run: Run, effort: Effort, names: Sequence[str]) -> dict[str, Scalar]:
+def evaluated(
+    run: Run, effort: Effort, names: Sequence[str], checks: Mapping[str, Scalar] | None = None
+) -> dict[str, Scalar]:
     """The metrics of a run, in the order asked for.
 
     Args:
         run: The run.
         effort: What its actuators did, by actuator and measure.
         names: Metrics.
+        checks: What :func:`always` tells of it; None: of its laws, those that fail by truncation alone counted.
 
     Raises:
         ValueError: What is asked for is no scalar of the run; the message says which.
     """
     summary = run.summary(checks=False) | {"effort": effort}
-    told, plugins = {name: _scalar(name, value) for name, value in always(run.laws()).items()}, plugged()
+    told, plugins = {name: _scalar(name, value) for name, value in (checks or always(run.laws())).items()}, plugged()
     found: dict[str, Scalar] = {}
     for name in names:
         if name in told:

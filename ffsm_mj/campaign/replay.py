@@ -9,7 +9,7 @@ from typing import Any
 
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.effort import Effort
-from ffsm_mj.campaign.metrics import Scalar, evaluated
+from ffsm_mj.campaign.metrics import Scalar, always, evaluated
 from ffsm_mj.campaign.outcomes import ERROR
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.campaign.worker import Job, prepared_run, processor
@@ -76,7 +76,7 @@ def replay(
     exact = row.cpu == processor() and same_settings
     outcome, metrics = run.outcome, dict[str, Scalar]()
     try:
-        metrics = evaluated(run, effort.told(), job.metrics)
+        metrics = evaluated(run, effort.told(), job.metrics, always(run.laws(), truncated=job.truncated))
     except (Exception, SystemExit):  # noqa: BLE001 (as it may where rows are made, and is such a row there)
         outcome = ERROR
     return Replay(index, run, exact, tuple(_differences(row, outcome, metrics, job.metrics, exact=exact)))

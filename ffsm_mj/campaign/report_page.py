@@ -85,12 +85,18 @@ def _outcomes(results: Results) -> str:
     rows.append(
         _share_row("failed (did not come to the end, or violates a law)", sum(r["failed"] for r in sample), len(sample))
     )
+    if short := sum(row.get("fails_by_truncation") is True for row in sample):
+        how = "fails a check by the truncation of the step alone; write accuracy in the scenario"
+        rows.append(_share_row(how, short, len(sample)))
     if results.judges:
         rows.append(_share_row("success", sum(map(is_good, sample)), len(sample)))
     parts = [table(("", "runs", "share", "interval"), rows)]
     for column, what in _ACCURACY.items():
-        if len(values := measured(results.rows, column)):
-            parts.append(f"{what} is {_number(float(values.max()))} at most.")
+        values = numbers(results.rows, column)  # of every run, those that failed above all
+        if np.isfinite(values).any():
+            lack = int((~np.isfinite(values)).sum())
+            but = f"; {lack} of {len(values)} runs do not tell it" if lack else ""
+            parts.append(f"{what} is {_number(float(np.nanmax(values)))} at most{but}.")
     return "\n\n".join(parts)
 
 

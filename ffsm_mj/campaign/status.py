@@ -101,5 +101,6 @@ def _why(row: Row) -> str:
     """Why a run failed."""
     if row.outcome == "completed":
         fails = [f"{name} ({excess:.3g} times its tolerance)" for name, excess in _excesses(row).items()]
-        return f"checks fail: {', '.join(fails)}" if fails else "a check fails"
+        short = " by the truncation of the step alone" if row.metrics.get("fails_by_truncation") is True else ""
+        return f"checks fail{short}: {', '.join(fails)}" if fails else f"a check fails{short}"
     return f"{row.outcome}: {row.message}" if row.message else row.outcome

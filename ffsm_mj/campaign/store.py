@@ -54,8 +54,8 @@ class Row:
 
     @property
     def failed(self) -> bool:
-        """Whether the run did not come to its end, or a law is violated."""
-        return self.outcome != "completed" or self.metrics.get("laws_hold") is False
+        """Whether the run did not come to its end, or does not pass its checks as the campaign counts."""
+        return self.outcome != "completed" or self.metrics.get("passes", self.metrics.get("laws_hold")) is False
 
 
 class Store:

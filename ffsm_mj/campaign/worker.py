@@ -12,18 +12,23 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
+from ffsm_mj.analysis.refined import explained
+from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, STEP_LAWS, Law
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.models import Reader
 from ffsm_mj.assembly.prepare import Prepared, as_overrides, recipe
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.effort import Effort
-from ffsm_mj.campaign.metrics import columns_of, evaluated
+from ffsm_mj.campaign.metrics import COUNT, always, columns_of, evaluated
 from ffsm_mj.campaign.outcomes import ERROR, TIMEOUT
 from ffsm_mj.campaign.settings import row_versions
 from ffsm_mj.campaign.store import Row
 from ffsm_mj.errors import FfsmError, InputError, described, raised_at
 from ffsm_mj.model.files import read_model
+from ffsm_mj.present.run import Run
+from ffsm_mj.records.events import Outcome
 from ffsm_mj.records.facts import logged_models
+from ffsm_mj.recount.truncation import refined
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 
@@ -39,6 +44,7 @@ class Job:
         digest: Hash of the campaign's settings: where it is the same, so are the scenario and its models.
         timeout_s: Wall time that a run may take; 0: any.
         laws: Control laws of a script, classes by kind.
+        truncated: What becomes of runs whose checks fail by the truncation of the step alone: ``count`` or ``fail``.
         own_process: Whether the process is the campaign's own, so that it may be ended where a run is stuck.
         grace_s: A run that does not end by itself so long after its time is up is stuck.
     """
@@ -51,6 +57,7 @@ class Job:
     laws: Mapping[str, Any] = field(default_factory=dict)
     own_process: bool = True
     grace_s: float = 5.0
+    truncated: str = COUNT
 
 
 class OtherVersionsError(FfsmError):
@@ -130,7 +137,13 @@ def _run(job: Job, overrides: Mapping[str, Any], begun: float) -> dict[str, Any]
 
     with _stopped_when_stuck(job):
         run = simulate(assembly, columns=columns_of(job.metrics), watchers=(effort,), report=look)
-        metrics = evaluated(run, effort.told(), job.metrics)
+        laws = run.laws()
+        if _may_be_truncation(run, laws):
+            # Its rows are not kept: it is made once more, and replayed in shorter steps.
+            log = simulate(prepared_run(job, overrides).assemble(), report=look).log
+            laws = explained(laws, DEFAULT_TOLERANCE, lambda: refined(log, look))
+        counted = always(laws, truncated=job.truncated)
+        metrics = evaluated(run, effort.told(), job.metrics, counted)
     return {
         "outcome": run.outcome,
         "message": run.message,
@@ -138,6 +151,12 @@ def _run(job: Job, overrides: Mapping[str, Any], begun: float) -> dict[str, Any]
         "metrics": metrics,
         "model": dict(_by_dotted_key(logged_models(run.log.header.facts))),
     }
+
+
+def _may_be_truncation(run: Run, laws: Sequence[Law]) -> bool:
+    """Whether only checks of energy and momenta fail, in a run that came to its end."""
+    failing = [law for law in laws if not law.holds]
+    return run.outcome == Outcome.COMPLETED and bool(failing) and all(law.name in STEP_LAWS for law in failing)
 
 
 def _by_dotted_key(nested: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

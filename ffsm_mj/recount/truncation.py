@@ -6,6 +6,8 @@ so (an impulse of the wrong sign, a leak at a rate, or at each step) stays in th
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import numpy.typing as npt
@@ -37,8 +39,13 @@ _SHARE = 0.1
 
 @np.errstate(all="ignore")
 @one_blas_thread()
-def refined(log: RunLog) -> Refined | None:
-    """The balance of a run with shorter steps from the same states; None where nothing can be replayed."""
+def refined(log: RunLog, look: Callable[[], object] = lambda: None) -> Refined | None:
+    """The balance of a run with shorter steps from the same states; None where nothing can be replayed.
+
+    Args:
+        log: The run.
+        look: Called now and then; what it raises ends it.
+    """
     try:
         scene = log_scene(log)
         again = _Refining(scene, log)
@@ -49,6 +56,7 @@ def refined(log: RunLog) -> Refined | None:
     sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
     with collected_warnings([]):
         for block in log.blocks():
+            look()
             again.corrections = []
             rows = again.take(block, sampling.ticks(block[:, layout.time]))
             added = np.array(again.corrections)

@@ -63,7 +63,7 @@ def test_laws_are_judged_from_the_accumulator(baseline: tuple[Run, dict[str, Any
 
 
 def test_a_violated_law_counts_as_failed() -> None:
-    law = SimpleNamespace(name="energy", residual=2.0, drift=2.0, tolerance=1.0, holds=False)
+    law = SimpleNamespace(name="energy", residual=2.0, drift=2.0, tolerance=1.0, holds=False, fails_by_truncation=False)
     assert metrics.always([law])["laws_hold"] is False  # type: ignore[list-item]
 
 

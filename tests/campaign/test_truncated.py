@@ -1,0 +1,33 @@
+"""Runs of a campaign whose checks fail by the truncation of the step alone count, or fail, as the campaign says."""
+
+from __future__ import annotations
+
+import pytest
+
+from ffsm_mj.cli.main import main
+from tests.campaign.files import campaign_file
+from tests.simulation.test_accuracy import whirling
+
+
+@pytest.mark.parametrize(("truncated", "failed"), [({}, 0), ({"truncated": "fail"}, 3)], ids=["count", "fail"])
+def test_as_the_campaign_says(tmp_path, capsys, truncated, failed):
+    whirling(tmp_path, duration_s=0.1)
+    path = campaign_file(
+        tmp_path,
+        {"initial.rates.elbow": {"uniform": [-8.0, -6.0]}},
+        {"kind": "random", "n": 3, "seed": 1},
+        success="impacts.count == 0",
+        limits={"max_failed": 1.0, "workers": 1},
+        metrics=["fails_by_truncation", "passes"],
+        **truncated,
+    )
+    assert main(["campaign", "run", str(path), "--out", str(tmp_path / "out")]) == 0
+    assert f"{failed} failed" in capsys.readouterr().out
+    assert main(["campaign", "report", str(tmp_path / "out")]) == 0
+    page = (tmp_path / "out" / "report.md").read_text()
+    assert f"| success | {3 - failed} of 3 |" in page
+    assert "fails a check by the truncation of the step alone; write accuracy in the scenario | 3 of 3" in page
+    # Drift of all runs: 1e-6 of energy and momenta, a thousand times what is allowed, whether they count or not.
+    drift = float(page.partition("over (1 + scale) of each is ")[2].split()[0])
+    assert drift > 1e-8
+    assert main(["campaign", "replay", str(tmp_path / "out"), "0"]) == 0
