@@ -71,9 +71,9 @@ def test_a_check_that_fails_tells_its_residual_over_its_tolerance() -> None:
     """The worst of its subsystems; one that passes tells nothing, one without a number an infinite excess."""
 
     def law(name: str, residual: float, tolerance: float) -> Any:
-        return SimpleNamespace(
-            name=name, residual=residual, drift=residual, tolerance=tolerance, holds=residual <= tolerance
-        )
+        passes = residual <= tolerance
+        numbers = {"residual": residual, "drift": residual, "tolerance": tolerance}
+        return SimpleNamespace(name=name, **numbers, holds=passes, fails_by_truncation=False)
 
     laws = [law("energy", 6.0, 2.0), law("energy", 5.0, 1.0), law("energy", 8.0, 9.0), law("linear momentum", 1.0, 2.0)]
     told = metrics.always([*laws, law("no penetration", float("nan"), 1e-9)])
