@@ -6,7 +6,7 @@ them. Where a scenario need not be conservative they are outside forces that the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import mujoco
@@ -17,6 +17,7 @@ from ffsm_mj.model.mimic import Mimic, mimic_fault, mimics
 from ffsm_mj.model.places import Places
 
 # Bits of MjSpec.authored.option that are set when <option> names the field (order of mjOption's fields).
+_AUTHORED_GRAVITY = 1 << 7
 _AUTHORED_INTEGRATOR = 1 << 16
 
 
@@ -28,15 +29,11 @@ def authored_integrator(spec: Any) -> str | None:
 
 
 def spec_faults(spec: Any, files: ModelFiles, *, conservative: bool) -> list[str]:
-    """Options of one model file that act on free motion: fluid, wind, another integrator; gravity where that is refused.
-
-    A URDF has no words for options, so its defaults are not held against it.
-    """
+    """Options of one model file that act on free motion: fluid, wind, another integrator; gravity where that is refused."""
     option = spec.option
     faults = []
-    if conservative and not files.urdf and np.any(option.gravity):
-        value = " ".join(f"{g:g}" for g in option.gravity)
-        faults.append(f'{files.place}: gravity is {value}; write <option gravity="0 0 0"/>')
+    if conservative and any(gravity := gravity_of(spec, files)):
+        faults.append(f'{files.place}: gravity is {_vector(gravity)}; write <option gravity="0 0 0"/>')
     for name in ("density", "viscosity"):
         if getattr(option, name):
             faults.append(f"{files.place}: <option {name}={getattr(option, name):g}> makes a fluid; remove it")
@@ -48,6 +45,32 @@ def spec_faults(spec: Any, files: ModelFiles, *, conservative: bool) -> list[str
             f'{files.place}: integrator {integrator} leaks momentum; write <option integrator="RK4"/> or leave it out'
         )
     return faults
+
+
+def gravity_of(spec: Any, files: ModelFiles) -> tuple[float, ...]:
+    """Gravity that a model asks for, m/s^2: MuJoCo's own where an MJCF says nothing, none where a URDF does not."""
+    silent = files.urdf and not spec.authored.option & _AUTHORED_GRAVITY
+    return (0.0, 0.0, 0.0) if silent else tuple(map(float, spec.option.gravity))
+
+
+def gravity_faults(asked: Mapping[str, tuple[float, ...]], files: Mapping[str, ModelFiles]) -> list[str]:
+    """What is wrong where models ask for different gravity: one acts on a whole scene; who asks for none takes the others'.
+
+    Args:
+        asked: Of each model by name, from :func:`gravity_of`.
+        files: Files of each model by name.
+    """
+    pulled = [name for name, gravity in asked.items() if any(gravity)]
+    return [
+        f"{files[name].place}: gravity is {_vector(asked[name])}, and {_vector(asked[pulled[0]])} in "
+        f"{files[pulled[0]].place}; one gravity acts on all models of a scene"
+        for name in pulled
+        if asked[name] != asked[pulled[0]]
+    ]
+
+
+def _vector(values: Iterable[float]) -> str:
+    return " ".join(f"{value:g}" for value in values)
 
 
 def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles], *, conservative: bool) -> list[str]:

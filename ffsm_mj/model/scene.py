@@ -75,10 +75,19 @@ def _refuse_overrides(files: Mapping[str, ModelFiles], vfs: Any) -> None:
                 raise ScenarioFaults([fault]) from error
 
 
-def take_options(scene: Any, spec: Any, *, conservative: bool) -> None:
-    """Give parent and child equal options before attaching: the scene's, or the model's where dissipation is allowed."""
+def take_options(scene: Any, spec: Any, gravity: tuple[float, ...], *, conservative: bool) -> None:
+    """Give parent and child equal options before attaching: the scene's, or the model's where dissipation is allowed.
+
+    Args:
+        scene: The scene.
+        spec: The model.
+        gravity: What the model asks for, m/s^2.
+        conservative: Whether nothing may act on free motion.
+    """
     if not conservative:
-        for name in ("gravity", "wind", "density", "viscosity"):
+        if any(gravity):
+            scene.option.gravity = gravity
+        for name in ("wind", "density", "viscosity"):
             if np.any(getattr(spec.option, name)):
                 setattr(scene.option, name, getattr(spec.option, name))
         if authored_integrator(spec) is not None:

@@ -18,7 +18,7 @@ import mujoco
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.model.conservative import model_faults, spec_faults
+from ffsm_mj.model.conservative import gravity_faults, gravity_of, model_faults, spec_faults
 from ffsm_mj.model.files import ModelFiles, logged_name
 from ffsm_mj.model.fixed import Fixed, fixed_model, moving_parts, place
 from ffsm_mj.model.grasp import Grasp, join
@@ -203,6 +203,7 @@ def compile_system(
     faults: list[str] = []
     warned: dict[str, list[str]] = {name: [] for name in ("", *files)}  # by model, first those of the scene
     parts: list[Part] = []
+    asked: dict[str, tuple[float, ...]] = {}
     # The compiler tells Python of its warnings too, whose filters are the whole process's.
     with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
         for name, model_files in files.items():
@@ -210,13 +211,15 @@ def compile_system(
                 parts.append(part(name, model_files, vfs))
                 spec = parts[-1].spec
                 faults += spec_faults(spec, model_files, conservative=conservative)
-                take_options(scene, spec, conservative=conservative)
+                asked[name] = gravity_of(spec, model_files)
+                take_options(scene, spec, asked[name], conservative=conservative)
                 if grasp is not None and name == grasp.tree:
                     join(scene, spec, grasp)
                 else:
                     scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
-        if moving := list(moving_parts(scene, files)):
-            raise InputError(moving)
+        refused = [*moving_parts(scene, files), *([] if conservative else gravity_faults(asked, files))]
+        if refused:
+            raise InputError(refused)
         model = compile_scene(scene, files, vfs)
     changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
     faults += model_faults(model, scene, files, conservative=conservative)

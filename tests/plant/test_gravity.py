@@ -8,9 +8,11 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.books.gravity import Gravity
+from ffsm_mj.errors import InputError
 from ffsm_mj.plant.ledger import Ledger
 from ffsm_mj.recount import recount
 from tests.capture.scenes import ARM, TARGET
+from tests.model.test_own_robot import FILES
 from tests.plant.test_ledger import BASES, LINK, fly, residuals
 from tests.scenes import HEAD, compile_paths, scene, two_balls
 
@@ -132,3 +134,19 @@ def test_what_else_is_not_conservative_is_named_and_gravity_is_not(tmp_path):
     # MuJoCo's limits are soft springs, which a scenario that need not be conservative switches on.
     robot.write_text(plain.replace('axis="1 0 0"', 'axis="1 0 0" range="-1 1" limited="true"'))
     assert "limits" in ffsm_mj.run(path).why_not_conservative
+
+
+def test_one_gravity_acts_on_a_scene(tmp_path):
+    """Two that differ are refused with both files; a model without any, and a URDF that says nothing, go with the others."""
+    path = two_balls(tmp_path, conservative=False, duration_s=0.01)
+    robot, target = tmp_path / "robot.xml", tmp_path / "target.xml"
+    robot.write_text(robot.read_text().replace(HEAD, FALLS))
+    target.write_text(target.read_text().replace(HEAD, '<option gravity="0 0 -1.62"/>'))
+    with pytest.raises(InputError) as refused:
+        ffsm_mj.prepare(path)
+    (line,) = refused.value.lines
+    assert line == f"{target}: gravity is 0 0 -1.62, and 1 -2 -9 in {robot}; one gravity acts on all models of a scene"
+    silent = FILES["otto.urdf"]
+    (tmp_path / "otto.urdf").write_text(silent)
+    assert not compile_paths(tmp_path / "otto.urdf", conservative=False).mj.opt.gravity.any()
+    assert compile_paths(tmp_path / "otto.urdf", {"ball": robot}, conservative=False).mj.opt.gravity.tolist() == list(G)
