@@ -82,9 +82,9 @@ class Shape:
 
     def hull_edges(self, direction: FloatArray, width: float) -> FloatArray:
         """The same as :meth:`edges`, of a mesh each edge of its convex hull: of a face all that bound it, (k, 3)."""
-        if self._kind != mujoco.mjtGeom.mjGEOM_MESH:
-            return self.edges(direction, width)
         model, mesh = self._model, int(self._model.geom_dataid[self._geom])
+        if self._kind != mujoco.mjtGeom.mjGEOM_MESH or not model.mesh_polynum[mesh]:
+            return self.edges(direction, width)
         polygons = slice(int(model.mesh_polyadr[mesh]), int(model.mesh_polyadr[mesh]) + int(model.mesh_polynum[mesh]))
         starts, counts = model.mesh_polyvertadr[polygons], model.mesh_polyvertnum[polygons]
         first, count = int(starts[0]), int(counts.sum())
