@@ -62,6 +62,7 @@ def _removes_canary():
     return 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "complaint"),
     [

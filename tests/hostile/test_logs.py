@@ -175,3 +175,45 @@ def test_whatever_a_log_makes_go_wrong_is_one_line(hit, tmp_path, capsys, monkey
     assert captured.out == ""
     assert "x.mcap: cannot be used (ZeroDivisionError: float division (test_logs.py:" in captured.err
     assert captured.err.count("\n") == 1
+
+
+def _dollars(record):
+    """Names that Matplotlib would take for mathematics: of models, pairs, phases and the scenario."""
+    if isinstance(record, Attachment):
+        for name in (b'name="ball"', b'name="robot"', b'name="other"'):
+            record = replace(record, data=record.data.replace(name, name[:-1] + b'$x${y}$$"'))
+    if isinstance(record, Channel) and "conservative" in record.metadata:
+        record = replace(record, metadata=record.metadata | {"scenario": "$a$ ${b} $$"})
+    if isinstance(record, Message) and b"approach" in record.data:
+        record = replace(record, data=record.data.replace(b"approach", b"$a$ {b$$"))
+    yield record
+
+
+def _doubles(*values):
+    """A sample whose coordinates and what follows are these."""
+
+    def change(record):
+        at = record.data.find(struct.pack("<d", 0.004)) if isinstance(record, Message) and len(record.data) > 500 else -1
+        if at >= 0:
+            data = bytearray(record.data)
+            for i in range(30):
+                data[at + 9 * (i + 1) : at + 9 * (i + 1) + 8] = struct.pack("<d", values[i % len(values)])
+            record = replace(record, data=bytes(data))
+        yield record
+
+    return change
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "change", [_dollars, _doubles(float("nan")), _doubles(float("inf"), 1e308), _doubles(-1e308, 5e-324)]
+)
+@pytest.mark.parametrize("arguments", ["export --html", "analyze --plots", "export --gif"])
+def test_what_is_drawn_of_odd_names_and_numbers(hit, tmp_path, capfd, change, arguments):
+    path = changed(hit, tmp_path / "x.mcap", change)
+    command, form = arguments.split()
+    options = [str(tmp_path / "figures")] if form == "--plots" else ["--fps", "1"] if form == "--gif" else []
+    code = main([command, path, form, *options])
+    said = capfd.readouterr().err
+    assert "cannot be used" not in said
+    assert code in (0, 1, 4) or said.count("\n") == 1

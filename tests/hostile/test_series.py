@@ -9,7 +9,7 @@ import pytest
 
 from tests.hostile.series import complaints, run_series
 
-_PART = 120
+_PART = 100
 
 
 @pytest.mark.long

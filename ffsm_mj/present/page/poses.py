@@ -49,7 +49,9 @@ def poses(subject: Subject) -> Poses:
     run = subject.run
     rows = np.unique(np.clip(np.searchsorted(run.time, picked_times(run) - 1e-9), 0, len(run.time) - 1))
     found = dict(zip(run.time[rows].tolist(), run.qpos[rows], strict=True))
-    told = {kind_of(record).time(record): np.array(record.qpos) for record in run.log.events() if hasattr(record, "qpos")}
+    # A log may hold any numbers: a record draws what its models have coordinates for.
+    held = {kind_of(record).time(record): np.array(record.qpos) for record in run.log.events() if hasattr(record, "qpos")}
+    told = {time: qpos for time, qpos in held.items() if qpos.shape == (subject.system.mj.nq,) and np.isfinite(qpos).all()}
     found |= told
     times = np.array(sorted(found))
     bodies = subject.system.mj.nbody
