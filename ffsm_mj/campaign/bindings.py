@@ -71,9 +71,12 @@ def _effect(dispersion: Dispersion, target: Target, columns: tuple[int, ...]) ->
     if how in ("rotation", "vector", "vector_offset"):
         return Effect(how, columns, span=_span(how, target), axis=fixed)
     meant = target.meant
+    if isinstance(meant, tuple) and how == "value" and dispersion.is_of_lists and target.span is None and not target.at:
+        return Effect(how, columns)
     if isinstance(meant, tuple):
         raise LookupError(
-            f"{target.key} is a list of {len(meant)}: name one of its numbers ({target.key}.0), or disperse it as a vector"
+            f"{target.key} is a list of {len(meant)}: name one of its numbers ({target.key}.0), disperse it as a vector,"
+            " or write a choice of lists"
         )
     if how != "value" and (not isinstance(meant, int | float) or isinstance(meant, bool)):
         has = "has no value" if meant is None else f"is {meant!r}, no number"
@@ -107,7 +110,9 @@ def _span(how: Operation, target: Target) -> tuple[int, int]:
 
 def _refuse_second(owners: dict[tuple[str, tuple[int, ...]], str], name: str, target: Target, effect: Effect) -> None:
     """Refuse that two entries change the same numbers: the order would matter."""
-    numbers = [effect.at] if effect.span is None else [(i,) for i in range(*effect.span)]
+    whole = range(len(target.value)) if isinstance(target.value, tuple) and not effect.at else None
+    span = range(*effect.span) if effect.span is not None else whole
+    numbers = [effect.at] if span is None else [(i,) for i in span]
     for at in numbers:
         if (place := (target.key, at)) in owners:
             raise LookupError(f"{'.'.join([target.key, *map(str, at)])} is dispersed by {owners[place]!r} already")

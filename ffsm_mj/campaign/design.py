@@ -84,7 +84,7 @@ class Design:
                 Binding(b["key"], _tuples(b["base"]), tuple(Effect(**_tuples(effect)) for effect in b["effects"]))
                 for b in data["bindings"]
             )
-            rows = tuple(map(tuple, data["rows"]))
+            rows = tuple(map(tuple, _tuples(data["rows"])))
             design = cls(data["kind"], data["seed"], data["n"], tuple(data["parameters"]), rows, bindings)
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError(f"no design of a campaign ({type(error).__name__}: {error})") from error
@@ -96,13 +96,21 @@ class Design:
 def _fault(design: Design) -> str:
     """What is wrong with a design that somebody wrote, in a few words; empty where nothing is."""
     width = len(design.parameters)
+    lists = {
+        effect.columns[0]
+        for binding in design.bindings
+        for effect in binding.effects
+        if _can_be_applied(effect, width) and _takes_list(binding.base, effect)
+    }
     faults = {
         f"kind {design.kind!r}": design.kind not in KINDS,
         f"seed {design.seed!r}": not isinstance(design.seed, int),
         f"n {design.n!r}": not isinstance(design.n, int) or design.n < 1,
         "a parameter that is no name": not all(isinstance(name, str) for name in design.parameters),
         "a row that has not as many values as there are parameters": any(len(row) != width for row in design.rows),
-        "a value that is no number or text": not all(_is_scalar(value) for row in design.rows for value in row),
+        "a value that is no number or text": not all(
+            _is_drawn(value, i in lists) for row in design.rows for i, value in enumerate(row)
+        ),
         "a key that is no text": not all(isinstance(binding.key, str) for binding in design.bindings),
         "an effect that cannot be applied": not all(
             _can_be_applied(effect, width) for binding in design.bindings for effect in binding.effects
@@ -113,6 +121,15 @@ def _fault(design: Design) -> str:
 
 def _is_scalar(value: Any) -> bool:
     return isinstance(value, str | float) or (isinstance(value, int) and abs(value) < _LARGEST)
+
+
+def _takes_list(base: Any, effect: Effect) -> bool:
+    """Whether a whole list takes the place of another."""
+    return effect.operation == "value" and isinstance(base, tuple) and not effect.at and effect.span is None
+
+
+def _is_drawn(value: Any, list_too: bool) -> bool:
+    return _is_scalar(value) or (list_too and isinstance(value, tuple) and all(map(_is_scalar, value)))
 
 
 def _can_be_applied(effect: Effect, width: int) -> bool:

@@ -14,7 +14,9 @@ from ffsm_mj.config import StrictModel
 def _scalar(value: Any) -> Any:
     if isinstance(value, bool | str) or (isinstance(value, int | float) and abs(value) < float("inf")):
         return value
-    raise ValueError("should be a finite number, a text or a flag")
+    if isinstance(value, list | tuple) and value:
+        return tuple(map(_number, value))
+    raise ValueError("should be a finite number, a text, a flag or a list of numbers")
 
 
 def _number(value: Any) -> Any:
@@ -25,7 +27,7 @@ def _number(value: Any) -> Any:
 
 Number = Annotated[Any, AfterValidator(_number), WithJsonSchema({"type": "number"})]
 """An integer stays one: keys of a scenario that count take no other numbers."""
-Scalar = Annotated[Any, AfterValidator(_scalar), WithJsonSchema({"type": ["number", "string", "boolean"]})]
+Scalar = Annotated[Any, AfterValidator(_scalar), WithJsonSchema({"type": ["number", "string", "boolean", "array"]})]
 _LEAST_U, _MOST_U = 2.0**-54, 1.0 - 2.0**-53
 """Between these every inverse is finite."""
 
@@ -100,7 +102,7 @@ class Distribution(StrictModel):
     lognormal: LogNormal | None = None
     """Lognormal, by median and the standard deviation of the logarithm."""
     choice: Annotated[tuple[Scalar, ...], Field(min_length=1)] | None = None
-    """One of these, texts too, all as likely; the levels of a grid in this order."""
+    """One of these, texts and lists of numbers too, all as likely; the levels of a grid in this order."""
     values: Annotated[tuple[Number, ...], Field(min_length=1)] | None = None
     """One of these numbers, all as likely, drawn in rising order; the levels of a grid. Integers stay integers."""
     grid: Levels | None = None
@@ -119,7 +121,7 @@ class Distribution(StrictModel):
                 f"uniform goes from a lower to a higher number, not from {self.uniform[0]:g} to {self.uniform[1]:g}"
             )
         if len({"number" if type(each) in (int, float) else type(each) for each in self.choice or ()}) > 1:
-            raise ValueError("a choice is of numbers, of texts or of flags: they are one column of the table")
+            raise ValueError("a choice is of numbers, of texts, of flags or of lists: they are one column of the table")
         return self
 
     @property
@@ -135,7 +137,12 @@ class Distribution(StrictModel):
     @property
     def is_numeric(self) -> bool:
         """Whether only numbers are drawn."""
-        return self.choice is None or not any(isinstance(each, bool | str) for each in self.choice)
+        return self.choice is None or not any(isinstance(each, bool | str | tuple) for each in self.choice)
+
+    @property
+    def is_of_lists(self) -> bool:
+        """Whether lists of numbers are drawn."""
+        return self.choice is not None and isinstance(self.choice[0], tuple)
 
     @property
     def is_integer(self) -> bool:

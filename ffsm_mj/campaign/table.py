@@ -32,10 +32,15 @@ def table_rows(rows: Iterable[Row], design: Design, conditions: Sequence[Conditi
             "phase": row.phase,
         }
         for kind, values in (("parameter", drawn), ("metric", row.metrics)):
-            told |= {name if name not in told else f"{kind}:{name}": value for name, value in values.items()}
+            told |= {name if name not in told else f"{kind}:{name}": _cell(value) for name, value in values.items()}
         told |= {f"model:{name}": value for name, value in row.model.items()}
         found.append(told | {"cpu": row.cpu, "wall_s": row.wall_s, "cpu_s": row.cpu_s})
     return found
+
+
+def _cell(value: Any) -> Any:
+    """A value as one cell: a list that was drawn as its text."""
+    return json.dumps(value) if isinstance(value, list | tuple) else value
 
 
 def succeeded(row: Row, conditions: Sequence[Condition]) -> bool | None:

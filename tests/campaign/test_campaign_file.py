@@ -125,8 +125,21 @@ def line_of(folder, dispersions=None, samples=None, **more):
         ({"duration_s": {"uniform": [-1e308, 1e308]}}, "dispersions.duration_s: goes beyond the largest numbers"),
         ({"duration_s": {"truncated": {"mean": 0, "sd": 1, "low": 1e300}}}, "duration_s"),
         (
+            {"impact.law": {"choice": ["newton", {}]}},
+            "dispersions.impact.law.choice.1: should be a finite number, a text, a flag or a list of numbers",
+        ),
+        (
             {"impact.law": {"choice": ["newton", [1]]}},
-            "dispersions.impact.law.choice.1: should be a finite number, a text or",
+            "a choice is of numbers, of texts, of flags or of lists: they are one",
+        ),
+        ({"impact.law": {"choice": [[1], [2]]}}, "impact.law: should be 'blend', 'poisson' or 'newton'"),
+        ({"duration_s": {"scale": {"choice": [[1]]}}}, "scale: a choice of numbers is needed; texts and flags can only be"),
+        (
+            {
+                "initial.joints.rock/free": {"choice": [[0, 0, 0, 1, 0, 0, 0]]},
+                "initial.joints.rock/free.4": {"values": [1]},
+            },
+            "initial.joints.rock/free.4 is dispersed by 'initial.joints.rock/free' already",
         ),
         ({"a=b": {"values": [1]}}, "a key with '=' in it cannot be set"),
         (

@@ -116,9 +116,9 @@ def test_a_larger_share_is_no_smaller_value(middle, width, shares, kind):
         ({"lognormal": {"median": -1.0, "sigma": 1.0}}, "greater than 0"),
         ({"values": []}, "at least 1 item"),
         ({"values": [float("nan")]}, "finite"),
-        ({"choice": [1.0, float("nan")]}, "should be a finite number, a text or a flag"),
-        ({"choice": [1.0, "a"]}, "a choice is of numbers, of texts or of flags"),
-        ({"choice": [True, 1]}, "a choice is of numbers, of texts or of flags"),
+        ({"choice": [1.0, float("nan")]}, "should be a finite number, a text, a flag or a list"),
+        ({"choice": [1.0, "a"]}, "a choice is of numbers, of texts, of flags or of lists"),
+        ({"choice": [True, 1]}, "a choice is of numbers, of texts, of flags or of lists"),
         ({"grid": {"low": 0.0, "high": 1.0, "levels": 1}}, "greater than or equal to 2"),
     ],
 )

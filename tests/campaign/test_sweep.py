@@ -22,6 +22,21 @@ def test_values_may_be_numpy_s(tmp_path: Path) -> None:
     assert table.column("duration_s").to_pylist() == [0.01, 0.01]
 
 
+def test_values_may_be_lists(tmp_path: Path) -> None:
+    """Each run takes a whole one; in the table it is its text."""
+    rock_hits(tmp_path)
+    speeds = [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0], np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0])]
+    table = ffsm_mj.sweep(
+        tmp_path / "scene.yaml", {"initial.rates.robot/free": speeds}, metrics=["impacts.0.impulse_N_s"], workers=1
+    )
+    assert table.column("initial.rates.robot/free").to_pylist() == [
+        "[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]",
+        "[2.0, 0.0, 0.0, 0.0, 0.0, 0.0]",
+    ]
+    slow, fast = table.column("impacts.0.impulse_N_s").to_pylist()
+    assert fast == pytest.approx(2.0 * slow, rel=1e-9)
+
+
 def test_less_than_one_worker_is_refused(tmp_path: Path) -> None:
     campaign = Campaign.load(rock_hits(tmp_path), tmp_path / "out")
     for workers in (0, -1):
