@@ -126,8 +126,8 @@ class Contacts:
         self._awaited = [spell for spell in self._awaited if not spell.end_s < times[-1]]
 
     def told(self) -> tuple[Contact, ...]:
-        """All of them so far, in the order in which they began."""
-        return tuple(spell.told() for spell in self._spells)
+        """All of them so far in the order in which they began, but for those that ended at that same instant."""
+        return tuple(spell.told() for spell in self._spells if spell.end_s > spell.start_s)
 
 
 def contact_records(log: RunLog) -> list[Any]:

@@ -230,9 +230,17 @@ class ContactPair:
         return second_rate(model, data, bodies, shapes, near.normal, points)
 
     def pressed(self, model: Any, data: Any, near: Proximity) -> bool:
-        """Whether a pair that is closed and still begins to overlap with the efforts in ``data``."""
-        rates = (self.second_rate(model, data, near, point) for point in near.points)
+        """Whether a pair that is closed and still begins to overlap with the efforts in ``data``.
+
+        Where it touches at several points, those that separate overlap nowhere soon, whatever their gaps' second rates.
+        """
+        points = (point for point, rate in zip(near.points, near.rates.tolist(), strict=True) if rate <= near.still)
+        rates = (self.second_rate(model, data, near, point) for point in points)
         return any(rate.value < -rate.rounding for rate in rates)
+
+    def rate_along(self, data: Any, normal: FloatArray, point: FloatArray) -> float:
+        """Velocity of b relative to a at a point along a unit vector, m/s; velocities in ``data`` current."""
+        return float(self._rates(data, normal, point[None])[0][0])
 
     def slip(self, data: Any, normal: FloatArray, point: FloatArray) -> FloatArray:
         """Velocity of b relative to a at a point, less its part along the normal, world axes, (3,), m/s."""
