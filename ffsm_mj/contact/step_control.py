@@ -19,6 +19,9 @@ _SAFETY = 1.5
 """So much shorter than the power law says: a fifth of the error."""
 _COARSE = 1e-6
 """An error over its scale above this is not in the range of the power law yet."""
+_LOST, _SMALL = 1e-3, 1e-9
+"""An error over its scale, of the shortest trial, above the first is no motion that is followed at all; below the second the
+shortest sub-steps are made, for an instant such as that of a corner under load."""
 _MOST_COARSER = 32
 """One trial is so much shorter than the one before at most: the next one measures again."""
 _FALLS = 1.5
@@ -147,9 +150,14 @@ class StepControl:
                 return None
             motion.path.move_to(0.0)
             if trial_s <= self._shortest_s:
-                if error > _COARSE or before is None or rate < before[1] * (trial_s / before[0]) ** _FALLS:
+                falls = before is not None and rate < before[1] * (trial_s / before[0]) ** _FALLS
+                if error > _LOST or (falls and error > _SMALL):
                     raise StepLimitError(f"steps of {trial_s:.3g} s still miss the accuracy {rate / self._rate:.3g} times")
-                # No step mends that: a whole one is as good, and the checks judge it.
+                if falls:
+                    self._planned, self._planned_s, self._reach_s = _AT_ONCE, trial_s / _AT_ONCE, trial_s
+                    return None
+                # No step mends that, or what an event left of the step is as short: a whole one is as good, and the checks
+                # judge it.
                 clear, motion.path.at_s = motion.step(left_s), left_s
                 return self._plan_one(left_s, clear)
             before = trial_s, rate
