@@ -168,7 +168,9 @@ class Simulation:
             self._record(now)
             report(now)
             poll()
-            for _ in range(settings.steps_per_tick):
+            self._step()
+            for _ in range(1, settings.steps_per_tick):
+                poll()
                 self._step()
         self._record(settings.ticks * period)
 
@@ -266,6 +268,7 @@ class Simulation:
     def _act(self, regime: Regime, time_s: float, events: int) -> None:
         """Let a regime act, book and record what it did, and ask the controller at once."""
         plant, done = self._plant, self._done
+        self._plant.course.motion.path.poll()
         if events > MOST_EVENTS_PER_STEP:
             message = f"{regime.names()} touched {events - 1} times within the step before t = {time_s:.6g} s"
             raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; a shorter time_step_s follows it further")

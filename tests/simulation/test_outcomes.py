@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import json
+import os
+import signal
 
 import mujoco
 import numpy as np
@@ -315,3 +317,25 @@ def test_an_impact_tells_its_step_and_the_efforts_that_act_from_there_on(tmp_pat
     assert impact.step == 300
     assert impact.efforts_after["robot/push_x"] == (pytest.approx(0.4, abs=1e-12),)
     assert [phase.name for phase in run.phases] == ["coast", "brake"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("place", ["step", "event"])
+def test_signals_are_heard_inside_a_tick(tmp_path, monkeypatch, number, place):
+    """Between the steps of a long control period, and before each event; the log is finished."""
+    path = two_balls(tmp_path, duration_s=2.0, control_period_s=1.0)
+    owner, method = (Course, "bookings") if place == "step" else (Course, "advance")
+    whole = getattr(owner, method)
+
+    def signalled(self, duration_s):
+        found = whole(self, duration_s)
+        if place == "step" or found[1] is not None:
+            os.kill(os.getpid(), number)
+            monkeypatch.setattr(owner, method, whole)
+        return found
+
+    monkeypatch.setattr(owner, method, signalled)
+    run = run_and_read(path, tmp_path)
+    assert (run.outcome, run.complete, run.damage) == ("interrupted", True, "")
+    assert run.summary()["duration_s"] == pytest.approx(1e-3 if place == "step" else 0.3)
+    assert run.impacts == ()
