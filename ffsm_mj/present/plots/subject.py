@@ -53,6 +53,8 @@ class Subject:
         self.run, self.system = thinned(run, times), compile_log(run.log, self._place)
         if not len(self.run.log.rows):
             raise InputError(f"{self._place}: no sample has finite coordinates, there is nothing to draw")
+        if self.run.qpos.shape[1] != self.system.mj.nq:
+            raise InputError(f"{self._place}: its samples have not the coordinates of its models")
         self.silhouette = Silhouette(self.system)
 
     @cached_property
