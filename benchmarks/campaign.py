@@ -1,8 +1,9 @@
 """What a campaign costs beside its runs, on this machine: ratios, and memory.
 
-``uv run python benchmarks/campaign.py`` prints (1) CPU time of a row outside the simulation, (2) runs a second of a pool of
-two processes and of two local dask workers over twice those of a loop, (3) memory of a worker over 500 runs. Baseline runs
-of 2 s; medians over interleaved repeats. An idle machine with two processors is needed for (2).
+``uv run python benchmarks/campaign.py`` prints (1) CPU time of a row outside the simulation, (2) CPU time of whole runs of
+``baseline-dispersed``, (3) runs a second of a pool of two processes and of two local dask workers over twice those of a
+loop, (4) memory of a worker over 500 runs. (3) and (4) are of baseline runs of 2 s and 0.2 s, medians over interleaved repeats;
+``--repeats 0`` leaves them out. An idle machine with two processors is needed for (3).
 """
 
 # ruff: noqa: E402
@@ -23,14 +24,15 @@ from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.engines import executor, loop
 from ffsm_mj.campaign.worker import make_rows
-from ffsm_mj.present.run import Run
+from ffsm_mj.simulation.loop import Simulation
 
 GOALS = {"pool": 0.95, "dask": 0.90}
-OVERHEAD_S = 0.02
+OVERHEAD_S = 0.015
 _CAMPAIGN = """
 campaign: benchmark
 scenario: baseline
@@ -53,21 +55,26 @@ def overhead(found: Campaign, runs: int) -> float:
     """CPU seconds of a row beyond those of the simulation in it."""
     job = found._job(own=False)
     simulated: list[float] = []
-    from ffsm_mj.campaign import worker
+    whole: Callable[..., Any] = Simulation.run
 
-    measured: Callable[..., Any] = worker.evaluated
+    def measured(*given: Any) -> Any:
+        begun = time.process_time()
+        outcome = whole(*given)
+        simulated.append(time.process_time() - begun)
+        return outcome
 
-    def told(run: Run, *rest: Any) -> Any:
-        assert run.log.outcome is not None
-        simulated.append(run.log.outcome.wall_s)
-        return measured(run, *rest)
-
-    worker.evaluated = told
-    try:
+    with patch.object(Simulation, "run", measured):
         rows = make_rows(job, [(i, found.design.overrides(i)) for i in range(runs)])
-    finally:
-        worker.evaluated = measured
-    return statistics.median(row.wall_s - spent for row, spent in zip(rows, simulated, strict=True))
+    return statistics.median(row.cpu_s - spent for row, spent in zip(rows, simulated, strict=True))
+
+
+def dispersed(folder: Path, runs: int) -> float:
+    """CPU seconds of a run of ``baseline-dispersed``, made by two processes: median over the first runs."""
+    found = Campaign.load("baseline-dispersed", folder / "dispersed", overrides=["keep.failures=0"])
+    job = found._job(own=False)
+    with executor(2) as pool:
+        made = [pool.submit(make_rows, job, [(i, found.design.overrides(i))]) for i in range(runs)]
+        return statistics.median(row.cpu_s for future in made for row in future.result())
 
 
 def rate(found: Campaign, pool: Executor, first: int, runs: int) -> float:
@@ -116,11 +123,19 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--runs", type=int, default=20, help="of each engine in each repeat")
     parser.add_argument("--memory-runs", type=int, default=500)
+    parser.add_argument("--dispersed-runs", type=int, default=16, help="whole runs of baseline-dispersed; 0: none")
     given = parser.parse_args()
     with TemporaryDirectory(prefix="ffsm-campaign-") as folder, ExitStack() as stack:
         short = campaign(Path(folder), 64, 0.2)
         overhead(short, 4)  # the first ones import
         print(f"outside the simulation  {overhead(short, 40) * 1e3:6.1f} ms a run  (goal {OVERHEAD_S * 1e3:g})")
+        if given.dispersed_runs:
+            each = dispersed(Path(folder), given.dispersed_runs)
+            print(
+                f"baseline-dispersed  {each:6.2f} s of CPU a run: 1024 in {each * 512 / 60:.1f} min on two quiet processors"
+            )
+        if not given.repeats:
+            return
         found = campaign(Path(folder), 512, 2.0)
         pools = engines(stack)
         for pool in pools.values():
