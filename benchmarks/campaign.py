@@ -2,8 +2,8 @@
 
 ``uv run python benchmarks/campaign.py`` prints (1) CPU time of a row outside the simulation, (2) CPU time of whole runs of
 ``baseline-dispersed``, (3) runs a second of a pool of two processes and of two local dask workers over twice those of a
-loop, (4) memory of a worker over 500 runs. (3) and (4) are of baseline runs of 2 s and 0.2 s, medians over interleaved repeats;
-``--repeats 0`` leaves them out. An idle machine with two processors is needed for (3).
+loop, (4) memory of a worker over 500 runs. (3) is of baseline runs of 2 s, (4) of 0.2 s, medians over interleaved repeats;
+``--repeats 0`` leaves both out. An idle machine with two processors is needed for (3).
 """
 
 # ruff: noqa: E402
