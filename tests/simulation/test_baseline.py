@@ -91,9 +91,9 @@ def test_resolved_scenario_runs_again(baseline_folder, tmp_path):
 def test_summary_has_the_contracted_keys(baseline):
     summary = baseline.summary()
     assert list(summary) == [
-        *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "wall_s", "real_time_factor"),
-        *("conservative", "impacts", "contacts", "unhandled_contacts", "phases", "tip", "controller", "conservation"),
-        "versions",
+        *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "sub_steps", "smallest_step_s"),
+        *("wall_s", "real_time_factor", "conservative", "impacts", "contacts", "unhandled_contacts", "phases", "tip"),
+        *("controller", "conservation", "versions", "checks"),
     ]
     assert list(summary["impacts"][0]) == [
         *("event", "time_s", "pair", "geoms", "robot_geom", "object_geom", "point_m", "normal", "manifold"),
