@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.shape import PARALLEL
+from ffsm_mj.contact.shape import PARALLEL, Shape
 from ffsm_mj.hull import hull, turn
 
 LEVEL_M = 1e-9
@@ -22,6 +22,21 @@ _KINDS = {1: "point", 2: "edge"}
 def manifold_name(count: int) -> str:
     """``point``, ``edge`` or ``face`` by the number of extreme points."""
     return _KINDS.get(count, "face")
+
+
+def facing(first: Shape, second: Shape, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Extreme points of one geom along a direction, (m, 3), and of the other against it, (n, 3): what may touch.
+
+    A cap is represented by points of its rim: by a few, and by those that make what of the other lies within the rim lie
+    within their hull. Of two caps it is the few alone.
+    """
+    a, b = first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL)
+    of_first, of_second = first.shows_cap(normal), second.shows_cap(-normal)
+    if of_first and not of_second:
+        a = np.vstack((a, first.rim_points(normal, b)))
+    elif of_second and not of_first:
+        b = np.vstack((b, second.rim_points(-normal, a)))
+    return a, b
 
 
 def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, level: float = LEVEL_M) -> FloatArray:

@@ -15,8 +15,8 @@ from itertools import combinations, product
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.manifold import opposite
-from ffsm_mj.contact.shape import PARALLEL, Shape, cross
+from ffsm_mj.contact.manifold import facing, opposite
+from ffsm_mj.contact.shape import Shape, cross
 
 _WIDTH = 1e-4
 """The query's direction is good to about 1e-5 rad: edges and faces within this may be the ones that touch."""
@@ -47,7 +47,7 @@ def polished(first: Shape, second: Shape, estimate: FloatArray) -> FloatArray:
 
 def is_normal(first: Shape, second: Shape, direction: FloatArray) -> bool:
     """Whether what is extreme along a direction in one geom lies opposite what is extreme against it in the other."""
-    return opposite(first.extreme(direction, PARALLEL), second.extreme(-direction, PARALLEL), direction)
+    return opposite(*facing(first, second, direction), direction)
 
 
 def _best(first: Shape, second: Shape, estimate: FloatArray, choices: Iterable[FloatArray]) -> FloatArray:

@@ -15,10 +15,10 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.manifold import LEVEL_M, opposite, touching_set
+from ffsm_mj.contact.manifold import LEVEL_M, facing, opposite, touching_set
 from ffsm_mj.contact.normal import is_normal, polished, separation
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
-from ffsm_mj.contact.shape import PARALLEL, Shape, vagueness
+from ffsm_mj.contact.shape import Shape, vagueness
 from ffsm_mj.model.system import System
 
 _UNSUPPORTED = {
@@ -198,10 +198,10 @@ class ContactPair:
         first, second = Shape(model, data, self._g1), Shape(model, data, self._g2)
         estimate, witness = self._shifted_query(model, data, self._estimate(model, data), min(_SHIFT, _SHARE * self.size))
         normal = polished(first, second, estimate)
-        features = first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL)
+        features = facing(first, second, normal)
         if not opposite(*features, normal):
             normal, witness = self._nearer_query(model, data, (normal, witness))
-            features = first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL)
+            features = facing(first, second, normal)
         self._normal = normal
         level = LEVEL_M + self.vague
         points = touching_set(*features, normal, level)

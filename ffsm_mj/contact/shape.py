@@ -8,12 +8,14 @@ directions have no finite radius and count as 0 in R.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.hull import hull
 
 PARALLEL = 1e-6
 """Normals closer than this in rad count as parallel."""
@@ -23,6 +25,9 @@ _SINGLE = 2e-7
 _SINGULAR = 1e-9
 _DISC_POINTS = 8
 """A disc is represented by this many points of its rim."""
+
+_SAME_M, _STRAIGHT = 1e-12, 1e-9
+"""Corners of one polygon no farther apart than the first are one, m; one that hardly turns is none."""
 
 _SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 _BOX, _CAPSULE, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
@@ -64,6 +69,26 @@ class Shape:
         else:
             points = self._mesh_points(local, width)
         return np.asarray(self._position + points @ self._rotation.T)
+
+    def shows_cap(self, direction: FloatArray) -> bool:
+        """Whether it is a cylinder that is seen along its axis."""
+        if self._kind != _CYLINDER:
+            return False
+        x, y, _ = (self._rotation.T @ direction).tolist()
+        return math.hypot(x, y) <= PARALLEL
+
+    def rim_points(self, direction: FloatArray, places: FloatArray) -> FloatArray:
+        """Where the sides of a convex polygon, prolonged, meet the rim of the cap that shows, (m, 3), from its corners.
+
+        A corner within the rim lies between two such points, so within the hull of those few that stand for the rim, and
+        these; a single corner lies between the middle and the one that is found for it.
+        """
+        seen = hull(((places - self._position) @ self._rotation)[:, :2], merge=_SAME_M, straight=_STRAIGHT)
+        radius, z = float(self._size[0]), float(np.copysign(self._size[1], self._rotation[:, 2] @ direction))
+        starts = np.zeros((1, 2)) if len(seen) == 1 else np.roll(seen, 1, axis=0)
+        found = [point for sides in zip(starts, seen, strict=True) for point in _on_circle(radius, *sides)]
+        rim = np.array([[x, y, z] for x, y in found]).reshape(-1, 3)
+        return np.asarray(self._position + rim @ self._rotation.T)
 
     def edges(self, direction: FloatArray, width: float) -> FloatArray:
         """Directions of the straight edges within ``width`` rad of square to a unit vector, (k, 3); a face has several."""
@@ -142,6 +167,16 @@ def _cylinder_points(local: FloatArray, radius: float, half: float, width: float
     else:
         rim = radius / radial * local[None, :2]
     return np.array([[x, y, z] for z in _ends(local[2], half, width) for x, y in rim])
+
+
+def _on_circle(radius: float, one: FloatArray, other: FloatArray) -> list[FloatArray]:
+    """Where the line through two points, (2,), enters and leaves a circle about the origin; none where it passes it by."""
+    (x, y), (u, v) = one.tolist(), (other - one).tolist()
+    square, half = u * u + v * v, x * u + y * v
+    under = half * half - square * (x * x + y * y - radius * radius)
+    if under <= 0.0 or square == 0.0:
+        return []
+    return [one + (root - half) / square * (other - one) for root in (math.sqrt(under), -math.sqrt(under))]
 
 
 def _directions(points: FloatArray) -> FloatArray:
