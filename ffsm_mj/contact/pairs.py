@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.caps import lowest_of_rims
 from ffsm_mj.contact.manifold import LEVEL_M, facing, opposite, touching_set
 from ffsm_mj.contact.normal import is_normal, polished, separation
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
@@ -208,7 +209,17 @@ class ContactPair:
         points = points if len(points) else witness[None]
         rounding = _ROUNDING + 4.0 * _EPSILON * float(np.abs(points).max())
         rates, still = self._rates(data, normal, points)
-        return Proximity(separation(first, second, normal), normal, points, rates, still, rounding)
+        near = Proximity(separation(first, second, normal), normal, points, rates, still, rounding)
+        return self._with_rims((first, second), data, near) if self.is_of(mujoco.mjtGeom.mjGEOM_CYLINDER) else near
+
+    def _with_rims(self, shapes: tuple[Shape, Shape], data: Any, near: Proximity) -> Proximity:
+        """The same with the point of a cap's rim that approaches, if it does so faster than all others."""
+        spin = data.cvel[self.body_b][:3] - data.cvel[self.body_a][:3]
+        for here in lowest_of_rims(shapes, near.normal, spin, LEVEL_M + self.vague):
+            rates = self._rates(data, near.normal, here)[0]
+            if rates[0] < min(near.rate, 0.0) - near.still:
+                near = replace(near, points=np.concatenate((near.points, here)), rates=np.append(near.rates, rates))
+        return near
 
     def at_velocities(self, data: Any, near: Proximity) -> Proximity:
         """The same proximity after velocities changed at one instant; those in ``data`` are current."""

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.caps import Cap, cap_of
 from ffsm_mj.contact.shape import PARALLEL, Shape
 
 # What is rounding: a share of the largest term, and in m/s^2 where all of them are (it moves a gap by 5e-10 m in 30 s).
@@ -95,13 +96,21 @@ def _turning(
     """Rate of the normal, and velocities of the contact point over both surfaces, (3,) each in world axes."""
     system, right = np.zeros((6, 6)), np.zeros(6)
     across, tangents = np.eye(2), np.linalg.svd(normal[None])[2][1:]
-    for k, (shape, motion, point, outward) in enumerate(zip(shapes, motions, points, (1.0, -1.0), strict=True)):
+    caps = cap_of(shapes[0], normal), cap_of(shapes[1], -normal)
+    flats = [
+        _flat(tangents @ (shape.extreme(outward * normal, PARALLEL) - point).T)
+        for shape, point, outward in zip(shapes, points, (1.0, -1.0), strict=True)
+    ]
+    flats = [flats[k] if cap is None else _flat_of_cap(cap, points[k], tangents, flats[1 - k]) for k, cap in enumerate(caps)]
+    for k, (shape, motion, cap, flat, outward) in enumerate(zip(shapes, motions, caps, flats, (1.0, -1.0), strict=True)):
         turn = tangents @ np.cross(motion.omega, normal)
-        radii = outward * tangents @ shape.radii(outward * normal) @ tangents.T
-        flat = _flat(tangents @ (shape.extreme(outward * normal, PARALLEL) - point).T)
+        radii = np.zeros((2, 2)) if cap else outward * tangents @ shape.radii(outward * normal) @ tangents.T
         bound = flat - (across - flat) @ radii
         rows = slice(2 * k, 2 * k + 2)
-        system[rows, :2], system[rows, 2 + 2 * k : 4 + 2 * k] = bound, across - flat
+        # A cap is flat to PARALLEL only: n . t = 0 along its rim, whose tangent t turns as the contact slides there.
+        along_rim = _rank(flat) == 1
+        curved = cap.rise(points[k], normal) / cap.radius * flat if cap and along_rim else np.zeros((2, 2))
+        system[rows, :2], system[rows, 2 + 2 * k : 4 + 2 * k] = bound, across - flat - curved
         right[rows] = bound @ turn
     gap = float(normal @ (points[1] - points[0]))
     system[4:] = np.hstack((-gap * across, -across, across))
@@ -124,6 +133,21 @@ def _flat(points: FloatArray) -> FloatArray:
         if abs(p[0] * side[1] - p[1] * side[0]) <= reach * float(np.linalg.norm(side)):
             return _along(side)
     return np.eye(2)
+
+
+def _flat_of_cap(cap: Cap, point: FloatArray, tangents: FloatArray, other: FloatArray) -> FloatArray:
+    """The same at a point of a cap: within it all directions; of its rim that of the rim where an edge crosses it.
+
+    On a face the rim is a point of the body, as its fixed points are.
+    """
+    rim = tangents @ (point - cap.centre)
+    if abs(float(np.linalg.norm(rim)) - cap.radius) > 2.0 * _AT_END * cap.radius:
+        return np.eye(2)
+    return _along(np.array((-rim[1], rim[0]))) if _rank(other) == 1 else np.zeros((2, 2))
+
+
+def _rank(projector: FloatArray) -> int:
+    return round(float(np.trace(projector)))
 
 
 def _along(direction: FloatArray) -> FloatArray:

@@ -70,6 +70,13 @@ class Shape:
             points = self._mesh_points(local, width)
         return np.asarray(self._position + points @ self._rotation.T)
 
+    def cap(self, direction: FloatArray) -> tuple[FloatArray, FloatArray, float] | None:
+        """Centre, two axes across (2, 3) and radius in m of the cap that shows along a unit vector, if one does."""
+        if not self.shows_cap(direction):
+            return None
+        axis, (radius, half) = self._rotation[:, 2], self._size[:2].tolist()
+        return self._position + np.copysign(half, axis @ direction) * axis, self._rotation.T[:2], radius
+
     def shows_cap(self, direction: FloatArray) -> bool:
         """Whether it is a cylinder that is seen along its axis."""
         if self._kind != _CYLINDER:
