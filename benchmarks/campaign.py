@@ -27,8 +27,8 @@ from typing import Any
 from unittest.mock import patch
 
 from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.engines import executor, loop
-from ffsm_mj.campaign.worker import make_rows
+from ffsm_mj.campaign.execution.engines import executor, loop
+from ffsm_mj.campaign.execution.worker import make_rows
 from ffsm_mj.simulation.loop import Simulation
 
 GOALS = {"pool": 0.95, "dask": 0.90}

@@ -24,7 +24,7 @@ from unittest.mock import patch
 import numpy as np
 import twins
 
-from ffsm_mj.assembly.prepare import Prepared, prepare
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.simulation.loop import Simulation
@@ -49,7 +49,7 @@ class Cost(NamedTuple):
     release_ms: float
 
 
-def holding() -> Prepared:
+def holding() -> PreparedRun:
     """The box is caught, held and let go, under one law."""
     phases = [
         {"name": "approach", "until": "capture", "arm": ["grasp"], "controller": LAW},
@@ -59,13 +59,13 @@ def holding() -> Prepared:
     return prepare("capture-planar", {"phases": phases, "duration_s": HIT_S + HELD_S + AFTER_S})
 
 
-def undeclared() -> Prepared:
+def undeclared() -> PreparedRun:
     """The same until shortly before it would be caught, by nobody."""
     phases = [{"name": "approach", "until": "end", "controller": LAW}]
     return prepare("capture-planar", {"captures": {}, "phases": phases, "duration_s": HIT_S - 0.1})
 
 
-def measured(prepared: Prepared) -> Cost:
+def measured(prepared: PreparedRun) -> Cost:
     """What a run of it costs."""
     ticks: list[tuple[float, bool]] = []
     blocks: list[tuple[float, bool]] = []

@@ -22,8 +22,8 @@ from functools import partial
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.impact.friction import impact_with_friction, tangents
-from ffsm_mj.impact.laws import LAWS
+from ffsm_mj.contact_models.impact.friction import impact_with_friction, tangents
+from ffsm_mj.contact_models.impact.laws import LAWS
 
 CONTACTS = (1, 2, 3, 4, 6)
 FRICTION = ("blend", "poisson")

@@ -21,10 +21,10 @@ import scenes
 import twins
 from loops import bare, in_memory, steps
 
-from ffsm_mj.assembly.prepare import Prepared
+from ffsm_mj.assembly.prepare import PreparedRun
 
 JOINTS, OBJECTS, DURATIONS_S = (3, 7, 14, 28), (1, 4, 16), (1.0, 10.0, 60.0)
-CASES: dict[str, Callable[[], Prepared]] = {
+CASES: dict[str, Callable[[], PreparedRun]] = {
     **{f"no control, {n} joints, 1 object, 10 s": partial(scenes.coasting, n) for n in JOINTS},
     **{f"no control, 7 joints, {n} objects, 10 s": partial(scenes.coasting, 7, objects=n) for n in OBJECTS[1:]},
     **{
@@ -37,7 +37,7 @@ CASES: dict[str, Callable[[], Prepared]] = {
 BARE = "bare"
 
 
-def measured(prepared: Prepared, repeats: int) -> dict[str, list[float]]:
+def measured(prepared: PreparedRun, repeats: int) -> dict[str, list[float]]:
     """CPU seconds of the bare loop and of the run each way, in turn."""
     loops = {BARE: lambda: bare(prepared, stirred=False)}
     loops |= {name: partial(way, partial(in_memory, prepared)) for name, way in twins.ways().items()}

@@ -76,7 +76,7 @@ def judge(run: Path, begun: float, killed: float, written: float) -> Kill:
         code = ffsm(["analyze", str(run)])
     try:
         read = ffsm_mj.load_run(run)
-        laws = read.laws()
+        laws = read.checks()
     except FfsmError as error:
         return Kill(error=str(error).split(": ", 1)[-1])
     if code == 2:
@@ -88,7 +88,7 @@ def judge(run: Path, begun: float, killed: float, written: float) -> Kill:
         lost_wall_s=lost,
         lost_simulated_s=lost * pace,
         laws=len(laws),
-        broken=sum(not law.holds for law in laws),
+        broken=sum(not law.passes for law in laws),
         impacts=len(read.impacts),
         said_so=code == 0 and "incomplete" in said.getvalue(),
     )

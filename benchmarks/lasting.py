@@ -27,15 +27,15 @@ from loops import in_memory
 from scenes import AWAY_M, HEAD
 from tick import quickest
 
-from ffsm_mj.assembly.prepare import Prepared, prepare
-from ffsm_mj.contact.course import Course
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
+from ffsm_mj.balance.balance import Balance
 from ffsm_mj.contact.straight import PointOnFace
 from ffsm_mj.contact.watch import ContactWatch
-from ffsm_mj.lasting.closed import Closed
-from ffsm_mj.lasting.regime import Lasting
-from ffsm_mj.lasting.report import Report
-from ffsm_mj.motion.motion import Motion
-from ffsm_mj.plant.ledger import Ledger
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.model import PersistentContactModel
+from ffsm_mj.contact_models.persistent.report import ContactReport
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.loop import Simulation
 
 HALF_M, REACH_M, THICK_M = 0.2, 0.3, 0.05
@@ -48,16 +48,16 @@ PADS = {
     "box on box, four points": f'type="box" size="{THICK_M} 0.1 0.1"',
 }
 PARTS: dict[str, list[tuple[Any, str]]] = {
-    "contacts, for the control law": [(Course, "contacts")],
-    "contacts, for the log": [(Report, "_note")],
+    "contacts, for the control law": [(EventDrivenIntegrator, "contacts")],
+    "contacts, for the log": [(ContactReport, "_note")],
     "watch for other contacts": [(ContactWatch, "look")],
-    "whether something begins or ends": [(Lasting, "due")],
-    "drift, and which press": [(Lasting, "begin_step")],
+    "whether something begins or ends": [(PersistentContactModel, "due")],
+    "drift, and which press": [(PersistentContactModel, "begin_step")],
     "step": [(Motion, "step")],
-    "whether they still press at its end": [(Lasting, "is_clear")],
-    "booking": [(Course, "bookings"), (Ledger, "book")],
+    "whether they still press at its end": [(PersistentContactModel, "is_clear")],
+    "booking": [(EventDrivenIntegrator, "bookings"), (Balance, "book")],
 }
-FORCES: dict[str, list[tuple[Any, str]]] = {"of the step: contact forces": [(Closed, "push")]}
+FORCES: dict[str, list[tuple[Any, str]]] = {"of the step: contact forces": [(ActiveContactSet, "push")]}
 GAPS: dict[str, list[tuple[Any, str]]] = {"of these: gap, normal, point": [(PointOnFace, "at")]}
 TICK: dict[str, list[tuple[Any, str]]] = {"the whole tick": [(Simulation, name) for name in ("_decide", "_record", "_step")]}
 BOX = f"""<mujoco>{HEAD}<worldbody><body name="box"><inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/>
@@ -87,14 +87,14 @@ def jaws() -> str:
     <actuator><motor name="ml" joint="left"/><motor name="mr" joint="right"/></actuator></mujoco>"""
 
 
-def pressed(pad: str, *, away_m: float, duration_s: float = 1.0) -> Prepared:
+def pressed(pad: str, *, away_m: float, duration_s: float = 1.0) -> PreparedRun:
     """A pad that is pushed with a constant force, at a box or, ``away_m`` from it, at nothing; plastic and at rest."""
     law = {"kind": "pd", "joints": ["rod"], "kp": PUSH_N / FAR_M, "kd": 0.0, "target": [FAR_M]}
     pairs = [{"robot_geom": "pad", "object_geom": "box/box", "restitution": 0.0}]
     return _prepared(pusher(pad), pairs, law, [REACH_M + THICK_M + HALF_M + away_m, 0.0, 0.0], duration_s)
 
 
-def gripped(*, away_m: float, duration_s: float = 1.0) -> Prepared:
+def gripped(*, away_m: float, duration_s: float = 1.0) -> PreparedRun:
     """Two plastic jaws that close on a cube between them, or where it is not."""
     law = {"kind": "pd", "joints": ["left", "right"], "kp": 30.0, "kd": 0.5, "target": [0.3, -0.3]}
     pairs = [{"robot_geom": name, "object_geom": "box/box", "restitution": 0.0} for name in ("left", "right")]
@@ -103,7 +103,7 @@ def gripped(*, away_m: float, duration_s: float = 1.0) -> Prepared:
 
 def _prepared(
     robot: str, pairs: list[dict[str, Any]], law: dict[str, Any], place: list[float], duration_s: float
-) -> Prepared:
+) -> PreparedRun:
     scenario = {
         "name": "lasting",
         "duration_s": duration_s,
@@ -123,7 +123,7 @@ def _prepared(
         return prepare(path)
 
 
-def measured(touching: Prepared, free: Prepared, repeats: int) -> dict[str, tuple[float, float, float]]:
+def measured(touching: PreparedRun, free: PreparedRun, repeats: int) -> dict[str, tuple[float, float, float]]:
     """By way: microseconds per tick in contact and free, and their ratio; medians."""
     ticks = touching.scenario.ticks
     found = {}

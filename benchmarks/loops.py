@@ -10,18 +10,18 @@ import time
 import mujoco
 
 from ffsm_mj.assembly.assemble import Assembly
-from ffsm_mj.assembly.prepare import Prepared
+from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.assembly.run import simulate
 
 ARM_RATE = 0.1
 
 
-def steps(prepared: Prepared) -> int:
+def steps(prepared: PreparedRun) -> int:
     """Integration steps of a scenario."""
     return prepared.scenario.ticks * prepared.scenario.steps_per_tick
 
 
-def fresh(prepared: Prepared, *, contacts: bool) -> Assembly:
+def fresh(prepared: PreparedRun, *, contacts: bool) -> Assembly:
     """A scenario at its start, with MuJoCo's contacts or without."""
     assembly = prepared.assemble()
     model, bit = assembly.system.mj, int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -35,7 +35,7 @@ def stir(assembly: Assembly) -> None:
     assembly.data.qvel[robot.base_dofs.stop : robot.dofs.stop] = ARM_RATE
 
 
-def bare(prepared: Prepared, *, contacts: bool = True, stirred: bool = True) -> float:
+def bare(prepared: PreparedRun, *, contacts: bool = True, stirred: bool = True) -> float:
     """As many steps as the scenario has, by mj_step in a Python loop, no efforts."""
     assembly = fresh(prepared, contacts=contacts)
     if stirred:
@@ -47,7 +47,7 @@ def bare(prepared: Prepared, *, contacts: bool = True, stirred: bool = True) -> 
     return time.process_time() - start
 
 
-def in_memory(prepared: Prepared) -> float:
+def in_memory(prepared: PreparedRun) -> float:
     """The scenario with everything on, its log kept in memory; set-up is not counted."""
     assembly = prepared.assemble()
     start = time.process_time()

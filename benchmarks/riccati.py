@@ -25,7 +25,7 @@ from ffsm_controllers.osdre.riccati import from_eigenvectors, planar_riccati, re
 from ffsm_controllers.osdre.riccati_doubling import Doubling
 from ffsm_controllers.osdre.riccati_planar import principal_axes, turned
 
-from ffsm_mj.assembly.prepare import Prepared, prepare
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.compiled import fastest
 
 SCIPY = "SciPy's Schur method"
@@ -43,7 +43,7 @@ class Equation:
     Q: np.ndarray
 
 
-def recorded(prepared: Prepared) -> list[Equation]:
+def recorded(prepared: PreparedRun) -> list[Equation]:
     """Every equation of a run, in its order."""
     equations: list[Equation] = []
     solve = Doubling.solve

@@ -34,20 +34,20 @@ from loops import ARM_RATE, bare, fresh, in_memory, steps, stir
 from twins import compiled, plain
 
 import ffsm_mj
-from ffsm_mj.assembly.prepare import Prepared, prepare
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.compiled import is_compiled
-from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.regimes import Scene
-from ffsm_mj.impact.time_of_impact import Detector
+from ffsm_mj.contact_models.impact.time_of_impact import Detector
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.partial_file import PartialFile
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.log.run_folder import RunFolder
-from ffsm_mj.motion.motion import Motion
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.recount import recount
+from ffsm_mj.replay import replay_log
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 
 PAIRS = ("gripper", "link_1", "link_2", "link_3", "base")
 BASELINE = prepare("baseline")
@@ -62,7 +62,7 @@ def forwarded(*, pairs: tuple[str, ...]) -> float:
     data.qpos[6] = -6.0  # out of reach: nothing is resolved here, so nothing may touch
     mujoco.mj_forward(model, data)
     watched = [ContactPair(assembly.system, name, name, "object/box", 1.0) for name in pairs]
-    course = Course(Motion(model, data), [Detector(Scene(assembly.system, data), watched)])
+    course = EventDrivenIntegrator(Motion(model, data), [Detector(Scene(assembly.system, data), watched)])
     start = time.process_time()
     if watched:
         for _ in range(STEPS):
@@ -85,7 +85,7 @@ def closed() -> float:
     data.qpos[6] += pair.proximity(model, data).gap
     mujoco.mj_forward(model, data)
     detector = Detector(Scene(assembly.system, data), [pair])
-    course = Course(Motion(model, data), [detector])
+    course = EventDrivenIntegrator(Motion(model, data), [detector])
     start = time.process_time()
     for _ in range(STEPS // 30):
         course.advance(0.001)
@@ -99,7 +99,7 @@ def recounting() -> float:
     """What `analyze` does with the baseline's log: every step flown again, every number compared."""
     log = logged()
     start = time.process_time()
-    assert recount(log).agrees
+    assert replay_log(log).agrees
     return time.process_time() - start
 
 
@@ -161,7 +161,7 @@ class Row(NamedTuple):
     goal: float | None = None
 
 
-def against_bare(name: str, scenario: Callable[[], Prepared], goals: tuple[float, float], *, stirred: bool = True):
+def against_bare(name: str, scenario: Callable[[], PreparedRun], goals: tuple[float, float], *, stirred: bool = True):
     """Three rows: the bare loop of a scenario, its run in memory in plain Python, and compiled."""
     reference, once = f"{name}, bare", cache(scenario)
     return {

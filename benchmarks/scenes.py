@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.assembly.prepare import Prepared, prepare
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
 
 LINK_M, AWAY_M = 0.3, 20.0
 BENT_RAD, RATE_RAD_S = 0.3, 0.005
@@ -43,12 +43,12 @@ def joint_names(joints: int) -> list[str]:
     return [f"joint_{i}" for i in range(joints)]
 
 
-def coasting(joints: int, *, objects: int = 1, duration_s: float = 10.0) -> Prepared:
+def coasting(joints: int, *, objects: int = 1, duration_s: float = 10.0) -> PreparedRun:
     """No control; the arm and the objects move, each object has an impact pair with the gripper."""
     return _prepared(joints, objects, duration_s, {})
 
 
-def regulated(joints: int, *, duration_s: float = 3.0) -> Prepared:
+def regulated(joints: int, *, duration_s: float = 3.0) -> PreparedRun:
     """OSDRE of three outputs at 1 kHz, towards half a metre from where the tip is; an object with a pair far away."""
     osdre = {
         "kind": "osdre",
@@ -76,7 +76,7 @@ def _tip(joints: int) -> np.ndarray:
     return data.site("tip").xpos.copy()
 
 
-def _prepared(joints: int, objects: int, duration_s: float, changes: dict[str, Any]) -> Prepared:
+def _prepared(joints: int, objects: int, duration_s: float, changes: dict[str, Any]) -> PreparedRun:
     names = [f"box_{i}" for i in range(objects)]
     angles = {name: 2.0 * math.pi * i / objects for i, name in enumerate(names)}
     poses = {

@@ -21,8 +21,8 @@ import numpy as np
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Command, Observation
-from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix, subtree_momenta
-from ffsm_mj.present.markdown import table
+from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, subtree_momenta
+from ffsm_mj.report.markdown import table
 from ffsm_mj.reproduction.markdown import fixed, small
 from ffsm_mj.reproduction.measure import tip_state
 

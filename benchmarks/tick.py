@@ -30,28 +30,28 @@ from ffsm_controllers.osdre.riccati_doubling import Doubling
 from ffsm_controllers.osdre.riccati_planar import PlanarRiccati
 from loops import steps
 
-from ffsm_mj.assembly.prepare import Prepared, prepare
-from ffsm_mj.books.base_motors import BaseMotors
-from ffsm_mj.books.thrusters import Thrusters
-from ffsm_mj.contact.course import Course
+from ffsm_mj.actuation.actuation import Actuation
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
+from ffsm_mj.balance.balance import Balance
+from ffsm_mj.balance.base_motors import BaseMotors
+from ffsm_mj.balance.thrusters import Thrusters
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.log.recorder import Recorder
-from ffsm_mj.plant.actuation import Actuation
-from ffsm_mj.plant.ledger import Ledger
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.rows import RowWriter
 
 PARTS = {
-    "step, forward and detection": [(Course, "advance")],
+    "step, forward and detection": [(EventDrivenIntegrator, "advance")],
     "OSDRE": [(Osdre, "control")],
     "free-flying law": [(FreeFlying, "control")],
     "actuators' limits": [(Actuation, "apply")],
-    "ledgers, start of a step": [(Ledger, "open")],
-    "ledgers, end of a step": [(Ledger, "close")],
+    "balances, start of a step": [(Balance, "open")],
+    "balances, end of a step": [(Balance, "close")],
     "row and notes": [(RowWriter, "fill")],
     "watch for other contacts": [(ContactWatch, "look")],
     "energies, momenta, residuals, by blocks": [(Recorder, "commit")],
 }
-WITHIN = {"OSDRE": ["Riccati equation"], "free-flying law": ["allocation"], "ledgers, end of a step": ["push from outside"]}
+WITHIN = {"OSDRE": ["Riccati equation"], "free-flying law": ["allocation"], "balances, end of a step": ["push from outside"]}
 INSIDE = {
     "Riccati equation": [(PlanarRiccati, "solve"), (Doubling, "solve")],
     "allocation": [(ThrusterAllocation, "efforts"), (WheelAllocation, "efforts")],
@@ -116,7 +116,7 @@ class Timed(NamedTuple):
     parts: dict[str, Cost]
 
 
-def clocked(prepared: Prepared, parts: dict[str, list]) -> Timed:
+def clocked(prepared: PreparedRun, parts: dict[str, list]) -> Timed:
     """What a run takes, and what each part takes of it."""
     clocks = {name: [Clock(getattr(kind, method)) for kind, method in methods] for name, methods in parts.items()}
     with ExitStack() as patched:
@@ -133,7 +133,7 @@ def clocked(prepared: Prepared, parts: dict[str, list]) -> Timed:
     return Timed(whole - cost * sum(one.calls for one in costs.values()), costs)
 
 
-def quickest(prepared: Prepared, parts: dict[str, list], repeats: int) -> Timed:
+def quickest(prepared: PreparedRun, parts: dict[str, list], repeats: int) -> Timed:
     """Of some runs the one that took least."""
     return min((clocked(prepared, parts) for _ in range(repeats)), key=lambda run: run.whole_us)
 

@@ -10,7 +10,7 @@ from typing import Any
 from PIL import Image
 
 import ffsm_mj
-from ffsm_mj.present.page import write_page
+from ffsm_mj.report.page import write_page
 from tests.browser.chromium import started
 
 HERE = Path(__file__).parent

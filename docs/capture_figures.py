@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import ffsm_mj
-from ffsm_mj.present.plots import save
+from ffsm_mj.report.plots import save
 
 FOLDER = Path(__file__).parent / "figures" / "capture-planar"
 

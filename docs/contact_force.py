@@ -10,7 +10,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 import ffsm_mj
-from ffsm_mj.present.plots.style import BLUE, VERMILLION, WIDTH_IN, publication, write
+from ffsm_mj.report.plots.style import BLUE, VERMILLION, WIDTH_IN, publication, write
 
 FOLDER = Path(__file__).parent / "figures" / "push"
 UNTIL_S = 10.2

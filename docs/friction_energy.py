@@ -14,9 +14,9 @@ from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.impact.friction import stronge
-from ffsm_mj.impact.friction.coulomb import ACCEPTED, Contacts, coulomb
-from ffsm_mj.present.plots.style import BLACK, BLUE, VERMILLION, WIDTH_IN, publication, write
+from ffsm_mj.contact_models.impact.friction import stronge
+from ffsm_mj.contact_models.impact.friction.coulomb import ACCEPTED, CoulombProblem, coulomb
+from ffsm_mj.report.plots.style import BLACK, BLUE, VERMILLION, WIDTH_IN, publication, write
 
 FOLDER = Path(__file__).parent / "figures" / "friction"
 ANGLE_RAD = np.radians(55.0)
@@ -42,7 +42,7 @@ def by_newton(A: FloatArray, w: FloatArray, mu: float, e: float) -> FloatArray:
     u = A @ w
     speed = float(np.abs(u).max())
     u[0] *= 1.0 + e
-    impulses, residual = coulomb(Contacts(A @ A.T, u, np.array([mu]), np.zeros(1), speed))
+    impulses, residual = coulomb(CoulombProblem(A @ A.T, u, np.array([mu]), np.zeros(1), speed))
     if residual > ACCEPTED:
         raise ValueError(f"Newton's law has no solution at mu = {mu:g}, e = {e:g}")
     after: FloatArray = w + A.T @ impulses[0]

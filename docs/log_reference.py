@@ -11,7 +11,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.log.foxglove import topics as viewer
 from ffsm_mj.log.instants import SHOWN_S, marks_topic
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.records.events import Report
+from ffsm_mj.records.events import ControllerReport
 from ffsm_mj.records.kinds import kinds
 from ffsm_mj.records.signals import GROUPS, unit_of
 
@@ -81,10 +81,10 @@ def reference() -> Iterator[str]:
     yield f"`{form.SAMPLE_SCHEMA}`, one per control tick: a message per group, every field a double and always present.\n"
     yield (
         "Here for `baseline`; other models have their own joints, actuators and controllers in the same places, and with\n"
-        "fixed bodies six columns each of `ledger.fixed_on_robot_...` and `ledger.fixed_on_objects_...`: their impulses.\n"
-        "With gravity three of `ledger.total_gravity_work_J` and so on, and six each of `ledger.gravity_on_robot_...` and\n"
-        "`ledger.gravity_on_objects_...`: its work and its impulses, which the residuals take off as well.\n"
-        "With impact pairs that have `mu` above 0 `ledger.friction_heat_J`: the kinetic energy lost in impacts with\n"
+        "fixed bodies six columns each of `balance.fixed_on_robot_...` and `balance.fixed_on_objects_...`: their impulses.\n"
+        "With gravity three of `balance.total_gravity_work_J` and so on, six each of `balance.gravity_on_robot_...` and\n"
+        "`balance.gravity_on_objects_...`: its work and its impulses, which the residuals take off as well.\n"
+        "With impact pairs that have `mu` above 0 `balance.friction_heat_J`: the kinetic energy lost in impacts with\n"
         "friction, less what the work of their normal impulses took.\n"
     )
     for group, fields_of_group in samples().items():
@@ -143,7 +143,7 @@ def type_name(hint: object) -> str:
     parts = get_args(hint)
     if get_origin(hint) is tuple:
         return f"{words[parts[0]]}[]"
-    return f"map of {'string' if parts[1] in (str, Report) else 'double[]'}"
+    return f"map of {'string' if parts[1] in (str, ControllerReport) else 'double[]'}"
 
 
 def table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> str:

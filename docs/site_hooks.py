@@ -13,18 +13,18 @@ ROOT = Path(__file__).parent.parent
 API = {
     "Runs": (
         "`ffsm_mj.run`, `load_run`, `prepare`, `compare` and what they give.",
-        *("ffsm_mj.assembly.prepare.run", "ffsm_mj.present.run.load_run", "ffsm_mj.present.run.Run"),
-        *("ffsm_mj.assembly.prepare.prepare", "ffsm_mj.assembly.prepare.Prepared", "ffsm_mj.analysis.run.compare"),
+        *("ffsm_mj.assembly.prepare.run", "ffsm_mj.report.run.load_run", "ffsm_mj.report.run.Run"),
+        *("ffsm_mj.assembly.prepare.prepare", "ffsm_mj.assembly.prepare.PreparedRun", "ffsm_mj.analysis.run.compare"),
     ),
     "Campaigns": (
         "`ffsm_mj.Campaign` and `ffsm_mj.sweep`.",
         *("ffsm_mj.campaign.campaign.Campaign", "ffsm_mj.campaign.sweep.sweep"),
     ),
-    "Impacts": ("`ffsm_mj.impact`, usable alone on any MuJoCo model.", "ffsm_mj.impact"),
+    "Impacts": ("`ffsm_mj.contact_models.impact`, usable alone on any MuJoCo model.", "ffsm_mj.contact_models.impact"),
     "Control laws": ("What a control law sees and returns.", "ffsm_mj.controller_protocol"),
-    "Contact regimes": ("What can happen at a contact.", "ffsm_mj.contact.regimes"),
+    "Contact models": ("What can happen at a contact.", "ffsm_mj.contact_models.interface"),
     "Records": ("What happens once in a run.", "ffsm_mj.records.events", "ffsm_mj.records.kinds"),
-    "Recount": ("A run recomputed from its states.", "ffsm_mj.recount"),
+    "Recount": ("A run recomputed from its states.", "ffsm_mj.replay"),
     "pytest": ("Fixtures and assertions for tests on logged data.", "ffsm_mj.pytest_plugin"),
     "Errors": ("What can be raised.", "ffsm_mj.errors"),
 }

@@ -1,6 +1,6 @@
 """ffsm-mj: exact impacts for free-floating space manipulators, on MuJoCo.
 
-``run(scenario)`` simulates and returns a :class:`~ffsm_mj.present.run.Run`; ``load_run(path)`` reads one back from its log,
+``run(scenario)`` simulates and returns a :class:`~ffsm_mj.report.run.Run`; ``load_run(path)`` reads one back from its log,
 ``compare(a, b)`` tells two of them apart; ``prepare(scenario)`` gives a recipe that runs again and again;
 ``Campaign`` and ``sweep`` run a scenario many times into one table; ``impact`` resolves single collisions on any MuJoCo
 model. Everything is imported on first use, so that ``import ffsm_mj`` and ``ffsm --help`` cost nothing.
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from ffsm_mj.assembly.prepare import run as run
     from ffsm_mj.campaign.campaign import Campaign as Campaign
     from ffsm_mj.campaign.sweep import sweep as sweep
-    from ffsm_mj.present.run import Run as Run
-    from ffsm_mj.present.run import load_run as load_run
+    from ffsm_mj.report.run import Run as Run
+    from ffsm_mj.report.run import load_run as load_run
 
 _LAZY = {
     "Campaign": ("ffsm_mj.campaign.campaign", "Campaign"),
@@ -27,8 +27,8 @@ _LAZY = {
     "prepare": ("ffsm_mj.assembly.prepare", "prepare"),
     "run": ("ffsm_mj.assembly.prepare", "run"),
     "compare": ("ffsm_mj.analysis.run", "compare"),
-    "load_run": ("ffsm_mj.present.run", "load_run"),
-    "Run": ("ffsm_mj.present.run", "Run"),
+    "load_run": ("ffsm_mj.report.run", "load_run"),
+    "Run": ("ffsm_mj.report.run", "Run"),
     "impact": ("ffsm_mj.impact", None),
 }
 

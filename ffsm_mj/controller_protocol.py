@@ -16,9 +16,7 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import StrictModel
-from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
-from ffsm_mj.model.driven_joints import DrivenJoints, driven_joints
-from ffsm_mj.model.dynamics import (
+from ffsm_mj.dynamics.rigid_body import (
     ReducedModel,
     base_jacobian,
     base_wrench,
@@ -33,11 +31,13 @@ from ffsm_mj.model.dynamics import (
     skew,
     subtree_momenta,
 )
-from ffsm_mj.model.site_motion import SiteMotion
+from ffsm_mj.dynamics.site_motion import SiteMotion
+from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
+from ffsm_mj.model.driven_joints import DrivenJoints, driven_joints
 from ffsm_mj.model.system import Joint, System, Tree
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.events import ImpactRecord, PhaseRecord, Report
+from ffsm_mj.records.events import ControllerReport, ImpactRecord, PhaseRecord
 from ffsm_mj.records.signals import Signal, identifier
 
 __all__ = [
@@ -47,6 +47,7 @@ __all__ = [
     "Controller",
     "ControllerContext",
     "ControllerError",
+    "ControllerReport",
     "Damping",
     "Damps",
     "DrivenJoints",
@@ -58,7 +59,6 @@ __all__ = [
     "Observation",
     "PhaseRecord",
     "ReducedModel",
-    "Report",
     "ScenarioFaults",
     "Signal",
     "SiteMotion",
@@ -142,7 +142,7 @@ class Command:
     Attributes:
         effort: Force in N or torque in N m at the joint or site that the actuator drives, (nu,).
         powered: False where the actuator is off: exactly zero effort, whatever its limits, (nu,).
-        requests: Names of what contact regimes are asked to do now; each says which it hears.
+        requests: Names of what contact models are asked to do now; each says which it hears.
     """
 
     effort: FloatArray
@@ -187,7 +187,7 @@ class Controller(Protocol):
 class Summarises(Protocol):
     """A control law that sums its work up; one that has nothing to say leaves this method out."""
 
-    def summary(self) -> Report:
+    def summary(self) -> ControllerReport:
         """What it came to since it was made, finite numbers and texts by name; asked once, at the end of the run."""
 
 
@@ -231,5 +231,5 @@ class TaskController(Protocol):
     def drain_phases(self) -> list[PhaseRecord]:
         """Phases begun since the last call, oldest first."""
 
-    def reports(self) -> Mapping[str, Report]:
+    def reports(self) -> Mapping[str, ControllerReport]:
         """What the control laws of the phases begun say of their work, by phase."""

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 
 if TYPE_CHECKING:
-    from ffsm_mj.analysis.verdicts import Tolerance
-    from ffsm_mj.present.run import Run
+    from ffsm_mj.report.run import Run
+    from ffsm_mj.verification.checks import Tolerance
 
 
 class RunFactory(Protocol):
@@ -66,39 +66,40 @@ def ffsm_run(tmp_path_factory: pytest.TempPathFactory) -> RunFactory:
     return run
 
 
-def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, laws: Sequence[str] = ()) -> None:
+def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, checks: Sequence[str] = ()) -> None:
     """Assert that a run obeys the conservation laws, by the energies, momenta and accounts in its log.
 
     Args:
         run: A run of :func:`ffsm_mj.run`, :func:`ffsm_mj.load_run` or the fixture ``ffsm_run``.
-        tolerance: A residual may reach this times (1 + scale) in SI units; one number, or by law.
-        laws: Names of the laws to check (``energy``, ``linear momentum``, ...); all when empty.
+        tolerance: A residual may reach this times (1 + scale) in SI units; one number, or by check.
+        checks: Names of the checks to check (``energy``, ``linear momentum``, ...); all when empty.
 
     Raises:
-        AssertionError: A law is violated (the message says which, whose, by how much, where and when), the run is not
+        AssertionError: a check fails (the message says which, whose, by how much, where and when), the run is not
             conservative, or it has no samples.
-        ValueError: No such law.
+        ValueError: No such check.
     """
     __tracebackhide__ = True
-    from ffsm_mj.analysis.verdicts import LAW_NAMES
     from ffsm_mj.errors import unknown_name
+    from ffsm_mj.verification.checks import CHECK_NAMES
 
-    for name in laws:
-        if name not in LAW_NAMES:
-            raise ValueError(unknown_name("law", name, LAW_NAMES))
-    checked = [law for law in run.laws(tolerance) if not laws or law.name in laws]
+    for name in checks:
+        if name not in CHECK_NAMES:
+            raise ValueError(unknown_name("check", name, CHECK_NAMES))
+    checked = [check for check in run.checks(tolerance) if not checks or check.name in checks]
     if not run.conservative:
         raise AssertionError(f"{run.name} is not conservative: {run.why_not_conservative}")
     if not checked:
         raise AssertionError(f"{run.name}: the log holds nothing to check")
-    broken = [law for law in checked if not law.holds]
+    broken = [check for check in checked if not check.passes]
     if broken:
         lines = [
-            f"{law.name} of {law.party}: residual {law.residual:.3e} {law.unit} in {law.component} at {law.time_s:.3f} s, "
-            f"allowed {law.tolerance:.3e}{f' ({law.truncation.sentence(law.unit)})' if law.truncation else ''}"
-            for law in broken
+            f"{check.name} of {check.subsystem}: residual {check.residual:.3e} {check.unit} in {check.component} "
+            f"at {check.time_s:.3f} s, "
+            f"allowed {check.tolerance:.3e}{f' ({check.truncation.sentence(check.unit)})' if check.truncation else ''}"
+            for check in broken
         ]
-        head = f"{run.name}: {len(broken)} of {len(checked)} conservation laws violated in {run.digest.end_s:g} s"
-        if all(law.fails_by_truncation for law in broken):
+        head = f"{run.name}: {len(broken)} of {len(checked)} checks failed in {run.digest.end_s:g} s"
+        if all(check.fails_by_truncation for check in broken):
             head += ", by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario or halve its time_step_s"
         raise AssertionError("\n  ".join([head, *lines]))

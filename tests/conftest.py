@@ -13,13 +13,13 @@ from filelock import FileLock
 
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.contact import regimes
+from ffsm_mj.contact_models import interface as contact_models
 from ffsm_mj.model.system import System
 from ffsm_mj.records import kinds
 from ffsm_mj.scenario.shipped import scenarios_dir
+from tests.contact_models.spring import Spring
+from tests.contact_models.weld import Weld
 from tests.long_share import pytest_addoption, pytest_collection_modifyitems  # noqa: F401 (found by pytest)
-from tests.regimes.spring import Spring
-from tests.regimes.weld import Weld
 from tests.scenes import compile_paths
 
 MJCF = scenarios_dir().parent / "mjcf"
@@ -83,11 +83,11 @@ def plain(monkeypatch) -> None:
 
 @pytest.fixture
 def test_regimes(monkeypatch) -> None:
-    """The contact regimes that exist in tests only are known, registered like any other."""
-    monkeypatch.setattr(regimes, "_REGISTERED", dict(regimes._REGISTERED))
+    """The contact models that exist in tests only are known, registered like any other."""
+    monkeypatch.setattr(contact_models, "_REGISTERED", dict(contact_models._REGISTERED))
     monkeypatch.setattr(kinds, "_KINDS", dict(kinds._KINDS))
-    for regime in (Spring, Weld):
-        regimes.register(regime)
+    for contact_model in (Spring, Weld):
+        contact_models.register(contact_model)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from typing import Any
 
 import mujoco
 
-from ffsm_mj.model.dynamics import subtree_momenta
+from ffsm_mj.dynamics.rigid_body import subtree_momenta
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.system import System, compile_system
 

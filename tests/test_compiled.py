@@ -19,14 +19,14 @@ from ffsm_controllers.osdre.tip_kinematics import TipKinematics
 
 import ffsm_mj
 from ffsm_mj import compiled
-from ffsm_mj.books.joint_work import JointWork
-from ffsm_mj.capture import following
+from ffsm_mj.actuation.limits import Envelope, Limits
+from ffsm_mj.balance.joint_work import JointWork
 from ffsm_mj.compiled import fastest, is_compiled
+from ffsm_mj.contact_models.grasp import state_transfer as following
+from ffsm_mj.dynamics.free_stepper import WHOLE_STATE, FreeStepper
 from ffsm_mj.errors import TwinsError
-from ffsm_mj.motion.flight import WHOLE_STATE, Flight
-from ffsm_mj.plant.limits import Envelope, Limits
-from ffsm_mj.plant.sampler import Sampler
-from tests.capture import scenes as capture
+from ffsm_mj.records.sampler import Sampler
+from tests.contact_models.grasp import scenes as capture
 from tests.scenes import compile_paths, scene
 
 twins = pytest.importorskip("ffsm_mj_fast", reason="the extra 'fast' is not installed")
@@ -59,10 +59,10 @@ def moving(system, rng):
 
 def test_the_environment_decides(monkeypatch):
     assert is_compiled()
-    assert fastest(Flight) is twins.Flight
+    assert fastest(FreeStepper) is twins.FreeStepper
     monkeypatch.setenv("FFSM_COMPILED", "0")
     assert not is_compiled()
-    assert fastest(Flight) is Flight
+    assert fastest(FreeStepper) is FreeStepper
 
 
 def test_flight_is_the_same_to_the_last_bit(case_study, rng):
@@ -70,7 +70,7 @@ def test_flight_is_the_same_to_the_last_bit(case_study, rng):
     model, runs = case_study.mj, []
     efforts = rng.uniform(-2.0, 2.0, (200, model.nu))
     start = moving(case_study, rng)
-    for kind in (Flight, twins.Flight):
+    for kind in (FreeStepper, twins.FreeStepper):
         data = mujoco.MjData(model)
         data.qpos[:], data.qvel[:] = start.qpos, start.qvel
         mujoco.mj_forward(model, data)
@@ -91,7 +91,7 @@ def test_flight_is_the_same_to_the_last_bit(case_study, rng):
 
 def test_flight_notices_what_is_not_finite(case_study):
     """No way is proved clear, whatever the horizon."""
-    for kind in (Flight, twins.Flight):
+    for kind in (FreeStepper, twins.FreeStepper):
         data = mujoco.MjData(case_study.mj)
         flight = kind(
             case_study.mj, data, np.empty(mujoco.mj_stateSize(case_study.mj, WHOLE_STATE)), np.empty(len(data.qvel))
@@ -336,7 +336,7 @@ def test_twins_of_another_version_are_refused(monkeypatch):
     with pytest.raises(
         TwinsError, match=r"ffsm-mj-fast 1.0 does not fit ffsm-mj 2.0: uv sync --extra fast .* or set FFSM_COMPILED=0"
     ):
-        fastest(Flight)
+        fastest(FreeStepper)
     compiled._twins.cache_clear()
 
 
@@ -382,7 +382,7 @@ def test_whole_runs_agree(scenario, seconds, monkeypatch):
 def test_what_is_logged_follows_what_moves_alike(tmp_path, rng, monkeypatch, models):
     """Free joint, and slides with a hinge that has turned a few times; the twin is there, and gives the same to rounding."""
     runs, start = [], rng.bit_generator.state
-    for way, kind in (("0", following.Follow), ("1", twins.Follow)):
+    for way, kind in (("0", following.StateTransfer), ("1", twins.StateTransfer)):
         monkeypatch.setenv("FFSM_COMPILED", way)
         rng.bit_generator.state = start
         bench = capture.Bench(tmp_path, *models)

@@ -114,7 +114,7 @@ def test_the_log_reference_is_current():
         "docs/log-reference.md",
         "docs/friction.md",
         "docs/lasting-contact.md",
-        "docs/contact-regimes.md",
+        "docs/contact-models.md",
         "docs/capture.md",
         "docs/campaigns.md",
     ],

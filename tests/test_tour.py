@@ -76,9 +76,9 @@ def test_every_cell_runs_and_shows_what_it_should(tmp_path, baseline, monkeypatc
     assert f"{hit.time_s:.6f} s: robot/gripper on object/box" in card
     assert printed(cells["hit"]).startswith(f"{hit.time_s:.6f} s, gap ")
     assert f"e = 1: {hit.impulse_N_s:.6f} N s\n" in printed(cells["hit"])
-    laws = printed(cells["laws"]).splitlines()
-    assert len(laws) == len(baseline.laws())
-    assert all(line.endswith(" holds") for line in laws)
+    checks = printed(cells["checks"]).splitlines()
+    assert len(checks) == len(baseline.checks())
+    assert all(line.endswith(" passes") for line in checks)
     assert printed(cells["restitutions"]).endswith(": True\n")  # the closed forms
     drawn = [
         picture for name in ("motion", "accounts") for html in shown(cells[name], "text/html") for picture in pictures(html)

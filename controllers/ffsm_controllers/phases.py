@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from ffsm_controllers.indices import compact
-from ffsm_controllers.settled import TIME_TOLERANCE_S, Settled
+from ffsm_controllers.settled import TIME_TOLERANCE_S, SettlingMonitor
 from ffsm_mj.controller_protocol import (
     Columns,
     Command,
     Controller,
     ControllerError,
+    ControllerReport,
     Observation,
     PhaseRecord,
-    Report,
     Signal,
     Summarises,
 )
@@ -33,7 +33,7 @@ class Phase:
         name: Name in the scenario.
         kind: Kind of its controller.
         controller: What drives the robot in it.
-        until: What ends it after its start, for people: ``impact``, a record of another contact regime, ``settled``; empty:
+        until: What ends it after its start, for people: ``impact``, a record of another contact model, ``settled``; empty:
             nothing.
         ending: Class of the records that do.
         settled: Says when the tip has settled, which ends it; None where that does not.
@@ -48,7 +48,7 @@ class Phase:
     controller: Controller
     until: str = ""
     ending: type | None = None
-    settled: Settled | None = None
+    settled: SettlingMonitor | None = None
     duration_s: float | None = None
     arm: tuple[str, ...] = ()
     release: tuple[str, ...] = ()
@@ -151,18 +151,18 @@ class PhaseMachine:
         begun, self._begun = self._begun, []
         return begun
 
-    def reports(self) -> dict[str, Report]:
+    def reports(self) -> dict[str, ControllerReport]:
         """What the control laws of the phases begun say of their work, by phase.
 
         Raises:
             ControllerError: One says what is neither a finite number nor text.
         """
-        found: dict[str, Report] = {}
+        found: dict[str, ControllerReport] = {}
         for i, phase in enumerate(self.phases[: self.phase_index + 1]):
             report: dict[str, float | int | str] = {}
             for grasp in ("", *phase.held):
                 law = self._asked.get((i, grasp))
-                told: Report = law.summary() if isinstance(law, Summarises) else {}
+                told: ControllerReport = law.summary() if isinstance(law, Summarises) else {}
                 before = f"{grasp}: " if grasp else ""
                 report |= {f"{before}{name}": _plain(phase, name, value) for name, value in told.items()}
             found[phase.name] = report

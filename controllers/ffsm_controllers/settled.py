@@ -25,7 +25,7 @@ class SettledConfig(StrictModel):
     """For so long, s: the phase ends at the first control tick at or after that."""
 
 
-class Settled:
+class SettlingMonitor:
     """Watches the tip through a phase."""
 
     def __init__(self, bounds: SettledConfig, system: System, task: Task) -> None:

@@ -5,25 +5,25 @@ MuJoCo's C functions without the bindings in between.
 """
 
 from ffsm_mj_fast.block_law import BlockLaw
-from ffsm_mj_fast.flight import Flight
-from ffsm_mj_fast.follow import Follow
+from ffsm_mj_fast.free_stepper import FreeStepper
 from ffsm_mj_fast.joint_work import JointWork
 from ffsm_mj_fast.limits import Limits
 from ffsm_mj_fast.planar_law import PlanarLaw
 from ffsm_mj_fast.riccati_doubling import Doubling
 from ffsm_mj_fast.riccati_planar import PlanarRiccati
 from ffsm_mj_fast.sampler import Sampler
+from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
 __all__ = [
     "BlockLaw",
     "Doubling",
-    "Flight",
-    "Follow",
+    "FreeStepper",
     "JointWork",
     "Limits",
     "PlanarLaw",
     "PlanarRiccati",
     "Sampler",
+    "StateTransfer",
     "TipKinematics",
 ]

@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False
-"""Work of the efforts held at joints over a step; the twin of ffsm_mj.books.joint_work."""
+"""Work of the efforts held at joints over a step; the twin of ffsm_mj.balance.joint_work."""
 
 
 cdef class JointWork:

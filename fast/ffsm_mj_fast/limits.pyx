@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False
-"""What actuators deliver of what they are asked for; the twin of ffsm_mj.plant.limits."""
+"""What actuators deliver of what they are asked for; the twin of ffsm_mj.actuation.limits."""
 
 import numpy as np
 

@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False
-"""Copies of live arrays into lines of tables; the twin of ffsm_mj.plant.sampler."""
+"""Copies of live arrays into lines of tables; the twin of ffsm_mj.records.sampler."""
 
 import numpy as np
 

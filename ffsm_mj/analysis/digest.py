@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsm_mj.analysis.captures import CaptureSpells, capture_records
-from ffsm_mj.analysis.contacts import Contacts, contact_records
-from ffsm_mj.analysis.residuals import norms
-from ffsm_mj.analysis.verdicts import Audit
+from ffsm_mj.analysis.contact_intervals import ContactIntervals, contact_records
+from ffsm_mj.analysis.grasp_intervals import GraspIntervals, grasp_records
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import LoggedTask, logged_task
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import TIP, TIP_RATE, Layout
+from ffsm_mj.verification.checks import CheckAccumulator
+from ffsm_mj.verification.residuals import norms
 
 
 @dataclass
@@ -65,8 +65,8 @@ class Digest:
     def __init__(self, header: RunHeader) -> None:
         """Nothing was told yet."""
         self._layout = header.layout
-        self.audit = Audit(header.layout, header.facts)
-        self.contacts, self.captures = Contacts(header.layout), CaptureSpells(header.layout)
+        self.audit = CheckAccumulator(header.layout, header.facts)
+        self.contacts, self.captures = ContactIntervals(header.layout), GraspIntervals(header.layout)
         task = logged_task(header.facts)
         self.tip = TipDigest(task) if task is not None else None
         self.samples, self.end_s = 0, 0.0
@@ -86,7 +86,7 @@ def digest(log: RunLog) -> Digest:
     found = Digest(log.header)
     for record in contact_records(log):
         found.contacts.event(record)
-    for held in capture_records(log):
+    for held in grasp_records(log):
         found.captures.event(held)
     for block in log.blocks():
         found.rows(block)

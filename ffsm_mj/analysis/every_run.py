@@ -5,10 +5,10 @@ Every run and every log that is read passes through :mod:`.run`, which does: her
 
 from __future__ import annotations
 
-from ffsm_mj.capture.record import KINDS as CAPTURES
 from ffsm_mj.contact.unhandled import UNHANDLED_CONTACT
-from ffsm_mj.impact.kind import IMPACT
-from ffsm_mj.lasting.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
+from ffsm_mj.contact_models.grasp.record import KINDS as CAPTURES
+from ffsm_mj.contact_models.impact.record_kind import IMPACT
+from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.records.kinds import register
 from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE
 

@@ -11,21 +11,21 @@ from typing import Any
 import numpy as np
 
 import ffsm_mj.analysis.every_run  # noqa: F401 (registers the kinds of records of every run)
-from ffsm_mj.analysis.captures import Capture
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
-from ffsm_mj.analysis.contacts import Contact
+from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import Digest, digest
-from ffsm_mj.analysis.friction_check import FrictionCheck
+from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.analysis.refined import Refined, explained, refined
 from ffsm_mj.analysis.summary import failing_checks, summarise, tip_error
 from ffsm_mj.analysis.tables import Table, table
-from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Law, Tolerance
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.records.events import ImpactRecord, Outcome, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.facts import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import PARTIES
+from ffsm_mj.records.signals import SUBSYSTEMS
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Check, Tolerance
+from ffsm_mj.verification.friction_check import FrictionCheck
 
 
 class Run:
@@ -110,22 +110,22 @@ class Run:
         """
         return np.column_stack([self[f"state.tip_v{axis}_m_s"] for axis in "xyz"])
 
-    def momentum(self, party: str = "total") -> FloatArray:
+    def momentum(self, subsystem: str = "total") -> FloatArray:
         """(P in N s, L about the world origin in N m s) of ``total``, ``robot`` or ``objects``, (n, 6).
 
         Raises:
-            KeyError: No such party.
+            KeyError: No such subsystem.
         """
-        if party not in PARTIES:
-            raise KeyError(unknown_name("party", party, PARTIES))
-        return self._columns(f"momentum.{party}_P_", f"momentum.{party}_L_")
+        if subsystem not in SUBSYSTEMS:
+            raise KeyError(unknown_name("subsystem", subsystem, SUBSYSTEMS))
+        return self._columns(f"momentum.{subsystem}_P_", f"momentum.{subsystem}_L_")
 
     def _columns(self, *prefixes: str) -> FloatArray:
         return np.asarray(self.log.rows[:, [i for i, key in enumerate(self.keys) if key.startswith(prefixes)]])
 
     @property
     def records(self) -> Mapping[str, tuple[Any, ...]]:
-        """What happened once, in order: ``impacts``, ``phases``, ``unhandled_contacts`` and what regimes of contact left."""
+        """What happened once, in order: ``impacts``, ``phases``, ``unhandled_contacts`` and what contact models left."""
         return self.log.records
 
     @property
@@ -134,12 +134,12 @@ class Run:
         return self.log.impacts
 
     @property
-    def contacts(self) -> tuple[Contact, ...]:
+    def contacts(self) -> tuple[ContactInterval, ...]:
         """Contacts that lasted, each from its beginning to its end."""
         return self.digest.contacts.told()
 
     @property
-    def captures(self) -> tuple[Capture, ...]:
+    def captures(self) -> tuple[GraspInterval, ...]:
         """What was held, each from when a grasp took hold to when it let go."""
         return self.digest.captures.told()
 
@@ -188,14 +188,14 @@ class Run:
         """What in the models breaks conservation; empty where nothing does."""
         return why_not_conservative(self.log.header.facts)
 
-    def laws(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Law, ...]:
-        """Every law with its worst residual; see :func:`ffsm_mj.analysis.verdicts.check_laws`.
+    def checks(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
+        """Every check with its worst residual; see :func:`ffsm_mj.verification.checks.evaluate_checks`.
 
-        Where energy or momenta fail, the run is replayed in shorter steps: ``law.truncation`` says what that leaves of the
-        residual, ``law.fails_by_truncation`` whether the step alone makes it fail.
+        Where energy or momenta fail, the run is replayed in shorter steps: ``check.truncation`` says what that leaves of the
+        residual, ``check.fails_by_truncation`` whether the step alone makes it fail.
         """
-        laws = self.digest.audit.laws(self.log.impacts, tolerance, self._friction)
-        return explained(laws, tolerance, lambda: self._refined)
+        checks = self.digest.audit.checks(self.log.impacts, tolerance, self._friction)
+        return explained(checks, tolerance, lambda: self._refined)
 
     @cached_property
     def _refined(self) -> Refined | None:
@@ -216,7 +216,7 @@ class Run:
         return self._given or digest(self.log)
 
     def table(self, name: str = "samples") -> Table:
-        """A table of named columns with units: ``samples``, ``contacts``, ``laws``, or records of a kind, as ``impacts``.
+        """A table of named columns with units: ``samples``, ``contacts``, ``checks``, or records of a kind, as ``impacts``.
 
         Raises:
             KeyError: No such table.
@@ -254,7 +254,7 @@ class Run:
             checks: With ``checks``, for which a run that fails some is replayed.
         """
         summary = deepcopy(self._summary)
-        return summary | {"checks": failing_checks(self.laws())} if checks else summary
+        return summary | {"checks": failing_checks(self.checks())} if checks else summary
 
     @cached_property
     def _summary(self) -> dict[str, Any]:

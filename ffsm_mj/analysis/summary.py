@@ -11,12 +11,12 @@ import numpy as np
 
 from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.analysis.truncation import Truncation
-from ffsm_mj.analysis.verdicts import Audit, Law
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.capture.record import CAPTURE
+from ffsm_mj.contact_models.grasp.record import CAPTURE
 from ffsm_mj.records.facts import is_conservative, logged_models, logged_task
 from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.verification.checks import Check, CheckAccumulator
 
 SCHEMA_VERSION = 2
 """Later ones only add keys."""
@@ -96,20 +96,20 @@ def tip_summary(tip: TipDigest | None) -> dict[str, Any] | None:
     }
 
 
-def failing_checks(laws: Sequence[Law]) -> dict[str, Any]:
+def failing_checks(checks: Sequence[Check]) -> dict[str, Any]:
     """Whether all checks pass; else which fail, and what of that is truncation."""
     failing = [
         {
-            "check": law.name,
-            "of": law.party,
-            "residual": law.residual if math.isfinite(law.residual) else None,
-            "allowed": law.tolerance,
-            "unit": law.unit,
-            "fails_by_truncation": law.fails_by_truncation,
-            "truncation": truncation_data(law.truncation),
+            "check": check.name,
+            "of": check.subsystem,
+            "residual": check.residual if math.isfinite(check.residual) else None,
+            "allowed": check.tolerance,
+            "unit": check.unit,
+            "fails_by_truncation": check.fails_by_truncation,
+            "truncation": truncation_data(check.truncation),
         }
-        for law in laws
-        if not law.holds
+        for check in checks
+        if not check.passes
     ]
     alone = bool(failing) and all(each["fails_by_truncation"] for each in failing)
     return {"passed": not failing, "fail_by_truncation": alone, "failing": failing}
@@ -124,9 +124,9 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _conservation(audit: Audit) -> dict[str, float | None] | None:
+def _conservation(audit: CheckAccumulator) -> dict[str, float | None] | None:
     """Worst residuals since the first row, None for one that is no finite number; None where conservation is not judged."""
-    judged = audit.laws(())
+    judged = audit.checks(())
     names = {
         "energy": "energy_residual_J",
         "linear momentum": "linear_momentum_residual_N_s",
@@ -134,9 +134,9 @@ def _conservation(audit: Audit) -> dict[str, float | None] | None:
     }
     found: dict[str, float | None] = {}
     for name, key in names.items():
-        laws = [law for law in judged if law.name == name]
-        if not laws:
+        checks = [check for check in judged if check.name == name]
+        if not checks:
             return None
-        finite = all(math.isfinite(law.residual) and math.isfinite(law.drift) for law in laws)
-        found[key] = max(law.drift for law in laws) if finite else None
+        finite = all(math.isfinite(check.residual) and math.isfinite(check.drift) for check in checks)
+        found[key] = max(check.drift for check in checks) if finite else None
     return found

@@ -1,4 +1,4 @@
-"""What a log holds as plain tables of named columns: samples, records of every kind and laws, each with units."""
+"""What a log holds as plain tables of named columns: samples, records of every kind and checks, each with units."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.analysis.captures import COLUMNS as _CAPTURE_COLUMNS
-from ffsm_mj.analysis.captures import Capture
-from ffsm_mj.analysis.contacts import COLUMNS as _CONTACT_COLUMNS
-from ffsm_mj.analysis.contacts import Contact
+from ffsm_mj.analysis.contact_intervals import COLUMNS as _CONTACT_COLUMNS
+from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import digest
-from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE, Tolerance, check_laws
+from ffsm_mj.analysis.grasp_intervals import COLUMNS as _CAPTURE_COLUMNS
+from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.capture.record import CAPTURE
+from ffsm_mj.contact_models.grasp.record import CAPTURE
 from ffsm_mj.errors import MissingPackageError, unknown_name
 from ffsm_mj.records.kinds import field_of
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance, evaluate_checks
 
 _LAW_COLUMNS = {
     "name": ("", "what is conserved"),
-    "party": ("", "of whom"),
+    "subsystem": ("", "of whom"),
     "component": ("", "where the residual is worst"),
     "residual": ("", "worst magnitude in a stretch of 100 000 steps, in the unit of its row"),
     "time_s": ("s", "when that is"),
     "tolerance": ("", "what is allowed, in the unit of its row"),
     "unit": ("", "unit of residual and tolerance"),
-    "holds": ("", "whether the residual is within the tolerance"),
+    "passes": ("", "whether the residual is within the tolerance"),
     "drift": ("", "worst magnitude since the first sample, in the unit of its row"),
 }
 
@@ -82,7 +82,7 @@ def _package(name: str, purpose: str) -> Any:
 def table_names(log: RunLog) -> tuple[str, ...]:
     """Names of the tables of a run: samples, one for each kind of record that it may have, contacts, captures and laws."""
     captures = ("captures",) if CAPTURE in log.kinds else ()
-    return "samples", *(kind.plural for kind in log.kinds), "contacts", *captures, "laws"
+    return "samples", *(kind.plural for kind in log.kinds), "contacts", *captures, "checks"
 
 
 def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> Table:
@@ -93,8 +93,8 @@ def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> T
     """
     if name == "samples":
         return samples(log.header.layout, np.asarray(log.rows[:]))
-    if name == "laws":
-        return _of_columns(name, _LAW_COLUMNS, check_laws(log, tolerance))
+    if name == "checks":
+        return _of_columns(name, _LAW_COLUMNS, evaluate_checks(log, tolerance))
     if name == "contacts":
         return _of_columns(name, _CONTACT_COLUMNS, [_ended(contact) for contact in digest(log).contacts.told()])
     if name == "captures" and CAPTURE in log.kinds:
@@ -105,12 +105,12 @@ def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> T
     raise KeyError(unknown_name("table", name, table_names(log)))
 
 
-def _ended(contact: Contact) -> Contact:
+def _ended(contact: ContactInterval) -> ContactInterval:
     """The same with a number for its end in any case."""
     return replace(contact, end_s=nan) if contact.end_s is None else contact
 
 
-def _released(capture: Capture) -> Capture:
+def _released(capture: GraspInterval) -> GraspInterval:
     """The same with a number for its release in any case."""
     return replace(capture, release_s=nan) if capture.release_s is None else capture
 

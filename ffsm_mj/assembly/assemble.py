@@ -10,37 +10,37 @@ from typing import Any
 import numpy as np
 from ffsm_controllers import kinds
 from ffsm_controllers.phases import Phase, PhaseMachine
-from ffsm_controllers.settled import Settled
+from ffsm_controllers.settled import SettlingMonitor
 
-from ffsm_mj.assembly.belief import Belief, BelievingMachine
-from ffsm_mj.assembly.captures import HeldSystem, captures_of
+from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.assembly.column_faults import refuse_same_names, refuse_telemetry
+from ffsm_mj.assembly.contact_models import declared_contact_models, impacts_of
+from ffsm_mj.assembly.controller_model import ControllerModel, ControllerModelPhaseMachine
+from ffsm_mj.assembly.grasps import GraspedSystem, grasp_models_of
 from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.models import changes_of
-from ffsm_mj.assembly.regimes import declared_regimes, impacts_of
 from ffsm_mj.assembly.run_size import too_large
 from ffsm_mj.assembly.step_control import step_control
-from ffsm_mj.capture.regime import Captures
-from ffsm_mj.contact.course import Course
+from ffsm_mj.balance.balance import Balance
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.regimes import Scene
 from ffsm_mj.contact.watch import ContactWatch
+from ffsm_mj.contact_models.grasp.model import GraspModel
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.contact_models.persistent.refusals import FRICTION, refusal
 from ffsm_mj.controller_protocol import ControllerContext, Task
+from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults, described
-from ffsm_mj.lasting.refusals import FRICTION, refusal
 from ffsm_mj.log.recorder import BLOCK_ROWS
-from ffsm_mj.model.properties import Change
+from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
-from ffsm_mj.motion.motion import Motion
-from ffsm_mj.plant.actuation import Actuation
-from ffsm_mj.plant.ledger import Ledger
-from ffsm_mj.plant.state import StateReport
 from ffsm_mj.records.columns import Row
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import kind_named
 from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, located
 from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
+from ffsm_mj.simulation.state_signals import StateSignals
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -56,9 +56,9 @@ class Assembly:
         seen: What the control laws are shown of it: the same, or the data of the model that they believe in.
         believed: The scene that the control laws take it for; None: they know it.
         pairs: Impact pairs.
-        known_pairs: Geom pairs that need no watching: those of the regimes, and ignored ones.
-        course: What moves, and the contact regimes that watch it.
-        ledger: The books.
+        known_pairs: Geom pairs that need no watching: those of the contact models, and ignored ones.
+        course: What moves, and the contact models that watch it.
+        balance: The books.
         actuation: Plant limits.
         controller: The phase machine.
         task: The tip's task, if any.
@@ -73,16 +73,16 @@ class Assembly:
     believed: System | None
     pairs: tuple[ContactPair, ...]
     known_pairs: frozenset[frozenset[int]]
-    course: Course
-    ledger: Ledger
+    course: EventDrivenIntegrator
+    balance: Balance
     actuation: Actuation
     controller: PhaseMachine
     task: Task | None
-    state: StateReport
+    state: StateSignals
     row: Row
 
     @property
-    def changes(self) -> tuple[Change, ...]:
+    def changes(self) -> tuple[PropertyChange, ...]:
         """Properties of bodies and geoms that the scenario gives, then those that its control laws believe in."""
         return changes_of(self.system, self.believed)
 
@@ -93,7 +93,7 @@ def assemble(
     system: System,
     laws: Mapping[str, Any],
     believed: System | None = None,
-    held: Mapping[str, HeldSystem] = MappingProxyType({}),
+    held: Mapping[str, GraspedSystem] = MappingProxyType({}),
 ) -> Assembly:
     """Build everything that one run needs.
 
@@ -116,27 +116,29 @@ def assemble(
         scene = Scene(system, data)
         motion = Motion(system.mj, data)
         impacts, lasting = impacts_of(scenario, scene, pairs)
-        declared = declared_regimes(scenario, scene)
-        captures = captures_of(scenario, scene, motion, impacts, held, (lasting, *declared))
-        regimes = (impacts, lasting, *captures, *declared)
-        course = Course(motion, regimes)
-        course.take_up(motion)
+        declared = declared_contact_models(scenario, scene)
+        captures = grasp_models_of(scenario, scene, motion, impacts, held, (lasting, *declared))
+        contact_models = (impacts, lasting, *captures, *declared)
+        course = EventDrivenIntegrator(motion, contact_models)
+        course.restore_state(motion)
         actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
         phases = _phases(scenario, _context(scenario, believed or system, task), laws, held)
-        belief = Belief(believed.mj, data) if believed is not None else None
-        controller = PhaseMachine(phases) if belief is None else BelievingMachine(phases, belief, _beliefs(captures, held))
-        ledger = Ledger(system, data, course.motion.momentum, notes=BLOCK_ROWS)
-        course.control = step_control(scenario, system, data, ledger)
-        state = StateReport(system, data, task.tip_site if task is not None else None)
-        columns = [*state.columns, *ledger.columns, *course.columns, *actuation.columns, *controller.columns]
+        belief = ControllerModel(believed.mj, data) if believed is not None else None
+        controller = (
+            PhaseMachine(phases) if belief is None else ControllerModelPhaseMachine(phases, belief, _beliefs(captures, held))
+        )
+        balance = Balance(system, data, course.motion.momentum, notes=BLOCK_ROWS)
+        course.control = step_control(scenario, system, data, balance)
+        state = StateSignals(system, data, task.tip_site if task is not None else None)
+        columns = [*state.columns, *balance.columns, *course.columns, *actuation.columns, *controller.columns]
         refuse_same_names(columns, system)
         row = Row(columns)
         if fault := too_large(scenario.ticks, len(row.layout.signals), scenario.log.max_size_GB):
             raise ScenarioFaults([Fault(fault, ("duration_s",))])
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
-    known = ignored.union(*(regime.watched for regime in regimes))
+    known = ignored.union(*(contact_model.watched for contact_model in contact_models))
     seen = data if belief is None else belief.data
     return Assembly(
         scenario,
@@ -147,7 +149,7 @@ def assemble(
         pairs,
         known,
         course,
-        ledger,
+        balance,
         actuation,
         controller,
         task,
@@ -176,18 +178,18 @@ def _context(scenario: Scenario, system: System, task: Task | None) -> Controlle
     return ControllerContext(system, task, scenario.control_period_s)
 
 
-def _beliefs(captures: Sequence[Captures], held: Mapping[str, HeldSystem]) -> dict[str, Belief]:
+def _beliefs(captures: Sequence[GraspModel], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
     """What control laws believe while an object is held, by the name of the capture."""
     return {
-        name: Belief(each.believed.mj, regime.data_of(name), each.system.mj)
-        for regime in captures
+        name: ControllerModel(each.believed.mj, contact_model.data_of(name), each.system.mj)
+        for contact_model in captures
         for name, each in held.items()
         if each.believed is not None
     }
 
 
 def _phases(
-    scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any], held: Mapping[str, HeldSystem]
+    scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any], held: Mapping[str, GraspedSystem]
 ) -> list[Phase]:
     """The phases with their control laws, in their order: each is made for the scene, and for where an object is held.
 
@@ -229,7 +231,7 @@ def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, hel
     until = config.until if config.until not in (None, "end") else ""
     ending, settled = None, None
     if config.settled is not None and context.task is not None:
-        settled = Settled(config.settled, context.system, context.task)
+        settled = SettlingMonitor(config.settled, context.system, context.task)
     elif until:
         ending = ImpactRecord if until == "impact" else kind_named(until).record
     return Phase(
@@ -256,9 +258,9 @@ def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
 
 def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
     """Impact pairs that are none while a capture holds, and pairs that nobody watches then."""
-    for regime in assembly.course.regimes:
-        if isinstance(regime, Captures):
-            for name, pairs in regime.disarmed.items():
+    for contact_model in assembly.course.contact_models:
+        if isinstance(contact_model, GraspModel):
+            for name, pairs in contact_model.disarmed.items():
                 found = [pair.name for pair in assembly.pairs if pair.geom_ids in pairs]
                 others = len(pairs) - len(found)
                 yield (

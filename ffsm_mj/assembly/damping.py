@@ -10,8 +10,8 @@ import numpy as np
 
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.controller_protocol import Damping, Damps
+from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import described
-from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.model.system import System
 
 # An effort -K qdot held for a period dt takes qdot to (1 - dt M_c^-1 K) qdot; gains on positions do not move this limit.

@@ -8,8 +8,8 @@ from typing import Any
 
 from ffsm_mj.contact.feature import lasting_fault
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
-from ffsm_mj.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ImpactPairConfig, Scenario
 

@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ffsm_mj.assembly.captures import HeldSystem, held_systems
+from ffsm_mj.assembly.grasps import GraspedSystem, held_systems
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.grasp import Grasp
-from ffsm_mj.model.properties import Change, Overrides
+from ffsm_mj.model.properties import Overrides, PropertyChange
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.scenario.scenario import Scenario, located
@@ -26,7 +26,7 @@ Reader = Callable[[Path, Sequence[Path], Sequence[Path]], ModelFiles]
 
 def compile_scenario(
     scenario: Scenario, source: YamlSource, read: Reader = read_model
-) -> tuple[System, System | None, Mapping[str, HeldSystem]]:
+) -> tuple[System, System | None, Mapping[str, GraspedSystem]]:
     """Compile robot and objects of a scenario.
 
     Args:
@@ -54,7 +54,7 @@ def compile_scenario(
     return system, believed, held
 
 
-def changes_of(system: System, believed: System | None) -> tuple[Change, ...]:
+def changes_of(system: System, believed: System | None) -> tuple[PropertyChange, ...]:
     """Properties that a scenario gives, as compiled: those of the scene, then those that are believed."""
     known = {change.path for change in system.changes}
     others = believed.changes if believed is not None else ()

@@ -10,17 +10,17 @@ from types import MappingProxyType
 from typing import Any
 
 from ffsm_mj.assembly.assemble import Assembly, assemble, disarmed_pairs, refused_rest, unwatched_overlaps
-from ffsm_mj.assembly.captures import HeldSystem
 from ffsm_mj.assembly.damping import unstable_damping
+from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.models import Reader, changes_of, compile_scenario
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.files import read_model
-from ffsm_mj.model.properties import Change
+from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
-from ffsm_mj.present.run import Run
 from ffsm_mj.records.facts import gravity_facts, told_gravity
+from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.grasps import never_armed
 from ffsm_mj.scenario.loading import load_scenario
 from ffsm_mj.scenario.scenario import Scenario
@@ -68,7 +68,7 @@ def prepare(
     overrides: Sequence[str] | Mapping[str, Any] = (),
     *,
     controllers: Mapping[str, Any] = MappingProxyType({}),
-) -> Prepared:
+) -> PreparedRun:
     """Read, validate and compile a scenario; nothing is written and nothing moves.
 
     Args:
@@ -89,7 +89,9 @@ def as_overrides(values: Mapping[str, Any]) -> list[str]:
     return [f"{key}={json.dumps(value)}" for key, value in values.items()]
 
 
-def _recipe(scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any], controllers: Mapping[str, Any]) -> Prepared:
+def _recipe(
+    scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any], controllers: Mapping[str, Any]
+) -> PreparedRun:
     if isinstance(overrides, Mapping):
         overrides = as_overrides(overrides)
     config, source = load_scenario(scenario_path(scenario), overrides, controllers)
@@ -98,7 +100,7 @@ def _recipe(scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any], 
 
 def recipe(
     config: Scenario, source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({}), read: Reader = read_model
-) -> Prepared:
+) -> PreparedRun:
     """Compile a scenario that was read; what is wrong with its parts is told when they are assembled.
 
     Args:
@@ -111,11 +113,11 @@ def recipe(
         InputError: A model is wrong.
     """
     system, believed, held = compile_scenario(config, source, read)
-    return Prepared(config, source, system, dict(controllers), believed, held)
+    return PreparedRun(config, source, system, dict(controllers), believed, held)
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedRun:
     """A recipe of runs: nothing in it is written after :func:`prepare`, and it can be pickled.
 
     Every run works on its own copy of the model and on parts of its own, so runs of one recipe are the same bit by bit,
@@ -135,10 +137,10 @@ class Prepared:
     system: System
     laws: Mapping[str, Any]
     believed: System | None = None
-    held: Mapping[str, HeldSystem] = field(default_factory=dict)
+    held: Mapping[str, GraspedSystem] = field(default_factory=dict)
 
     @property
-    def changes(self) -> tuple[Change, ...]:
+    def changes(self) -> tuple[PropertyChange, ...]:
         """Properties of bodies and geoms that the scenario gives, as compiled, then those that its laws believe in."""
         return changes_of(self.system, self.believed)
 

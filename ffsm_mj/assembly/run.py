@@ -13,8 +13,8 @@ import numpy as np
 from ffsm_mj.analysis.digest import DigestSink
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.blas_threads import one_blas_thread
+from ffsm_mj.assembly.contact_models import record_kinds
 from ffsm_mj.assembly.interrupts import noted
-from ffsm_mj.assembly.regimes import record_kinds
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run_size import refuse_without_room
 from ffsm_mj.assembly.source_date import source_date
@@ -26,10 +26,10 @@ from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.sink import Sink
 from ffsm_mj.model.mujoco_clock import stopped_clock
-from ffsm_mj.present.run import Run
 from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.facts import conservative_facts, free_facts, gravity_facts, model_facts, task_facts
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.loop import Plant, Settings, Simulation
@@ -87,7 +87,7 @@ def simulate(
         assembly.actuation,
         assembly.course,
         ContactWatch(system.mj, assembly.data, assembly.known_pairs),
-        assembly.ledger,
+        assembly.balance,
     )
     block = np.zeros((BLOCK_ROWS, len(layout.signals)))
     rows = RowWriter(assembly.row, assembly.state.sampler, block)
@@ -146,7 +146,7 @@ def _facts(assembly: Assembly) -> dict[str, str]:
         "control_period_s": repr(config.time_step_s * config.steps_per_tick),
         "phases": "\n".join(phase.name for phase in config.phases),
     }
-    facts |= conservative_facts(assembly.system.faults) | free_facts(assembly.ledger.free)
+    facts |= conservative_facts(assembly.system.faults) | free_facts(assembly.balance.free)
     facts |= gravity_facts(assembly.system.mj.opt.gravity)
     facts |= model_facts(assembly.changes)
     if config.task is not None:

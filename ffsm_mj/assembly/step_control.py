@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from ffsm_mj.analysis.residuals import STRETCH_STEPS
+from ffsm_mj.actuation.step_error import StepError
+from ffsm_mj.balance.balance import Balance
 from ffsm_mj.contact.step_control import StepControl
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
-from ffsm_mj.plant.ledger import Ledger
-from ffsm_mj.plant.step_error import StepError
 from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.verification.residuals import STRETCH_STEPS
 
 _SHARE = 0.5
 """Of what a check allows, for the largest of a step's errors of energy, P and L of the robot, and of the objects, together.
@@ -19,14 +19,14 @@ Errors of many steps add up to less than their sum, so a run is well within what
 """
 
 
-def step_control(scenario: Scenario, system: System, data: Any, ledger: Ledger) -> StepControl | None:
+def step_control(scenario: Scenario, system: System, data: Any, balance: Balance) -> StepControl | None:
     """What cuts the steps of a run, or of its replay; None where the scenario asks for no accuracy.
 
     Args:
         scenario: What is asked for.
         system: Robot and objects.
         data: Their state.
-        ledger: Enters what the efforts do in a step.
+        balance: Enters what the efforts do in a step.
 
     Raises:
         ScenarioFaults: Something in the models breaks conservation, by which the error of a step is measured.
@@ -38,4 +38,4 @@ def step_control(scenario: Scenario, system: System, data: Any, ledger: Ledger) 
         raise ScenarioFaults([Fault(why, ("accuracy",))])
     # The checks judge the sum of the errors of so many steps, whatever their length.
     budget = _SHARE * scenario.accuracy / STRETCH_STEPS
-    return StepControl(budget, scenario.time_step_s, StepError(system, data, ledger))
+    return StepControl(budget, scenario.time_step_s, StepError(system, data, balance))

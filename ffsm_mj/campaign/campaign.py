@@ -10,24 +10,24 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ffsm_mj.campaign import engines
-from ffsm_mj.campaign.config import CampaignFile
-from ffsm_mj.campaign.design import Design
-from ffsm_mj.campaign.driver import Driver
-from ffsm_mj.campaign.engines import Engine
-from ffsm_mj.campaign.folder import CAMPAIGN, CampaignFolder
-from ffsm_mj.campaign.loading import Plan, load_campaign
-from ffsm_mj.campaign.metrics import COUNT
-from ffsm_mj.campaign.outcomes import RETRIED
-from ffsm_mj.campaign.replay import Replay, replay
-from ffsm_mj.campaign.results import Results, TableRow, column_of, measured
-from ffsm_mj.campaign.settings import differences, row_versions, settings_hash, settings_of
-from ffsm_mj.campaign.statistics import Quantile, Share, quantile
-from ffsm_mj.campaign.status import Status, status_of
-from ffsm_mj.campaign.stopping import FIRST, Stopping
-from ffsm_mj.campaign.store import Row, Store
-from ffsm_mj.campaign.table import as_arrow, table_rows
-from ffsm_mj.campaign.worker import Job
+from ffsm_mj.campaign.evaluation.results import Results, TableRow, column_of, measured
+from ffsm_mj.campaign.evaluation.statistics import Proportion, Quantile, quantile
+from ffsm_mj.campaign.execution import engines
+from ffsm_mj.campaign.execution.driver import Driver
+from ffsm_mj.campaign.execution.engines import Engine
+from ffsm_mj.campaign.execution.metrics import COUNT
+from ffsm_mj.campaign.execution.rerun import Rerun, rerun
+from ffsm_mj.campaign.execution.stopping import FIRST, StoppingRule
+from ffsm_mj.campaign.execution.worker import Job
+from ffsm_mj.campaign.plan.config import CampaignFile
+from ffsm_mj.campaign.plan.design import Design
+from ffsm_mj.campaign.plan.loading import Plan, load_campaign
+from ffsm_mj.campaign.storage.folder import CAMPAIGN, CampaignFolder
+from ffsm_mj.campaign.storage.outcomes import RETRIED
+from ffsm_mj.campaign.storage.settings import differences, row_versions, settings_hash, settings_of
+from ffsm_mj.campaign.storage.status import Status, status_of
+from ffsm_mj.campaign.storage.store import RunRow, Store
+from ffsm_mj.campaign.storage.table import as_arrow, table_rows
 from ffsm_mj.errors import InputError
 
 
@@ -151,7 +151,7 @@ class Campaign:
             executor: Where; None: processes of this machine.
             workers: How many of those; None: as the file says, else as many as there are processors.
             dask: Address of a dask scheduler instead.
-            retry: Outcomes of :data:`ffsm_mj.campaign.outcomes.RETRIED` whose rows are to be made again.
+            retry: Outcomes of :data:`ffsm_mj.campaign.storage.outcomes.RETRIED` whose rows are to be made again.
             report: Told (rows, runs).
 
         Returns:
@@ -170,9 +170,9 @@ class Campaign:
             done = store.done()
             left = [(i, self.design.overrides(i)) for i in range(len(self.design.rows)) if i not in done]
             total, made = len(self.design.rows), len(done)
-            stopping = Stopping(self.config, total, done, store.failed(FIRST), self.results)
+            stopping = StoppingRule(self.config, total, done, store.failed(FIRST), self.results)
 
-            def keep(rows: Sequence[Row]) -> None:
+            def keep(rows: Sequence[RunRow]) -> None:
                 nonlocal made
                 store.add(rows)
                 stopping.add(rows)
@@ -225,13 +225,13 @@ class Campaign:
             self.folder.write_design(self.design)
             self.folder.write_config(self.config.model_dump(mode="json", exclude_none=True))
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[RunRow]:
         """All rows so far, in order of their numbers."""
         with self._table() as store:
             return store.rows()
 
     def table_rows(self) -> list[TableRow]:
-        """A dictionary per run; see :func:`ffsm_mj.campaign.table.table_rows`."""
+        """A dictionary per run; see :func:`ffsm_mj.campaign.storage.table.table_rows`."""
         return table_rows(self.rows(), self.design, self.config.conditions)
 
     def table(self) -> Any:
@@ -250,10 +250,10 @@ class Campaign:
         metrics = tuple(column_of(name, "metric", rows) for name in config.kept_metrics)
         return Results(config.campaign, design.kind, design.n, len(design.rows), parameters, metrics, rows)
 
-    def fraction(self, what: str = "success") -> Share:
+    def fraction(self, what: str = "success") -> Proportion:
         """Share of the runs that are a success, or for which a metric is true, with its interval."""
         rows = self.results().sample
-        return Share(sum(row.get(what) is True for row in rows), len(rows))
+        return Proportion(sum(row.get(what) is True for row in rows), len(rows))
 
     def quantile(self, metric: str, share: float) -> Quantile:
         """Quantile of a metric over the runs that did not fail, with its interval.
@@ -266,7 +266,7 @@ class Campaign:
             raise InputError(f"{metric}: no run that did not fail has it as a number")
         return quantile(values, share)
 
-    def replay(self, index: int) -> Replay:
+    def rerun(self, index: int) -> Rerun:
         """Make a run again and keep its log in the folder.
 
         Args:
@@ -281,8 +281,8 @@ class Campaign:
             row = store.row(index)
             same = store.settings == self._settings
         self.folder.refuse_links()
-        folder = self.folder.replay(index)
-        return replay(self._job(own=False), index, self.design.overrides(index), folder, row, same_settings=same)
+        folder = self.folder.rerun(index)
+        return rerun(self._job(own=False), index, self.design.overrides(index), folder, row, same_settings=same)
 
     def kept(self) -> list[int]:
         """Numbers of the runs whose logs the file asks for: failures and the worst of metrics, those that have an end."""

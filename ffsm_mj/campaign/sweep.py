@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.engines import importable
-from ffsm_mj.campaign.loading import planned
+from ffsm_mj.campaign.execution.engines import importable
+from ffsm_mj.campaign.plan.loading import planned
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import source_of, write_yaml
 from ffsm_mj.yaml.parser import parse

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.driver import EngineLostError
-from ffsm_mj.campaign.status import Status
+from ffsm_mj.campaign.execution.driver import EngineLostError
+from ffsm_mj.campaign.storage.status import Status
 from ffsm_mj.cli.commands import Say, Stage
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.standard_streams import complain
@@ -29,7 +29,7 @@ def _run(options: argparse.Namespace, say: Say, stage: Stage) -> int:
         return _list(say)
     if options.campaign is None:
         raise InputError("ffsm campaign run: name a campaign file; 'ffsm campaign run --list' shows the shipped ones")
-    from ffsm_mj.campaign.loading import load_campaign
+    from ffsm_mj.campaign.plan.loading import load_campaign
 
     stage("draw and check the runs", "")
     plan = load_campaign(options.campaign, options.overrides)
@@ -38,7 +38,7 @@ def _run(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 
 
 def _list(say: Say) -> int:
-    from ffsm_mj.campaign.shipped import campaign_names, campaign_path
+    from ffsm_mj.campaign.plan.shipped import campaign_names, campaign_path
     from ffsm_mj.yaml.parser import read_node
 
     names = campaign_names()
@@ -80,15 +80,15 @@ def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) 
     if status.enough:
         say(f"ended early: {status.enough}")
     _keep(found, say, stage)
-    say(f"look at it: ffsm campaign report {folder}   make a run again, with its log: ffsm campaign replay {folder} 0")
+    say(f"look at it: ffsm campaign report {folder}   make a run again, with its log: ffsm campaign rerun {folder} 0")
     return OK
 
 
 def _keep(found: Campaign, say: Say, stage: Stage) -> None:
-    wanted = [index for index in found.kept() if not found.folder.has_replay(index)]
+    wanted = [index for index in found.kept() if not found.folder.has_rerun(index)]
     report = stage("logs of the runs that are kept", "runs")
     for done, index in enumerate(wanted):
-        say(found.replay(index).verdict)
+        say(found.rerun(index).verdict)
         if report is not None:
             report(done + 1, len(wanted))
 
@@ -111,20 +111,20 @@ def _say_status(status: Status, say: Say) -> None:
         say(f"  check fails in {runs}: {one_line(check.name)}, {worst}")
 
 
-def _replay(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+def _rerun(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     found = Campaign.open(options.folder)
     code = OK
     for index in options.index:
         stage(f"run {index}", "")
-        again = found.replay(index)
-        say(f"{found.folder.replay(index)}: {again.verdict}")
+        again = found.rerun(index)
+        say(f"{found.folder.rerun(index)}: {again.verdict}")
         if again.differences:
             code = RUN_FAILED
     return code
 
 
 def _report(options: argparse.Namespace, say: Say, stage: Stage) -> int:
-    from ffsm_mj.campaign.report import write_report
+    from ffsm_mj.campaign.report.report import write_report
 
     found = Campaign.open(options.folder)
     stage(f"report of {found.config.campaign}", "")
@@ -157,5 +157,5 @@ _ACTIONS: dict[str, Callable[[argparse.Namespace, Say, Stage], int]] = {
     "resume": _resume,
     "extend": _extend,
     "report": _report,
-    "replay": _replay,
+    "rerun": _rerun,
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from ffsm_mj.campaign.outcomes import RETRIED
+from ffsm_mj.campaign.storage.outcomes import RETRIED
 from ffsm_mj.cli.exit_codes import BAD_INPUT, INTERRUPTED, OK, RUN_FAILED
 
 _ACTIONS = {
@@ -14,11 +14,11 @@ _ACTIONS = {
     "resume": "make the runs that have no row yet",
     "extend": "add runs to a design of random or sobol samples, and make them",
     "report": "write tables, figures and a page about a campaign",
-    "replay": "make a run of the table again, with its log, and compare it with its row",
+    "rerun": "make a run of the table again, with its log, and compare it with its row",
 }
 _EXIT_CODES = (
     f"exit codes: {OK} every run has its row; {BAD_INPUT} bad input, other settings, or another process runs it; "
-    f"{RUN_FAILED} stopped before (limits.max_failed, workers lost, full disk), or a replay is not its row's; "
+    f"{RUN_FAILED} stopped before (limits.max_failed, workers lost, full disk), or a rerun is not its row's; "
     f"{INTERRUPTED} interrupted (all rows kept)"
 )
 
@@ -35,10 +35,10 @@ def describe_campaign(of: argparse.ArgumentParser, add_overrides: Callable[[argp
     run.add_argument("--list", action="store_true", help="list the shipped campaigns and exit")
     run.add_argument("--out", metavar="DIR", help="its folder (default: logs/campaign-<name>)")
     add_overrides(run)
-    for name in ("status", "resume", "extend", "report", "replay"):
+    for name in ("status", "resume", "extend", "report", "rerun"):
         parsers[name].add_argument("folder", metavar="DIR", help="folder of the campaign")
     parsers["extend"].add_argument("n", type=_whole, help="size of the sample then; of sobol a power of 2")
-    parsers["replay"].add_argument("index", type=_whole, nargs="+", help="numbers of the runs, from 0")
+    parsers["rerun"].add_argument("index", type=_whole, nargs="+", help="numbers of the runs, from 0")
     parsers["report"].add_argument(
         "--page", metavar="FILE", help="Markdown file, pictures in figures/ beside it (default: report.md in DIR)"
     )

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from ffsm_mj.cli.campaign_words import describe_campaign
 from ffsm_mj.cli.exit_codes import EXIT_CODES
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.present.frame_rate import MOST_FRAMES_PER_SECOND
+from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND
 
 COMMANDS = {
     "run": "simulate a scenario and write its run folder",
@@ -41,14 +41,14 @@ _WORKS_WITH: dict[str, dict[str, tuple[str, ...]]] = {
 """By command and option: it does something only where one of these is given."""
 
 
-class HelpAsked(Exception):
+class HelpRequest(Exception):
     """Help is what was asked for; carries its text."""
 
 
 class _Parser(argparse.ArgumentParser):
     def print_help(self, _: object = None) -> NoReturn:
         """Leave it to the caller to print: argparse does not tell that it could not."""
-        raise HelpAsked(self.format_help().rstrip())
+        raise HelpRequest(self.format_help().rstrip())
 
     def error(self, message: str) -> NoReturn:
         """One line like every other fault of the input."""
@@ -119,7 +119,7 @@ def _describe_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--out", metavar="DIR", help="run folder (default: logs/<scenario>-<UTC time>)")
     run.add_argument("--force", action="store_true", help="replace a run that DIR already holds")
     run.add_argument("--no-rerun", action="store_true", help="write no recording for the Rerun viewer")
-    run.add_argument("--allow-violations", action="store_true", help="exit 0 also where a law is violated")
+    run.add_argument("--allow-failed-checks", action="store_true", help="exit 0 also where a check fails")
     run.add_argument("--live", action="store_true", help="show the run while it goes, in a Rerun viewer (opened if need be)")
     run.add_argument("--viewer", metavar="HOST:PORT", help="where --live finds the viewer (default: 127.0.0.1:9876)")
 
@@ -132,10 +132,11 @@ def _describe_analyze(analyze: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="[LAW=]TOL",
-        help="a law holds while its residual is at most TOL * (1 + scale), SI units (default: 1e-9); for all laws, or for "
+        help="a check passes while its residual is at most TOL * (1 + scale), SI units (default: 1e-9); for all "
+        "checks, or for "
         "one, e.g. --tolerance 'linear momentum=1e-10'",
     )
-    analyze.add_argument("--json", action="store_true", help="print summary and laws as JSON; a list for several runs")
+    analyze.add_argument("--json", action="store_true", help="print summary and checks as JSON; a list for several runs")
     analyze.add_argument("--compare", action="store_true", help="say what differs between the first run and each other one")
     analyze.add_argument("--plots", metavar="DIR", help="write figures as SVG and PNG; a folder for each of several runs")
     analyze.add_argument(
@@ -151,7 +152,7 @@ def _describe_export(export: argparse.ArgumentParser) -> None:
     export.add_argument(
         "--table",
         metavar="TABLE",
-        help="samples (default), laws, or a kind of record (impacts, phases, ...), for --csv and --parquet",
+        help="samples (default), checks, or a kind of record (impacts, phases, ...), for --csv and --parquet",
     )
     export.add_argument("--fps", type=_frame_rate, help="frames per second, up to 50 (default: 20)")
     export.add_argument(

@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ffsm_mj.analysis.recounted import Recount
 from ffsm_mj.analysis.run import compare
-from ffsm_mj.analysis.verdicts import DEEPEST_M, DEFAULT_TOLERANCE, LAW_NAMES, RELATIVE_LAWS, Tolerance
-from ffsm_mj.cli.exit_codes import DAMAGED, OK, TRUNCATED, VIOLATED
+from ffsm_mj.cli.exit_codes import CHECK_FAILED, DAMAGED, OK, TRUNCATED
 from ffsm_mj.cli.progress import Report
 from ffsm_mj.errors import InputError, unknown_name, working_on
 from ffsm_mj.log.run_folder import find_log
-from ffsm_mj.present.comparison_report import comparison_report
-from ffsm_mj.present.output_place import folder_below, usable_file, usable_folder
-from ffsm_mj.present.run import Run, load_run
-from ffsm_mj.present.text_report import (
+from ffsm_mj.replay import replay_log
+from ffsm_mj.report.comparison_report import comparison_report
+from ffsm_mj.report.output_place import folder_below, usable_file, usable_folder
+from ffsm_mj.report.run import Run, load_run
+from ffsm_mj.report.text_report import (
     as_json,
     damage_of,
     fail_by_truncation,
@@ -26,7 +25,8 @@ from ffsm_mj.present.text_report import (
     verification_data,
     what_is_missing,
 )
-from ffsm_mj.recount import recount
+from ffsm_mj.verification.checks import CHECK_NAMES, DEEPEST_M, DEFAULT_TOLERANCE, RELATIVE_CHECKS, Tolerance
+from ffsm_mj.verification.replay_result import ReplayResult
 
 Say = Callable[[str], None]
 Stage = Callable[[str, str], Report | None]
@@ -45,11 +45,11 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     """Verify each run, print, draw and compare as asked.
 
     Returns:
-        The exit code: VIOLATED where a law does not hold or a log does not agree with its states, else DAMAGED where one is
+        The exit code: FAILED where a check does not hold or a log does not agree with its states, else DAMAGED where one is
         damaged, incomplete or without models to verify it with, else TRUNCATED where a check fails by the step alone.
 
     Raises:
-        InputError: A run cannot be read or holds no sample, a tolerance names no law, options exclude each other, or
+        InputError: A run cannot be read or holds no sample, a tolerance names no check, options exclude each other, or
             figures cannot be written where they should be.
         OutputLostError: A figure could not be written to its end.
     """
@@ -58,11 +58,11 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     names = run_names(options.runs)
     several = len(names) > 1
     data, kept = [], []
-    found: dict[int, list[str]] = {OK: [], VIOLATED: [], DAMAGED: [], TRUNCATED: []}
+    found: dict[int, list[str]] = {OK: [], CHECK_FAILED: [], DAMAGED: [], TRUNCATED: []}
     shown = {name: f"{name} ({number} of {len(names)})" if several else name for number, name in enumerate(names, 1)}
     for path, name, run in _load_all(options.runs, shown, stage):
         with working_on(path):
-            again = recount(run.log, stage(f"recompute {shown[name]}", "samples"))
+            again = replay_log(run.log, stage(f"recompute {shown[name]}", "samples"))
             found[_judge(run, again, tolerance)].append(name)
             if options.json:
                 data.append(verification_data(run, again, tolerance))
@@ -80,7 +80,7 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
         say(as_json(data if several else data[0]))
     elif several:
         words = (
-            (VIOLATED, "; VIOLATED in "),
+            (CHECK_FAILED, "; FAILED in "),
             (DAMAGED, "; damaged or incomplete: "),
             (TRUNCATED, "; truncation of the step: "),
         )
@@ -90,7 +90,7 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
         _compare(kept, say, stage)
     if options.plots and several:
         _plot_comparison(kept, Path(options.plots), None if options.json else say, stage)
-    return next((code for code in (VIOLATED, DAMAGED, TRUNCATED) if found[code]), OK)
+    return next((code for code in (CHECK_FAILED, DAMAGED, TRUNCATED) if found[code]), OK)
 
 
 def _internal_errors(run: Run, named: Sequence[str], *, shown: bool) -> Iterator[str]:
@@ -99,27 +99,27 @@ def _internal_errors(run: Run, named: Sequence[str], *, shown: bool) -> Iterator
         yield f"\n{record.traceback.rstrip()}" if shown else f"\ntraceback: ffsm analyze {' '.join(named)} --traceback"
 
 
-def _judge(run: Run, again: Recount, tolerance: Tolerance) -> int:
+def _judge(run: Run, again: ReplayResult, tolerance: Tolerance) -> int:
     """Exit code of one run; what is violated is worse than what is missing, and that than a step that is too long."""
-    laws = again.laws(tolerance)
-    truncated = fail_by_truncation(laws)
-    if not (truncated or all(law.holds for law in laws)) or not (again.agrees or again.obstacle):
-        return VIOLATED
+    checks = again.checks(tolerance)
+    truncated = fail_by_truncation(checks)
+    if not (truncated or all(check.passes for check in checks)) or not (again.agrees or again.obstacle):
+        return CHECK_FAILED
     if not run.complete or damage_of(run, again) or again.obstacle:
         return DAMAGED
     return TRUNCATED if truncated else OK
 
 
 def _tolerance(given: Sequence[tuple[str, float]]) -> Tolerance:
-    tolerances = dict.fromkeys(RELATIVE_LAWS, DEFAULT_TOLERANCE) | {"no penetration": DEEPEST_M}
+    tolerances = dict.fromkeys(RELATIVE_CHECKS, DEFAULT_TOLERANCE) | {"no penetration": DEEPEST_M}
     names = [name for name, _ in given]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"--tolerance: given twice for {name or 'all laws'}")
-    for name, value in sorted(given, key=lambda pair: pair[0] != ""):  # those for one law have the last word
-        if name and name not in LAW_NAMES:
-            raise InputError(f"--tolerance: {unknown_name('law', name, LAW_NAMES)}")
-        tolerances |= dict.fromkeys([name] if name else RELATIVE_LAWS, value)
+            raise InputError(f"--tolerance: given twice for {name or 'all checks'}")
+    for name, value in sorted(given, key=lambda pair: pair[0] != ""):  # those for one check have the last word
+        if name and name not in CHECK_NAMES:
+            raise InputError(f"--tolerance: {unknown_name('check', name, CHECK_NAMES)}")
+        tolerances |= dict.fromkeys([name] if name else RELATIVE_CHECKS, value)
     return tolerances
 
 
@@ -165,7 +165,7 @@ def _compare(runs: Sequence[tuple[str, Run]], say: Say, stage: Stage) -> None:
 
 
 def _plot(run: Run, folder: Path, say: Say | None, report: Report | None) -> None:
-    from ffsm_mj.present.plots import save  # matplotlib: for those who want figures
+    from ffsm_mj.report.plots import save  # matplotlib: for those who want figures
 
     files = save(run, folder, report=report)
     if say is not None:
@@ -173,7 +173,7 @@ def _plot(run: Run, folder: Path, say: Say | None, report: Report | None) -> Non
 
 
 def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | None, stage: Stage) -> None:
-    from ffsm_mj.present.plots import MOST_RUNS, save_comparison
+    from ffsm_mj.report.plots import MOST_RUNS, save_comparison
 
     stage("comparison", "")
     with working_on(", ".join(str(run.path) for _, run in runs)):
@@ -213,17 +213,17 @@ def _export(log: Path, table: str, out: Path, options: argparse.Namespace, say: 
     stage(f"read {log}", "")
     run = load_run(log)
     if options.form == "html":
-        from ffsm_mj.present.page import write_page
+        from ffsm_mj.report.page import write_page
 
         stage(out.name, "")
         say(f"{out}: {write_page(run, out)}")
     elif options.form in _FILE_NAMES:
-        from ffsm_mj.present.animation import write_animation
+        from ffsm_mj.report.animation import write_animation
 
         report, rate = stage(out.name, "pictures"), options.fps or 20.0
         say(f"{out}: {write_animation(run, out, frames_per_second=rate, speed=options.speed, report=report)}")
     else:
-        from ffsm_mj.present.export import write_table
+        from ffsm_mj.report.export import write_table
 
         stage(out.name, "")
         say(f"{out}: {write_table(run, table, out, options.form)}")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-OK, VIOLATED, BAD_INPUT, RUN_FAILED, DAMAGED, TRUNCATED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
+OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, DAMAGED, TRUNCATED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 OUTPUT_LOST = RUN_FAILED
 
 EXIT_CODES = (
-    f"exit codes: {OK} done; {VIOLATED} a law is violated (run, analyze), a log does not agree with its states (analyze), "
+    f"exit codes: {OK} done; {CHECK_FAILED} a check fails (run, analyze), a log does not agree with its states (analyze), "
     "or a page is stale (reproduce --check); "
     f"{BAD_INPUT} bad input; {RUN_FAILED} the run failed (log kept), or output was lost (full disk); "
     f"{DAMAGED} analyze, export: the log is damaged or incomplete; "

@@ -11,8 +11,8 @@ from pathlib import Path
 from textwrap import fill
 
 from ffsm_mj.assembly.interrupts import raised
-from ffsm_mj.cli.command_line import HelpAsked, parse, parser
-from ffsm_mj.cli.exit_codes import BAD_INPUT, DAMAGED, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED, TRUNCATED, VIOLATED
+from ffsm_mj.cli.command_line import HelpRequest, parse, parser
+from ffsm_mj.cli.exit_codes import BAD_INPUT, CHECK_FAILED, DAMAGED, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED, TRUNCATED
 from ffsm_mj.cli.progress import Progress, progress
 from ffsm_mj.cli.quiet import quiet_libraries
 from ffsm_mj.cli.standard_streams import Output, complain, secure
@@ -67,7 +67,7 @@ def _perform(arguments: Sequence[str], output: Output) -> int:
             options = parse(arguments)
             with quiet_libraries() if options.command in _READERS else nullcontext():
                 return _COMMANDS[options.command](options, output)
-    except HelpAsked as asked:
+    except HelpRequest as asked:
         output.say(str(asked))
         return OK
     except InputError as error:
@@ -106,7 +106,7 @@ def _run(options: argparse.Namespace, output: Output) -> int:
         complain("ffsm run: name a scenario; 'ffsm run --list' shows the shipped ones")
         return BAD_INPUT
     from ffsm_mj.assembly.prepare import prepare
-    from ffsm_mj.campaign.shipped import is_campaign
+    from ffsm_mj.campaign.plan.shipped import is_campaign
     from ffsm_mj.errors import InputError
     from ffsm_mj.log.run_folder import RunFolder
 
@@ -124,8 +124,8 @@ def _run(options: argparse.Namespace, output: Output) -> int:
         run = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
     if not options.out:
         folder.link_latest()
-    from ffsm_mj.analysis.verdicts import DEFAULT_TOLERANCE
-    from ffsm_mj.present.text_report import fail_by_truncation, run_report, verdict, violated
+    from ffsm_mj.report.text_report import any_check_failed, fail_by_truncation, run_report, verdict
+    from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
 
     output.say(run_report(run))
     output.say(f"\nfiles in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
@@ -133,15 +133,15 @@ def _run(options: argparse.Namespace, output: Output) -> int:
     if run.outcome != "completed":
         complain(f"{run.outcome}: {run.message}")
         return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
-    if violated(run, DEFAULT_TOLERANCE):
-        complain(verdict(run, run.laws()))
-        code = TRUNCATED if fail_by_truncation(run.laws()) else VIOLATED
-        return OK if options.allow_violations else code
+    if any_check_failed(run, DEFAULT_TOLERANCE):
+        complain(verdict(run, run.checks()))
+        code = TRUNCATED if fail_by_truncation(run.checks()) else CHECK_FAILED
+        return OK if options.allow_failed_checks else code
     return OK
 
 
 def _list(output: Output) -> int:
-    from ffsm_mj.present.text_table import terminal_width
+    from ffsm_mj.report.text_table import terminal_width
     from ffsm_mj.scenario.shipped import scenario_names, scenario_path
     from ffsm_mj.scenario.source import read_yaml
 
@@ -155,11 +155,11 @@ def _list(output: Output) -> int:
 
 def _check(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.assembly.prepare import prepare
-    from ffsm_mj.campaign.shipped import is_campaign
+    from ffsm_mj.campaign.plan.shipped import is_campaign
 
     if is_campaign(options.scenario):
-        from ffsm_mj.campaign.description import description
-        from ffsm_mj.campaign.loading import load_campaign
+        from ffsm_mj.campaign.plan.description import description
+        from ffsm_mj.campaign.plan.loading import load_campaign
 
         plan = load_campaign(options.scenario, options.overrides)
         lines = description(plan, plan.design())
@@ -222,7 +222,7 @@ def _view(options: argparse.Namespace, _: Output) -> int:
         return _open_viewer(recording, options.listen)
     from ffsm_mj.errors import working_on
     from ffsm_mj.log.rerun.from_log import write_recording
-    from ffsm_mj.present.run import load_run
+    from ffsm_mj.report.run import load_run
 
     with tempfile.TemporaryDirectory(prefix="ffsm-") as folder:
         made = Path(folder) / RECORDING
@@ -244,7 +244,7 @@ def _open_viewer(recording: Path, listen: str) -> int:
 
 
 def _reproduce(options: argparse.Namespace, output: Output) -> int:
-    from ffsm_mj.present.output_place import usable_folder
+    from ffsm_mj.report.output_place import usable_folder
     from ffsm_mj.reproduction import committed_pages, reproduce, stale_once
 
     folder = Path(options.out)
@@ -270,13 +270,13 @@ def _judged(folder: Path, stale: Sequence[str], output: Output) -> int:
     for line in stale:
         complain(line)
     output.say(f"\n{folder}: {f'{len(stale)} lines are not current' if stale else 'every page is current'}")
-    return VIOLATED if stale else OK
+    return CHECK_FAILED if stale else OK
 
 
 def _schema(options: argparse.Namespace, output: Output) -> int:
     import json
 
-    from ffsm_mj.campaign.schema import campaign_schema
+    from ffsm_mj.campaign.plan.schema import campaign_schema
     from ffsm_mj.scenario.schema import scenario_schema
 
     output.say(json.dumps(campaign_schema() if options.campaign else scenario_schema(), indent=2))
@@ -285,13 +285,13 @@ def _schema(options: argparse.Namespace, output: Output) -> int:
 
 def _new(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.errors import working_on
-    from ffsm_mj.starters.robot import Asked, write_scenario
+    from ffsm_mj.templates.robot import TemplateRequest, write_scenario
 
     packages = tuple(map(Path, options.package_path))
     with progress() as shown, working_on(options.robot):
         shown.stage(f"compile {options.robot}")
         lines = write_scenario(
-            Asked(
+            TemplateRequest(
                 name=options.name,
                 robot=Path(options.robot),
                 out=Path(options.out),
@@ -308,7 +308,7 @@ def _new(options: argparse.Namespace, output: Output) -> int:
 
 def _new_law(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.scenario.loading import controller_kinds
-    from ffsm_mj.starters.law import write_law
+    from ffsm_mj.templates.law import write_law
 
     written = write_law(options.name, Path(options.out), controller_kinds())
     home = Path(options.out) / options.name

@@ -40,7 +40,7 @@ def unit(a: Vector) -> Vector:
     return scaled(1.0 / math.hypot(*a), a)
 
 
-class Motion(NamedTuple):
+class BodyMotion(NamedTuple):
     """A body at one state, in world axes.
 
     Attributes:
@@ -81,7 +81,7 @@ class Carrier:
         self._body, self._root = body, int(model.body_rootid[body])
         self._data: Any = None
 
-    def motion(self, data: Any) -> Motion:
+    def motion(self, data: Any) -> BodyMotion:
         """Its pose and motion in ``data``; cvel is (angular, linear) about the centre of mass of its tree."""
         if data is not self._data:
             self._look_at(data)
@@ -90,7 +90,7 @@ class Carrier:
         cx, cy, cz = self._centre.tolist()
         i, j, k = x - cx, y - cy, z - cz
         velocity = (u + q * k - r * j, v + r * i - p * k, w + p * j - q * i)
-        return Motion((x, y, z), self._xmat.tolist(), (p, q, r), velocity)
+        return BodyMotion((x, y, z), self._xmat.tolist(), (p, q, r), velocity)
 
     def _look_at(self, data: Any) -> None:
         """Find the body in ``data``: MuJoCo's arrays stay where they are."""

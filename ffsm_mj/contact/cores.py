@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.carrier import Carrier, Motion, Vector, cross, dot, minus, scaled, shifted, unit
+from ffsm_mj.contact.carrier import BodyMotion, Carrier, Vector, cross, dot, minus, scaled, shifted, unit
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Point:
     radius: float
     cone: FloatArray
 
-    def inside(self, motion: Motion, offset: Vector) -> float:
+    def inside(self, motion: BodyMotion, offset: Vector) -> float:
         """How far something at an offset (world axes) is from being nearer to another core."""
         return -float((self.cone @ motion.local(offset)).max()) if len(self.cone) else math.inf
 
@@ -60,12 +60,12 @@ class Line:
     wedge: tuple[Vector, ...]
     ends: tuple[Point | Circle, ...]
 
-    def foot(self, motion: Motion, arm: Vector) -> tuple[Vector, Vector, Vector]:
+    def foot(self, motion: BodyMotion, arm: Vector) -> tuple[Vector, Vector, Vector]:
         """Arm of the nearest point to the point at an arm, direction there and minus the curvature vector; world axes."""
         along, middle = motion.turned(self.direction), motion.turned(self.centre)
         return shifted(middle, dot(minus(arm, middle), along), along), along, _STRAIGHT
 
-    def inside(self, motion: Motion, foot: Vector, offset: Vector) -> float:
+    def inside(self, motion: BodyMotion, foot: Vector, offset: Vector) -> float:
         """How far the foot (its arm) is from the nearer end and what is at an offset from it from being over a face."""
         along = minus(motion.local(foot), self.centre)
         least = self.half - abs(dot(along, self.direction))
@@ -138,25 +138,25 @@ class Circle:
     size: float
     radius: float = 0.0
 
-    def foot(self, motion: Motion, arm: Vector) -> tuple[Vector, Vector, Vector]:
+    def foot(self, motion: BodyMotion, arm: Vector) -> tuple[Vector, Vector, Vector]:
         """Arm of the nearest point to the point at an arm, direction there and minus the curvature vector; world axes."""
         axis, middle = motion.turned(self.axis), motion.turned(self.centre)
         offset = minus(arm, middle)
         outward = unit(shifted(offset, -dot(offset, axis), axis))
         return shifted(middle, self.size, outward), cross(axis, outward), scaled(1.0 / self.size, outward)
 
-    def inside(self, motion: Motion, foot: Vector, offset: Vector) -> float:
+    def inside(self, motion: BodyMotion, foot: Vector, offset: Vector) -> float:
         """How far what is at an offset from the foot (its arm) is from being over the face or beside the side."""
         axis, outward = motion.turned(self.axis), minus(foot, motion.turned(self.centre))
         return min(dot(offset, axis), dot(offset, outward) / self.size)
 
-    def extreme(self, motion: Motion, direction: Vector) -> Vector:
+    def extreme(self, motion: BodyMotion, direction: Vector) -> Vector:
         """Arm of the extreme point along a direction; world axes."""
         axis = motion.turned(self.axis)
         outward = unit(shifted(direction, -dot(direction, axis), axis))
         return shifted(motion.turned(self.centre), self.size, outward)
 
-    def bent(self, motion: Motion, direction: Vector, vector: Vector) -> Vector:
+    def bent(self, motion: BodyMotion, direction: Vector, vector: Vector) -> Vector:
         """How the extreme point along a unit direction moves when that turns by a vector; world axes."""
         axis = motion.turned(self.axis)
         across = shifted(direction, -dot(direction, axis), axis)
@@ -184,13 +184,13 @@ class Ellipsoid:
     squares: Vector
     radius: float = 0.0
 
-    def extreme(self, motion: Motion, direction: Vector) -> Vector:
+    def extreme(self, motion: BodyMotion, direction: Vector) -> Vector:
         """Arm of the extreme point along a unit direction; world axes."""
         squared = self._squared(motion.local(direction))
         reach = math.sqrt(dot(squared, motion.local(direction)))
         return motion.turned(shifted(self.centre, 1.0 / reach, squared))
 
-    def bent(self, motion: Motion, direction: Vector, vector: Vector) -> Vector:
+    def bent(self, motion: BodyMotion, direction: Vector, vector: Vector) -> Vector:
         """How the extreme point along a unit direction moves when that turns by a vector; world axes."""
         local, turn = motion.local(direction), motion.local(vector)
         squared = self._squared(local)

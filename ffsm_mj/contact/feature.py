@@ -16,15 +16,15 @@ import mujoco
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.carrier import Vector, cross, dot
 from ffsm_mj.contact.cores import Circle, Core, Curve, Line
+from ffsm_mj.contact.feature_state import EDGE_M, Feature, FeatureState, Pairing
 from ffsm_mj.contact.flat_outline import FlatOutline
-from ffsm_mj.contact.held import EDGE_M, Feature, Held, Pairing
 from ffsm_mj.contact.joining import join
 from ffsm_mj.contact.outline import Outline
 from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact.round_outline import CylinderOutline, EllipsoidOutline
 from ffsm_mj.contact.shape import PARALLEL
 
-__all__ = ["EDGE_M", "Feature", "Held", "features", "lasting_fault"]
+__all__ = ["EDGE_M", "Feature", "FeatureState", "features", "lasting_fault"]
 
 _TOUCH_M = 1e-9
 """Features whose gap is larger than this, and than the pair's, do not touch."""
@@ -129,7 +129,7 @@ class _Search:
     def _parallel(self, one: Curve, other: Curve) -> bool:
         return math.hypot(*cross(self._a.direction(one), self._b.direction(other))) <= PARALLEL
 
-    def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[Pairing, Held]]:
+    def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[Pairing, FeatureState]]:
         """Those of some pairs of cores, of a and of b, that touch."""
         found = []
         for one, other in cores:
@@ -167,5 +167,5 @@ class _Search:
         return math.copysign(1.0, dot(self._normal, cross(self._a.direction(one), self._b.direction(other))))
 
 
-def _most_inside(found: list[tuple[Pairing, Held]]) -> list[Pairing]:
+def _most_inside(found: list[tuple[Pairing, FeatureState]]) -> list[Pairing]:
     return [max(found, key=lambda each: each[1].inside)[0]] if found else []

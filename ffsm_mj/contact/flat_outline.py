@@ -13,8 +13,8 @@ from ffsm_mj.contact.carrier import Vector
 from ffsm_mj.contact.cores import Core, Face, Line, Point
 from ffsm_mj.contact.outline import Outline
 from ffsm_mj.contact.shape import PARALLEL, Shape, vagueness
+from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.hull import hull
-from ffsm_mj.model.dynamics import cross
 
 _SAME_M, _STRAIGHT = 1e-12, 1e-9
 """Corners no farther apart than the first are one; one that hardly turns is none (as in :mod:`.manifold`)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ffsm_mj.contact.cores import Circle, Core, Ellipsoid, Face, Line, Point
-from ffsm_mj.contact.held import Pairing
+from ffsm_mj.contact.feature_state import Pairing
 from ffsm_mj.contact.rounded import OnEllipsoid, RoundOnFace
 from ffsm_mj.contact.straight import LineOnCurve, PointOnCurve, PointOnFace, PointOnPoint
 

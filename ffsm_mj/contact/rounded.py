@@ -9,9 +9,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ffsm_mj.contact.carrier import Motion, Vector, cross, dot, minus, scaled, shifted, unit
+from ffsm_mj.contact.carrier import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
 from ffsm_mj.contact.cores import Circle, Ellipsoid, Face, Line, Point
-from ffsm_mj.contact.held import Held, Pairing
+from ffsm_mj.contact.feature_state import FeatureState, Pairing
 
 _TURNS, _SETTLED = 100, 1e-12
 """Newton's steps, as a share: each leaves about its square."""
@@ -25,7 +25,7 @@ class RoundOnFace(Pairing):
         super().__init__(name, swapped, face.radius, extreme.radius)
         self._face, self._round = face, extreme
 
-    def at(self, data: Any) -> Held:
+    def at(self, data: Any) -> FeatureState:
         """With t = (omega_plane - omega_round) x n, the gap's second rate has 2 (omega_plane x n) . w - t . K t."""
         face, core = self._face, self._round
         first, second = face.carrier.motion(data), core.carrier.motion(data)
@@ -50,7 +50,7 @@ class OnEllipsoid(Pairing):
         super().__init__(name, swapped, ellipsoid.radius, other.radius)
         self._ellipsoid, self._other = ellipsoid, other
 
-    def at(self, data: Any) -> Held:
+    def at(self, data: Any) -> FeatureState:
         """The normal turns so that n . d stays 0 along a line, and across it so that the contact points stay opposite."""
         core, other = self._ellipsoid, self._other
         first, second = core.carrier.motion(data), other.carrier.motion(data)
@@ -76,7 +76,7 @@ class OnEllipsoid(Pairing):
             inside = other.inside(second, minus(there, second.origin), offset)
         return self._held(gap, dot(normal, w), normal, (here, there), terms, inside)
 
-    def _normal(self, motion: Motion, anchor: Vector, direction: Vector | None) -> Vector:
+    def _normal(self, motion: BodyMotion, anchor: Vector, direction: Vector | None) -> Vector:
         """Outward normal of the ellipsoid towards a point, or towards a line: seen along it the ellipsoid is an ellipse."""
         core = self._ellipsoid
         axes = [motion.turned(axis) for axis in core.axes]
@@ -90,7 +90,7 @@ class OnEllipsoid(Pairing):
         return unit(normal)
 
     def _turning(
-        self, first: Motion, normal: Vector, direction: Vector | None, turn: float, gap: float, w: Vector
+        self, first: BodyMotion, normal: Vector, direction: Vector | None, turn: float, gap: float, w: Vector
     ) -> tuple[Vector, Vector]:
         """Rate of the normal, and how the contact point slides over the ellipsoid."""
         core, own = self._ellipsoid, cross(first.omega, normal)

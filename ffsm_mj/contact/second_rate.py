@@ -42,7 +42,7 @@ class SecondRate:
 
 
 @dataclass(frozen=True)
-class _Motion:
+class _PointMotion:
     """A body's motion at the contact point: velocity and acceleration there, angular velocity; world axes."""
 
     velocity: FloatArray
@@ -80,16 +80,16 @@ def second_rate(
     return SecondRate(sum(terms), max(map(abs, terms)))
 
 
-def _motion(model: Any, data: Any, body: int, point: FloatArray) -> _Motion:
+def _motion(model: Any, data: Any, body: int, point: FloatArray) -> _PointMotion:
     linear, angular, linear_dot = (np.empty((3, model.nv)) for _ in range(3))
     mujoco.mj_jac(model, data, linear, angular, point, body)
     mujoco.mj_jacDot(model, data, linear_dot, None, point, body)
-    return _Motion(linear @ data.qvel, linear @ data.qacc + linear_dot @ data.qvel, angular @ data.qvel)
+    return _PointMotion(linear @ data.qvel, linear @ data.qacc + linear_dot @ data.qvel, angular @ data.qvel)
 
 
 def _turning(
     shapes: tuple[Shape, Shape],
-    motions: tuple[_Motion, _Motion],
+    motions: tuple[_PointMotion, _PointMotion],
     normal: FloatArray,
     points: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
-from ffsm_mj.contact.exchange import Booking
-from ffsm_mj.motion.motion import Motion
+from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.dynamics.motion import Motion
 
 MOST_PARTS = 1024
 """Into so many sub-steps a step is cut at most."""
@@ -29,7 +29,7 @@ _FALLS = 1.5
 
 
 class StepError(Protocol):
-    """Measures the error of a (sub-)step; see :class:`ffsm_mj.plant.step_error.StepError`."""
+    """Measures the error of a (sub-)step; see :class:`ffsm_mj.actuation.step_error.StepError`."""
 
     def begin(self, *, measured: bool) -> None:
         """A step begins at the state in ``data``; it will be measured, or a bound may do."""
@@ -41,7 +41,7 @@ class StepError(Protocol):
     def bound(self, duration_s: float) -> float:
         """An upper bound on the error where nothing but the efforts pushes, which costs little."""
 
-    def relative(self, duration_s: float, bookings: Iterable[Booking], *, carried: bool) -> float:
+    def relative(self, duration_s: float, bookings: Iterable[Exchange], *, carried: bool) -> float:
         """The error of energy and momenta at the state in ``data`` over (1 + scale); infinite where it is no number."""
 
 
@@ -93,7 +93,7 @@ class StepControl:
             self._error.begin(measured=pushed or left_s < self._step_s)
 
     def step(
-        self, motion: Motion, left_s: float, most_s: float, exchanged: Callable[[float], Iterable[Booking]]
+        self, motion: Motion, left_s: float, most_s: float, exchanged: Callable[[float], Iterable[Exchange]]
     ) -> tuple[float, bool]:
         """Integrate for the time chosen, ``most_s`` at most; says for how long, and whether nothing can have happened.
 
@@ -123,7 +123,7 @@ class StepControl:
         self.steps, self.smallest_s, self._planned = self.steps + 1, min(self.smallest_s, self._planned_s), self._planned - 1
         return self._planned_s
 
-    def _plan(self, motion: Motion, left_s: float, exchanged: Callable[[float], Iterable[Booking]]) -> bool | None:
+    def _plan(self, motion: Motion, left_s: float, exchanged: Callable[[float], Iterable[Exchange]]) -> bool | None:
         """Choose the coming sub-steps by trials from the state in ``data``, which the last one leaves.
 
         Returns:

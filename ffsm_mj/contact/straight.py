@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ffsm_mj.contact.carrier import Motion, Vector, cross, dot, minus, scaled, shifted, unit
+from ffsm_mj.contact.carrier import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
 from ffsm_mj.contact.cores import Circle, Curve, Face, Line, Point
-from ffsm_mj.contact.held import Held, Pairing
+from ffsm_mj.contact.feature_state import FeatureState, Pairing
 
 _TURNS, _SETTLED = 30, 1e-12
 """Newton's steps for the angle on a circle, in rad: each leaves about its square."""
@@ -30,7 +30,7 @@ class PointOnFace(Pairing):
         self._face_body, self._point_body = face.carrier, point.carrier
         self._level = dot(face.normal, face.centre)
 
-    def at(self, data: Any) -> Held:
+    def at(self, data: Any) -> FeatureState:
         """The normal is fixed to the face's body: n' = omega x n."""
         face, first, second = self._face, self._face_body.motion(data), self._point_body.motion(data)
         arm = second.turned(self._point.centre)
@@ -52,7 +52,7 @@ class PointOnPoint(Pairing):
         super().__init__(name, swapped, first.radius, second.radius)
         self._first, self._second = first, second
 
-    def at(self, data: Any) -> Held:
+    def at(self, data: Any) -> FeatureState:
         """The line between them turns with what of w is across it."""
         first, second = self._first.carrier.motion(data), self._second.carrier.motion(data)
         arm, other_arm = first.turned(self._first.centre), second.turned(self._second.centre)
@@ -75,7 +75,7 @@ class PointOnCurve(Pairing):
         super().__init__(name, swapped, curve.radius, point.radius)
         self._curve, self._point = curve, point
 
-    def at(self, data: Any) -> Held:
+    def at(self, data: Any) -> FeatureState:
         """From n . d = 0 and the foot's curvature: n' . d = s (n . outward) - n . (omega x d)."""
         curve, first, second = self._curve, self._curve.carrier.motion(data), self._point.carrier.motion(data)
         arm = second.turned(self._point.centre)
@@ -110,7 +110,7 @@ class LineOnCurve(Pairing):
         self._curve, self._line, self._sense = curve, line, sense
         self._angle = 0.0
 
-    def at(self, data: Any) -> Held:
+    def at(self, data: Any) -> FeatureState:
         """Both n . d stay 0, which gives n'; the slides follow from the contact points staying opposite each other."""
         curve, line = self._curve, self._line
         first, second = curve.carrier.motion(data), line.carrier.motion(data)
@@ -146,7 +146,7 @@ class LineOnCurve(Pairing):
             inside = min(inside, curve.half - abs(sideways))
         return self._held(gap, dot(normal, w), normal, (here, there), terms, inside)
 
-    def _meet(self, circle: Circle, motion: Motion, middle: Vector, d: Vector) -> tuple[Vector, Vector, Vector]:
+    def _meet(self, circle: Circle, motion: BodyMotion, middle: Vector, d: Vector) -> tuple[Vector, Vector, Vector]:
         """Where the circle's direction is square to its offset from the line: by Newton's method, from the last angle."""
         axis, x, centre = motion.turned(circle.axis), motion.turned(circle.start), motion.turned(circle.centre)
         y = cross(axis, x)

@@ -60,7 +60,7 @@ def _of_captures(layout: Layout) -> Iterator[ForceColumns]:
 
 def _found(layout: Layout) -> Iterator[ForceColumns]:
     for key in layout.keys:
-        # A regime of somebody else's may have a force among its columns too, but not all of these.
+        # A contact model of somebody else's may have a force among its columns too, but not all of these.
         if key.startswith(_GROUP) and key.endswith(_SIZE) and key.removesuffix(_SIZE) + "_mode" in layout.index:
             pair = key.removeprefix(_GROUP).removesuffix(_SIZE)
             vector = layout.places(f"{_GROUP}{pair}_force_{axis}_N" for axis in "xyz")

@@ -39,7 +39,7 @@ _MOST_VERTICES = 2_000_000
 
 
 @dataclass(frozen=True)
-class Shape:
+class DrawnShape:
     """A drawn geom.
 
     Attributes:
@@ -102,7 +102,7 @@ def colour_of(model: Any, geom: int) -> tuple[float, ...]:
     return (*(int(code[i : i + 2], 16) / 255 for i in (1, 3, 5)), 1.0)
 
 
-def shapes(system: System) -> Iterator[Shape]:
+def shapes(system: System) -> Iterator[DrawnShape]:
     """Every geom that is drawn; planes as thin boxes below them, height fields not at all."""
     model, corners = system.mj, 0
     for geom in geoms_to_draw(model):
@@ -119,7 +119,7 @@ def shapes(system: System) -> Iterator[Shape]:
         if mesh >= 0 and corners > _MOST_VERTICES:
             kind, mesh = "box", -1  # its size is that of the box around the mesh
         vertices, triangles = _mesh(model, mesh)
-        yield Shape(
+        yield DrawnShape(
             name=(model.geom(geom).name or f"geom_{geom}").rsplit("/", 1)[-1],
             body=int(model.geom_bodyid[geom]),
             kind=kind,
@@ -139,9 +139,9 @@ def _slab(size: FloatArray, position: FloatArray, quaternion: FloatArray) -> tup
     return np.array([size[0] or _PLANE_M, size[1] or _PLANE_M, _THICK_M]), position - _THICK_M * normal
 
 
-def shapes_by_body(system: System) -> dict[int, list[Shape]]:
+def shapes_by_body(system: System) -> dict[int, list[DrawnShape]]:
     """Drawn shapes of every body that has some."""
-    found: dict[int, list[Shape]] = {}
+    found: dict[int, list[DrawnShape]] = {}
     for shape in shapes(system):
         found.setdefault(shape.body, []).append(shape)
     return found

@@ -17,7 +17,7 @@ def marks_topic(kind: RecordKind) -> str:
 
 
 @dataclass
-class Instant:
+class MarkGroup:
     """All marks of one kind at one time.
 
     Attributes:
@@ -33,14 +33,14 @@ class Instant:
     marks: list[Mark]
 
 
-class Instants:
+class MarkGroups:
     """Follows the records of a run."""
 
     def __init__(self) -> None:
         """None yet."""
-        self._last: dict[str, Instant] = {}
+        self._last: dict[str, MarkGroup] = {}
 
-    def add(self, record: Any) -> tuple[Instant, int] | None:
+    def add(self, record: Any) -> tuple[MarkGroup, int] | None:
         """The instant that a record belongs to, with its marks, and how many were there before; None without any."""
         kind = kind_of(record)
         new = kind.marks(record) if kind.marks is not None else ()
@@ -48,7 +48,7 @@ class Instants:
             return None
         last, time = self._last.get(kind.name), kind.time(record)
         if last is None or last.time_s != time:
-            last = self._last[kind.name] = Instant(kind, time, last.number + 1 if last is not None else 0, [])
+            last = self._last[kind.name] = MarkGroup(kind, time, last.number + 1 if last is not None else 0, [])
         before = len(last.marks)
         last.marks.extend(new)
         return last, before

@@ -109,7 +109,7 @@ def carried_model(main: str, files: Mapping[str, bytes], label: str) -> ModelFil
     Raises:
         InputError: A file is missing or malformed; nothing is ever looked for on disk.
     """
-    return ModelFiles(main, collect(main, _Carried(files, label)), label)
+    return ModelFiles(main, collect(main, _LogFiles(files, label)), label)
 
 
 class _Disk(Shelf):
@@ -161,7 +161,7 @@ class _Disk(Shelf):
 
 
 @dataclass(frozen=True)
-class _Carried(Shelf):
+class _LogFiles(Shelf):
     """Files of a log."""
 
     files: Mapping[str, bytes]

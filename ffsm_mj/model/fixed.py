@@ -14,7 +14,7 @@ from ffsm_mj.model.pose import Pose
 
 
 @dataclass(frozen=True)
-class Fixed:
+class FixedModel:
     """One model that is fixed to the world.
 
     Attributes:
@@ -71,10 +71,10 @@ def weightless(model: Any, files: Mapping[str, ModelFiles]) -> None:
         model.body_subtreemass[0] = model.body_mass.sum()
 
 
-def fixed_model(model: Any, name: str) -> Fixed:
+def fixed_model(model: Any, name: str) -> FixedModel:
     """One fixed model of a compiled scene."""
     bodies = _bodies(model, name)
-    return Fixed(name, bodies[0], bodies)
+    return FixedModel(name, bodies[0], bodies)
 
 
 def _world(name: str) -> str:

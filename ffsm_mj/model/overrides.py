@@ -22,8 +22,8 @@ from ffsm_mj.model.properties import (
     INERTIAL,
     SIZES,
     BodyProperties,
-    Change,
     Overrides,
+    PropertyChange,
     Value,
     geom_size,
     inertial_value,
@@ -40,7 +40,7 @@ _WORLD = "world"
 
 
 @dataclass
-class Overridden:
+class ModelOverrides:
     """One model with other properties than its files have.
 
     Attributes:
@@ -53,12 +53,12 @@ class Overridden:
     name: str
     key: str
     inertials: dict[str, Inertial] = field(default_factory=dict)
-    changes: dict[tuple[str, ...], Change] = field(default_factory=dict)
+    changes: dict[tuple[str, ...], PropertyChange] = field(default_factory=dict)
 
     def note(self, path: tuple[str, ...], before: Value, after: Value) -> None:
         """A change, which takes the place of that of a lower layer."""
         below = self.changes.pop(next((known for known in self.changes if known[1:] == path[1:]), ()), None)
-        self.changes[path] = Change(path, below.after if below else before, after)
+        self.changes[path] = PropertyChange(path, below.after if below else before, after)
 
     def correct(self, place: tuple[str, ...], after: Value) -> None:
         """What a change below comes to with one above, such as a scaled inertia."""
@@ -66,7 +66,7 @@ class Overridden:
             if path[1:] == place:
                 self.changes[path] = replace(change, after=after)
 
-    def read_back(self, model: Any) -> tuple[Change, ...]:
+    def read_back(self, model: Any) -> tuple[PropertyChange, ...]:
         """The changes as a compiled scene has them.
 
         Raises:
@@ -77,7 +77,7 @@ class Overridden:
             value = property_value(model, path)
             if not _equal(value, change.after):
                 faults.append(Fault(f"MuJoCo makes {shown(value)} of it, not {shown(change.after)}", path))
-            found.append(Change(path, change.before, value))
+            found.append(PropertyChange(path, change.before, value))
         for body, inertial in self.inertials.items() if not faults else ():
             there = Inertial.of(model, model.body(f"{self.name}/{body}").id)
             if not (_equal(there.mass_kg, inertial.mass_kg) and _equal(there.moments, inertial.moments)):
@@ -87,7 +87,7 @@ class Overridden:
         return tuple(found)
 
 
-def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> Overridden:
+def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverrides:
     """Give bodies and geoms of a specification other properties, before it is attached.
 
     Args:
@@ -100,7 +100,7 @@ def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> Overridden:
         InputError: The model does not compile by itself.
         ScenarioFaults: There is no such body or geom, or it cannot have such a property.
     """
-    done = Overridden(name, files.overrides[-1].key)
+    done = ModelOverrides(name, files.overrides[-1].key)
     alone = _alone(files, vfs)
     compiled = compiled_alone(alone, files, vfs)
     if files.pose is None:
@@ -130,7 +130,7 @@ def _alone(files: ModelFiles, vfs: Any) -> Any:
     return spec
 
 
-def _resize(spec: Any, alone: Any, compiled: Any, layer: Overrides, done: Overridden) -> None:
+def _resize(spec: Any, alone: Any, compiled: Any, layer: Overrides, done: ModelOverrides) -> None:
     """Write the sizes of geoms."""
     for body, asked in layer.bodies.items():
         for name, given in asked.geoms.items():
@@ -152,7 +152,7 @@ def _put_size(geom: Any, size: tuple[float, ...]) -> None:
     geom.size = (*size, *[0.0] * (3 - len(size)))
 
 
-def _weigh(alone: Any, layer: Overrides, done: Overridden, vfs: Any) -> None:
+def _weigh(alone: Any, layer: Overrides, done: ModelOverrides, vfs: Any) -> None:
     """Work out what bodies are to weigh."""
     of_geoms = [body for body, asked in layer.bodies.items() if asked.mass_from_geoms]
     before = dict(done.inertials)

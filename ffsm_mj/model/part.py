@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.overrides import Overridden, override
+from ffsm_mj.model.overrides import ModelOverrides, override
 from ffsm_mj.model.sites import add_sites
 from ffsm_mj.model.source import compiled_alone, load_spec
 from ffsm_mj.model.strip import strip
@@ -24,7 +24,7 @@ class Part:
 
     spec: Any
     notes: list[str]
-    overridden: Overridden | None
+    overridden: ModelOverrides | None
 
 
 def part(name: str, files: ModelFiles, vfs: Any) -> Part:

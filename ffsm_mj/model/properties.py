@@ -88,7 +88,7 @@ class Overrides:
 
 
 @dataclass(frozen=True)
-class Change:
+class PropertyChange:
     """A property that was given, read out of the compiled scene.
 
     Attributes:

@@ -36,7 +36,8 @@ def empty_scene(time_step_s: float) -> Any:
     scene.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     scene.option.ccd_tolerance = _CCD_TOLERANCE
     scene.option.ccd_iterations = _CCD_ITERATIONS
-    # Contact is resolved by ffsm_mj.impact, limits would be soft springs, and a reset would rewind a diverging run.
+    # Contact is resolved by ffsm_mj.contact_models.impact, limits would be soft springs, and a reset would rewind a
+    # diverging run.
     for flag in ("CONTACT", "LIMIT", "AUTORESET"):
         scene.option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     return scene

@@ -20,11 +20,11 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model.conservative import gravity_faults, gravity_of, model_faults, spec_faults
 from ffsm_mj.model.files import ModelFiles, logged_name
-from ffsm_mj.model.fixed import Fixed, fixed_model, moving_parts, place
+from ffsm_mj.model.fixed import FixedModel, fixed_model, moving_parts, place
 from ffsm_mj.model.grasp import Grasp, join
 from ffsm_mj.model.mujoco_warnings import collected_warnings, told
 from ffsm_mj.model.part import Part, part
-from ffsm_mj.model.properties import Change
+from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.scene import compile_scene, empty_scene, take_options
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
@@ -89,12 +89,12 @@ class System:
     mj: Any
     robot: Tree
     objects: tuple[Tree, ...]
-    fixed: tuple[Fixed, ...]
+    fixed: tuple[FixedModel, ...]
     files: Mapping[str, ModelFiles]
     faults: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     joints: Mapping[str, Joint] = field(default_factory=dict)
-    changes: tuple[Change, ...] = ()
+    changes: tuple[PropertyChange, ...] = ()
     grasp: Grasp | None = None
 
     @property
@@ -103,7 +103,7 @@ class System:
         return (self.robot, *self.objects)
 
     @property
-    def models(self) -> tuple[Tree | Fixed, ...]:
+    def models(self) -> tuple[Tree | FixedModel, ...]:
         """What moves, then what is fixed."""
         return (*self.trees, *self.fixed)
 
@@ -119,7 +119,7 @@ class System:
 
     @cached_property
     def projectors(self) -> dict[str, tuple[FloatArray, ...]]:
-        """Room for :func:`ffsm_mj.model.dynamics.free_projectors`, by tree: all parts of a run ask for the same."""
+        """Room for :func:`ffsm_mj.dynamics.rigid_body.free_projectors`, by tree: all parts of a run ask for the same."""
         return {}
 
     def copy(self) -> System:

@@ -49,13 +49,13 @@ def collect(main: str, shelf: Shelf) -> dict[str, bytes]:
     if "%" in main:
         raise InputError(f"{shelf.label(main)}: the name of a model file must not hold a percent sign; rename it")
     walk = _Walk(shelf)
-    walk.model(main, main, "", (), _Given())
+    walk.model(main, main, "", (), _AttachSettings())
     walk.refuse_doubt()
     return walk.found
 
 
 @dataclass(frozen=True)
-class _Given:
+class _AttachSettings:
     """What a model is told by the one that attaches it.
 
     Attributes:
@@ -75,7 +75,7 @@ class _Walk:
         self._by_last_part: dict[str, str] = {}
         self._elements = self._pixels = 0.0
 
-    def model(self, name: str, written: str, place: str, chain: tuple[str, ...], given: _Given) -> None:
+    def model(self, name: str, written: str, place: str, chain: tuple[str, ...], given: _AttachSettings) -> None:
         """A model and all that it attaches, each with its own settings."""
         home = posixpath.dirname(name)
         whole = self._document(name, written, place, home, chain, given.astray)
@@ -87,7 +87,7 @@ class _Walk:
             inner = element.attributes.get("file")
             if element.tag == "model" and inner:
                 # On disk it is looked for beside the file that names it; in memory its assets are as if that were the first.
-                told = _Given(copies, strip, astray=given.astray or element.folder != home)
+                told = _AttachSettings(copies, strip, astray=given.astray or element.folder != home)
                 self.model(_join(element.folder, inner), inner, element.place, (*chain, name), told)
         for asset in assets(whole, strip=strip):
             packaged = asset.name.removeprefix(SCHEME) if is_urdf(whole) else asset.name

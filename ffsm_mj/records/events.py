@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, ClassVar, Protocol
 
-Report = Mapping[str, float | int | str]
+ControllerReport = Mapping[str, float | int | str]
 """What a control law says of its work in a phase: finite numbers and texts by name."""
 
 
@@ -93,8 +93,8 @@ class ImpactRecord:
         qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
         qvel_before: Generalised velocity before, by joint.
         qvel_after: Generalised velocity after, by joint.
-        energy_before_J: Kinetic energy before, by party: total, robot, objects.
-        energy_after_J: Kinetic energy after, by party.
+        energy_before_J: Kinetic energy before, by subsystem: total, robot, objects.
+        energy_after_J: Kinetic energy after, by subsystem.
         momentum_before: P and L about the world origin before, six numbers, in N s and N m s, of the total.
         momentum_after: The same after.
         energy_change_J: Change of the total kinetic energy.
@@ -224,7 +224,7 @@ class OutcomeRecord:
     steps: int
     wall_s: float
     controller_ticks: int
-    reports: Mapping[str, Report] = field(default_factory=dict)
+    reports: Mapping[str, ControllerReport] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     sub_steps: int = 0
     smallest_step_s: float = 0.0

@@ -15,8 +15,8 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import one_line
-from ffsm_mj.model.properties import Change, Value, shown
-from ffsm_mj.records.signals import PARTIES
+from ffsm_mj.model.properties import PropertyChange, Value, shown
+from ffsm_mj.records.signals import SUBSYSTEMS
 
 _ALL_FREE = "1 1 1 1 1 1"
 _MODELS = ("model", "controller_model")
@@ -62,17 +62,17 @@ def logged_task(facts: Mapping[str, str]) -> LoggedTask | None:
 
 
 def free_facts(free: FloatArray) -> dict[str, str]:
-    """How it is told which components of (P, L about the origin) the base joints leave free: 1 or 0 by party, (3, 6)."""
-    return {_free(party): " ".join(f"{x:.0f}" for x in row) for party, row in zip(PARTIES, free, strict=True)}
+    """How it is told which components of (P, L about the origin) the base joints leave free: 1 or 0 by subsystem, (3, 6)."""
+    return {_free(subsystem): " ".join(f"{x:.0f}" for x in row) for subsystem, row in zip(SUBSYSTEMS, free, strict=True)}
 
 
-def free_components(facts: Mapping[str, str], party: str) -> FloatArray:
-    """1 for each component of (P, L about the origin) that the party's base joints leave free, else 0, (6,)."""
-    return np.array([float(x) for x in facts.get(_free(party), _ALL_FREE).split()])
+def free_components(facts: Mapping[str, str], subsystem: str) -> FloatArray:
+    """1 for each component of (P, L about the origin) that the subsystem's base joints leave free, else 0, (6,)."""
+    return np.array([float(x) for x in facts.get(_free(subsystem), _ALL_FREE).split()])
 
 
-def _free(party: str) -> str:
-    return f"free_components_{party}"
+def _free(subsystem: str) -> str:
+    return f"free_components_{subsystem}"
 
 
 def conservative_facts(faults: Sequence[str]) -> dict[str, str]:
@@ -103,7 +103,7 @@ def why_not_conservative(facts: Mapping[str, str]) -> str:
     return facts.get("not_conservative", "")
 
 
-def model_facts(changes: Iterable[Change]) -> dict[str, str]:
+def model_facts(changes: Iterable[PropertyChange]) -> dict[str, str]:
     """How it is told what properties of bodies and geoms were given, as compiled: JSON by the scenario's key."""
     told: dict[str, Any] = {}
     for change in changes:
@@ -134,7 +134,7 @@ def _leaves(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, 
 
 def fault_of_facts(facts: Mapping[str, str]) -> str:
     """What is wrong with facts that are used as numbers, or nothing."""
-    for name in map(_free, PARTIES):
+    for name in map(_free, SUBSYSTEMS):
         words = facts.get(name, _ALL_FREE).split()
         if len(words) != 6 or not set(words) <= {"0", "1"}:
             return f"its fact {name} is {facts[name]!r}; six of 0 and 1 are allowed"

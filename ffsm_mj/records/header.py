@@ -18,7 +18,7 @@ class RunHeader:
         layout: The columns of a row.
         files: Content of every model file by its path relative to the scenario.
         facts: Versions, start time, task target, whether the system is conservative; text, for people and ``analysis``.
-        kinds: Names of the kinds of records that it may leave beyond those of every run: what its regimes of contact leave.
+        kinds: Names of the kinds of records that it may leave beyond those of every run: what its contact models leave.
     """
 
     scenario_name: str

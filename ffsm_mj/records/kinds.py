@@ -12,11 +12,11 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
 from ffsm_mj.errors import unknown_name
-from ffsm_mj.records.events import Report
+from ffsm_mj.records.events import ControllerReport
 
 _TAKEN = frozenset(
     (
-        *("samples", "contacts", "captures", "laws", "plumes"),  # tables and topics of every run
+        *("samples", "contacts", "captures", "checks", "plumes"),  # tables and topics of every run
         *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "wall_s", "real_time_factor"),
         *("sub_steps", "smallest_step_s", "conservative", "tip", "controller", "conservation"),
         *("checks", "versions"),  # keys of summary.json
@@ -202,4 +202,6 @@ def _storable(hint: Any) -> bool:
     parts = get_args(hint)
     if get_origin(hint) is tuple:
         return len(parts) == 2 and parts[0] in _ONE and parts[1] is ...
-    return hint in _ONE or (get_origin(hint) is Mapping and parts[0] is str and parts[1] in (str, Report, tuple[float, ...]))
+    return hint in _ONE or (
+        get_origin(hint) is Mapping and parts[0] is str and parts[1] in (str, ControllerReport, tuple[float, ...])
+    )

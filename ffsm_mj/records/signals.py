@@ -21,15 +21,15 @@ GROUPS = {
     "state": "generalised coordinates and velocities, and the tip",
     "energy": "kinetic energy",
     "momentum": "linear momentum P and angular momentum L about the world origin",
-    "ledger": "accounts of work and impulse since t = 0, and what they leave unexplained",
-    "contact": "what a regime of contact reports of itself",
+    "balance": "accounts of work and impulse since t = 0, and what they leave unexplained",
+    "contact": "what a contact model reports of itself",
     "actuators": "commanded and applied efforts, and their bounds",
     "controller": "what the controller reports of itself",
     "phase": "the phase of the task",
 }
 
-# The whole system, and the two parties of an impact.
-PARTIES = ("total", "robot", "objects")
+# The whole system, and the two subsystems of an impact.
+SUBSYSTEMS = ("total", "robot", "objects")
 # Components of a momentum or wrench about the world origin, with units.
 COMPONENTS = ("P_x_N_s", "P_y_N_s", "P_z_N_s", "L_x_N_m_s", "L_y_N_m_s", "L_z_N_m_s")
 
@@ -40,9 +40,9 @@ TIP = ("state.tip_x_m", "state.tip_y_m", "state.tip_z_m")
 TIP_RATE = ("state.tip_vx_m_s", "state.tip_vy_m_s", "state.tip_vz_m_s")
 """Columns of its velocity."""
 OVERLAP = "deepest_overlap_m"
-"""Signal of the ledger that tells of penetration."""
+"""Signal of the balance that tells of penetration."""
 FORCE_RESIDUAL = "contact_force_residual_N"
-"""Signal of the ledger that tells how far contact forces are from those that the state asks for."""
+"""Signal of the balance that tells how far contact forces are from those that the state asks for."""
 
 CAPTURE_EVENT_LOADS = {
     "contact.capture_event_force_N": "N",
@@ -158,7 +158,7 @@ def rate_keys(joints: Iterable[Joint]) -> tuple[str, ...]:
 
 
 def momentum_keys(whose: str) -> tuple[str, ...]:
-    """Columns of a momentum (P, L about the world origin): of a party, or ``robot_by_mass_matrix``."""
+    """Columns of a momentum (P, L about the world origin): of a subsystem, or ``robot_by_mass_matrix``."""
     return tuple(f"momentum.{whose}_{component}" for component in COMPONENTS)
 
 

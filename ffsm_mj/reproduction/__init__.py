@@ -10,8 +10,8 @@ from pathlib import Path
 
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
-from ffsm_mj.present.output_place import usable_folder, writing
-from ffsm_mj.present.text_table import table
+from ffsm_mj.report.output_place import usable_folder, writing
+from ffsm_mj.report.text_table import table
 from ffsm_mj.reproduction.appendix_page import appendix_page
 from ffsm_mj.reproduction.cases import (
     LONG_BASELINE,
@@ -72,7 +72,7 @@ class Reproduction:
             InputError: The folder cannot be written to.
             OutputLostError: A page or a figure could not be written to its end.
         """
-        from ffsm_mj.present import plots
+        from ffsm_mj.report import plots
         from ffsm_mj.reproduction.figures import save_drift, save_study
 
         study, long = folder / FIGURES / "reproduction-study.png", folder / FIGURES / "reproduction-drift.png"

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.model.dynamics import momentum_matrix
+from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.model.system import System
 from ffsm_mj.reproduction.measure import slope
 

@@ -9,7 +9,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.impact import Contact, resolve, solve_paper_system
 from ffsm_mj.model.system import System
-from ffsm_mj.present.markdown import table
+from ffsm_mj.report.markdown import table
 from ffsm_mj.reproduction.appendix import (
     PRINTED_ENERGY,
     PRINTED_MOMENTUM,

@@ -22,7 +22,7 @@ _EVERY = 50  # rows
 
 
 @dataclass(frozen=True)
-class Drift:
+class DriftExperiment:
     """A long run seen from the robot's mass centre.
 
     Attributes:
@@ -46,7 +46,7 @@ class Drift:
     lost_s: float
 
 
-def drift(run: Run, system: System) -> Drift:
+def drift(run: Run, system: System) -> DriftExperiment:
     """Look at a run from the robot's mass centre."""
     model, root = system.mj, system.robot.root
     centres = _mass_centres(run, system)
@@ -60,7 +60,7 @@ def drift(run: Run, system: System) -> Drift:
     bound = np.maximum(np.linalg.norm(centres - goal, axis=1) - reach, 0.0)
     mass = float(model.body_subtreemass[root])
     lost = _lost(centres[last][0] - goal, momentum / mass, reach)
-    return Drift(
+    return DriftExperiment(
         time,
         run.tip_error()[::_EVERY],
         bound,

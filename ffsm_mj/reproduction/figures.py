@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ffsm_mj.present.plots.style import BLUE, GREEN, VERMILLION, WIDTH_IN, publication, write
+from ffsm_mj.report.plots.style import BLUE, GREEN, VERMILLION, WIDTH_IN, publication, write
 from ffsm_mj.reproduction.cases import Case, Result
-from ffsm_mj.reproduction.drift import Drift
-from ffsm_mj.reproduction.judged import Judged, decided_cases
+from ffsm_mj.reproduction.drift import DriftExperiment
+from ffsm_mj.reproduction.judged import ComparedNumber, decided_cases
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _GREY = "#666666"
 
 
-def save_study(judged: Sequence[Judged], results: Mapping[Case, Result], path: Path) -> None:
+def save_study(judged: Sequence[ComparedNumber], results: Mapping[Case, Result], path: Path) -> None:
     """Deviation of every run of the study from every printed number, in units of what the print leaves open."""
     with publication():
         shown = [c for c in judged if not c.printed.kind and "misprint" not in c.printed.why]
@@ -44,7 +44,7 @@ def save_study(judged: Sequence[Judged], results: Mapping[Case, Result], path: P
         write(figure, path.parent, path.stem, (path.suffix[1:],))
 
 
-def save_drift(drifts: Mapping[str, Drift], path: Path) -> None:
+def save_drift(drifts: Mapping[str, DriftExperiment], path: Path) -> None:
     """Tip error of long runs, and below what it cannot be whatever the arm does."""
     with publication():
         figure, axes = _figure(3.4)
@@ -61,7 +61,7 @@ def save_drift(drifts: Mapping[str, Drift], path: Path) -> None:
         write(figure, path.parent, path.stem, (path.suffix[1:],))
 
 
-def _dots(axes: Any, shown: Sequence[Judged], values: Sequence[float], marker: str, colour: str, label: str) -> None:
+def _dots(axes: Any, shown: Sequence[ComparedNumber], values: Sequence[float], marker: str, colour: str, label: str) -> None:
     away = [(value - c.printed.value) / c.printed.open for value, c in zip(values, shown, strict=True)]
     axes.plot(away, range(len(shown)), marker, color=colour, markersize=3.6, markerfacecolor="none", label=label)
 

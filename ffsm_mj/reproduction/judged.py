@@ -11,7 +11,7 @@ from enum import StrEnum
 
 from ffsm_mj.reproduction.cases import SCENARIOS, STEPS_S, THRESHOLD, Case, Result, paper_case
 from ffsm_mj.reproduction.measure import Measures
-from ffsm_mj.reproduction.printed import PRINTED, Printed
+from ffsm_mj.reproduction.printed import PRINTED, PrintedNumber
 
 
 class Verdict(StrEnum):
@@ -23,7 +23,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Judged:
+class ComparedNumber:
     """One printed number beside ours.
 
     Attributes:
@@ -33,7 +33,7 @@ class Judged:
         spread: Largest minus smallest value over the step sizes, and over both ways of declaring the impact.
     """
 
-    printed: Printed
+    printed: PrintedNumber
     ours: float
     threshold: float | None
     spread: float
@@ -57,7 +57,7 @@ class Judged:
         return Verdict.CONSISTENT if self.printed.kind else Verdict.AGREES
 
 
-def judge(results: Mapping[Case, Result]) -> tuple[Judged, ...]:
+def judge(results: Mapping[Case, Result]) -> tuple[ComparedNumber, ...]:
     """Every printed number beside ours, in the paper's order."""
     study = {name: [results[case].values for case in decided_cases(name)] for name in SCENARIOS}
     declared = results[THRESHOLD].values
@@ -69,8 +69,8 @@ def decided_cases(scenario: str) -> tuple[Case, ...]:
     return tuple(paper_case(scenario, step, step) for step in STEPS_S)
 
 
-def _judge(printed: Printed, study: Sequence[Measures], declared: Measures) -> Judged:
+def _judge(printed: PrintedNumber, study: Sequence[Measures], declared: Measures) -> ComparedNumber:
     values = [values[printed.key] for values in study]
     threshold = declared.get(printed.key) if printed.scenario == THRESHOLD.scenario else None
     every = values if threshold is None else [*values, threshold]
-    return Judged(printed, values[0], threshold, max(every) - min(every))
+    return ComparedNumber(printed, values[0], threshold, max(every) - min(every))

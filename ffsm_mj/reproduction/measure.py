@@ -10,7 +10,7 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.model.dynamics import kinetic_energy, mass_matrix
+from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
 

@@ -9,14 +9,14 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from string import Template
 
-from ffsm_mj.present.markdown import table
+from ffsm_mj.report.markdown import table
 from ffsm_mj.reproduction.cases import SCENARIOS, paper_case, run_cases
 from ffsm_mj.reproduction.inputs import stated_inputs
-from ffsm_mj.reproduction.judged import Judged
+from ffsm_mj.reproduction.judged import ComparedNumber
 from ffsm_mj.reproduction.markdown import template
 from ffsm_mj.reproduction.measure import Measures
 from ffsm_mj.reproduction.page import INPUTS_HEAD, PAGE, judged_cells
-from ffsm_mj.reproduction.printed import PRINTED, Printed
+from ffsm_mj.reproduction.printed import PRINTED, PrintedNumber
 
 
 def measured_once(report: Callable[[int, int], None] | None = None) -> dict[str, Measures]:
@@ -34,14 +34,14 @@ def refreshed(committed: str, values: Mapping[str, Measures]) -> str:
             lines.append(f"no row for {printed.quantity}, {printed.unit} of section {printed.section}")
             continue
         cells = lines[row].strip("| ").split(" | ")
-        judged = Judged(printed, values[printed.scenario][printed.key], None, _spread(cells[-2]))
+        judged = ComparedNumber(printed, values[printed.scenario][printed.key], None, _spread(cells[-2]))
         fresh = judged_cells(judged, declared=False)
         lines[row] = "| " + " | ".join([*fresh[:3], *cells[3:-3], fresh[-3], cells[-2], fresh[-1]]) + " |"
     lines += [f"not in the page: {line}" for line in _inputs() if line not in lines]
     return "\n".join([*lines, *(f"not in the page: {text!r}" for text in _missing_texts(committed))])
 
 
-def _row(lines: list[str], printed: Printed) -> int | None:
+def _row(lines: list[str], printed: PrintedNumber) -> int | None:
     """Where the page tells of a printed number."""
     section = ""
     for i, line in enumerate(lines):

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsm_mj.present.markdown import table
+from ffsm_mj.report.markdown import table
 from ffsm_mj.reproduction.cases import STEPS_S, VELOCITY, Case, Result, paper_case
-from ffsm_mj.reproduction.drift import Drift
-from ffsm_mj.reproduction.judged import Judged, Verdict, decided_cases
+from ffsm_mj.reproduction.drift import DriftExperiment
+from ffsm_mj.reproduction.judged import ComparedNumber, Verdict, decided_cases
 from ffsm_mj.reproduction.markdown import filled, fixed, small
 from ffsm_mj.reproduction.printed import PAPER_FIGURES
 
@@ -41,9 +41,9 @@ class Report:
         figures: Paths, relative to the page, of the figures of each scenario by name.
     """
 
-    judged: tuple[Judged, ...]
+    judged: tuple[ComparedNumber, ...]
     results: Mapping[Case, Result]
-    drifts: Mapping[str, Drift]
+    drifts: Mapping[str, DriftExperiment]
     inputs: Sequence[tuple[str, str, str]]
     figures: Mapping[str, Mapping[str, str]]
 
@@ -83,13 +83,13 @@ def _section(report: Report, section: str) -> str:
     return "\n\n".join([_judged_table(rows), *_notes(rows), *figures])
 
 
-def _judged_table(rows: Sequence[Judged]) -> str:
+def _judged_table(rows: Sequence[ComparedNumber]) -> str:
     declared = any(c.threshold is not None for c in rows)
     head = ["quantity", "paper", "ours", *(["at the 1 mm step"] if declared else []), "difference", "tolerance", "verdict"]
     return table(head, (judged_cells(c, declared=declared) for c in rows))
 
 
-def judged_cells(c: Judged, *, declared: bool) -> list[str]:
+def judged_cells(c: ComparedNumber, *, declared: bool) -> list[str]:
     """Cells of a printed number's row; ``declared``: the table has a column for the impact as the paper declares it."""
     decimals = c.printed.decimals + (2 if c.printed.kind else 1)
     sign = {"approximate": "about ", "below": "below ", "": ""}[c.printed.kind]
@@ -105,7 +105,7 @@ def judged_cells(c: Judged, *, declared: bool) -> list[str]:
     ]
 
 
-def _notes(rows: Sequence[Judged]) -> list[str]:
+def _notes(rows: Sequence[ComparedNumber]) -> list[str]:
     """What explains a difference, once for all the numbers that it explains."""
     explained: dict[str, list[str]] = {}
     for c in rows:
@@ -153,7 +153,7 @@ def _facts(result: Result) -> dict[str, str]:
     }
 
 
-def _drift(drifts: Mapping[str, Drift]) -> str:
+def _drift(drifts: Mapping[str, DriftExperiment]) -> str:
     head = ["run", "P, N s", "P / m, m/s", "mass centre, m/s", "smallest error, m", "error at 120 s, m", "lost after, s"]
     rows = (
         [

@@ -10,7 +10,7 @@ from typing import Literal
 
 
 @dataclass(frozen=True)
-class Printed:
+class PrintedNumber:
     """One printed number.
 
     Attributes:
@@ -58,10 +58,10 @@ _AT_IMPACT_Y = (
 )
 
 
-def _run(scenario: str, section: str, rows: list[tuple[str, ...]]) -> tuple[Printed, ...]:
+def _run(scenario: str, section: str, rows: list[tuple[str, ...]]) -> tuple[PrintedNumber, ...]:
     printed = []
     for quantity, unit, text, key, *why in rows:
-        printed.append(Printed(section, scenario, quantity, unit, text, key, why=why[0] if why else ""))
+        printed.append(PrintedNumber(section, scenario, quantity, unit, text, key, why=why[0] if why else ""))
     return tuple(printed)
 
 
@@ -80,7 +80,7 @@ def _velocities(title: str, key: str, texts: tuple[str, ...], units: tuple[str, 
 
 _SLOPE_UNITS = ("1/kg", "1/kg", *("1/(kg m)",) * 4)
 
-PRINTED: tuple[Printed, ...] = (
+PRINTED: tuple[PrintedNumber, ...] = (
     *_run(
         "baseline",
         "4.2",
@@ -100,8 +100,8 @@ PRINTED: tuple[Printed, ...] = (
             ("tip error at 30 s", "m", "1.169", "final_error"),
         ],
     ),
-    Printed("4.2", "baseline", "tip error at the start", "m", "5", "initial_error", "approximate"),
-    Printed("4.2", "baseline", "smallest error by the tip's path", "%", "2.3", "error_by_path", "below"),
+    PrintedNumber("4.2", "baseline", "tip error at the start", "m", "5", "initial_error", "approximate"),
+    PrintedNumber("4.2", "baseline", "smallest error by the tip's path", "%", "2.3", "error_by_path", "below"),
     *_run(
         "baseline",
         "Appendix A",
@@ -117,8 +117,8 @@ PRINTED: tuple[Printed, ...] = (
             ("kinetic energy", "J", "0.28", "energy"),
         ],
     ),
-    Printed("4.3", "no-actuation", "way of the object to the left", "m", "6", "object_way", "approximate"),
-    Printed(
+    PrintedNumber("4.3", "no-actuation", "way of the object to the left", "m", "6", "object_way", "approximate"),
+    PrintedNumber(
         "4.3",
         "no-actuation",
         "way of the base to the right",
@@ -129,13 +129,13 @@ PRINTED: tuple[Printed, ...] = (
         '"similar" in the paper; equal and opposite impulses on 5 kg and 12 kg: the robot\'s mass centre goes 5/12 of the '
         "object's way, and the base turns about it",
     ),
-    Printed("4.4", "free-flying", "final tip error", "mm", "0.3", "final_error_mm"),
-    Printed(
+    PrintedNumber("4.4", "free-flying", "final tip error", "mm", "0.3", "final_error_mm"),
+    PrintedNumber(
         *("4.4", "free-flying", "linear momentum after the pause", "N s", "0", "P_after_pause", "approximate"),
         '"approximately zero"; allowed: one control tick of thrust, 50 N for 1 ms on two axes',
         0.05 * 2**0.5,
     ),
-    Printed(
+    PrintedNumber(
         *("4.4", "free-flying", "angular momentum after the pause", "N m s", "0", "L_after_pause", "approximate"),
         '"approximately zero"; allowed: one control tick of thrust at the base\'s 6 m from the origin',
         0.05 * 2**0.5 * 6.0,

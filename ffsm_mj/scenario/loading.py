@@ -10,12 +10,12 @@ from typing import Any
 from ffsm_controllers import kinds
 from pydantic import ValidationError
 
+from ffsm_mj.actuation.actuator_config import ACTUATOR_KINDS
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
-from ffsm_mj.plant.actuator_config import ACTUATOR_KINDS
+from ffsm_mj.scenario.contact_models import fault_of_ending
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.grasps import capture_faults
-from ffsm_mj.scenario.regimes import fault_of_ending
-from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, located, timing_faults, with_regimes
+from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, located, timing_faults, with_contact_models
 from ffsm_mj.scenario.script_laws import as_phases, config_of, model_with, refuse_script_laws
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 
@@ -64,7 +64,7 @@ def validated(source: YamlSource, laws: Mapping[str, Any] = MappingProxyType({})
         )
         raise InputError(source.lines(plain_faults(error, kinds_known))) from error
     try:
-        scenario = with_regimes(_with_script_laws(scenario, laws))
+        scenario = with_contact_models(_with_script_laws(scenario, laws))
     except ScenarioFaults as faulty:
         raise located(faulty, source) from faulty
     faults = _other_faults(scenario)
@@ -110,7 +110,7 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
     for i, phase in enumerate(scenario.phases):
         if phase.name in names[:i]:
             faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
-        if fault := fault_of_ending(phase.until, scenario.regimes, captures=bool(scenario.captures)):
+        if fault := fault_of_ending(phase.until, scenario.contact_models, captures=bool(scenario.captures)):
             faults.append(Fault(fault, ("phases", i, "until")))
         if phase.until == "settled" and scenario.task is None:
             faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, "until")))

@@ -17,16 +17,16 @@ from pydantic import (
     model_validator,
 )
 
-from ffsm_mj.capture.config import CaptureConfig
+from ffsm_mj.actuation.actuator_config import ActuatorConfig
 from ffsm_mj.config import StrictModel
+from ffsm_mj.contact_models.grasp.config import CaptureConfig
+from ffsm_mj.contact_models.impact.laws import LAWS
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
-from ffsm_mj.impact.laws import LAWS
 from ffsm_mj.model.pose import Pose
 from ffsm_mj.model.properties import Trees
 from ffsm_mj.model.strip import Strippable
-from ffsm_mj.plant.actuator_config import ActuatorConfig
+from ffsm_mj.scenario.contact_models import REGIME_SCHEMA, validated_contact_models
 from ffsm_mj.scenario.element_names import element_name
-from ffsm_mj.scenario.regimes import REGIME_SCHEMA, checked_regimes
 from ffsm_mj.scenario.source import YamlSource
 
 _KINDS = kinds()
@@ -188,7 +188,7 @@ class PhaseConfig(StrictModel):
 
     name: Name
     until: Name | None = None
-    """``impact``, ``contact_begins``, ``contact_ends``, ``capture``, ``release`` or a record of a declared regime: the first
+    """``impact``, ``contact_begins``, ``contact_ends``, ``capture``, ``release`` or a record of a contact model: the first
     one after its start;
     ``settled``: see there; ``end``: of the run."""
     settled: SettledConfig | None = None
@@ -287,8 +287,8 @@ class Scenario(StrictModel):
     """Kinds of control laws that a script handed to the run that wrote this scenario; they name no code."""
     phases: Annotated[tuple[PhaseConfig, ...], Field(min_length=1)]
     impact: ImpactConfig = ImpactConfig()
-    regimes: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()
-    """What can happen at contacts beside the impact, each by its ``kind``; see docs/contact-regimes.md."""
+    contact_models: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()
+    """What can happen at contacts beside the impact, each by its ``kind``; see docs/contact-models.md."""
     log: LogConfig = LogConfig()
 
     @property
@@ -318,13 +318,17 @@ def timing_faults(scenario: Scenario) -> list[Fault]:
     return faults
 
 
-def with_regimes(scenario: Scenario) -> Scenario:
-    """The scenario with its regimes checked.
+def with_contact_models(scenario: Scenario) -> Scenario:
+    """The scenario with its contact models checked.
 
     Raises:
         ScenarioFaults: One of them is none.
     """
-    return scenario.model_copy(update={"regimes": checked_regimes(scenario.regimes)}) if scenario.regimes else scenario
+    return (
+        scenario.model_copy(update={"contact_models": validated_contact_models(scenario.contact_models)})
+        if scenario.contact_models
+        else scenario
+    )
 
 
 def located(error: ScenarioFaults, source: YamlSource) -> InputError:

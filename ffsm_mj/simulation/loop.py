@@ -15,18 +15,18 @@ from typing import Any
 
 import mujoco
 
-from ffsm_mj.contact.course import Course
-from ffsm_mj.contact.regimes import Effect, Instant, Regime
+from ffsm_mj.actuation.actuation import Actuation
+from ffsm_mj.balance.balance import Balance
 from ffsm_mj.contact.step_control import StepLimitError
 from ffsm_mj.contact.watch import ContactWatch
+from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventTime
 from ffsm_mj.controller_protocol import Command, Observation, TaskController
 from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at, unknown_name
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.system import System
-from ffsm_mj.plant.actuation import Actuation
-from ffsm_mj.plant.ledger import Ledger
-from ffsm_mj.records.events import Outcome, OutcomeRecord, Report, RunEnded
+from ffsm_mj.records.events import ControllerReport, Outcome, OutcomeRecord, RunEnded
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.rows import RowWriter
 
@@ -49,9 +49,9 @@ class Plant:
     system: System
     data: Any
     actuation: Actuation
-    course: Course
+    course: EventDrivenIntegrator
     watch: ContactWatch
-    ledger: Ledger
+    balance: Balance
 
 
 @dataclass
@@ -143,7 +143,7 @@ class Simulation:
             self._recorder.event(record)
         return Outcome.INTERNAL_ERROR, f"at t = {record.time_s:.6g} s: {record.error} ({record.where})"
 
-    def _summed_up(self, outcome: Outcome, message: str) -> tuple[Outcome, str, Mapping[str, Report]]:
+    def _summed_up(self, outcome: Outcome, message: str) -> tuple[Outcome, str, Mapping[str, ControllerReport]]:
         """How the run ended, and what the control laws say of it; one that cannot say it has failed."""
         try:
             return outcome, message, self._controller.reports()
@@ -178,7 +178,7 @@ class Simulation:
         """Hand over what is left at the end of the run, however it ended."""
         for record in self._plant.watch.finish(self._done.time_s):
             self._recorder.event(record)
-        for record in self._plant.course.finish(Instant(self._done.time_s, self._done.steps)):
+        for record in self._plant.course.finish(EventTime(self._done.time_s, self._done.steps)):
             self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
         self._recorder.pass_on()
 
@@ -209,12 +209,16 @@ class Simulation:
         self._done.ticks += 1
 
     def _pass_requests_on(self) -> None:
-        """Let the regimes hear what the controller asks of them."""
-        heard = {request: regime for regime in self._plant.course.regimes for request in regime.requests}
+        """Let the contact models hear what the controller asks of them."""
+        heard = {
+            request: contact_model
+            for contact_model in self._plant.course.contact_models
+            for request in contact_model.requests
+        }
         for request in sorted(self._command.requests):
             if request not in heard:
                 raise ControllerError(unknown_name("request", request, heard))
-            heard[request].hear(request)
+            heard[request].handle_request(request)
         self._plant.course.reconsider()
 
     def _report_phases(self) -> None:
@@ -233,24 +237,24 @@ class Simulation:
         end_s, left = (self._done.steps + 1) * step_s, step_s
         events = 0
         while left > 0.0:
-            plant.ledger.open()
-            elapsed, regime = self._advance(left, end_s)
+            plant.balance.open()
+            elapsed, contact_model = self._advance(left, end_s)
             if elapsed > 0.0:
-                plant.ledger.close(elapsed)
-            for booking in plant.course.bookings(elapsed):
-                plant.ledger.book(*booking)
+                plant.balance.close(elapsed)
+            for booking in plant.course.exchanges(elapsed):
+                plant.balance.book(*booking)
             plant.actuation.elapse(elapsed)
             self._check_finite()
             left -= elapsed
-            if regime is not None:
+            if contact_model is not None:
                 events += 1
                 plant.data.time = self._done.time_s = end_s - left
-                self._act(regime, end_s - left, events)
+                self._act(contact_model, end_s - left, events)
         self._done.steps += 1
         # Multiples of the step, not sums: the clock does not drift.
         plant.data.time = self._done.time_s = end_s
 
-    def _advance(self, left: float, end_s: float) -> tuple[float, Regime | None]:
+    def _advance(self, left: float, end_s: float) -> tuple[float, ContactModel | None]:
         """Move on in the step that ends at a time, of which so much is left."""
         try:
             return self._plant.course.advance(left)
@@ -265,34 +269,34 @@ class Simulation:
             message = self._warnings[-1] if self._warnings else "the state is not finite"
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
 
-    def _act(self, regime: Regime, time_s: float, events: int) -> None:
-        """Let a regime act, book and record what it did, and ask the controller at once."""
+    def _act(self, contact_model: ContactModel, time_s: float, events: int) -> None:
+        """Let a contact model act, book and record what it did, and ask the controller at once."""
         plant, done = self._plant, self._done
         self._plant.course.motion.path.poll()
         if events > MOST_EVENTS_PER_STEP:
-            message = f"{regime.names()} touched {events - 1} times within the step before t = {time_s:.6g} s"
+            message = f"{contact_model.names()} touched {events - 1} times within the step before t = {time_s:.6g} s"
             raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; a shorter time_step_s follows it further")
-        plant.ledger.carry(None)
-        effect = regime.act(Instant(time_s, done.steps))
+        plant.balance.carry(None)
+        effect = contact_model.act(EventTime(time_s, done.steps))
         if effect is None or effect.motion is None:
             plant.course.restart()
         else:
             plant.course.bind(effect.motion)
             plant.watch.rigid = effect.motion.rigid
-        plant.ledger.carry(plant.course.motion.carried)
+        plant.balance.carry(plant.course.motion.carried)
         if effect is None:
             return
-        if effect.booking is not None:
-            plant.ledger.book(*effect.booking)
+        if effect.exchange is not None:
+            plant.balance.book(*effect.exchange)
         self._after_event(effect, time_s)
 
-    def _after_event(self, effect: Effect, time_s: float) -> None:
+    def _after_event(self, effect: EventEffect, time_s: float) -> None:
         """Ask the controller at once, and record the event with the efforts that act from there on."""
         end, events = effect.end, (*self._unheard, *effect.records)
-        contacts = self._plant.course.contacts() if effect.asks else ()
+        contacts = self._plant.course.contacts() if effect.triggers_control else ()
         observation = self._observed(time_s, events, contacts, at_tick=False)
         try:
-            if not effect.asks:
+            if not effect.triggers_control:
                 self._unheard = events
             elif end is None or end.outcome == Outcome.COMPLETED:
                 self._ask(observation)
@@ -301,7 +305,7 @@ class Simulation:
             for record in effect.records:
                 self._recorder.event(replace(record, efforts_after=efforts))
         self._report_phases()
-        self._plant.course.passed(time_s)
+        self._plant.course.after_event(time_s)
         if end is not None:
             if end.outcome == Outcome.COMPLETED:
                 self._record(observation.time_s)

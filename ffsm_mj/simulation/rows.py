@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.plant.sampler import Sampler
 from ffsm_mj.records.columns import Row
+from ffsm_mj.records.sampler import Sampler
 
 
 class RowWriter:

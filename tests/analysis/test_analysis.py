@@ -20,8 +20,8 @@ def hit(tmp_path_factory, ffsm_run):
     return ffsm_run(two_balls(tmp_path_factory.mktemp("hit"), duration_s=0.5))
 
 
-def law(run, name, party="total", **tolerance):
-    return next(x for x in run.laws(**tolerance) if (x.name, x.party) == (name, party))
+def check(run, name, subsystem="total", **tolerance):
+    return next(x for x in run.checks(**tolerance) if (x.name, x.subsystem) == (name, subsystem))
 
 
 def test_arrays_by_name(hit):
@@ -31,7 +31,7 @@ def test_arrays_by_name(hit):
     np.testing.assert_array_equal(hit.qvel[:, 1], hit["state.v_target_x_m_s"])
     assert hit.units["energy.total_J"] == "J"
     assert hit.descriptions["energy.total_J"] == "kinetic energy, total"
-    with pytest.raises(KeyError, match="unknown party 'object'"):
+    with pytest.raises(KeyError, match="unknown subsystem 'object'"):
         hit.momentum("object")
     with pytest.raises(KeyError, match=r"unknown signal 'energy\.total'"):
         hit["energy.total"]
@@ -51,7 +51,7 @@ def test_tables_in_pandas_and_polars(hit):
     assert impacts["impulse_N_s"].to_list() == [hit.impacts[0].impulse_N_s]
     assert impacts["point_x_m"].to_list() == [hit.impacts[0].point_m[0]]
     assert hit.to_pandas("phases")["name"].to_list() == ["coast"]
-    assert hit.to_pandas("laws")["holds"].all()
+    assert hit.to_pandas("checks")["passes"].all()
     with pytest.raises(KeyError, match="unknown table 'sample'"):
         hit.table("sample")
 
@@ -72,16 +72,16 @@ def test_impact_laws_catch_a_wrong_impact(tmp_path, restitution):
     run = ffsm_mj.run(path)
     record = run.impacts[0]
     assert record.energy_change_J == pytest.approx(-0.6 * (1 - restitution**2), abs=1e-12)
-    assert law(run, "impact energy").residual < 1e-15
+    assert check(run, "impact energy").residual < 1e-15
     for change, broken in (
         ({"energy_change_J": record.energy_change_J + 1e-6}, "impact energy"),
         ({"separation_speed_m_s": record.separation_speed_m_s + 1e-6}, "impact restitution"),
     ):
         wrong = Run(replace(run.log, records=run.log.records | {"impacts": (replace(record, **change),)}))
-        assert not law(wrong, broken).holds
-        assert law(wrong, broken).residual == pytest.approx(1e-6, rel=1e-6)
-        assert law(wrong, broken).component == "impact 1"
-        assert law(wrong, broken).time_s == record.time_s
+        assert not check(wrong, broken).passes
+        assert check(wrong, broken).residual == pytest.approx(1e-6, rel=1e-6)
+        assert check(wrong, broken).component == "impact 1"
+        assert check(wrong, broken).time_s == record.time_s
 
 
 def test_the_worst_residual_is_found_where_it_is(hit):
@@ -89,14 +89,14 @@ def test_the_worst_residual_is_found_where_it_is(hit):
     rows = hit.log.rows.copy()
     rows[123, hit.keys.index("momentum.objects_P_x_N_s")] += 1e-6
     wrong = Run(replace(hit.log, rows=rows))
-    broken = [x for x in wrong.laws() if not x.holds]
-    assert [(x.name, x.party, x.component) for x in broken] == [("linear momentum", "objects", "P_x")]
+    broken = [x for x in wrong.checks() if not x.passes]
+    assert [(x.name, x.subsystem, x.component) for x in broken] == [("linear momentum", "objects", "P_x")]
     assert broken[0].time_s == 0.123
     assert broken[0].residual == pytest.approx(1e-6, rel=1e-6)
-    assert all(x.holds for x in wrong.laws({"linear momentum": 1e-5}))
-    assert not all(x.holds for x in wrong.laws({"angular momentum": 1e-5}))
-    with pytest.raises(KeyError, match="no law is called 'charm'"):
-        wrong.laws({"charm": 1.0})
+    assert all(x.passes for x in wrong.checks({"linear momentum": 1e-5}))
+    assert not all(x.passes for x in wrong.checks({"angular momentum": 1e-5}))
+    with pytest.raises(KeyError, match="no check is called 'charm'"):
+        wrong.checks({"charm": 1.0})
 
 
 def test_a_run_is_the_same_as_itself(hit):

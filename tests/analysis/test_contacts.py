@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.analysis.contacts import Contacts
-from ffsm_mj.lasting.record import ContactBegins, ContactChanges, ContactEnds
-from ffsm_mj.present.text_report import contact_table, run_report
+from ffsm_mj.analysis.contact_intervals import ContactIntervals
+from ffsm_mj.contact_models.persistent.record import ContactBegins, ContactChanges, ContactEnds
 from ffsm_mj.records.signals import Layout, Signal
+from ffsm_mj.report.text_report import contact_table, run_report
 from tests.scenes import two_balls
 
 
@@ -100,7 +100,7 @@ def test_two_contacts_between_two_samples_are_told_apart_however_rows_and_record
         record(ContactEnds, 2, 0.15, 0.0, 0.0, 0.75),
         record(ContactBegins, 3, 0.16, 0.0, 2.0, 0.75),
     ]
-    first, live = Contacts(LAYOUT), Contacts(LAYOUT)
+    first, live = ContactIntervals(LAYOUT), ContactIntervals(LAYOUT)
     for each in records:
         first.event(each)
     for row in rows:
@@ -120,6 +120,6 @@ def test_two_contacts_between_two_samples_are_told_apart_however_rows_and_record
 
 
 def test_of_a_contact_whose_beginning_is_lost_nothing_is_made_up():
-    contacts = Contacts(LAYOUT)
+    contacts = ContactIntervals(LAYOUT)
     contacts.event(record(ContactEnds, 2, 0.15, 0.0, 0.0, 0.75))
     assert contacts.told() == ()

@@ -1,4 +1,4 @@
-"""The plugin as a user's tests see it: found by pytest itself, light, and clear when a law fails."""
+"""The plugin as a user's tests see it: found by pytest itself, light, and clear when a check fails."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def test_once(ffsm_run):
     assert run is not ffsm_run("scene.yaml", {"duration_s": 0.4})
     assert ffsm_run(run.path.parent).impacts == ffsm_run(run.path).impacts == run.impacts
     assert_conserved(run)
-    assert_conserved(run, {"energy": 1e-12}, laws=["energy", "linear momentum"])
+    assert_conserved(run, {"energy": 1e-12}, checks=["energy", "linear momentum"])
 
 def test_violated(ffsm_run):
     run = ffsm_run("scene.yaml")
@@ -35,7 +35,7 @@ def test_a_users_tests(pytester):
     result.assert_outcomes(passed=1, failed=1)
     result.stdout.fnmatch_lines(
         [
-            "*AssertionError: scene: 1 of 13 conservation laws violated in 1 s*",
+            "*AssertionError: scene: 1 of 13 checks failed in 1 s*",
             "*energy of robot: residual 1.000e-06 J in T at 0.200 s, allowed *e-*",
         ]
     )
@@ -54,8 +54,8 @@ def test_what_cannot_be_asserted_says_so(pytester):
             run = ffsm_run("scene.yaml")
             with pytest.raises(AssertionError, match="scene is not conservative: .*damping"):
                 assert_conserved(run)
-            with pytest.raises(ValueError, match="unknown law 'charm'; allowed: "):
-                assert_conserved(run, laws=["charm"])
+            with pytest.raises(ValueError, match="unknown check 'charm'; allowed: "):
+                assert_conserved(run, checks=["charm"])
             with pytest.raises(ValueError, match="a finished run"):
                 ffsm_run(run.path, ["duration_s=1"])
         """

@@ -16,12 +16,12 @@ import pytest
 
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.regimes import Regime
-from ffsm_mj.lasting.rows import Touch
-from tests.capture.test_closing_while_pressing import INSIDE, pushing
-from tests.impact.test_fixed import slab
-from tests.lasting.random_pushes import LAWS
-from tests.regimes.scenes import capture, spring
+from ffsm_mj.contact_models.interface import ContactModel
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from tests.contact_models.grasp.test_closing_while_pressing import INSIDE, pushing
+from tests.contact_models.impact.test_fixed import slab
+from tests.contact_models.persistent.random_pushes import LAWS
+from tests.contact_models.scenes import capture, spring
 from tests.scenes import HEAD, ball, scene, two_balls
 
 pytestmark = pytest.mark.usefixtures("test_regimes")
@@ -124,7 +124,7 @@ def recipe(name, folder):
 
 
 def test_the_recipes_are_what_they_should_be(tmp_path):
-    """Impacts lie inside steps, regimes act, and one of the runs diverges: else the tests below would show little."""
+    """Impacts lie inside steps, contact models act, and one of the runs diverges: else the tests below would show little."""
     run = recipe("bouncing", tmp_path).run()
     inside = [impact.time_s / 1e-3 % 1.0 for impact in run.impacts]
     assert len(inside) >= 3
@@ -146,7 +146,7 @@ def test_no_order_comes_from_hashes(tmp_path, monkeypatch, name):
             return given.setdefault(id(self), (draw.getrandbits(60), self))[0]
 
         with monkeypatch.context() as patched:
-            for kind in (Touch, ContactPair, Regime):
+            for kind in (ContactPoint, ContactPair, ContactModel):
                 patched.setattr(kind, "__hash__", hashed)
             run = prepared.run()
         assert len(run.records["contact_changes"]) == (6 if name == "tilting" else 0)
@@ -226,11 +226,11 @@ def test_runs_in_threads_are_the_runs_in_a_row(tmp_path):
         begun = []
 
         def report(*_):
-            if not begun and place < gate.parties:
+            if not begun and place < gate.subsystems:
                 gate.wait(timeout=60)
             begun.append(True)
 
         return told(recipes[SEVERAL[place]].run(report=report))
 
-    with ThreadPoolExecutor(gate.parties) as threads:
+    with ThreadPoolExecutor(gate.subsystems) as threads:
         assert list(threads.map(run, range(len(SEVERAL)))) == in_a_row

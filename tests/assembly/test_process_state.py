@@ -21,7 +21,7 @@ from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.model import system as model_system
 from ffsm_mj.model.mujoco_clock import stopped_clock
-from ffsm_mj.recount import recount
+from ffsm_mj.replay import replay_log
 from tests.scenes import two_balls
 
 
@@ -67,7 +67,7 @@ before = state()
 import ffsm_mj
 run = ffsm_mj.run(sys.argv[1], {"duration_s": 0.35}, out=sys.argv[2], rerun=True)
 from ffsm_mj.log.rerun.live import LiveSink
-assert len(run.impacts) == 1 and all(law.holds for law in run.laws())
+assert len(run.impacts) == 1 and all(check.passes for check in run.checks())
 for then, now in zip(before, state()):
     assert then == now, (then, now)
 import mujoco
@@ -107,7 +107,7 @@ def test_blas_has_one_thread_in_a_run_and_what_it_had_afterwards(tmp_path):
     run = ffsm_mj.run(two_balls(tmp_path, duration_s=0.01), report=lambda *_: inside.append(blas()))
     assert set().union(*inside) == {1}
     assert blas() == {2}
-    recount(run.log, report=lambda *_: inside.append(blas()))
+    replay_log(run.log, report=lambda *_: inside.append(blas()))
     assert set().union(*inside) == {1}
     assert blas() == {2}
 

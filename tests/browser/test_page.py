@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.present.page import write_page
-from ffsm_mj.present.run import Run
+from ffsm_mj.report.page import write_page
+from ffsm_mj.report.run import Run
 from tests.scenes import HEAD, scene
 
 EVIL = "<script>window.hit = 1</script>"
@@ -48,7 +48,7 @@ def page(tmp_path_factory):
     header = replace(run.log.header, scenario_name=EVIL)
     named = Run(replace(run.log, header=header, records=run.log.records | {"phases": (phase,)}))
     with pytest.MonkeyPatch.context() as patch:  # figures cost most of the time
-        patch.setattr("ffsm_mj.present.page.inline_figures._SHOWN", ("energies", "conservation"))
+        patch.setattr("ffsm_mj.report.page.inline_figures._SHOWN", ("energies", "conservation"))
         write_page(named, folder / "run.html")
     return folder / "run.html"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ffsm_mj.campaign.results import Results
+from ffsm_mj.campaign.evaluation.results import Results
 
 
 def row(run: int, *, outcome: str = "completed", success: bool | None = None, **values: Any) -> dict[str, Any]:

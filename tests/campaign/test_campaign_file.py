@@ -7,9 +7,9 @@ import json
 import jsonschema
 import pytest
 
-from ffsm_mj.campaign.loading import load_campaign
-from ffsm_mj.campaign.shipped import campaign_names, campaign_path, is_campaign
-from ffsm_mj.campaign.success import conditions
+from ffsm_mj.campaign.plan.loading import load_campaign
+from ffsm_mj.campaign.plan.shipped import campaign_names, campaign_path, is_campaign
+from ffsm_mj.campaign.plan.success import conditions
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.scenario.shipped import scenarios_dir
@@ -306,8 +306,8 @@ def test_every_metric_that_is_asked_for_is_kept_once(tmp_path):
         ("a<=1 and b.0.c>=-2e-3", {"a": 1.0, "b.0.c": -1.0}, False),
         ("a < 1", {"a": None}, False),
         ("a != 1", {}, False),
-        ("laws_hold == true", {"laws_hold": True}, True),
-        ("laws_hold == true", {"laws_hold": False}, False),
+        ("checks_pass == true", {"checks_pass": True}, True),
+        ("checks_pass == true", {"checks_pass": False}, False),
         ("hand > 1 and sand == 2", {"hand": 3, "sand": 2}, True),
     ],
 )

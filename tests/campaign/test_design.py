@@ -10,11 +10,11 @@ import pytest
 from scipy import stats
 
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.campaign import row_check
-from ffsm_mj.campaign.design import Design
-from ffsm_mj.campaign.effects import turned
-from ffsm_mj.campaign.loading import load_campaign
-from ffsm_mj.campaign.row_check import refuse_wrong_rows
+from ffsm_mj.campaign.plan import row_check
+from ffsm_mj.campaign.plan.design import Design
+from ffsm_mj.campaign.plan.loading import load_campaign
+from ffsm_mj.campaign.plan.row_check import refuse_wrong_rows
+from ffsm_mj.campaign.plan.value_operations import turned
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.properties import property_value
 from ffsm_mj.scenario.loading import load_scenario

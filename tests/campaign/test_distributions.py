@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy import stats
 
-from ffsm_mj.campaign.distributions import Distribution
+from ffsm_mj.campaign.plan.distributions import Distribution
 
 SHARES = (np.arange(2000) + 0.5) / 2000
 CONTINUOUS = {

@@ -14,12 +14,12 @@ from typing import Any
 
 import pytest
 
-from ffsm_mj.campaign import engines
 from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.driver import Driver, EngineLostError
-from ffsm_mj.campaign.engines import Engine, loop
-from ffsm_mj.campaign.store import Row
-from ffsm_mj.campaign.worker import Job, probe
+from ffsm_mj.campaign.execution import engines
+from ffsm_mj.campaign.execution.driver import Driver, EngineLostError
+from ffsm_mj.campaign.execution.engines import Engine, loop
+from ffsm_mj.campaign.execution.worker import Job, probe
+from ffsm_mj.campaign.storage.store import RunRow
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from tests.campaign.files import campaign_file, rock_hits, two_rocks
@@ -60,14 +60,14 @@ class Lossy(Executor):
             Lossy.losses -= 1
             future.set_exception(BrokenProcessPool("lost"))
         else:
-            future.set_result([Row(index, "completed") for index, _ in args[1]])
+            future.set_result([RunRow(index, "completed") for index, _ in args[1]])
         return future
 
 
 def test_a_run_that_waited_is_not_late(monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker is lost after more than a run's time: whether its run or the wait before it took that, nobody knows."""
     monkeypatch.setattr(Lossy, "losses", 1)
-    rows: list[Row] = []
+    rows: list[RunRow] = []
     job = Job("", (), MappingProxyType({}), timeout_s=1e-9)
     Driver(Engine("lossy", 1, Lossy), job, rows.extend, lambda: False).drive([(0, {})])
     assert [(row.index, row.outcome) for row in rows] == [(0, "completed")]
@@ -163,8 +163,8 @@ def test_the_status_tells_failing_checks_by_name_and_size(tmp_path: Path, capfd:
         5: {"excess.no_penetration": None},
     }
     with campaign._open_table() as store:
-        store.add([Row(i, "completed", metrics={"laws_hold": i not in fails, **fails.get(i, {})}) for i in range(7)])
-        store.add([Row(7, "diverged", "too fast", metrics={"laws_hold": False, "excess.energy": 1.5})])
+        store.add([RunRow(i, "completed", metrics={"checks_pass": i not in fails, **fails.get(i, {})}) for i in range(7)])
+        store.add([RunRow(7, "diverged", "too fast", metrics={"checks_pass": False, "excess.energy": 1.5})])
     checks = campaign.status().checks
     assert [(each.name, each.runs, each.excess, each.worst) for each in checks] == [
         ("energy", 4, 40.0, 2),
@@ -190,7 +190,7 @@ class Busy(Executor):
         if fn is probe:
             future.set_result("here")
             return future
-        rows = [Row(index, "completed") for index, _ in args[1]]
+        rows = [RunRow(index, "completed") for index, _ in args[1]]
         self.asked += [row.index for row in rows]
         if len(self.asked) == 1:
             future.set_result(rows)
@@ -202,7 +202,7 @@ class Busy(Executor):
 
 def test_what_was_begun_before_a_stop_is_kept() -> None:
     """It is made to its end anyway; what waits is not."""
-    rows: list[Row] = []
+    rows: list[RunRow] = []
     executor = Busy()
     engine = Engine("busy", 1, lambda: nullcontext(executor))
     Driver(engine, Job("", (), MappingProxyType({})), rows.extend, lambda: True).drive([(i, {}) for i in range(8)])

@@ -19,16 +19,16 @@ from typing import Any
 import pytest
 
 from ffsm_mj.campaign import campaign as campaigns
-from ffsm_mj.campaign import engines, worker
 from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.driver import EngineLostError
-from ffsm_mj.campaign.engines import loop
-from ffsm_mj.campaign.failures import groups
-from ffsm_mj.campaign.loading import load_campaign
-from ffsm_mj.campaign.store import Row, Store
-from ffsm_mj.campaign.worker import Job
-from ffsm_mj.contact.course import Course
+from ffsm_mj.campaign.evaluation.failures import groups
+from ffsm_mj.campaign.execution import engines, worker
+from ffsm_mj.campaign.execution.driver import EngineLostError
+from ffsm_mj.campaign.execution.engines import loop
+from ffsm_mj.campaign.execution.worker import Job
+from ffsm_mj.campaign.plan.loading import load_campaign
+from ffsm_mj.campaign.storage.store import RunRow, Store
 from ffsm_mj.errors import InputError, LogWriteError
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from tests.campaign.files import TUMBLING, campaign_file, two_rocks
 from tests.campaign.laws import Fuse
 from tests.scenes import ball
@@ -310,11 +310,11 @@ def test_an_interrupted_replay_is_no_replay(tmp_path: Path, monkeypatch: pytest.
     with monkeypatch.context() as patched:
         patched.setattr("ffsm_mj.assembly.run.noted", lambda: nullcontext(lambda: True))
         with pytest.raises(KeyboardInterrupt):
-            campaign.replay(0)
-    assert (campaign.folder.replay(0) / "run.mcap").is_file()
-    assert not campaign.folder.has_replay(0)
-    assert campaign.replay(0).verdict == "run 0 is the row's, bit by bit"
-    assert campaign.folder.has_replay(0)
+            campaign.rerun(0)
+    assert (campaign.folder.rerun(0) / "run.mcap").is_file()
+    assert not campaign.folder.has_rerun(0)
+    assert campaign.rerun(0).verdict == "run 0 is the row's, bit by bit"
+    assert campaign.folder.has_rerun(0)
 
 
 def test_a_second_driver_is_refused(tmp_path: Path) -> None:
@@ -329,11 +329,11 @@ def test_a_full_disk_keeps_what_is_there(tmp_path: Path) -> None:
     kept = 0
     with suppress(LogWriteError):
         while True:
-            store.add([Row(kept, "completed", metrics={"x": 0.1 * kept})])
+            store.add([RunRow(kept, "completed", metrics={"x": 0.1 * kept})])
             kept += 1
     assert kept > 0
     with pytest.raises(LogWriteError, match="database or disk is full"):
-        store.add([Row(kept, "completed", message="x" * 10_000)])
+        store.add([RunRow(kept, "completed", message="x" * 10_000)])
     store.close()
     again = Store(tmp_path / "rows.sqlite", write=False)
     assert again.done() == set(range(kept))
@@ -365,14 +365,14 @@ def test_a_dispersion_that_is_not_applied_is_noticed(tmp_path: Path, monkeypatch
 def test_an_internal_error_is_a_failed_run_of_that_outcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And grouped by the exception's type."""
     campaign = Campaign.load(collisions(tmp_path, limits={"max_failed": 1.0}), tmp_path / "out")
-    advance = Course.advance
+    advance = EventDrivenIntegrator.advance
 
-    def broken(course: Course, duration_s: float) -> Any:
+    def broken(course: EventDrivenIntegrator, duration_s: float) -> Any:
         if course.kinetic_energy_J > 0.7:
             raise LookupError("on purpose")
         return advance(course, duration_s)
 
-    monkeypatch.setattr(Course, "advance", broken)
+    monkeypatch.setattr(EventDrivenIntegrator, "advance", broken)
     status = campaign.run(loop().open())
     failed = status.outcomes["internal_error"]
     assert 0 < failed < 8

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from ffsm_mj.campaign.folder import CampaignFolder
-from ffsm_mj.campaign.loading import load_campaign
-from ffsm_mj.campaign.store import Row, Store
+from ffsm_mj.campaign.plan.loading import load_campaign
+from ffsm_mj.campaign.storage.folder import CampaignFolder
+from ffsm_mj.campaign.storage.store import RunRow, Store
 from ffsm_mj.cli.main import main
 from tests.campaign.files import rock_hits
 
-_METRICS = {"laws_hold": True, "duration_s": 0.05}
+_METRICS = {"checks_pass": True, "duration_s": 0.05}
 _ENDLESS = (
     "CREATE VIEW rows AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
     "SELECT 'h' hash, i, 'completed' outcome,"
@@ -34,7 +34,7 @@ def made(tmp_path_factory):
         folder.write(config, plan.base.scenario_yaml, plan.base.system.logged_files, plan.design())
     store = Store(folder.table)
     store.begin("h", "{}")
-    store.add([Row(i, "completed", metrics=_METRICS) for i in range(4)])
+    store.add([RunRow(i, "completed", metrics=_METRICS) for i in range(4)])
     store.close()
     return folder.path
 
@@ -128,7 +128,7 @@ def test_a_journal_that_names_a_file_to_delete(folder, capsys):
     assert precious.read_text() == "mine"
 
 
-@pytest.mark.parametrize("name", ["rows.sqlite", "rows.sqlite-journal", "driver.lock", "replays", "scenario"])
+@pytest.mark.parametrize("name", ["rows.sqlite", "rows.sqlite-journal", "driver.lock", "reruns", "scenario"])
 def test_nothing_is_written_through_a_link(folder, capsys, name):
     elsewhere = folder.parent / "elsewhere"
     if (folder / name).exists():
@@ -190,7 +190,7 @@ def test_control_characters_of_a_row_stay_off_the_terminal(folder, capsys):
     evil = "\x1b]0;owned\x07\u202e\nrun 3: all is well\r"
     edit(folder, "DELETE FROM rows WHERE i = 1")
     store = Store(folder / "rows.sqlite")
-    store.add([Row(1, "diverged", message=evil)])
+    store.add([RunRow(1, "diverged", message=evil)])
     store.close()
     assert main(["campaign", "status", "D"]) == 0
     captured = capsys.readouterr()
@@ -202,7 +202,7 @@ def test_control_characters_of_a_row_stay_off_the_terminal(folder, capsys):
 def test_words_of_a_row_are_no_markup_in_the_report(folder, capsys):
     edit(folder, "DELETE FROM rows WHERE i = 1")
     store = Store(folder / "rows.sqlite")
-    store.add([Row(1, "diverged", message="<script>x</script> | y\n# title", phase="<b>")])
+    store.add([RunRow(1, "diverged", message="<script>x</script> | y\n# title", phase="<b>")])
     store.close()
     assert main(["campaign", "report", "D"]) == 0, capsys.readouterr().err
     page = (folder / "report.md").read_text()

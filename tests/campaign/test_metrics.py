@@ -11,10 +11,10 @@ import pytest
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
-from ffsm_mj.campaign import metrics
-from ffsm_mj.campaign.effort import Effort
-from ffsm_mj.campaign.metrics import columns_of, evaluated, fault_of
-from ffsm_mj.present.run import Run
+from ffsm_mj.campaign.execution import metrics
+from ffsm_mj.campaign.execution.effort import Effort
+from ffsm_mj.campaign.execution.metrics import columns_of, evaluated, fault_of
+from ffsm_mj.report.run import Run
 
 
 def measured(
@@ -56,15 +56,17 @@ def test_scalars_of_the_summary_by_path(baseline: tuple[Run, dict[str, Any]]) ->
 
 def test_laws_are_judged_from_the_accumulator(baseline: tuple[Run, dict[str, Any]]) -> None:
     run, told = baseline
-    assert told["laws_hold"] is True
-    assert told["laws.energy"] == max(law.residual for law in run.laws() if law.name == "energy")
+    assert told["checks_pass"] is True
+    assert told["checks.energy"] == max(check.residual for check in run.checks() if check.name == "energy")
     assert 0.0 < told["drift"] < 1e-9
-    assert told["deepest_overlap_m"] == max(law.residual for law in run.laws() if law.name == "no penetration") < 1e-15
+    assert (
+        told["deepest_overlap_m"] == max(check.residual for check in run.checks() if check.name == "no penetration") < 1e-15
+    )
 
 
 def test_a_violated_law_counts_as_failed() -> None:
-    law = SimpleNamespace(name="energy", residual=2.0, drift=2.0, tolerance=1.0, holds=False, fails_by_truncation=False)
-    assert metrics.always([law])["laws_hold"] is False  # type: ignore[list-item]
+    law = SimpleNamespace(name="energy", residual=2.0, drift=2.0, tolerance=1.0, passes=False, fails_by_truncation=False)
+    assert metrics.always([law])["checks_pass"] is False  # type: ignore[list-item]
 
 
 def test_a_check_that_fails_tells_its_residual_over_its_tolerance() -> None:
@@ -73,7 +75,7 @@ def test_a_check_that_fails_tells_its_residual_over_its_tolerance() -> None:
     def law(name: str, residual: float, tolerance: float) -> Any:
         passes = residual <= tolerance
         numbers = {"residual": residual, "drift": residual, "tolerance": tolerance}
-        return SimpleNamespace(name=name, **numbers, holds=passes, fails_by_truncation=False)
+        return SimpleNamespace(name=name, **numbers, passes=passes, fails_by_truncation=False)
 
     laws = [law("energy", 6.0, 2.0), law("energy", 5.0, 1.0), law("energy", 8.0, 9.0), law("linear momentum", 1.0, 2.0)]
     told = metrics.always([*laws, law("no penetration", float("nan"), 1e-9)])
@@ -87,7 +89,7 @@ def test_a_check_that_fails_tells_its_residual_over_its_tolerance() -> None:
 def test_effort_of_joint_motors(baseline: tuple[Run, dict[str, Any]]) -> None:
     """Efforts are held from row to row, so sums over rows are the integrals.
 
-    Work is that of the ledger but for the tick of the impact, in which efforts change between two rows: 14 N m at most,
+    Work is that of the balance but for the tick of the impact, in which efforts change between two rows: 14 N m at most,
     over 1 ms, at 1 rad/s.
     """
     run, told = baseline
@@ -98,7 +100,7 @@ def test_effort_of_joint_motors(baseline: tuple[Run, dict[str, Any]]) -> None:
     upper, lower = run["actuators.robot_motor_2_upper_N_m"], run["actuators.robot_motor_2_lower_N_m"]
     assert effort["at_bound"] == pytest.approx(np.mean((applied >= upper) | (applied <= lower)))
     work = sum(each["work_J"] for each in told["effort"].values())
-    assert work == pytest.approx(run["ledger.work_J"][-1], abs=14e-3)
+    assert work == pytest.approx(run["balance.work_J"][-1], abs=14e-3)
 
 
 def test_effort_of_thrusters_at_sites() -> None:
@@ -107,7 +109,7 @@ def test_effort_of_thrusters_at_sites() -> None:
     work = sum(each["work_J"] for each in told["effort"].values())
     scale = sum(abs(each["work_J"]) for each in told["effort"].values())
     assert scale > 0.0
-    assert work == pytest.approx(run["ledger.work_J"][-1], abs=1e-3 * scale)
+    assert work == pytest.approx(run["balance.work_J"][-1], abs=1e-3 * scale)
 
 
 def test_effort_does_not_depend_on_blocks(baseline: tuple[Run, dict[str, Any]]) -> None:
@@ -165,5 +167,5 @@ def test_a_partial_run_in_memory_is_the_whole_one() -> None:
     part = simulate(prepare("coasting", {"duration_s": 2.0}).assemble(), columns=("energy.total_J",))
     assert part.keys == ("state.time_s", "energy.total_J")
     np.testing.assert_array_equal(part["energy.total_J"], whole["energy.total_J"])
-    assert part.laws() == whole.laws()
+    assert part.checks() == whole.checks()
     assert {**part.summary(), "wall_s": 0, "real_time_factor": 0} == {**whole.summary(), "wall_s": 0, "real_time_factor": 0}

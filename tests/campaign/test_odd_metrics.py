@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from ffsm_mj.campaign import metrics
 from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.engines import loop
+from ffsm_mj.campaign.execution import metrics
+from ffsm_mj.campaign.execution.engines import loop
 from ffsm_mj.errors import InputError
 from tests.campaign.files import rock_hits
 
@@ -70,7 +70,7 @@ def test_a_metric_that_leaves_is_an_error(made: Made) -> None:
 
 def test_a_run_whose_metric_fails_can_be_looked_at(made: Made) -> None:
     campaign = made(lambda _: 1 / 0)
-    again = campaign.replay(0)
+    again = campaign.rerun(0)
     assert again.differences == ()
     assert again.run.outcome == "completed"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ffsm_mj.campaign.loading import load_campaign
+from ffsm_mj.campaign.plan.loading import load_campaign
 from ffsm_mj.yaml.parser import plain_value
 from tests.campaign.files import campaign_file, two_rocks
 from tests.scenes import HEAD

@@ -10,10 +10,10 @@ import pyarrow.parquet
 import pytest
 
 from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.engines import loop
-from ffsm_mj.campaign.report import write_report
-from ffsm_mj.campaign.report_figures import save_figures
-from ffsm_mj.campaign.report_page import report_page
+from ffsm_mj.campaign.execution.engines import loop
+from ffsm_mj.campaign.report.figures import save_figures
+from ffsm_mj.campaign.report.page import report_page
+from ffsm_mj.campaign.report.report import write_report
 from ffsm_mj.cli.main import main
 from tests.campaign.files import rock_hits
 from tests.campaign.made_up import results, row
@@ -62,7 +62,7 @@ def test_shares_with_their_intervals(many):
 
 def test_no_failure_has_an_upper_end():
     text = page(results([row(i, x=float(i), y=float(i)) for i in range(64)]))
-    assert cells(text, "failed (did not come to the end, or violates a law)") == ["0 of 64", "0 %", "0 % to 5.66 %"]
+    assert cells(text, "failed (did not come to the end, or fails a check)") == ["0 of 64", "0 %", "0 % to 5.66 %"]
 
 
 @pytest.mark.parametrize(("kind", "points"), [("sobol", "Sobol points"), ("lhs", "points of a Latin hypercube")])
@@ -122,8 +122,8 @@ def test_pictures(many, tmp_path):
 
 def test_runs_over_each_other(baseline, tmp_path):
     """The tip's way from the log, drawn where the axes say: both ends of it have ink."""
-    replayed = [(row(3, success=True), baseline), (row(5, success=False), baseline)]
-    made = save_figures(results([row(i, x=1.0 * i) for i in range(4)]), replayed, tmp_path)
+    rerun_runs = [(row(3, success=True), baseline), (row(5, success=False), baseline)]
+    made = save_figures(results([row(i, x=1.0 * i) for i in range(4)]), rerun_runs, tmp_path)
     assert made == [("runs made again, over each other", "trajectories.png")]
     assert (tmp_path / "trajectories.png").stat().st_size > 20_000
 
@@ -135,7 +135,7 @@ def made(tmp_path_factory):
     success = {"success": "impacts.0.impulse_N_s < 0.9", "metrics": ["impacts.0.impulse_N_s"]}
     found = Campaign.load(rock_hits(folder, **success), folder / "out")
     found.run(loop().open())
-    found.replay(3)
+    found.rerun(3)
     return found
 
 
@@ -175,7 +175,7 @@ def test_a_page_elsewhere(made, tmp_path):
 
 
 def test_a_replay_that_is_not_whole_is_left_out(made, tmp_path):
-    (made.folder.path / "replays" / "000004").mkdir(exist_ok=True)
+    (made.folder.path / "reruns" / "000004").mkdir(exist_ok=True)
     assert "trajectories.png" in [file.name for file in write_report(made, tmp_path / "page.md")]
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ffsm_mj.campaign.sampler import samples
+from ffsm_mj.campaign.plan.sampler import samples
 
 NAMES = ("mass", "y", "restitution")
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ffsm_mj.campaign.failures import differences, groups, holm
-from ffsm_mj.campaign.sampler import samples
-from ffsm_mj.campaign.sensitivity import rank_correlation, sobol_indices
+from ffsm_mj.campaign.evaluation.failures import differences, groups, holm
+from ffsm_mj.campaign.evaluation.sensitivity import rank_correlation, sobol_indices
+from ffsm_mj.campaign.plan.sampler import samples
 from tests.campaign.made_up import results, row
 
 N = 1024

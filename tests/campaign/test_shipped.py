@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.replay import TOLERANCE
+from ffsm_mj.campaign.execution.rerun import TOLERANCE
 
 ROWS = Path(__file__).parents[2] / "docs" / "campaign-rows.csv"
-WORDS = ("outcome", "message", "phase", "failed", "success", "laws_hold")
-ROUNDING = ("laws.", "drift", "deepest_overlap_m", "wall_s", "cpu")
+WORDS = ("outcome", "message", "phase", "failed", "success", "checks_pass")
+ROUNDING = ("checks.", "drift", "deepest_overlap_m", "wall_s", "cpu")
 """Residuals and what a row cost differ from machine to machine."""
 
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ffsm_mj.campaign.convergence import look, looks, narrow_enough
-from ffsm_mj.campaign.statistics import Share, is_constant, quantile, values_for_bound, values_for_upper_end
+from ffsm_mj.campaign.evaluation.convergence import interval_at, intervals, narrow_enough
+from ffsm_mj.campaign.evaluation.statistics import Proportion, is_constant, quantile, values_for_bound, values_for_upper_end
 from tests.campaign.made_up import results, row
 
 Z = 1.959963984540054
@@ -19,7 +19,7 @@ Z = 1.959963984540054
 @pytest.mark.parametrize(("of", "percent"), [(64, 5.66), (1000, 0.383)])
 def test_no_failure_is_no_proof(of, percent):
     """Wilson's upper end for 0 of n is z^2 / (n + z^2)."""
-    low, high = Share(0, of).interval
+    low, high = Proportion(0, of).interval
     assert low == pytest.approx(0.0, abs=1e-12)
     assert high == pytest.approx(Z**2 / (of + Z**2), rel=1e-9)
     assert 100 * high == pytest.approx(percent, abs=0.005)
@@ -32,7 +32,7 @@ def test_wilson_as_it_is_printed(counted):
     p = count / of
     middle = (p + Z**2 / (2 * of)) / (1 + Z**2 / of)
     half = Z * math.sqrt(p * (1 - p) / of + Z**2 / (4 * of**2)) / (1 + Z**2 / of)
-    assert Share(count, of).interval == pytest.approx((middle - half, middle + half), abs=1e-12)
+    assert Proportion(count, of).interval == pytest.approx((middle - half, middle + half), abs=1e-12)
 
 
 @pytest.mark.parametrize(("share", "confidence", "needed"), [(0.95, 0.95, 59), (0.99, 0.95, 299), (0.90, 0.997, 56)])
@@ -85,18 +85,18 @@ def test_what_is_constant():
 
 def test_convergence_looks_at_powers_of_two_of_the_first_runs():
     found = results([row(i, success=i % 4 != 0, y=float(i)) for i in range(40)])
-    assert [each.runs for each in looks(found, "success")] == [8, 16, 32]
-    assert [each.value for each in looks(found, "success")] == [0.75] * 3
-    assert look(found, "success", 16).low == Share(12, 16).interval[0]
-    assert look(found, "y", 16).value == 7.0
-    widths = [each.width for each in looks(found, "success")]
+    assert [each.runs for each in intervals(found, "success")] == [8, 16, 32]
+    assert [each.value for each in intervals(found, "success")] == [0.75] * 3
+    assert interval_at(found, "success", 16).low == Proportion(12, 16).interval[0]
+    assert interval_at(found, "y", 16).value == 7.0
+    widths = [each.width for each in intervals(found, "success")]
     assert widths == sorted(widths, reverse=True)
 
 
 def test_convergence_ends_before_a_run_that_is_not_made():
     """Which runs are made early is no chance: long ones come last."""
     found = results([row(i, success=True) for i in range(64) if i != 20], runs=64)
-    assert [each.runs for each in looks(found, "success")] == [8, 16]
+    assert [each.runs for each in intervals(found, "success")] == [8, 16]
 
 
 def test_a_campaign_is_narrow_enough_at_a_power_of_two_only():

@@ -30,4 +30,4 @@ def test_as_the_campaign_says(tmp_path, capsys, truncated, failed):
     # Drift of all runs: 1e-6 of energy and momenta, a thousand times what is allowed, whether they count or not.
     drift = float(page.partition("over (1 + scale) of each is ")[2].split()[0])
     assert drift > 1e-8
-    assert main(["campaign", "replay", str(tmp_path / "out"), "0"]) == 0
+    assert main(["campaign", "rerun", str(tmp_path / "out"), "0"]) == 0

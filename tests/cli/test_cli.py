@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from ffsm_mj.cli.main import main
-from ffsm_mj.present import plots
+from ffsm_mj.report import plots
 from tests.scenes import two_balls
 
 
@@ -27,13 +27,13 @@ def test_run_writes_the_folder_and_links_latest(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "scene: completed; 0.5 s simulated" in out
     assert "robot/ball" in out
-    assert "VIOLATED" not in out
+    assert "FAILED" not in out
     latest = tmp_path / "cwd" / "logs" / "latest"
     assert latest.is_symlink()
     assert {p.name for p in latest.iterdir()} == {"run.mcap", "run.rrd", "scenario.yaml", "summary.json", "mjcf"}
     assert json.loads((latest / "summary.json").read_text())["scenario"] == "scene"
     assert main(["analyze"]) == 0
-    assert "all 13 laws hold over 0.5 s (501 samples)" in capsys.readouterr().out
+    assert "all 13 checks pass over 0.5 s (501 samples)" in capsys.readouterr().out
 
 
 def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path, capsys):
@@ -48,11 +48,11 @@ def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path, capsys):
 def test_analyze_exits_1_when_a_law_is_violated(tmp_path, capsys):
     assert main(["run", str(two_balls(tmp_path, speed=3.7)), "--no-rerun", "--out", "mine"]) == 0
     assert main(["analyze", "mine", "--tolerance", "1e-30"]) == 1
-    assert "VIOLATED" in capsys.readouterr().out
+    assert "FAILED" in capsys.readouterr().out
     assert main(["analyze", "mine/run.mcap", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["complete"] is True
-    assert all(law["holds"] for law in report["laws"])
+    assert all(check["passes"] for check in report["checks"])
 
 
 def test_analyze_several_runs(tmp_path, capsys):
@@ -67,12 +67,12 @@ def test_analyze_several_runs(tmp_path, capsys):
     assert "impact_pairs.0.restitution: 1.0 -> 0.5" in out
     assert "the motions part at 0.082 s" in out  # 0.3 m at 3.7 m/s
     assert main(["analyze", "a", "b", "--json"]) == 0
-    assert [len(report["laws"]) for report in json.loads(capsys.readouterr().out)] == [13, 13]
+    assert [len(report["checks"]) for report in json.loads(capsys.readouterr().out)] == [13, 13]
     assert main(["analyze", "a", "b", "--tolerance", "impact_restitution=1e-30", "--tolerance", "1e-6"]) == 1
-    assert "of 2 runs verified; VIOLATED in" in capsys.readouterr().out
+    assert "of 2 runs verified; FAILED in" in capsys.readouterr().out
     for wrong in (["--tolerance", "charm=1e-9"], ["--compare", "--json"]):
         assert main(["analyze", "a", "b", *wrong]) == 2
-    assert "unknown law 'charm'; allowed: angular momentum" in capsys.readouterr().err
+    assert "unknown check 'charm'; allowed: angular momentum" in capsys.readouterr().err
 
 
 @pytest.mark.long
@@ -96,7 +96,9 @@ def test_export_writes_beside_the_log(tmp_path, capsys):
     assert "a/samples.csv: 101 rows of" in out
     assert "a/impacts.parquet: 0 rows of 45 columns" in out
     assert main(["export", "a", "--csv", "--table", "tables"]) == 2
-    assert "unknown table 'tables' (did you mean 'samples'?); allowed: contact_beginnings, " in capsys.readouterr().err
+    assert (
+        "unknown table 'tables' (did you mean 'samples'?); allowed: checks, contact_beginnings, " in capsys.readouterr().err
+    )
 
 
 def test_a_run_that_fails_exits_3(tmp_path, capsys):
@@ -154,12 +156,12 @@ def test_bad_input_exits_2_without_a_traceback(arguments, capsys):
         ("run --list -s a=1", "ffsm run: -s has no effect with --list"),
         ("run --list --out a", "ffsm run: --out has no effect with --list"),
         ("run --list --no-rerun", "ffsm run: --no-rerun has no effect with --list"),
-        ("run --list --allow-violations", "ffsm run: --allow-violations has no effect with --list"),
+        ("run --list --allow-failed-checks", "ffsm run: --allow-failed-checks has no effect with --list"),
         ("run --list --live", "ffsm run: --live has no effect with --list"),
         ("export --csv --fps 5", "ffsm export: --fps has no effect without --gif or --mp4"),
         ("export --parquet --speed 5", "ffsm export: --speed has no effect without --gif or --mp4"),
         ("export --gif --table laws", "ffsm export: --table has no effect without --csv or --parquet"),
-        ("analyze --tolerance 1e-9 --tolerance 1e-8", "--tolerance: given twice for all laws"),
+        ("analyze --tolerance 1e-9 --tolerance 1e-8", "--tolerance: given twice for all checks"),
         ("analyze --compare", "--compare: name two runs or more"),
         ("analyze a b --compare --json", "--compare prints text: leave --json out"),
     ],
@@ -239,7 +241,7 @@ def test_a_run_whose_step_is_too_long_says_so_last_and_exits_5(capsys):
     """A step of 0.1 s, far too coarse for the spatial robot: its momenta are off by 1e-5."""
     coarse = [f"-s{key}=0.1" for key in ("time_step_s", "control_period_s")]
     arguments = ["run", "spatial", *coarse, "-s", "duration_s=1", "--no-rerun"]
-    for allowed, code in (([], 5), (["--allow-violations"], 0)):
+    for allowed, code in (([], 5), (["--allow-failed-checks"], 0)):
         assert main([*arguments, *allowed, "--out", f"run{code}"]) == code
         captured = capsys.readouterr()
         assert captured.err.startswith("checks fail by the truncation of the step alone: ")

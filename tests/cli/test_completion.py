@@ -50,7 +50,7 @@ def test_a_script_is_whole(script, shell, tmp_path):
         (tmp_path / "script").write_text(text)
         done = subprocess.run([shell, "-n", str(tmp_path / "script")], capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, "")
-    assert not [word for word in (*COMMANDS, *scenario_names(), "allow-violations") if word not in text]
+    assert not [word for word in (*COMMANDS, *scenario_names(), "allow-failed-checks") if word not in text]
 
 
 def test_bash_completes_commands_and_options(complete):

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from ffsm_mj.cli.main import main
-from ffsm_mj.present import plots
+from ffsm_mj.report import plots
 from tests.scenes import two_balls
 from tests.terminal import ffsm
 
@@ -116,7 +116,7 @@ def test_an_interrupted_export_leaves_the_earlier_file_whole(run, capsys, monkey
         stream.write(b"time_s,")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ffsm_mj.present.export._write_csv", interrupted)
+    monkeypatch.setattr("ffsm_mj.report.export._write_csv", interrupted)
     before = sorted(os.listdir(run))
     assert main(["export", run, "--csv"]) == 130
     assert capsys.readouterr().err == "interrupted\n"
@@ -156,7 +156,7 @@ LONG = "x" * 300
 def test_a_place_that_cannot_be_used_is_refused_before_the_work(arguments, message, capsys, monkeypatch):
     Path("file").touch()
     Path("folder").mkdir()
-    for work in ("ffsm_mj.present.run.read_log", "ffsm_mj.simulation.loop.Simulation.run"):
+    for work in ("ffsm_mj.report.run.read_log", "ffsm_mj.simulation.loop.Simulation.run"):
         monkeypatch.setattr(work, lambda *_: pytest.fail("it was done"))
     assert main(arguments.split()) == 2
     captured = capsys.readouterr()

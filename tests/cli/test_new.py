@@ -162,7 +162,7 @@ def test_meshes_of_packages_are_found(vendor, tmp_path, capfd):
     assert main(["new", "my", "--robot", path, "--package-path", "../shelf"]) == 0
     run = ffsm_mj.run("my.yaml")
     assert run.impacts
-    assert all(law.holds for law in run.laws())
+    assert all(check.passes for check in run.checks())
 
 
 @pytest.mark.parametrize("there", ["my.yaml", "my.xml", "my_ball.xml"])

@@ -11,7 +11,7 @@ import pytest
 
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
-from ffsm_mj.starters.law import write_law
+from ffsm_mj.templates.law import write_law
 
 MODULE_FINDER = """
 import importlib.util, sys

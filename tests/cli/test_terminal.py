@@ -9,8 +9,8 @@ import sys
 import pytest
 
 from ffsm_mj.cli.main import main
-from ffsm_mj.present.run import load_run
-from ffsm_mj.present.text_report import run_report
+from ffsm_mj.report.run import load_run
+from ffsm_mj.report.text_report import run_report
 from tests.scenes import two_balls
 from tests.terminal import ffsm, on_terminal
 
@@ -44,7 +44,7 @@ def test_a_run_shows_how_far_it_is_and_leaves_its_report_alone(tmp_path, monkeyp
     path = str(two_balls(tmp_path, duration_s=LONG_S if painted else 0.1))
     shown = on_terminal(ffsm("run", path, "--no-rerun", "--out", "a"), columns=columns, **environment)
     assert shown.code == 0, shown.written
-    monkeypatch.setattr("ffsm_mj.present.text_table.terminal_width", lambda: columns if columns > 20 else None)
+    monkeypatch.setattr("ffsm_mj.report.text_table.terminal_width", lambda: columns if columns > 20 else None)
     expected = run_report(load_run("a"))
     rest = "files in a: mjcf, run.mcap, scenario.yaml, summary.json look at it: ffsm view a verify the log: ffsm analyze a"
     assert squeezed("".join(shown.screen)) == squeezed(expected + rest)
@@ -117,7 +117,7 @@ def run_case(case):
     time.sleep(float(case.scenario))
 
 cases.run_case = run_case
-printed_number = printed.Printed("4.2", "baseline", "x", "m", "1.23", "x", "")
+printed_number = printed.PrintedNumber("4.2", "baseline", "x", "m", "1.23", "x", "")
 content = page.Report((judged.Judged(printed_number, 1.23, None, 0.0),), {}, {}, (), {})
 
 def reproduce(report):

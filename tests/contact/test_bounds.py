@@ -10,15 +10,15 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.digest import Digest
-from ffsm_mj.analysis.residuals import STRETCH_STEPS
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout, Signal
+from ffsm_mj.verification.residuals import STRETCH_STEPS
 from tests.scenes import ball, scene, two_balls
 
 STEP_S, ROWS = 1e-3, 3001
-OVERLAP = "ledger.deepest_overlap_m"
+OVERLAP = "balance.deepest_overlap_m"
 BOTH_WAYS = "momentum.robot_P_x_N_s", "momentum.robot_by_mass_matrix_P_x_N_s"
 
 
@@ -44,7 +44,7 @@ def leaking(log: RunLog, keys: str | tuple[str, ...], leak: np.ndarray) -> Run:
 
 
 def broken(run: Run) -> list[tuple[str, str]]:
-    return [(law.name, law.party) for law in run.laws() if not law.holds]
+    return [(check.name, check.subsystem) for check in run.checks() if not check.passes]
 
 
 def test_a_step_may_leave_what_it_may_leave_however_many_there_are(long):
@@ -52,7 +52,7 @@ def test_a_step_may_leave_what_it_may_leave_however_many_there_are(long):
     steps = long.rows[:, 0] / STEP_S
     good = leaking(long, BOTH_WAYS, 2.9e-14 * steps)
     assert not broken(good)
-    (law,) = (law for law in good.laws() if (law.name, law.party) == ("linear momentum", "robot"))
+    (law,) = (check for check in good.checks() if (check.name, check.subsystem) == ("linear momentum", "robot"))
     assert law.residual == pytest.approx(2.9e-14 * STRETCH_STEPS, rel=1e-6)
     assert law.drift == pytest.approx(2.9e-14 * steps[-1], rel=1e-6)
     assert good.summary()["conservation"]["linear_momentum_residual_N_s"] == law.drift
@@ -73,7 +73,7 @@ def test_a_leak_of_a_ten_millionth_is_found_whenever_it_happens(long, at, key, n
         facts = {**run.log.header.facts, "free_components_objects": "1 1 1 1 1 1"}
         run = Run(replace(run.log, header=replace(run.log.header, facts=facts)))
     assert broken(run) == [(name, "objects")]
-    (law,) = (law for law in run.laws() if not law.holds)
+    (law,) = (check for check in run.checks() if not check.passes)
     assert law.residual == pytest.approx(1e-7)
     assert law.time_s == at
 
@@ -89,7 +89,7 @@ def test_the_same_verdict_however_the_rows_are_cut(baseline):
         for block in np.split(log.rows, sorted({*map(int, cuts)})):
             if len(block):
                 seen.rows(block)
-        found.add((seen.audit.laws(log.impacts), seen.samples, seen.end_s, str(seen.tip)))
+        found.add((seen.audit.checks(log.impacts), seen.samples, seen.end_s, str(seen.tip)))
     assert len(found) == 1
 
 
@@ -122,7 +122,7 @@ def test_rounding_at_a_hundred_kilometres_a_second_is_no_violation(tmp_path):
     run = ffsm_mj.run(fast_balls(tmp_path))
     assert run.impacts
     assert not broken(run)
-    (law,) = (law for law in run.laws() if (law.name, law.party) == ("angular momentum", "total"))
+    (law,) = (check for check in run.checks() if (check.name, check.subsystem) == ("angular momentum", "total"))
     assert law.residual > 1e-9 * (1.0 + np.linalg.norm(run.momentum()[:, 3:], axis=1).max())  # what it was held to
     terms = 1e5 * 2e5  # lever at 1 s, momentum
     assert 1e-9 * terms < law.tolerance < 2e-9 * terms
@@ -133,11 +133,13 @@ def test_rounding_at_a_hundred_kilometres_a_second_is_no_violation(tmp_path):
 def test_another_origin_is_the_same_run(tmp_path):
     """A residual of P that holds has a moment that holds, wherever the origin is."""
     log = ffsm_mj.run(fast_balls(tmp_path, (0.0, 3e5, 0.0), duration_s=0.005)).log
-    allowed = min(law.tolerance for law in Run(log).laws() if law.name == "linear momentum" and law.party == "robot")
+    allowed = min(
+        check.tolerance for check in Run(log).checks() if check.name == "linear momentum" and check.subsystem == "robot"
+    )
     rows, index = log.rows.copy(), log.header.layout.index
-    for party in ("robot", "total", "robot_by_mass_matrix"):
-        rows[-1, index[f"momentum.{party}_P_x_N_s"]] += 0.9 * allowed
-        rows[-1, index[f"momentum.{party}_L_z_N_m_s"]] -= 0.9 * allowed * 3e5
+    for subsystem in ("robot", "total", "robot_by_mass_matrix"):
+        rows[-1, index[f"momentum.{subsystem}_P_x_N_s"]] += 0.9 * allowed
+        rows[-1, index[f"momentum.{subsystem}_L_z_N_m_s"]] -= 0.9 * allowed * 3e5
     assert not broken(Run(replace(log, rows=rows)))
 
 
@@ -147,16 +149,16 @@ def test_no_penetration_is_judged_to_a_billionth_of_a_metre_always(coast, conser
     kept = [i for i, key in enumerate(coast.header.layout.keys) if key != OVERLAP]
     signals = [coast.header.layout.signals[i] for i in kept]
     header, rows = replace(coast.header, layout=Layout(tuple(signals))), coast.rows[:, kept]
-    assert "no penetration" not in {law.name for law in Run(replace(coast, header=header, rows=rows)).laws()}
-    layout = Layout((*signals, Signal("ledger", "deepest_overlap_m", "m", "")))
+    assert "no penetration" not in {check.name for check in Run(replace(coast, header=header, rows=rows)).checks()}
+    layout = Layout((*signals, Signal("balance", "deepest_overlap_m", "m", "")))
     facts = {**header.facts, "conservative": conservative}
     for depth, holds in ((0.9e-9, True), (1.1e-9, False), (np.nan, False)):
         deep = np.column_stack((rows, np.where(np.arange(len(rows)) == 42, depth, 0.0)))
         run = Run(replace(coast, header=replace(header, layout=layout, facts=facts), rows=deep))
         for tolerance in (1e-9, 1.0, 1e-15):
-            (law,) = (law for law in run.laws(tolerance) if law.name == "no penetration")
-            assert (law.holds, law.tolerance, law.time_s) == (holds, 1e-9, 0.042)
-        assert [law.holds for law in run.laws({"no penetration": 1e-6}) if law.name == "no penetration"] == [
+            (law,) = (check for check in run.checks(tolerance) if check.name == "no penetration")
+            assert (law.passes, law.tolerance, law.time_s) == (holds, 1e-9, 0.042)
+        assert [check.passes for check in run.checks({"no penetration": 1e-6}) if check.name == "no penetration"] == [
             not np.isnan(depth)
         ]
 
@@ -167,7 +169,7 @@ def test_without_conservation_only_impacts_and_overlap_are_judged(tmp_path):
     (tmp_path / "target.xml").write_text(text)
     run = ffsm_mj.run(path)
     assert not run.conservative
-    assert {law.name for law in run.laws()} - {"no penetration"} == {"impact energy", "impact restitution"}
-    assert all(law.holds for law in run.laws())
+    assert {check.name for check in run.checks()} - {"no penetration"} == {"impact energy", "impact restitution"}
+    assert all(check.passes for check in run.checks())
     assert run.summary()["conservation"] is None
-    assert np.ptp(run["ledger.total_energy_residual_J"]) > 1e-3  # what the damper took, and nobody booked
+    assert np.ptp(run["balance.total_energy_residual_J"]) > 1e-3  # what the damper took, and nobody booked

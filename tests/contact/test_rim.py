@@ -11,7 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.feature import features
-from tests.impact.test_fixed import good, slab
+from tests.contact_models.impact.test_fixed import good, slab
 from tests.scenes import HEAD, scene
 
 _RADIUS, _HALF, _OVER = 0.12, 0.15, 0.05

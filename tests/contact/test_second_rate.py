@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact_models.impact.resting import RestRule, resolve_resting
+from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.impact import Contact, resolve
-from ffsm_mj.impact.resting import RestRule, settled
-from ffsm_mj.motion.motion import Motion
 from tests.contact.test_geometry import PAIRS, shape
 from tests.scenes import scene
 
@@ -86,7 +86,7 @@ def test_what_presses_is_the_motion_after_a_plastic_impact(tmp_path, rng):
         near = pair.proximity(model, data)
         before = pair.second_rate(model, data, near, near.points[0]).value
         impact = resolve(model, data, [Contact(pair.body_a, pair.body_b, near.points[0], near.normal, 0.0)])
-        met = settled(model, data, [(pair, near)], RestRule(1e-3, 0.0), lambda _, impact=impact: impact, motion)
+        met = resolve_resting(model, data, [(pair, near)], RestRule(1e-3, 0.0), lambda _, impact=impact: impact, motion)
         data.qvel[:] = impact.after.qvel
         mujoco.mj_forward(model, data)
         after = pair.second_rate(model, data, near, near.points[0]).value

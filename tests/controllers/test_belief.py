@@ -11,7 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
-from ffsm_mj.model.dynamics import mass_matrix
+from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.model.properties import property_value
 from ffsm_mj.pytest_plugin import assert_conserved
 from tests.scenes import ARM, ball, scene, self_hit

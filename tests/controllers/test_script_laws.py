@@ -63,7 +63,7 @@ def test_a_law_without_settings_runs_and_is_told(tmp_path, capfd):
     assert run.outcome == "completed"
     assert np.any(run["controller.damp_torque_N_m"])
     assert run.summary()["controller"]["phases"][0]["kind"] == "mine"
-    assert all(law.holds for law in ffsm_mj.load_run(out).laws())
+    assert all(check.passes for check in ffsm_mj.load_run(out).checks())
     assert "\nscript_laws: [mine]\n" in (out / "scenario.yaml").read_text()
     again = ffsm_mj.run(out, controllers={"mine": Damp})
     np.testing.assert_array_equal(again.log.rows, run.log.rows)

@@ -114,7 +114,7 @@ def test_the_error_falls_as_the_gains_say(recipes, base):
     assert told(run, "speed_m_s")[0] > 0.02
     assert told(run, "error_m")[0] > 0.2
     assert told(run, "angle_rad")[0] > 0.5
-    assert all(law.holds for law in run.laws())
+    assert all(check.passes for check in run.checks())
 
 
 def body_axes(self):
@@ -248,7 +248,7 @@ def test_what_holds_the_object_follows_nothing():
     assert np.abs(rates[0]).max() > 0.01
     assert np.abs(rates[-1]).max() < 0.2 * np.abs(rates[0]).max()
     assert np.isnan(told(run, "error_m")[-1])
-    assert all(law.holds for law in run.laws())
+    assert all(check.passes for check in run.checks())
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def scene_files(folder: Path) -> Files:
 def campaign_folder(folder: Path) -> Files:
     """The files of a finished campaign's folder with the log of one run, made here, run by run in this process."""
     from ffsm_mj.campaign.campaign import Campaign
-    from ffsm_mj.campaign.engines import Loop
+    from ffsm_mj.campaign.execution.engines import Loop
 
     (folder / "campaign.yaml").write_text(json.dumps(_STATED))
     campaign = Campaign.load(folder / "campaign.yaml", folder / "D")
@@ -139,8 +139,8 @@ _STATEMENTS = (
 
 def _metrics(rng: Random) -> str:
     odd = rng.choice(('"\\u001b[31m"', "NaN", "Infinity", "-1e999", "[]", "{}", "null", "true", *NUMBERS, '"$a$"'))
-    name = rng.choice(("drift", "impacts.count", "laws_hold", "$a$", "\\u001b[2J", "run", "impacts.0.impulse_N_s"))
-    return f'{{"{name}": {odd}, "laws_hold": {rng.choice(("true", "false", "3"))}}}'
+    name = rng.choice(("drift", "impacts.count", "checks_pass", "$a$", "\\u001b[2J", "run", "impacts.0.impulse_N_s"))
+    return f'{{"{name}": {odd}, "checks_pass": {rng.choice(("true", "false", "3"))}}}'
 
 
 def _journal(rng: Random, files: Files, _: Any) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from random import Random
 from typing import Any
 
-from tests.capture.scenes import ARM, BOUNDS, TARGET, TOUCH
+from tests.contact_models.grasp.scenes import ARM, BOUNDS, TARGET, TOUCH
 from tests.hostile.cases import Case, commands
 from tests.hostile.documents import Map, text, tree_of
 from tests.hostile.log_mutations import log, mutate_log, records, values_of

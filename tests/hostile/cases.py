@@ -277,7 +277,7 @@ def _log_case(rng: Random, logs: tuple[bytes, ...]) -> Case:
     if kind < 0.7:
         command: Command = ("analyze", "run.mcap", *rng.choice(((), (), ("--json",), ("--tolerance", "1e-6"))))
     elif kind < 0.94:
-        table = rng.choice(("samples", "impacts", "phases", "laws"))
+        table = rng.choice(("samples", "impacts", "phases", "checks"))
         command = ("export", "run.mcap", "--csv", "--table", table)
     else:
         command = ("export", "run.mcap", "--gif", "--fps", "1", "--speed", "1")

@@ -92,5 +92,5 @@ def _log_case(rng: Random, data: bytes) -> Case:
         data = mutate_log(rng, data)
     command = rng.choice((("analyze", "run.mcap"), ("analyze", "run.mcap", "--json"), ("export", "run.mcap", "--csv")))
     if command[0] == "export":
-        command = (*command, "--table", rng.choice(("samples", "impacts", "laws")))
+        command = (*command, "--table", rng.choice(("samples", "impacts", "checks")))
     return Case(f"log of friction: {command[0]}", {"run.mcap": data}, (command,))

@@ -11,7 +11,7 @@ from mcap.records import Attachment, Channel, Message
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
-from ffsm_mj.impact.kind import IMPACT
+from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.log.mcap.record_format import decode_record, encode_record
 from tests.hostile.log_mutations import log, records
 from tests.scenes import two_balls
@@ -144,7 +144,7 @@ def test_what_a_log_says_does_not_steer_the_terminal(hit, tmp_path, capsys):
     assert main(["export", path, "--csv", "--table", EVIL]) == 2
     captured = capsys.readouterr()
     assert (captured.out + captured.err).replace("\n", "").isprintable()
-    assert [line for line in captured.out.splitlines() if line.startswith("all 99 laws hold")] == []
+    assert [line for line in captured.out.splitlines() if line.startswith("all 99 checks pass")] == []
 
 
 @pytest.mark.parametrize("name", ["time_step_s", "control_period_s"])
@@ -167,7 +167,7 @@ def test_whatever_a_log_makes_go_wrong_is_one_line(hit, tmp_path, capsys, monkey
         raise ZeroDivisionError("float\ndivision")
 
     path = changed(hit, tmp_path / "x.mcap", lambda record: [record])
-    monkeypatch.setattr("ffsm_mj.present.run.read_log", broken)
+    monkeypatch.setattr("ffsm_mj.report.run.read_log", broken)
     monkeypatch.setattr("ffsm_mj.log.rerun.viewer.has_display", lambda: True)
     command, *options = arguments.split()
     assert main([command, path, *options]) == 2

@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 
-from tests.capture.scenes import ARM, BOUNDS, TARGET
+from tests.contact_models.grasp.scenes import ARM, BOUNDS, TARGET
 from tests.hostile import captures, friction
 from tests.hostile.campaigns import campaign_folder, scene_files
 from tests.hostile.cases import Case, Command
@@ -38,8 +38,8 @@ _BATCH = 100
 _COSTLY = (
     *(
         "ffsm_mj.cli.commands",
-        "ffsm_mj.present.animation",
-        "ffsm_mj.present.export",
+        "ffsm_mj.report.animation",
+        "ffsm_mj.report.export",
         "pandas",
         "pyarrow.compute",
         "pyarrow.pandas_compat",
@@ -48,9 +48,9 @@ _COSTLY = (
     *("PIL.GifImagePlugin", "matplotlib.style"),
 )
 _COSTLY_TOO = (
-    *("ffsm_mj.campaign.campaign", "ffsm_mj.campaign.report_figures", "ffsm_mj.campaign.report_page", "scipy.stats.qmc"),
-    *("ffsm_mj.present.page.document", "ffsm_mj.log.rerun.from_log", "ffsm_mj.starters.robot", "imageio_ffmpeg"),
-    *("ffsm_mj.cli.campaign", "ffsm_mj.present.plots", "matplotlib.backends.backend_svg", "matplotlib.backends.backend_agg"),
+    *("ffsm_mj.campaign.campaign", "ffsm_mj.campaign.report.figures", "ffsm_mj.campaign.report.page", "scipy.stats.qmc"),
+    *("ffsm_mj.report.page.document", "ffsm_mj.log.rerun.from_log", "ffsm_mj.templates.robot", "imageio_ffmpeg"),
+    *("ffsm_mj.cli.campaign", "ffsm_mj.report.plots", "matplotlib.backends.backend_svg", "matplotlib.backends.backend_agg"),
 )
 
 
@@ -180,7 +180,7 @@ def _address_space() -> int:
 
 def _alone() -> None:
     """Nothing but this process: a viewer that opens at once and ends, runs of campaigns one after the other in here."""
-    from ffsm_mj.campaign import engines
+    from ffsm_mj.campaign.execution import engines
     from ffsm_mj.log.rerun import viewer
 
     sys.dont_write_bytecode = True

@@ -72,7 +72,7 @@ def test_a_truncated_log_gives_every_chunk_before_the_cut(finished, tmp_path, se
         assert len(got.time) >= 1000 * (sum(end <= cut for end in ends) - 3)  # two events and the outcome end chunks early
         assert got.complete == (cut >= ends[-1])
         assert got.complete == bool(got.damage)
-        assert all(law.holds for law in got.laws(1e-12))
+        assert all(check.passes for check in got.checks(1e-12))
 
 
 @pytest.mark.long
@@ -168,7 +168,7 @@ def test_a_full_disk_is_one_line_and_exit_3(tmp_path, file_bytes, rerun):
         got = ffsm_mj.load_run(out)
         assert len(got.time) >= 1000
         assert not got.complete
-        assert all(law.holds for law in got.laws(1e-12))
+        assert all(check.passes for check in got.checks(1e-12))
         assert json.loads((out / "summary.json").read_text())["outcome"] == "write_failed"
 
 
@@ -208,7 +208,7 @@ def test_laws_are_judged_from_the_first_sample_that_is_left(tmp_path):
     assert damaged is not None
     assert damaged.time[0] > 0.0
     assert f"samples are missing from 0 to {damaged.time[0]:g} s" in damaged.damage
-    assert all(law.holds for law in damaged.laws(1e-12))
+    assert all(check.passes for check in damaged.checks(1e-12))
     assert len(damaged.time) < len(whole.time)
 
 

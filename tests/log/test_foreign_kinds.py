@@ -12,7 +12,7 @@ from mcap.records import Message, Schema
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
-from ffsm_mj.contact import regimes
+from ffsm_mj.contact_models import interface as contact_models
 from ffsm_mj.errors import LogError
 from ffsm_mj.log.mcap.record_format import decode_record, encode_record
 from ffsm_mj.records import kinds as register_of_kinds
@@ -47,16 +47,16 @@ def test_a_package_that_is_installed_is_asked(plain_run, tmp_path, monkeypatch, 
     register(GRIP)
     recorded(plain_run, tmp_path / "out", FIRST, LAST)
     monkeypatch.setattr(register_of_kinds, "_KINDS", known)
-    monkeypatch.setattr(regimes, "_REGISTERED", {})
+    monkeypatch.setattr(contact_models, "_REGISTERED", {})
     package = tmp_path / "package"
     (package / "grips-1.0.dist-info").mkdir(parents=True)
     (package / "grips-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: grips\nVersion: 1.0\n")
-    (package / "grips-1.0.dist-info" / "entry_points.txt").write_text(f"[{regimes.GROUP}]\ngripper = grips:Gripper\n")
+    (package / "grips-1.0.dist-info" / "entry_points.txt").write_text(f"[{contact_models.GROUP}]\ngripper = grips:Gripper\n")
     (package / "grips.py").write_text(
         "import nothing_of_that_name"
         if broken
-        else "from ffsm_mj.contact.regimes import Regime\nfrom tests.log.grips import GRIP\n"
-        "class Gripper(Regime):\n    kind = 'gripper'\n    records = (GRIP,)\n"
+        else "from ffsm_mj.contact_models.interface import ContactModel\nfrom tests.log.grips import GRIP\n"
+        "class Gripper(ContactModel):\n    kind = 'gripper'\n    records = (GRIP,)\n"
     )
     monkeypatch.syspath_prepend(package)
     monkeypatch.delitem(sys.modules, "grips", raising=False)
@@ -66,7 +66,7 @@ def test_a_package_that_is_installed_is_asked(plain_run, tmp_path, monkeypatch, 
 
 
 def test_a_kind_of_the_same_name_with_other_fields_is_not_known(plain_run, tmp_path, monkeypatch):
-    """The next version of somebody's regime, or another one's: its numbers would be read as something else."""
+    """The next version of somebody's contact model, or another one's: its numbers would be read as something else."""
     known = dict(register_of_kinds._KINDS)
     monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
     register(GRIP)

@@ -16,8 +16,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
+from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.errors import InputError, LogError
-from ffsm_mj.impact.kind import IMPACT
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.record_format import decode_record, encode_record
 from ffsm_mj.records.events import OutcomeRecord, PhaseRecord, UnhandledContactRecord
@@ -158,7 +158,7 @@ def test_a_killed_run_is_readable(tmp_path):
     assert read.outcome == "incomplete"
     assert len(read.time) > 100
     assert [p.name for p in read.phases][:1] == ["approach"]
-    assert all(law.holds for law in read.laws())
+    assert all(check.passes for check in read.checks())
 
 
 @pytest.mark.slow

@@ -19,10 +19,10 @@ import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.log.memory_sink import MemorySink
 from ffsm_mj.log.rerun.from_log import write_recording
-from ffsm_mj.present.pictures import pictures
-from ffsm_mj.present.plots import comparison, figures
-from ffsm_mj.present.plots.subject import Subject
 from ffsm_mj.records.kinds import Mark, kinds, register
+from ffsm_mj.report.pictures import pictures
+from ffsm_mj.report.plots import comparison, figures
+from ffsm_mj.report.plots.subject import Subject
 from tests.log.grips import FIRST, GRIP, LAST, recorded
 from tests.log.test_recording import read as read_recording
 
@@ -110,7 +110,7 @@ def test_a_record_is_a_table_for_other_tools(plain_run, tmp_path, capsys):
     recorded(plain_run, tmp_path / "none", kinds=())
     assert main(["export", str(tmp_path / "none"), "--csv", "--table", "grips"]) == 2
     known = (
-        "contact_beginnings, contact_changes, contact_endings, contacts, impacts, internal_errors, laws, phases, samples, "
+        "contact_beginnings, contact_changes, contact_endings, contacts, impacts, internal_errors, phases, samples, "
         "unhandled_contacts"
     )
     assert f"unknown table 'grips'; allowed: {known}" in capsys.readouterr().err
@@ -175,7 +175,7 @@ def test_a_record_that_the_header_does_not_name_is_refused(plain_run):
 @pytest.mark.usefixtures("grips")
 def test_the_words_of_every_summary_and_table_are_no_plural(plain_run):
     """Or a kind could take the place of what every run tells."""
-    words = {*plain_run.summary(), "samples", "laws"} - {kind.plural for kind in kinds()}
+    words = {*plain_run.summary(), "samples", "checks"} - {kind.plural for kind in kinds()}
     for word in words:
         with pytest.raises(ValueError, match="every log has something else"):
             register(replace(GRIP, name=f"{word}_of_mine", plural=word, record=Mark))

@@ -24,7 +24,7 @@ ENTITIES = (
     "/world/trails/robot",
     "/world/impacts/0",
     "/plots/energy",
-    "/plots/ledger",
+    "/plots/balance",
     "/plots/linear_momentum/robot",
     "/states/phase",
     "/events",

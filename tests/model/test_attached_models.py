@@ -16,8 +16,8 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.reader import read_log
 from ffsm_mj.log.rerun.from_log import write_recording
 from ffsm_mj.model.files import read_model
-from ffsm_mj.present.plots import save
-from ffsm_mj.recount import recount
+from ffsm_mj.replay import replay_log
+from ffsm_mj.report.plots import save
 from tests.model.test_model_files import TETRA, write
 from tests.scenes import HEAD, ball, compile_paths
 
@@ -84,7 +84,7 @@ def scenario(models: Path, **changes: object) -> Path:
 def test_everything_works_from_the_run_folder_and_from_the_log_when_the_originals_are_gone(models, tmp_path, capsys):
     all_files = {path.relative_to(models).as_posix() for path in models.rglob("*.*")} - {"ball.xml"}
     run, alone = tmp_path / "run", tmp_path / "alone.mcap"
-    assert main(["run", str(scenario(models)), "--out", str(run), "--no-rerun", "--allow-violations"]) == 0
+    assert main(["run", str(scenario(models)), "--out", str(run), "--no-rerun", "--allow-failed-checks"]) == 0
     first = read_log(run / "run.mcap")
     shutil.rmtree(models)
     shutil.copy(run / "run.mcap", alone)
@@ -98,7 +98,7 @@ def test_everything_works_from_the_run_folder_and_from_the_log_when_the_original
         assert main(["export", str(log), "--gif", "--out", str(tmp_path / "film.gif")]) == 0
     write_recording(read_log(alone), tmp_path / "view.rrd")
     assert (tmp_path / "view.rrd").stat().st_size > 0
-    assert recount(read_log(alone)).obstacle == ""
+    assert replay_log(read_log(alone)).obstacle == ""
     again = ffsm_mj.run(run / "scenario.yaml")
     assert again.log.rows[:].tobytes() == first.rows[:].tobytes()
     assert again.log.header.files == first.header.files

@@ -25,7 +25,7 @@ from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.mcap import reader as mcap_reader
 from ffsm_mj.log.mcap import salvage
 from ffsm_mj.log.mcap.format import layout_of_schema
-from ffsm_mj.present.plots.silhouette import Plane, Silhouette
+from ffsm_mj.report.plots.silhouette import Plane, Silhouette
 from tests.model.test_stranger import forged
 from tests.scenes import HEAD, compile_paths, two_balls
 

@@ -12,10 +12,10 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
+from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.model import compile_log
 from ffsm_mj.model import overrides as overrides_of
-from ffsm_mj.model.dynamics import mass_matrix
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.inertial import Inertial
 from ffsm_mj.model.properties import BodyProperties, Overrides, property_value
@@ -429,7 +429,7 @@ def test_every_model_is_made_by_one_function():
         "model/overrides.py",
         "model/scene.py",
         "model/source.py",
-        "starters/vendor.py",
+        "templates/vendor.py",
     }
     package = Path(ffsm_mj.__file__).parent
     makers = {

@@ -94,4 +94,4 @@ def test_the_recipe_for_a_published_arm(folder, capsys):
     assert shown in (folder / "lab.yaml").read_text()
     run = ffsm_mj.load_run("logs/latest")
     assert [record.geoms[1] for record in run.impacts] == ["ball/ball"]
-    assert all(law.holds for law in run.laws())
+    assert all(check.passes for check in run.checks())

@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ffsm_mj.dynamics.rigid_body import base_jacobian, base_wrench, free_components, mass_matrix
 from ffsm_mj.impact import Contact, resolve
-from ffsm_mj.model.dynamics import base_jacobian, base_wrench, free_components, mass_matrix
 from tests.conftest import MJCF
 from tests.scenes import compile_paths, of_subtree
 
@@ -188,7 +188,7 @@ def test_pinocchio_agrees_on_any_two_bodies(robot, target, rng):
         impact = resolve(model, data, [Contact(a, b, point, normal, e)])
         close(X @ impact.after.qvel, after)
         assert impact.impulses[0] == pytest.approx(float(other.impulse_c[0]), rel=1e-11)
-        # Within one party the impulses cancel, on whom they act is in its joints alone.
+        # Within one subsystem the impulses cancel, on whom they act is in its joints alone.
         moved = [of_subtree_change(model, data, impact, tree.root) for tree in system.trees]
         scale = np.abs(impact.before.momentum).max()
         np.testing.assert_allclose(sum(moved), 0.0, atol=1e-13 * (1.0 + scale))

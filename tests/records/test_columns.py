@@ -22,8 +22,8 @@ from ffsm_mj.compiled import fastest
 from ffsm_mj.errors import ScenarioFaults
 from ffsm_mj.log.mcap.format import SampleCodec, layout_of_schema, sample_schema
 from ffsm_mj.log.rerun.plots import plots
-from ffsm_mj.plant.sampler import Sampler
 from ffsm_mj.records.columns import Columns, Row
+from ffsm_mj.records.sampler import Sampler
 from ffsm_mj.records.signals import GROUPS, TIME, Layout, Signal
 from ffsm_mj.simulation.rows import RowWriter
 from tests.log.test_recording import read
@@ -139,7 +139,7 @@ def test_signals_added_anywhere_are_read_back_by_name_and_move_no_other(plain, p
             for extra in its:
                 values = np.column_stack([run[signal.key] for signal in extra.signals])
                 np.testing.assert_array_equal(values, [extra.at(n) for n in range(len(values))])
-        assert [law.holds for law in log.laws()] == [law.holds for law in usual.laws()]
+        assert [check.passes for check in log.checks()] == [check.passes for check in usual.checks()]
         plotted = [entity for entity, _ in recording if entity.startswith("/plots/")]
         assert len(plotted) >= 5
         for entity, component in recording:
@@ -153,7 +153,7 @@ def test_what_rerun_plots_is_what_its_names_say(plain):
     system = compile_paths(run.path.parent / "mjcf/robot/robot.xml", {"target": run.path.parent / "mjcf/target/target.xml"})
     layout = run.log.header.layout
     found = plots(layout, system, run.log.header.facts)
-    assert {plot.entity for plot in found} >= {"plots/energy", "plots/ledger", "plots/linear_momentum/robot"}
+    assert {plot.entity for plot in found} >= {"plots/energy", "plots/balance", "plots/linear_momentum/robot"}
     for plot in found:
         ((times, values),) = (
             tuple(zip(*rows, strict=True)) for (entity, _), rows in drawn.items() if entity == f"/{plot.entity}"

@@ -21,12 +21,12 @@ from ffsm_mj.reproduction.cases import SCENARIOS, Case, Result, run_cases
 from ffsm_mj.reproduction.current import stale_lines
 from ffsm_mj.reproduction.drift import drift
 from ffsm_mj.reproduction.inputs import stated_inputs
-from ffsm_mj.reproduction.judged import Judged, Verdict
+from ffsm_mj.reproduction.judged import ComparedNumber, Verdict
 from ffsm_mj.reproduction.markdown import fixed, small
 from ffsm_mj.reproduction.measure import measure, slope
 from ffsm_mj.reproduction.once import refreshed
 from ffsm_mj.reproduction.page import Report
-from ffsm_mj.reproduction.printed import PRINTED, Printed
+from ffsm_mj.reproduction.printed import PRINTED, PrintedNumber
 from ffsm_mj.scenario.shipped import scenario_names
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -40,7 +40,7 @@ def row_of(printed):
 
 
 def number(text, kind="", leeway=0.0):
-    return Printed("4.2", "baseline", "x", "m", text, "x", kind, leeway=leeway)
+    return PrintedNumber("4.2", "baseline", "x", "m", text, "x", kind, leeway=leeway)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def number(text, kind="", leeway=0.0):
     ],
 )
 def test_verdicts(text, kind, ours, spread, verdict):
-    assert Judged(number(text, kind), ours, None, spread).verdict == verdict
+    assert ComparedNumber(number(text, kind), ours, None, spread).verdict == verdict
 
 
 def test_printed_numbers_are_of_shipped_scenarios():
@@ -167,7 +167,7 @@ def _no_run(case):
 def test_pages_are_written_and_checked(tmp_path, capsys, monkeypatch):
     """The command around the runs; what is written is current, what is changed is named, what is missing is said."""
     pages = {"reproduction.md": "impulse 1.2224\n", "appendix-a.md": "A\n"}
-    report = Report((Judged(number("1.23"), 1.23, None, 0.0),), {}, {}, (), {})
+    report = Report((ComparedNumber(number("1.23"), 1.23, None, 0.0),), {}, {}, (), {})
     monkeypatch.setattr("ffsm_mj.reproduction.reproduce", lambda _: Reproduction(report, pages, 1, 0.1))
     arguments = ["reproduce", "--check", "--long", "--out", str(tmp_path)]
     for name, text in pages.items():

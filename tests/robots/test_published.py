@@ -56,7 +56,7 @@ def test_a_published_robot_collides_and_proves_it(name, tmp_path, capfd, viewed)
     run = ffsm_mj.load_run(out)
     assert run.impacts
     assert run.unhandled_contacts == ()
-    assert all(law.holds for law in run.laws())
+    assert all(check.passes for check in run.checks())
     for impact in run.impacts:
         assert impact.impulse_N_s > 0.1
         # What a rigid impact of this restitution loses: (1 - e^2) m u^2 / 2 with m = impulse / ((1 + e) u). To the rounding
@@ -72,7 +72,7 @@ def test_a_published_robot_collides_and_proves_it(name, tmp_path, capfd, viewed)
 
     # As somebody else would have it: the folder alone.
     shutil.rmtree(there)
-    assert f"laws hold over 1 s ({len(run.time)} samples)" in ffsm(capfd, "analyze", out)
+    assert f"checks pass over 1 s ({len(run.time)} samples)" in ffsm(capfd, "analyze", out)
     assert {path.stem for path in _figures(capfd, out, tmp_path / "figures")} >= FIGURES
     ffsm(capfd, "export", out, "--gif", "--out", tmp_path / "film.gif")
     assert _moves(tmp_path / "film.gif")

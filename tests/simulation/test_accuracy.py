@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.actuation.step_error import StepError
 from ffsm_mj.errors import InputError
-from ffsm_mj.plant.step_error import StepError
-from ffsm_mj.recount import recount
-from tests.lasting.random_pushes import LAWS, drawn
+from ffsm_mj.replay import replay_log
+from tests.contact_models.persistent.random_pushes import LAWS, drawn
 from tests.scenes import ARM, HEAD, box, scene
 
 
@@ -45,13 +45,13 @@ def accurate(tmp_path_factory):
 
 def test_a_run_passes_its_checks_whatever_its_step(tmp_path, accurate):
     fixed = ffsm_mj.run(whirling(tmp_path))
-    assert max(law.residual / law.tolerance for law in fixed.laws()) > 100.0
+    assert max(check.residual / check.tolerance for check in fixed.checks()) > 100.0
     # A step may use up 0.5 of a hundred thousandth of the tolerance; its rounding, and that of what is compared, as much.
-    assert max(law.residual / law.tolerance for law in accurate.laws()) < 30 / 100_000
+    assert max(check.residual / check.tolerance for check in accurate.checks()) < 30 / 100_000
 
 
 def test_a_log_is_replayed_with_the_same_sub_steps(accurate):
-    again = recount(accurate.log)
+    again = replay_log(accurate.log)
     assert again.agrees
     assert again.worst["motion"].size == 0.0
 
@@ -78,11 +78,11 @@ def test_under_pressing_contacts_and_across_events(tmp_path, seed):
     said["initial"]["rates"]["block/free"][3:] = (4.0 * rng.normal(size=3)).tolist()
     path.write_text(json.dumps(said | {"accuracy": 1e-9}))
     run = ffsm_mj.run(path, controllers=LAWS)
-    again = recount(run.log)
+    again = replay_log(run.log)
     assert run.outcome == "completed"
-    assert all(law.holds for law in run.laws())
+    assert all(check.passes for check in run.checks())
     assert again.agrees
-    assert all(law.holds for law in again.laws())
+    assert all(check.passes for check in again.checks())
 
 
 @pytest.mark.slow
@@ -90,8 +90,8 @@ def test_under_pressing_contacts_and_across_events(tmp_path, seed):
 def test_while_an_object_is_grasped_and_with_thrusters_and_ideal_motors(scenario):
     overrides = {"accuracy": 1e-9, "duration_s": 14.0, "time_step_s": 0.02, "control_period_s": 0.02, "log.rerun": False}
     run = ffsm_mj.run(scenario, overrides)
-    again = recount(run.log)
-    assert all(law.holds for law in run.laws())
+    again = replay_log(run.log)
+    assert all(check.passes for check in run.checks())
     assert again.agrees
     assert run.summary()["sub_steps"] > run.summary()["steps"]
 
@@ -101,7 +101,7 @@ def test_a_motion_too_fast_for_any_step_ends_the_run(tmp_path):
     run = ffsm_mj.run(whirling(tmp_path, rate=1e5, accuracy=1e-9))
     assert run.outcome == "step_limit"
     assert "shorter time_step_s or a larger accuracy" in run.message
-    assert recount(run.log).agrees
+    assert replay_log(run.log).agrees
 
 
 def test_what_a_shorter_step_does_not_mend_is_left_to_the_checks(tmp_path, monkeypatch):

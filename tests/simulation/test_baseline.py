@@ -37,8 +37,8 @@ def test_impact_is_exact(baseline):
 def test_every_law_holds_with_the_control_on(baseline):
     """RK4 at 1 ms leaves about 4e-11 in 30 s of these torques (speed of the truncation: h^4)."""
     assert_conserved(baseline)
-    assert len(baseline.laws()) == 13
-    assert max(law.residual for law in baseline.laws()) < 1e-9
+    assert len(baseline.checks()) == 13
+    assert max(check.residual for check in baseline.checks()) < 1e-9
 
 
 def test_energy_is_constant_in_the_pause(baseline):
@@ -75,7 +75,7 @@ def test_memory_and_log_tell_the_same(tmp_path):
     np.testing.assert_array_equal(log.log.rows, run.log.rows)
     assert log.impacts == run.impacts
     assert log.phases == run.phases
-    assert log.laws() == run.laws()
+    assert log.checks() == run.checks()
     assert json.loads((out / "summary.json").read_text()) == run.summary() == log.summary()
 
 
@@ -136,5 +136,5 @@ def test_free_flying_pause_finishes_the_task():
     assert run.summary()["tip"]["final_error_m"] < 0.5e-3
     for axis in "xy":
         assert np.abs(run[f"momentum.robot_P_{axis}_N_s"][after]).max() <= 0.05 * (1 + 1e-9)
-    # The thrusters' impulse is external and booked: the laws hold through it all.
-    assert max(law.residual for law in run.laws()) < 1e-9
+    # The thrusters' impulse is external and booked: the checks pass through it all.
+    assert max(check.residual for check in run.checks()) < 1e-9

@@ -8,40 +8,40 @@ from itertools import count
 import pytest
 
 import ffsm_mj
-from ffsm_mj.capture.load import LoadNotes
-from ffsm_mj.capture.regime import Captures
+from ffsm_mj.balance.balance import Balance
 from ffsm_mj.cli.main import main
-from ffsm_mj.contact.course import Course
 from ffsm_mj.contact.watch import ContactWatch
-from ffsm_mj.impact.regime import Impacts
-from ffsm_mj.lasting.closed import Closed
-from ffsm_mj.lasting.report import Report
+from ffsm_mj.contact_models.grasp.load import LoadBuffer
+from ffsm_mj.contact_models.grasp.model import GraspModel
+from ffsm_mj.contact_models.impact.model import ImpactModel
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.recorder import Recorder
-from ffsm_mj.plant.ledger import Ledger
-from ffsm_mj.recount import recount
+from ffsm_mj.replay import replay_log
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.rows import RowWriter
-from tests.capture.test_closing_while_pressing import pushing
+from tests.contact_models.grasp.test_closing_while_pressing import pushing
 from tests.scenes import two_balls
 
 PLACES = {
-    "a contact model, in a stage": (Closed, "push", 90),
-    "a contact model, at its event": (Captures, "act", 0),
-    "a contact model, told of an event": (Captures, "passed", 1),
-    "an impact": (Impacts, "resolve", 0),
-    "records of an event": (Report, "records", 0),
-    "the integrator": (Course, "advance", 50),
-    "the balance": (Ledger, "close", 40),
-    "the balance, at an event": (Ledger, "book", 3),
-    "the start of a step": (Course, "_begin_step", 30),
+    "a contact model, in a stage": (ActiveContactSet, "push", 90),
+    "a contact model, at its event": (GraspModel, "act", 0),
+    "a contact model, told of an event": (GraspModel, "after_event", 1),
+    "an impact": (ImpactModel, "resolve", 0),
+    "records of an event": (ContactReport, "records", 0),
+    "the integrator": (EventDrivenIntegrator, "advance", 50),
+    "the balance": (Balance, "close", 40),
+    "the balance, at an event": (Balance, "book", 3),
+    "the start of a step": (EventDrivenIntegrator, "_begin_step", 30),
     "a row": (RowWriter, "fill", 30),
-    "a part of a row": (LoadNotes, "note", 30),
+    "a part of a row": (LoadBuffer, "note", 30),
     "a block of rows": (RowWriter, "complete", 3),
     "the recorder": (Recorder, "commit", 20),
     "the log": (McapSink, "rows", 2),
     "the log, an event": (McapSink, "event", 2),
     "the end, overlaps": (ContactWatch, "finish", 0),
-    "the end, grasps": (Captures, "finish", 0),
+    "the end, grasps": (GraspModel, "finish", 0),
 }
 
 
@@ -76,9 +76,9 @@ def test_the_log_is_whole_and_tells_it(tmp_path, monkeypatch, capsys, place):
     lost = place == "a block of rows"  # those of the block; all others lose none
     assert run.damage.startswith("samples are missing from 0.03 to ") == lost
     assert lost or not run.damage
-    again = recount(run.log)
+    again = replay_log(run.log)
     assert again.agrees, again.worst
-    assert [law for law in again.laws() if not law.holds] == []
+    assert [check for check in again.checks() if not check.passes] == []
     if place != "the log, an event":  # which takes no record any more
         (record,) = run.records["internal_errors"]
         assert record.traceback.startswith("Traceback")
@@ -89,7 +89,7 @@ def test_the_log_is_whole_and_tells_it(tmp_path, monkeypatch, capsys, place):
 def test_analyze_says_it_and_shows_the_traceback(tmp_path, monkeypatch, capsys):
     path, out = two_balls(tmp_path), tmp_path / "out"
     with monkeypatch.context() as patched:
-        breaks(patched, Ledger, "close", 40)
+        breaks(patched, Balance, "close", 40)
         ffsm_mj.run(path, out=out, rerun=False)
     assert main(["analyze", str(out)]) == 0
     told = capsys.readouterr().out

@@ -11,15 +11,15 @@ import pyarrow.parquet
 import pytest
 
 import ffsm_mj
-from ffsm_mj.analysis.residuals import Accounts, norms
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.analysis.verdicts import Audit
 from ffsm_mj.errors import LogError
 from ffsm_mj.log.mcap import stored_rows
 from ffsm_mj.log.mcap.stored_rows import StoredRows
-from ffsm_mj.present import export
-from ffsm_mj.present.animation import write_animation
-from ffsm_mj.present.plots import figures, thinning
+from ffsm_mj.report import export
+from ffsm_mj.report.animation import write_animation
+from ffsm_mj.report.plots import figures, thinning
+from ffsm_mj.verification.checks import CheckAccumulator
+from ffsm_mj.verification.residuals import BalanceColumns, norms
 from tests.scenes import two_balls
 
 
@@ -42,7 +42,7 @@ def test_memory_and_file_give_the_same_numbers(tmp_path):
     assert isinstance(written.log.rows, StoredRows)
     assert isinstance(read.log.rows, StoredRows)
     assert written.path == read.path == tmp_path / "out" / "run.mcap"
-    assert kept.laws() == written.laws() == read.laws() == Run(read.log).laws()
+    assert kept.checks() == written.checks() == read.checks() == Run(read.log).checks()
     assert written.summary() == read.summary() == json.loads((tmp_path / "out" / "summary.json").read_text())
     differing = {"wall_s", "real_time_factor"}
     summaries = [{k: v for k, v in run.summary().items() if k not in differing} for run in (kept, written)]
@@ -108,10 +108,10 @@ def test_a_thinned_run_keeps_what_stands_out(baseline, monkeypatch):
     of_slice = np.searchsorted(edges, place, side="right")
     curves = {key: (baseline[key], thin[key]) for key in baseline.keys}
     curves["tip"] = baseline.tip_error(), thin.tip_error()
-    for party in ("total", "robot"):
-        accounts = Accounts(baseline.log.header.layout, baseline.log.header.facts, party)
+    for subsystem in ("total", "robot"):
+        accounts = BalanceColumns(baseline.log.header.layout, baseline.log.header.facts, subsystem)
         start = accounts.momentum(baseline.log.rows[:1])
-        curves[party] = tuple(norms((accounts.momentum(run.log.rows) - start)[:, 3:]) for run in (baseline, thin))
+        curves[subsystem] = tuple(norms((accounts.momentum(run.log.rows) - start)[:, 3:]) for run in (baseline, thin))
     for i, (start, stop) in enumerate(zip(edges, [*edges[1:], len(baseline.time)], strict=True), 1):
         for whole, kept in curves.values():
             part = whole[start:stop]
@@ -120,7 +120,7 @@ def test_a_thinned_run_keeps_what_stands_out(baseline, monkeypatch):
                 assert np.nanmax(kept[of_slice == i]) == np.nanmax(part)
     hit = int(np.searchsorted(baseline.time, baseline.impacts[0].time_s))
     assert {hit - 1, hit, *np.searchsorted(baseline.time, np.array(times) - 1e-9)} <= set(place.tolist())
-    assert thin.laws() == baseline.laws()
+    assert thin.checks() == baseline.checks()
     assert thin.summary() == baseline.summary()
 
 
@@ -169,13 +169,13 @@ def test_a_long_baseline_holds_in_little_memory_and_a_leak_is_found(tmp_path, du
     assert peak_MB(f"from ffsm_mj.cli.main import main\nassert main({arguments!r}) == 0", kept_MiB) < 1000
     log = ffsm_mj.load_run(out).log
     assert 8 * log.rows.shape[0] * log.rows.shape[1] > kept_MiB << 20
-    sound, leaking = (Audit(log.header.layout, log.header.facts) for _ in range(2))
+    sound, leaking = (CheckAccumulator(log.header.layout, log.header.facts) for _ in range(2))
     for block in log.blocks():
         sound.rows(block)
         block[block[:, 0] > duration_s - 5.0, log.header.layout.index["momentum.robot_L_z_N_m_s"]] += 1e-7
         leaking.rows(block)
-    assert all(law.holds for law in sound.laws(log.impacts))
-    broken = {(law.name, law.party) for law in leaking.laws(log.impacts) if not law.holds}
+    assert all(check.passes for check in sound.checks(log.impacts))
+    broken = {(check.name, check.subsystem) for check in leaking.checks(log.impacts) if not check.passes}
     assert ("angular momentum", "robot") in broken
 
 
@@ -205,7 +205,7 @@ def test_memory_is_flat_while_a_run_is_written_and_read(tmp_path):
     for duration in (10, 60):
         out = str(tmp_path / f"out{duration}")
         written = peak_MB(f"ffsm_mj.run({str(path)!r}, {{'duration_s': {duration}.0}}, out={out!r}, rerun=False)", 4)
-        code = f"run = ffsm_mj.load_run({out!r}); assert all(x.holds for x in run.laws()); run.summary(); run.time"
+        code = f"run = ffsm_mj.load_run({out!r}); assert all(x.passes for x in run.checks()); run.summary(); run.time"
         read = peak_MB(code, 4)
         peaks[duration] = written, read
     for short, long in zip(peaks[10], peaks[60], strict=True):

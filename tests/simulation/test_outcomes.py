@@ -14,11 +14,11 @@ import pytest
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
-from ffsm_mj.contact.course import Course
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from tests.scenes import ball, box, scene, two_balls
 
 
@@ -55,12 +55,12 @@ def super_elastic(robot_geom, object_geom):
 
 
 def test_super_elastic_gains_energy_and_keeps_its_books(tmp_path):
-    """E = 1.5 at 1 m/s, effective mass 2 * 3 / 5 kg: (e^2 - 1) u^2 / 2 times that is 0.75 J gained; every law holds."""
+    """E = 1.5 at 1 m/s, effective mass 2 * 3 / 5 kg: (e^2 - 1) u^2 / 2 times that is 0.75 J gained; every check passes."""
     run = run_and_read(two_balls(tmp_path, impact_pairs=super_elastic("ball", "target/target")), tmp_path)
     assert run.outcome == "completed"
     assert run.impacts[0].energy_change_J == pytest.approx(0.75, rel=1e-14)  # some ten operations of 1.1e-16 each
     assert run.impacts[0].separation_speed_m_s == pytest.approx(1.5, rel=1e-14)
-    assert all(law.holds for law in run.laws())
+    assert all(check.passes for check in run.checks())
 
 
 def test_super_elastic_faces_end_the_run(tmp_path):
@@ -249,11 +249,11 @@ def test_a_fault_of_our_own_is_not_hidden_and_costs_no_data(tmp_path, monkeypatc
     def defect(*_):
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr("ffsm_mj.impact.regime.party_energies", defect)
+    monkeypatch.setattr("ffsm_mj.contact_models.impact.model.impact_energies", defect)
     simulate(parts, RunFolder(tmp_path / "out"))
     run = ffsm_mj.load_run(tmp_path / "out")
     assert run.outcome == "internal_error"
-    assert run.message.startswith("at t = 0.3 s: RuntimeError: a defect (impact/regime.py:")
+    assert run.message.startswith("at t = 0.3 s: RuntimeError: a defect (contact_models/impact/model.py:")
     assert run.time[-1] == pytest.approx(0.3, abs=2e-3)
 
 
@@ -261,7 +261,7 @@ def test_mujocos_own_errors_end_the_run(tmp_path, monkeypatch):
     def fatal(*_):
         raise mujoco.FatalError("mj_stackAlloc: insufficient memory")
 
-    monkeypatch.setattr(Course, "advance", fatal)
+    monkeypatch.setattr(EventDrivenIntegrator, "advance", fatal)
     run = run_and_read(two_balls(tmp_path), tmp_path)
     assert run.outcome == "diverged"
     assert "MuJoCo gave up (FatalError: mj_stackAlloc: insufficient memory)" in run.message
@@ -324,7 +324,7 @@ def test_an_impact_tells_its_step_and_the_efforts_that_act_from_there_on(tmp_pat
 def test_signals_are_heard_inside_a_tick(tmp_path, monkeypatch, number, place):
     """Between the steps of a long control period, and before each event; the log is finished."""
     path = two_balls(tmp_path, duration_s=2.0, control_period_s=1.0)
-    owner, method = (Course, "bookings") if place == "step" else (Course, "advance")
+    owner, method = (EventDrivenIntegrator, "bookings") if place == "step" else (EventDrivenIntegrator, "advance")
     whole = getattr(owner, method)
 
     def signalled(self, duration_s):

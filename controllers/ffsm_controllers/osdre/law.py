@@ -23,11 +23,11 @@ from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
     ControllerError,
+    ControllerReport,
     Damping,
     Fault,
     FloatArray,
     Observation,
-    Report,
     ScenarioFaults,
     Signal,
     StrictModel,
@@ -165,7 +165,7 @@ class Osdre:
         """Error, Riccati residual, how it was reached, smallest gain of the last tick."""
         return self._law.report
 
-    def summary(self) -> Report:
+    def summary(self) -> ControllerReport:
         """What the Riccati equation took, and its greatest residual, relative."""
         worst = {"worst_riccati_residual": self._worst_residual}
         if self._planar:

@@ -22,11 +22,11 @@ from ffsm_controllers.track.mobility import effective_inertia
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
+    ControllerReport,
     Damping,
     Fault,
     FloatArray,
     Observation,
-    Report,
     ScenarioFaults,
     Signal,
     SiteMotion,
@@ -160,7 +160,7 @@ class Track:
         """Errors, relative rates, the largest effective inertia and the share of the feedback at the last tick."""
         return self._report
 
-    def summary(self) -> Report:
+    def summary(self) -> ControllerReport:
         """How near to a singularity it came, and how much of the feedback the bound on torques left at the least."""
         if self._holds:
             return {}

@@ -11,7 +11,7 @@ from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.drawing import Shape
+from ffsm_mj.log.drawing import DrawnShape
 from ffsm_mj.log.foxglove.messages import timestamp
 
 _SPACING_M = 0.01
@@ -21,7 +21,7 @@ _NAMES = ("x", "y", "z", "red", "green", "blue", "alpha")
 _POINT = np.dtype(list(zip(_NAMES, ["<f4"] * 3 + ["u1"] * 4, strict=True)))
 
 
-def outline_cloud(shapes: Sequence[Shape], frame_id: str, time_ns: int) -> PointCloud:
+def outline_cloud(shapes: Sequence[DrawnShape], frame_id: str, time_ns: int) -> PointCloud:
     """The edges of all shapes of one body, in its frame."""
     lines = [[] if shape.kind == "mesh" else _edges(shape) for shape in shapes]
     spacing = max(_SPACING_M, sum(_lengths(line)[-1] for edges in lines for line in edges) / _MOST_POINTS)
@@ -49,14 +49,14 @@ def _thinned(points: FloatArray) -> FloatArray:
     return points[:: -(-len(points) // _MOST_POINTS) or 1]
 
 
-def _placed(shape: Shape, local: FloatArray) -> FloatArray:
+def _placed(shape: DrawnShape, local: FloatArray) -> FloatArray:
     """Points of the frame of the geom in that of the body, (n, 3), m."""
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, shape.quaternion)
     return np.asarray(local @ rotation.reshape(3, 3).T + shape.position)
 
 
-def _edges(shape: Shape) -> list[FloatArray]:
+def _edges(shape: DrawnShape) -> list[FloatArray]:
     """Polylines in the frame of the geom; rings and meridians where it is round."""
     a, b, c = shape.size
     if shape.kind == "box":

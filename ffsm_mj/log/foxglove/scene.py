@@ -21,7 +21,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.contact_forces import ForceColumns
-from ffsm_mj.log.drawing import Shape
+from ffsm_mj.log.drawing import DrawnShape
 from ffsm_mj.log.foxglove.messages import ROOT_FRAME, duration, timestamp
 from ffsm_mj.log.instants import SHOWN_S
 from ffsm_mj.model.system import System
@@ -39,7 +39,7 @@ def frame_id(system: System, body: int) -> str:
 
 
 def bodies_update(
-    system: System, drawn: Mapping[int, Sequence[Shape]], target_m: FloatArray | None, time_ns: int
+    system: System, drawn: Mapping[int, Sequence[DrawnShape]], target_m: FloatArray | None, time_ns: int
 ) -> SceneUpdate:
     """All drawn geoms, one entity per body, and a cross where the tip is wanted."""
     update = SceneUpdate()
@@ -147,7 +147,7 @@ def _entity(update: SceneUpdate, name: str, frame: str, time_ns: int) -> Any:
     return entity
 
 
-def _add_shape(entity: Any, shape: Shape) -> None:
+def _add_shape(entity: Any, shape: DrawnShape) -> None:
     look = {"pose": _pose(shape.position, shape.quaternion), "color": _colour(shape.rgba)}
     radius, half_length = shape.size[:2]
     if shape.kind == "box":
@@ -165,7 +165,7 @@ def _add_shape(entity: Any, shape: Shape) -> None:
             _add_caps(entity, shape)
 
 
-def _add_caps(entity: Any, shape: Shape) -> None:
+def _add_caps(entity: Any, shape: DrawnShape) -> None:
     """Foxglove knows no capsule: a sphere at each end of the cylinder."""
     radius, half_length = shape.size[:2]
     axis = np.zeros(3)

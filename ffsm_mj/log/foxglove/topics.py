@@ -19,7 +19,7 @@ from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies, shapes_by_bod
 from ffsm_mj.log.foxglove.messages import TransformsCodec, timestamp
 from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.foxglove.scene import bodies_update, forces_update, frame_id, marks_update, plumes_update
-from ffsm_mj.log.instants import Instants, marks_topic
+from ffsm_mj.log.instants import MarkGroups, marks_topic
 from ffsm_mj.log.wire import nanoseconds
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
@@ -68,7 +68,7 @@ class ViewerTopics:
         self._thrusters = _thrusters(system)
         self._drawn = shapes_by_body(system)
         self._firing: list[tuple[int, int]] = []
-        self._instants = Instants()
+        self._instants = MarkGroups()
         self._begun = self._pressing = False
 
     @property

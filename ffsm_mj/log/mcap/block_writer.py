@@ -64,7 +64,7 @@ class BlockWriter(Writer):
         return self._Writer__chunk_builder  # type: ignore[attr-defined]
 
     def _account(self, channel: int, times: list[int], size: int) -> None:
-        """Do the books of the chunk and of the file."""
+        """Do the balance of the chunk and of the file."""
         chunk, statistics = self._chunk, self._Writer__statistics  # type: ignore[attr-defined]
         start = chunk.count
         index = chunk.message_indices.setdefault(channel, _BlockIndex(channel_id=channel, records=[]))

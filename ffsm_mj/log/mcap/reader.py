@@ -13,7 +13,7 @@ from typing import Any
 from google.protobuf.message import DecodeError
 from mcap.records import Attachment, Channel, Metadata, Schema
 
-from ffsm_mj.contact.regimes import regimes
+from ffsm_mj.contact_models.interface import contact_models
 from ffsm_mj.errors import LogError, one_line
 from ffsm_mj.log.attachments import fault_of_names
 from ffsm_mj.log.mcap import format as form
@@ -201,7 +201,7 @@ def _refuse_odd_times(records: Sequence[Event | OutcomeRecord]) -> None:
 def _look_for_kinds(topics: Iterable[str]) -> None:
     """Make the kinds of installed packages known, where a log has topics of ours that nobody here knows yet."""
     if any(topic.startswith("/ffsm/") for topic in set(topics) - {form.SAMPLE_TOPIC, *(kind.topic for kind in kinds())}):
-        regimes()
+        contact_models()
 
 
 def _note(topics: Iterable[str], known: Sequence[RecordKind]) -> str:

@@ -11,7 +11,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from ffsm_mj.records.events import Report
+from ffsm_mj.records.events import ControllerReport
 from ffsm_mj.records.kinds import RecordKind, kind_of
 
 _Field = descriptor_pb2.FieldDescriptorProto
@@ -62,7 +62,7 @@ def _add_field(message: Any, name: str, number: int, hint: Any) -> None:
     entry.options.map_entry = True
     entry.field.add(name="key", number=1, type=_Field.TYPE_STRING, label=_Field.LABEL_OPTIONAL)
     path = f".ffsm.{message.name}"
-    if parts[1] in (str, Report):
+    if parts[1] in (str, ControllerReport):
         entry.field.add(name="value", number=2, type=_Field.TYPE_STRING, label=_Field.LABEL_OPTIONAL)
     else:
         if not any(nested.name == "Values" for nested in message.nested_type):
@@ -137,10 +137,10 @@ def _entry(hint: Any, entry: Any) -> Any:
     """One entry of a map."""
     if hint is str:
         return entry
-    return _report(entry) if hint == Report else tuple(entry.values)
+    return _report(entry) if hint == ControllerReport else tuple(entry.values)
 
 
-def _report(text: str) -> Report:
+def _report(text: str) -> ControllerReport:
     """A report of its JSON.
 
     Raises:

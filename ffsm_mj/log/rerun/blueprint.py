@@ -193,7 +193,7 @@ def _story(contents: Contents) -> list[_Curves]:
         _Curves("plots/angular_momentum", "Momentum L [N m s]", names("plots/angular_momentum")),
         _Curves(FORCES, "Contact force [N]", contents.forces),
         _Curves(TORQUES, "Interface torque [N m]", contents.torques),
-        _Curves("plots/ledger", "Residuals [log10 of SI]", names("plots/ledger")),
+        _Curves("plots/balance", "Residuals [log10 of SI]", names("plots/balance")),
     ]
     tip = [_Curves("plots/tip_error", "Tip error [m]")] if contents.tip else []
     return tip + [curves for curves in story if curves.names]

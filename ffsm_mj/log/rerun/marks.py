@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.instants import SHOWN_S, Instants
+from ffsm_mj.log.instants import SHOWN_S, MarkGroups
 from ffsm_mj.log.rerun.forces import ARROW_M
 from ffsm_mj.log.rerun.opening import Opening
 from ffsm_mj.log.rerun.plots import YELLOW
@@ -39,7 +39,7 @@ class Marks:
     def __init__(self, send: Send, opening: Opening) -> None:
         """Nothing is drawn yet."""
         self._send, self._opening = send, opening
-        self._instants = Instants()
+        self._instants = MarkGroups()
         self._shown: list[tuple[float, str]] = []
         self._told: list[_Told] = []
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.model.dynamics import external_actuators
+from ffsm_mj.dynamics.rigid_body import external_actuators
 from ffsm_mj.model.system import System
 from ffsm_mj.records.facts import free_components
-from ffsm_mj.records.signals import COMPONENTS, PARTIES, Layout, effort_key, identifier
+from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Layout, effort_key, identifier
 
 Colour = tuple[int, int, int]
 # Okabe and Ito's colours: told apart by every eye. Orange is the robot, blue are the objects.
@@ -63,41 +63,41 @@ class Plot:
 def plots(layout: Layout, system: System, facts: Mapping[str, str]) -> list[Plot]:
     """All plots of a run but the tip's error, which is no column of its own."""
     index = layout.index
-    parties = [party for party in PARTIES if party != "objects" or system.objects]
-    energy = [index[f"energy.{party}_J"] for party in parties]
+    subsystems = [subsystem for subsystem in SUBSYSTEMS if subsystem != "objects" or system.objects]
+    energy = [index[f"energy.{subsystem}_J"] for subsystem in subsystems]
     return [
-        Plot("plots/energy", energy, parties, [_OF_PARTY[party][0] for party in parties]),
-        *_momenta(index, facts, parties[1:]),
+        Plot("plots/energy", energy, subsystems, [_OF_PARTY[subsystem][0] for subsystem in subsystems]),
+        *_momenta(index, facts, subsystems[1:]),
         _ledger(index, facts),
         *_efforts(layout, system),
     ]
 
 
-def _free(facts: Mapping[str, str], party: str) -> list[str]:
+def _free(facts: Mapping[str, str], subsystem: str) -> list[str]:
     """Components of momentum that the joints leave free: the others are zero or borne."""
-    flags = free_components(facts, party)
+    flags = free_components(facts, subsystem)
     return [component for component, flag in zip(COMPONENTS, flags, strict=True) if flag]
 
 
-def _momenta(index: Mapping[str, int], facts: Mapping[str, str], parties: Sequence[str]) -> list[Plot]:
+def _momenta(index: Mapping[str, int], facts: Mapping[str, str], subsystems: Sequence[str]) -> list[Plot]:
     found = []
-    for party in parties:
+    for subsystem in subsystems:
         for kind, letter in (("linear", "P"), ("angular", "L")):
-            components = [c for c in _free(facts, party) if c.startswith(letter)]
-            colours = [_OF_PARTY[party]["xyz".index(c[2])] for c in components]
-            columns = [index[f"momentum.{party}_{c}"] for c in components]
-            names = [f"{party} {c[:3]}" for c in components]
+            components = [c for c in _free(facts, subsystem) if c.startswith(letter)]
+            colours = [_OF_PARTY[subsystem]["xyz".index(c[2])] for c in components]
+            columns = [index[f"momentum.{subsystem}_{c}"] for c in components]
+            names = [f"{subsystem} {c[:3]}" for c in components]
             if components:
-                found.append(Plot(f"plots/{kind}_momentum/{party}", columns, names, colours))
+                found.append(Plot(f"plots/{kind}_momentum/{subsystem}", columns, names, colours))
     return found
 
 
 def _ledger(index: Mapping[str, int], facts: Mapping[str, str]) -> Plot:
     colours = dict(zip(COMPONENTS, (ORANGE, VERMILION, PURPLE, SKY, BLUE, GREEN), strict=True))
     components = _free(facts, "total")
-    columns = [index["ledger.total_energy_residual_J"], *(index[f"ledger.total_residual_{c}"] for c in components)]
+    columns = [index["balance.total_energy_residual_J"], *(index[f"balance.total_residual_{c}"] for c in components)]
     names = ["energy", *(c[:3] for c in components)]
-    return Plot("plots/ledger", columns, names, [PALE, *(colours[c] for c in components)], logarithmic=True)
+    return Plot("plots/balance", columns, names, [PALE, *(colours[c] for c in components)], logarithmic=True)
 
 
 def _efforts(layout: Layout, system: System) -> list[Plot]:

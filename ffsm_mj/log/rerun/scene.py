@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import rerun as rr
 
-from ffsm_mj.log.drawing import Shape, shapes
+from ffsm_mj.log.drawing import DrawnShape, shapes
 from ffsm_mj.model.system import System
 from ffsm_mj.records.signals import identifier
 
@@ -26,7 +26,7 @@ def log_shapes(recording: rr.RecordingStream, system: System) -> None:
         recording.log(f"{parent}/{identifier(shape.name)}", _archetype(shape), static=True)
 
 
-def _archetype(shape: Shape) -> Any:
+def _archetype(shape: DrawnShape) -> Any:
     colour = [round(255 * c) for c in shape.rgba]
     if shape.kind == "mesh":
         rotation = np.empty(9)

@@ -1,0 +1,75 @@
+# cython: boundscheck=False, wraparound=False
+"""Steps of free motion; the twin of ffsm_mj.dynamics.free_stepper.
+
+The same operations as mj_step and mj_forward, but for one: mj_step begins with the position, velocity and constraint stages of
+the state it starts from, which the last mj_forward has left. RK4 without an active constraint goes on from there; anything else
+takes mj_step.
+
+MuJoCo is called without its bindings: an exception in a Python callback of MuJoCo (``mujoco.set_mjcb_control``) and an error of
+MuJoCo's own end the process here, where the bindings would raise.
+"""
+
+import mujoco
+
+from ffsm_mj.dynamics import free_stepper as plain
+
+from libc.math cimport INFINITY, fabs, sqrt
+
+from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel, mjSTAGE_VEL
+
+cdef double BOUND_MARGIN = plain.BOUND_MARGIN
+cdef int WHOLE_STATE = plain.WHOLE_STATE
+
+
+cdef class FreeStepper:
+    """Integration that keeps account of sqrt(2 T) dt."""
+
+    cdef readonly double energy, way, last
+    cdef public double horizon
+    cdef const mjModel* m
+    cdef mjData* d
+    cdef double[::1] state, momentum, rates
+    cdef bint runge_kutta, unconstrained
+    cdef object model, data
+
+    def __init__(self, model, data, double[::1] state not None, double[::1] momentum not None):
+        if len(state) != mujoco.mj_stateSize(model, WHOLE_STATE) or len(momentum) != model.nv:
+            raise ValueError(f"a state of {len(state)} and a momentum of {len(momentum)} numbers do not fit the model")
+        self.m, self.d, self.model, self.data = <const mjModel*>address(model), <mjData*>address(data), model, data
+        self.state, self.momentum, self.rates = state, momentum, data.qvel
+        self.runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self.clear(INFINITY)
+
+    def clear(self, double horizon):
+        """Begin a new account at the state in ``data``."""
+        self.way, self.last, self.horizon = 0.0, 0.0, horizon
+        self.energy = self.kinetic()
+        self.unconstrained = self.data.nefc == 0
+
+    def step(self, double duration_s):
+        """Integrate for the model's time step; says whether no pair can have touched."""
+        cdef double before = self.energy
+        mj.getState(self.m, self.d, &self.state[0], WHOLE_STATE)
+        if self.runge_kutta and self.unconstrained:
+            mj.checkPos(self.m, self.d)
+            mj.checkVel(self.m, self.d)
+            mj.forwardSkip(self.m, self.d, mjSTAGE_VEL, 1)
+            mj.checkAcc(self.m, self.d)
+            mj.RungeKutta(self.m, self.d, 4)
+        else:
+            mj.step(self.m, self.d)
+        mj.forward(self.m, self.d)
+        # Asked here, not when it is needed: a look for collisions in between forgets the constraints.
+        self.unconstrained = self.data.nefc == 0
+        self.energy = self.kinetic()
+        self.last = BOUND_MARGIN * duration_s * sqrt(2.0 * fabs(before if before > self.energy else self.energy))
+        self.way += self.last
+        return self.way < self.horizon
+
+    cdef double kinetic(self) noexcept:
+        cdef double twice = 0.0
+        cdef Py_ssize_t i
+        mj.mulM(self.m, self.d, &self.momentum[0], &self.rates[0])
+        for i in range(self.rates.shape[0]):
+            twice += self.momentum[i] * self.rates[i]
+        return 0.5 * twice

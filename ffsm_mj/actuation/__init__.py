@@ -1,0 +1,1 @@
+"""What surrounds the motion: actuation within limits, the balance, samples of live arrays."""

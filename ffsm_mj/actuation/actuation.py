@@ -1,0 +1,245 @@
+"""The plant side of actuation: what reaches the joints of what a controller asks for. No controller can bypass it.
+
+Efforts are forces in N or torques in N m at the driven joint or site; MuJoCo's ``ctrl`` is the effort over gear and gain.
+A command is decided once per control tick and held.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from ffsm_mj.actuation.actuator_config import AnyActuator, OnOffConfig, ReactionWheelConfig, TorqueSpeedConfig
+from ffsm_mj.actuation.limits import Envelope, Limits
+from ffsm_mj.actuation.valve import Valve
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.compiled import fastest
+from ffsm_mj.controller_protocol import Command
+from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
+from ffsm_mj.model.system import System
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.signals import Signal, identifier
+
+_EFFORTS = {
+    "command": "asked for",
+    "applied": "delivered",
+    "lower": "least possible while powered",
+    "upper": "greatest possible while powered",
+}
+"""What is logged of each actuator, in the order of :attr:`Actuation.table`."""
+
+
+@dataclass
+class _Actuator:
+    """What one actuator can do."""
+
+    low: float
+    high: float
+    stall: float = math.inf
+    slope: float = 0.0
+    saturation: float = math.inf
+    valve: Valve | None = None
+
+    def configure(self, config: AnyActuator) -> None:
+        """Take the limits of a scenario."""
+        if isinstance(config, TorqueSpeedConfig):
+            self.stall = config.stall_torque_N_m
+            self.slope = config.stall_torque_N_m / config.no_load_speed_rad_s
+        elif isinstance(config, ReactionWheelConfig):
+            self.stall, self.saturation = config.max_torque_N_m, config.max_speed_rad_s
+        elif isinstance(config, OnOffConfig):
+            self.stall, self.valve = config.force_N, Valve(config)
+
+
+class Actuation:
+    """Limits of all actuators, as arrays.
+
+    Attributes:
+        names: Full names of the actuators in MuJoCo's order.
+        table: By actuator: command, applied effort, least and greatest possible effort, (nu, 4).
+        applied: Efforts that act now, (nu,).
+        gear: Effort per ctrl, (nu,).
+        counts: Seconds on and unsigned impulse in N s of each on-off actuator, (number of them, 2).
+        columns: The table, and the counts.
+        keys: Columns of ``command``, ``applied``, ``lower`` and ``upper`` by actuator.
+    """
+
+    def __init__(self, system: System, configs: Mapping[str, AnyActuator]) -> None:
+        """Resolve names and collect limits.
+
+        Raises:
+            ScenarioFaults: An unknown actuator, or one that MJCF does not define as a plain motor.
+        """
+        self.names = system.names("actuator")
+        self.gear = _effort_per_ctrl(system)
+        actuators = [_Actuator(*ends) for ends in zip(*_mjcf_range(system.mj, self.gear).tolist(), strict=True)]
+        faults = []
+        for name, config in configs.items():
+            try:
+                actuators[system.index("actuator", name)].configure(config)
+            except LookupError as error:
+                faults.append(Fault(str(error.args[0]), ("actuators", name)))
+        if faults:
+            raise ScenarioFaults(faults)
+        self._envelope = Envelope(
+            low=np.array([one.low for one in actuators]),
+            high=np.array([one.high for one in actuators]),
+            stall=np.array([one.stall for one in actuators]),
+            slope=np.array([one.slope for one in actuators]) / self.gear,
+            saturation=np.array([one.saturation for one in actuators]),
+            gear=self.gear,
+        )
+        self._valves = [(i, one.valve) for i, one in enumerate(actuators) if one.valve is not None]
+        self.table = np.zeros((len(self.names), len(_EFFORTS)))
+        self._wanted, self.applied, self._lower, self._upper = self.table.T
+        self._counted = np.array([i for i, _ in self._valves], dtype=np.intp)
+        self._gears = self.gear[self._counted]
+        self._valves_open = False
+        self.counts = np.zeros((len(self._valves), 2))
+        efforts = _effort_signals(system)
+        self.keys = {what: [signal.key for signal in efforts[i :: len(_EFFORTS)]] for i, what in enumerate(_EFFORTS)}
+        self.columns = (
+            Columns(efforts, live=self.table.reshape(-1)),
+            Columns(
+                _count_signals([self.names[i] for i in self._counted]), live=self.counts.reshape(-1), resume=self._resume
+            ),
+        )
+        self._data: Any = None
+        self._command: Command | None = None
+
+    def apply(self, command: Command, data: Any, time_s: float) -> None:
+        """Turn a command into ``data.ctrl`` and hold it.
+
+        Raises:
+            ControllerError: A powered effort is not finite.
+        """
+        if data is not self._data or command is not self._command:
+            self._data, self._command, self._ctrl = data, command, data.ctrl
+            held = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
+            self._limits = fastest(Limits)(self._envelope, *held)
+        if not self._limits.apply():
+            names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
+            raise ControllerError(f"the controller commands an effort that is not finite for {names}")
+        if self._valves:
+            self._switch(command.powered, time_s)
+
+    def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
+        """Open and shut the valves of the on-off actuators, which deliver all or nothing of what the limits left of it."""
+        on = powered.tolist()  # lists are read faster than arrays one by one
+        if not (self._valves_open or True in [on[i] for i, _ in self._valves]):
+            return  # all are shut, and stay so
+        wanted = self._wanted.tolist()
+        lower, upper, forces = self._lower.tolist(), self._upper.tolist(), []
+        for i, valve in self._valves:
+            forces.append(valve.fire(wanted[i], lower[i], upper[i], time_s) if on[i] else valve.shut())
+        self._take(forces)
+
+    def _take(self, forces: Sequence[float]) -> None:
+        """Let the valves' forces act."""
+        self.applied[self._counted] = forces
+        self._ctrl[self._counted] = self.applied[self._counted] / self._gears
+        self._valves_open = any(forces)
+
+    def hold(self, efforts: FloatArray, data: Any, time_s: float) -> None:
+        """Take up efforts that were decided before, within limits as ever; valves stand as the efforts say.
+
+        Args:
+            efforts: Of all actuators, (nu,).
+            data: State at which they were decided.
+            time_s: When that was.
+        """
+        self.apply(Command(efforts, efforts != 0.0), data, time_s)
+        if self._valves:
+            self._take([valve.stand(float(efforts[i]), time_s) for i, valve in self._valves])
+
+    def by_name(self) -> dict[str, tuple[float, ...]]:
+        """Effort that acts now by actuator, N or N m."""
+        return {name: (effort,) for name, effort in zip(self.names, self.applied.tolist(), strict=True)}
+
+    def elapse(self, duration_s: float) -> None:
+        """Count on-times and impulses of the on-off actuators over a time with the efforts held."""
+        if not self._valves_open:
+            return
+        applied = self.applied[self._counted]
+        self.counts[:, 0] += duration_s * (applied != 0.0)
+        self.counts[:, 1] += duration_s * np.abs(applied)
+
+    def _resume(self, counts: FloatArray) -> None:
+        self.counts[:] = counts.reshape(-1, 2)
+
+
+def _effort_per_ctrl(system: System) -> FloatArray:
+    """Gear times gain of each actuator.
+
+    Raises:
+        ScenarioFaults: An actuator is no plain motor (a servo, a muscle, activation dynamics).
+    """
+    model = system.mj
+    gear = np.ones(model.nu)
+    faults = []
+    for i in range(model.nu):
+        fixed_gain = model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+        no_bias = model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
+        if not (fixed_gain and no_bias and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE):
+            message = (
+                f"actuator {model.actuator(i).name!r} is no plain <motor>: its force would not be the command; "
+                "write <motor>, or let 'strip: [servos]' of the scenario"
+            )
+            faults.append(Fault(message, ("robot", "mjcf")))
+        on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+        gear[i] = model.actuator_gainprm[i, 0] * (model.actuator_gear[i, 0] if on_joint else 1.0)
+        if gear[i] == 0.0:
+            faults.append(
+                Fault(f"actuator {model.actuator(i).name!r} has gear or gain 0: it drives nothing", ("robot", "mjcf"))
+            )
+    if faults:
+        raise ScenarioFaults(faults)
+    return gear
+
+
+def _mjcf_range(model: Any, gear: FloatArray) -> FloatArray:
+    """Bounds on the effort that MJCF states, (2, nu)."""
+    bounds = np.array([np.full(model.nu, -np.inf), np.full(model.nu, np.inf)])
+    for i in range(model.nu):
+        limits = []
+        if model.actuator_ctrllimited[i]:
+            limits.append(np.sort(model.actuator_ctrlrange[i] * gear[i]))
+        if model.actuator_forcelimited[i]:
+            limits.append(np.sort(model.actuator_forcerange[i] * gear[i] / model.actuator_gainprm[i, 0]))
+        for low, high in limits:
+            bounds[0, i], bounds[1, i] = max(bounds[0, i], low), min(bounds[1, i], high)
+    return bounds
+
+
+def _effort_signals(system: System) -> tuple[Signal, ...]:
+    """Four of each actuator, in the order of the table."""
+    signals = []
+    for i, name in enumerate(system.names("actuator")):
+        unit, suffix = ("N m", "N_m") if _drives_rotation(system.mj, i) else ("N", "N")
+        for what, meaning in _EFFORTS.items():
+            text = f"effort of {name}, {meaning}"
+            signals.append(Signal("actuators", f"{identifier(name)}_{what}_{suffix}", unit, text, f"actuator {name}"))
+    return tuple(signals)
+
+
+def _count_signals(names: Sequence[str]) -> tuple[Signal, ...]:
+    """Two of each on-off actuator, in the order of the counts."""
+    signals = []
+    for name in names:
+        field, element = identifier(name), f"actuator {name}"
+        time, impulse = f"time that {name} has been on", f"impulse that {name} has delivered, unsigned"
+        signals.append(Signal("actuators", f"{field}_on_time_s", "s", time, element))
+        signals.append(Signal("actuators", f"{field}_impulse_N_s", "N s", impulse, element))
+    return tuple(signals)
+
+
+def _drives_rotation(model: Any, i: int) -> bool:
+    if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT:
+        return not np.any(model.actuator_gear[i, :3])
+    return bool(model.jnt_type[model.actuator_trnid[i, 0]] == mujoco.mjtJoint.mjJNT_HINGE)

@@ -1,0 +1,172 @@
+"""What one step leaves unexplained of energies and momenta, against what the checks allow it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.balance.balance import Balance
+from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.model.system import Joint, System, Tree
+from ffsm_mj.records.signals import SUBSYSTEMS
+
+_NUMBERS = 7
+"""Of a subsystem: kinetic energy in J, P in N s, L about the world origin in N m s."""
+_TOTAL, _ROBOT, _OBJECTS = range(len(SUBSYSTEMS))
+_FACTOR = 12.0
+"""A Runge-Kutta step of order four errs by (rate times step)^5 / 120 where all moves at one rate; the bound is ten times."""
+
+
+class StepError:
+    """Residual of the balance over one (sub-)step, of energy and momenta of each subsystem.
+
+    A Runge-Kutta step conserves neither exactly, so its residual is its truncation error in the quantities that are checked:
+    measured, not estimated. It is a function of the state at the start of the step, the efforts and the duration.
+    """
+
+    def __init__(self, system: System, data: Any, balance: Balance) -> None:
+        """Measure the steps of a system.
+
+        Args:
+            system: Robot and objects.
+            data: Their state, derived quantities current wherever a method is called.
+            balance: Enters what the efforts do in a step.
+        """
+        self._model, self._data, self._ledger = system.mj, data, balance
+        self._rates = data.qvel
+        self._trees = [self._views(tree) for tree in system.trees]
+        lengths = [[i for joint in tree.joints for i in _lengths(joint)] for tree in system.trees]
+        self._robot_lengths, self._lengths = lengths[0], [i for own in lengths for i in own]
+        roots = {tree.root for tree in system.trees}
+        self._system, self._mass = system, float(system.mj.body_mass.sum())
+        self._weights = np.hstack((_changes(balance.free), -balance.entered()))
+        self._turning = np.array([i for joint in self._joints() for i in _turns(joint)], dtype=np.intp)
+        # A part that slides along another that turns has a rate of its own, its speed over a length that nobody knows.
+        self._bounded = all(joint.kind != "slide" or joint.body in roots for joint in self._joints())
+        self._start: list[float] | None = None
+        self._rates_before: list[float] = []
+
+    def _views(self, tree: Tree) -> tuple[float, slice, FloatArray, FloatArray, FloatArray]:
+        data, root = self._data, tree.root
+        mass = float(self._model.body_subtreemass[root])
+        return mass, tree.dofs, data.subtree_linvel[root], data.subtree_com[root], data.subtree_angmom[root]
+
+    def _joints(self) -> tuple[Joint, ...]:
+        return tuple(self._system.joints.values())
+
+    def begin(self, *, measured: bool) -> None:
+        """A step begins at the state in ``data``.
+
+        Args:
+            measured: It will be measured; else :meth:`bound` may do.
+        """
+        self._start, self._rates_before = None, self._rates[self._turning].tolist()
+        if measured or not self._bounded:
+            mujoco.mj_mulM(self._model, self._data, self._ledger.momentum, self._rates)
+            self._start = self._now()
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the state at the start of the step is known so well that its residual can be worked out."""
+        return self._start is not None
+
+    def bound(self, duration_s: float) -> float:
+        """An upper bound on the error of a step in which nothing but the efforts pushes, over (1 + scale); infinite: none.
+
+        From how fast everything turns at both ends, and how that changes.
+        """
+        if not self._bounded:
+            return math.inf
+        before, after = self._rates_before, self._rates[self._turning].tolist()
+        fastest = max(sum(map(abs, before)), sum(map(abs, after)))
+        change = sum(abs(b - a) for a, b in zip(before, after, strict=True))
+        turn = fastest * duration_s + math.sqrt(change * duration_s)
+        lever = math.hypot(*self._data.qpos[self._lengths].tolist())
+        # The sum of all m |v| is at most sqrt(2 m T); it may cancel in P and L, and its error does not.
+        momentum = math.sqrt(abs(self._mass * float(self._ledger.momentum.dot(self._rates))))
+        return float(turn**5) / _FACTOR * max(1.0, momentum * (1.0 + lever))
+
+    def residuals(self, duration_s: float, bookings: Iterable[Exchange]) -> FloatArray:
+        """What is left unexplained at the state in ``data``, (3, 7): energy, P and L of (total, robot, objects).
+
+        Args:
+            duration_s: Since :meth:`begin`.
+            bookings: What contacts exchanged in that time.
+        """
+        assert self._start is not None
+        change = [after - before for after, before in zip(self._now(), self._start, strict=True)]
+        accounts = self._ledger.increments(duration_s, bookings)
+        left = self._weights.dot(np.concatenate((change, accounts)))
+        return np.asarray(left.reshape(len(SUBSYSTEMS), _NUMBERS))
+
+    def relative(self, duration_s: float, bookings: Iterable[Exchange], *, carried: bool) -> float:
+        """Largest residual over (1 + scale), the scale being that of the checks; infinite where one is not finite.
+
+        Args:
+            duration_s: Since :meth:`begin`.
+            bookings: What contacts exchanged in that time.
+            carried: An object is a part of the robot: what passes between the two is what it gained, whatever that is.
+        """
+        return self.over_scale(self.residuals(duration_s, bookings), carried=carried)
+
+    def over_scale(self, residuals: FloatArray, *, carried: bool) -> float:
+        """The largest of residuals, (3, 7), over (1 + scale); see :meth:`relative`."""
+        left = residuals.tolist()
+        # The whole is at most the sum of robot and objects.
+        subsystems = (_TOTAL,) if carried else (_ROBOT, _OBJECTS)
+        size = max(self._size(left[subsystem], subsystem) for subsystem in subsystems)
+        return size if math.isfinite(size) else math.inf
+
+    def _size(self, left: list[float], subsystem: int) -> float:
+        """Of one subsystem."""
+        energy, linear, angular = self._scales(subsystem)
+        return abs(left[0]) / energy + math.hypot(*left[1:4]) / linear + math.hypot(*left[4:]) / angular
+
+    def _scales(self, subsystem: int) -> tuple[float, float, float]:
+        """1 + the scales of ``verification/checks.py`` at the start of the step: of energy, P and L."""
+        assert self._start is not None
+        start, qpos = self._start, self._data.qpos
+        robot, objects = start[:_NUMBERS], start[_NUMBERS:]
+        own = {_TOTAL: [a + b for a, b in zip(robot, objects, strict=True)], _ROBOT: robot, _OBJECTS: objects}[subsystem]
+        members = {_TOTAL: (robot, objects), _ROBOT: (robot,), _OBJECTS: (objects,)}[subsystem]
+        linear = sum(math.hypot(*each[1:4]) for each in members)
+        lever = math.hypot(*qpos[self._robot_lengths if subsystem == _ROBOT else self._lengths].tolist())
+        return 1.0 + abs(own[0]), 1.0 + linear, 1.0 + math.hypot(*own[4:]) + lever * linear
+
+    def _now(self) -> list[float]:
+        """Energy and momenta of the robot, then of all objects, at the state in ``data``."""
+        mujoco.mj_subtreeVel(self._model, self._data)
+        momentum, rates = self._ledger.momentum, self._rates
+        found = [[0.0] * _NUMBERS, [0.0] * _NUMBERS]
+        for i, (mass, dofs, velocity, centre, spin) in enumerate(self._trees):
+            (u, v, w), (x, y, z), (a, b, c) = velocity.tolist(), centre.tolist(), spin.tolist()
+            p, q, r = mass * u, mass * v, mass * w
+            energy = 0.5 * float(momentum[dofs].dot(rates[dofs]))
+            own = (energy, p, q, r, a + y * r - z * q, b + z * p - x * r, c + x * q - y * p)
+            subsystem = found[min(i, 1)]
+            subsystem[:] = [before + each for before, each in zip(subsystem, own, strict=True)]
+        return found[0] + found[1]
+
+
+def _changes(free: FloatArray) -> FloatArray:
+    """From the changes of robot and objects, (14,), to those of each subsystem on the components that are free, (21, 14)."""
+    robot, objects = np.eye(_NUMBERS, 2 * _NUMBERS), np.eye(_NUMBERS, 2 * _NUMBERS, _NUMBERS)
+    masks = np.hstack((np.ones((len(SUBSYSTEMS), 1)), free))
+    return np.vstack([mask[:, None] * part for mask, part in zip(masks, (robot + objects, robot, objects), strict=True)])
+
+
+def _lengths(joint: Joint) -> range:
+    """Places in ``qpos`` of the coordinates of a joint that are in m."""
+    size = {"free": 3, "slide": 1}.get(joint.kind, 0)
+    return range(joint.qpos.start, joint.qpos.start + size)
+
+
+def _turns(joint: Joint) -> range:
+    """Places in ``qvel`` of the rates of a joint that are in rad/s."""
+    first = {"slide": joint.dofs.stop, "free": joint.dofs.start + 3}.get(joint.kind, joint.dofs.start)
+    return range(first, joint.dofs.stop)

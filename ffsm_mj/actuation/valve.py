@@ -1,0 +1,48 @@
+"""The valve of an on-off thruster: a Schmitt trigger with a shortest time."""
+
+from __future__ import annotations
+
+import math
+
+from ffsm_mj.actuation.actuator_config import OnOffConfig
+
+
+class Valve:
+    """An on-off thruster's valve, and what it remembers.
+
+    Attributes:
+        firing: Direction in which it fires, 1 or -1, or 0 while it is shut.
+    """
+
+    def __init__(self, config: OnOffConfig) -> None:
+        """Shut."""
+        self._force, self._threshold, self._min_on_s = config.force_N, config.threshold_N, config.min_on_time_s
+        self._release = config.threshold_N if config.release_N is None else config.release_N
+        self.firing, self._lit_at_s = 0.0, 0.0
+
+    def fire(self, wanted: float, lower: float, upper: float, time_s: float) -> float:
+        """Force of the valve: kept on above the release and for its shortest time, lit above the threshold."""
+        size = abs(wanted)
+        sign = math.copysign(1.0, wanted)
+        stays = self.firing == sign and size >= self._release and size > 0.0
+        held = self.firing != 0.0 and time_s - self._lit_at_s < self._min_on_s - 1e-12
+        firing = self.firing if stays or held else sign if size > self._threshold else 0.0
+        if not lower <= firing * self._force <= upper:
+            firing = 0.0  # one that only pushes never fires backwards
+        if firing not in (0.0, self.firing):
+            self._lit_at_s = time_s
+        self.firing = firing
+        return firing * self._force
+
+    def shut(self) -> float:
+        """Without power; gives the force that the valve has then."""
+        self.firing = 0.0
+        return 0.0
+
+    def stand(self, force: float, time_s: float) -> float:
+        """Stand as a force says, from a time on; gives the force that the valve has then."""
+        firing = math.copysign(1.0, force) if force else 0.0
+        if firing not in (0.0, self.firing):
+            self._lit_at_s = time_s
+        self.firing = firing
+        return firing * self._force

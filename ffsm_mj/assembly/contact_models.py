@@ -1,0 +1,56 @@
+"""The contact models of a run: the impact first, what lasts after it, then those that the scenario declares."""
+
+from __future__ import annotations
+
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.grasp.record import KINDS
+from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
+from ffsm_mj.contact_models.impact.resting import RestRule
+from ffsm_mj.contact_models.interface import ContactModel, Scene, contact_model_of
+from ffsm_mj.contact_models.persistent.model import PersistentContactModel
+from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.scenario.scenario import Scenario
+
+
+def impacts_of(
+    scenario: Scenario, scene: Scene, pairs: tuple[ContactPair, ...]
+) -> tuple[ImpactModel, PersistentContactModel]:
+    """The impact contact model of a scenario, and what holds the pairs that it leaves closed."""
+    interval = scenario.impact.rest_interval_s
+    rules = ImpactRules(
+        law=scenario.impact.law,
+        rest=RestRule(scenario.time_step_s if interval is None else interval, scenario.impact.rest_speed_m_s),
+        max_impacts=scenario.impact.max_impacts,
+        stop_on_impact=scenario.stop_on_impact,
+    )
+    impacts = ImpactModel(scene, pairs, rules)
+    return impacts, PersistentContactModel(scene, impacts)
+
+
+def declared_contact_models(scenario: Scenario, scene: Scene) -> tuple[ContactModel, ...]:
+    """The contact models that a scenario declares, in its order.
+
+    Raises:
+        ScenarioFaults: One cannot be made of what is declared: a geom that there is not.
+    """
+    made: list[ContactModel] = []
+    faults: list[Fault] = []
+    for i, config in enumerate(scenario.contact_models):
+        try:
+            made.append(contact_model_of(config.kind)(config, scene))
+        except ScenarioFaults as error:
+            faults += [Fault(fault.message, ("contact_models", i, *fault.path)) for fault in error.faults]
+        except LookupError as error:
+            faults.append(Fault(str(error.args[0]), ("contact_models", i)))
+    if faults:
+        raise ScenarioFaults(faults)
+    return tuple(made)
+
+
+def record_kinds(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the kinds of record that captures and the declared contact models may leave."""
+    kinds = [
+        *(KINDS if scenario.captures else ()),
+        *(kind for each in scenario.contact_models for kind in contact_model_of(each.kind).records),
+    ]
+    return tuple(dict.fromkeys(kind.name for kind in kinds))

@@ -1,0 +1,146 @@
+"""The captures of a scenario: whom they join, and the systems in which they hold, compiled before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from ffsm_mj.contact_models.grasp.grasped_motion import refuse_unlike
+from ffsm_mj.contact_models.grasp.model import GraspModel
+from ffsm_mj.contact_models.impact.model import ImpactModel
+from ffsm_mj.contact_models.interface import ContactModel, Scene
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.system import System, Tree
+from ffsm_mj.scenario.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class GraspedSystem:
+    """A system in which an object is held.
+
+    Attributes:
+        grasp: Who holds what.
+        system: Robot and objects, the held one a part of the robot.
+        believed: What the control laws take it for; None: they know it.
+    """
+
+    grasp: Grasp
+    system: System
+    believed: System | None = None
+
+    def copy(self) -> GraspedSystem:
+        """The same with models of its own."""
+        return GraspedSystem(self.grasp, self.system.copy(), self.believed.copy() if self.believed is not None else None)
+
+
+def grasps_of(scenario: Scenario, system: System) -> tuple[Grasp, ...]:
+    """Who holds what in the captures of a scenario, in its order.
+
+    Raises:
+        ScenarioFaults: A site that there is not or that is of somebody else, or an object that cannot be held.
+    """
+    grasps, faults = [], []
+    for name, config in scenario.captures.items():
+        sites = {}
+        for key, given, whose in (
+            ("robot_site", config.robot_site, [system.robot]),
+            ("object_site", config.object_site, [*system.objects]),
+        ):
+            try:
+                sites[key] = _site(system, given, whose)
+            except LookupError as error:
+                faults.append(Fault(str(error.args[0]), ("captures", name, key)))
+        if len(sites) < 2:
+            continue
+        tree = system.tree_of_body(system.mj.site(sites["object_site"]).bodyid[0])
+        link = system.mj.body(system.mj.site(sites["robot_site"]).bodyid[0]).name
+        if tree is not None:
+            grasps.append(
+                Grasp(name, sites["robot_site"], sites["object_site"], link, tree.name, system.mj.body(tree.root).name)
+            )
+    if faults:
+        raise ScenarioFaults(faults)
+    return tuple(grasps)
+
+
+def _site(system: System, name: str, whose: list[Tree]) -> str:
+    """Full name of a site of one of some trees.
+
+    Raises:
+        LookupError: There is none of that name, it is of somebody else, or on a part that moves against its object's base.
+    """
+    sites = [each for each in system.names("site") if _tree(system, each) in whose]
+    side = "the robot" if system.robot in whose else "a floating object"
+    message = unknown_name(f"site of {side}", name, sites) if sites else f"no site of {side} is in its model; add one"
+    try:
+        full = system.resolve("site", name)
+    except LookupError as error:
+        raise LookupError(message if str(error).startswith("unknown") else str(error)) from error
+    tree = _tree(system, full)
+    if tree is None or tree not in whose:
+        raise LookupError(f"{full} is no site of {side}: {message}" if sites else message)
+    if tree is not system.robot and not _on_base(system, full, tree):
+        raise LookupError(f"{full} is on a part that moves against the base of {tree.name!r}; it must be fixed to the base")
+    return full
+
+
+def _tree(system: System, site: str) -> Tree | None:
+    return system.tree_of_body(int(system.mj.site(site).bodyid[0]))
+
+
+def _on_base(system: System, site: str, tree: Tree) -> bool:
+    weld = system.mj.body_weldid
+    return bool(weld[int(system.mj.site(site).bodyid[0])] == weld[tree.root])
+
+
+def held_systems(
+    scenario: Scenario, system: System, compiled: Callable[[Grasp, bool], System]
+) -> Mapping[str, GraspedSystem]:
+    """Compile the systems in which objects are held, by the name of the capture.
+
+    Args:
+        scenario: What is asked for.
+        system: The scene as it begins.
+        compiled: Compiles a scene in which a grasp holds; with True the one that control laws believe in.
+
+    Raises:
+        ScenarioFaults: An object that cannot be held.
+    """
+    found, faults = {}, []
+    for grasp in grasps_of(scenario, system):
+        held = compiled(grasp, False)
+        try:
+            refuse_unlike(system, held, grasp)
+        except LookupError as error:
+            faults.append(Fault(str(error.args[0]), ("captures", grasp.name, "object_site")))
+        believed = compiled(grasp, True) if any(scenario.controller_model.values()) else None
+        found[grasp.name] = GraspedSystem(grasp, held, believed)
+    if faults:
+        raise ScenarioFaults(faults)
+    return found
+
+
+def grasp_models_of(
+    scenario: Scenario,
+    scene: Scene,
+    free: Motion,
+    impacts: ImpactModel,
+    held: Mapping[str, GraspedSystem],
+    others: Sequence[ContactModel],
+) -> tuple[GraspModel, ...]:
+    """The contact model of the captures of a scenario, where it has some.
+
+    Args:
+        scenario: What is asked for.
+        scene: The system that is logged.
+        free: Its motion.
+        impacts: Its impacts.
+        held: Systems in which objects are held, with models of the run's own.
+        others: Who may push what is held.
+    """
+    if not held:
+        return ()
+    grasps = [(each.grasp, scenario.captures[name], each.system) for name, each in held.items()]
+    return (GraspModel(scene, free, impacts, grasps, others),)

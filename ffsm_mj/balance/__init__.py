@@ -1,0 +1,1 @@
+"""The arithmetic of the balances; run and ``analyze`` call the same functions."""

@@ -1,0 +1,84 @@
+"""What an object gains from the robot that carries it: the difference of two states, less what gravity gave it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.balance.gravity import NUMBERS
+from ffsm_mj.balance.sample_buffer import SampleBuffer
+from ffsm_mj.dynamics.rigid_body import subtree_momenta
+from ffsm_mj.model.system import System, Tree
+
+
+class GraspedObjectBalance:
+    """The object that is carried: its number among the objects, from 1, and its energy and momentum when that began."""
+
+    SIZE = 8
+    """Numbers that a note has to keep of it."""
+
+    def __init__(self, system: System, data: Any, momentum: FloatArray, numbers: FloatArray) -> None:
+        """Nothing is carried.
+
+        Args:
+            system: Robot and objects.
+            data: Their state.
+            momentum: M qdot, kept current by others, (nv,).
+            numbers: Where what a note keeps is: number; energy in J; P and L about the origin; behind these SIZE what
+                gravity gave to each tree, kept current by others, (number of trees, NUMBERS), or nothing without.
+        """
+        self._system, self._data, self._momentum = system, data, momentum
+        self._numbers, self._start = numbers[: self.SIZE], numbers[1 : self.SIZE]
+        self._fallen = numbers[self.SIZE :].reshape(-1, NUMBERS)
+        self._tree: Tree | None = None
+
+    def forget(self) -> None:
+        """Nothing is carried, and nothing was."""
+        self._tree = None
+        self._numbers.fill(0.0)
+
+    def carry(self, tree: Tree | None) -> Exchange | None:
+        """Carry an object from the state in ``data`` on, derived quantities current, or nothing.
+
+        Returns:
+            What the robot gave to the one that it carried; None where there was none.
+        """
+        before = self._tree
+        booked = _given(self._now(before) - self._start) if before is not None else None
+        if tree is not before:
+            self.forget()
+            self._tree = tree
+        if tree is not None:
+            self._numbers[0], self._start[:] = 1.0 + self._system.objects.index(tree), self._now(tree)
+        return booked
+
+    def _now(self, tree: Tree) -> FloatArray:
+        data, root, h, rates = self._data, tree.root, self._momentum, self._data.qvel
+        mujoco.mj_subtreeVel(self._system.mj, data)
+        mass = float(self._system.mj.body_subtreemass[root])
+        momentum = subtree_momenta(mass, data.subtree_linvel[root], data.subtree_com[root], data.subtree_angmom[root])
+        now = np.concatenate(((0.5 * float(h[tree.dofs] @ rates[tree.dofs]),), momentum))
+        return now - self._fallen[1 + self._system.objects.index(tree)] if len(self._fallen) else now
+
+    def gained(self, notes: SampleBuffer, used: slice) -> Iterator[tuple[Any, Exchange]]:
+        """What was given to the one carried since that began: rows of the notes, and one booking for all of them."""
+        own = notes.accounts[used, -(self.SIZE + self._fallen.size) :]
+        numbers, fallen = own[:, : self.SIZE], own[:, self.SIZE :]
+        for number in map(int, sorted(set(numbers[:, 0].tolist()) - {0.0})):
+            tree, rows = self._system.objects[number - 1], numbers[:, 0] == number
+            energy = 0.5 * (notes.h[used, tree.dofs] * notes.rates[used, tree.dofs]).sum(axis=1, keepdims=True)
+            states = np.concatenate((energy, notes.momenta(tree.root, used)), axis=1)
+            if fallen.size:
+                states -= fallen[:, NUMBERS * number : NUMBERS * (number + 1)]
+            yield rows, _given(states[rows] - numbers[rows, 1:])
+
+
+def _given(change: FloatArray) -> Exchange:
+    """What the robot gave, of changes of energy and momentum, (..., 7): the object has them from it, and not both."""
+    energy = change[..., :1]
+    return Exchange(np.concatenate((np.zeros_like(energy), -energy, energy), axis=-1), change[..., 1:])

@@ -1,0 +1,60 @@
+"""What the balance keeps of each sample until a block of them is worked out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.compiled import fastest
+from ffsm_mj.dynamics.rigid_body import subtree_momenta
+from ffsm_mj.model.system import System
+from ffsm_mj.records.sampler import Sampler
+
+
+class SampleBuffer:
+    """Copies of MuJoCo's arrays at so many states.
+
+    Attributes:
+        used: How many there are.
+        h: Generalised momenta, (room, nv).
+        rates: Generalised velocities, (room, nv).
+        jacp: Jacobians of the frame of the robot's base, (room, 3, nv).
+        jacr: Their angular parts, (room, 3, nv).
+        position: Positions of that frame, (room, 3), m.
+        accounts: What was booked, and what is carried, (room, numbers of both).
+    """
+
+    def __init__(self, system: System, data: Any, room: int, momentum: FloatArray, accounts: FloatArray) -> None:
+        """Bind to live arrays; nothing is kept yet.
+
+        Args:
+            system: Robot and objects.
+            data: Their state.
+            room: For so many notes.
+            momentum: M qdot, kept current by others, (nv,).
+            accounts: The accounts, and what is carried, (numbers of both,).
+        """
+        model, root = system.mj, system.robot.root
+        self.used, self._mass = 0, model.body_subtreemass
+        sampler = fastest(Sampler)(model, data, base=root)
+        live = (
+            *(data.subtree_linvel, data.subtree_com, data.subtree_angmom, sampler.jacp, sampler.jacr),
+            *(data.xpos[root], momentum, data.qvel, accounts),
+        )
+        tables = [np.empty((room, *array.shape)) for array in live]
+        self._velocity, self._centre, self._spin, self.jacp, self.jacr, *rest = tables
+        self.position, self.h, self.rates, self.accounts = rest
+        sampler.copy(list(zip(live, tables, strict=True)))
+        self._take = sampler.take
+
+    def take(self) -> None:
+        """Keep the state."""
+        self._take(self.used)
+        self.used += 1
+
+    def momenta(self, root: int, used: slice) -> FloatArray:
+        """Momenta of the subtree of a body at the states noted, (n, 6)."""
+        at = (used, root)
+        return subtree_momenta(float(self._mass[root]), self._velocity[at], self._centre[at], self._spin[at])

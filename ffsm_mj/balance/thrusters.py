@@ -1,0 +1,157 @@
+"""Impulse and work of thrusters: actuators that push at a site, with a wrench that is constant in the frame of its body.
+
+All of one body are one wrench about the origin of its frame. What it does over a (sub-)step follows from pose and twist of
+the body at both ends: Simpson's rule, the middle by cubic Hermite interpolation of position and quaternion. In plain
+floats: an array of three costs more than its numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.dynamics.rigid_body import free_projector, site_actuators, site_wrench
+from ffsm_mj.model.system import System
+
+_BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
+
+
+class _BodyState(NamedTuple):
+    """Position and quaternion (of any length) of a body, their rates, and its spin, in world axes."""
+
+    pose: list[float]
+    rate: list[float]
+    spin: list[float]
+
+
+class Thrusters:
+    """Those of one body; adds what they do in each (sub-)step to accounts.
+
+    Attributes:
+        actuators: Ids of them, (n,).
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        body: int,
+        actuators: IntArray,
+        wrenches: FloatArray,
+        felt: FloatArray,
+        work: FloatArray,
+        impulse: FloatArray,
+    ) -> None:
+        """Bind to the body.
+
+        Args:
+            model: MuJoCo model.
+            data: Its data.
+            body: Id of the body.
+            actuators: Ids of its thrusters, (n,).
+            wrenches: Wrench per unit of the force of each, about the origin of the body's frame in its axes, (6, n).
+            felt: What is booked of an impulse (P, L about the world origin), (6, 6).
+            work: Takes the work, J, (1,).
+            impulse: Takes the impulse, (6,).
+        """
+        self._model, self._data, self._body = model, data, body
+        self.actuators, self._wrenches, self._felt = actuators, wrenches, felt
+        self._held, self._force, self._twist = data.ctrl, data.actuator_force, np.empty(6)
+        self._position, self._quaternion = data.xpos[body], data.xquat[body]
+        self._work, self._impulse = work, impulse
+        self._start: _BodyState | None = None
+
+    def open(self) -> None:
+        """Begin a (sub-)step with the efforts in ``data``; poses and velocities are current."""
+        self._start = self._look() if any(self._held[self.actuators].tolist()) else None
+
+    def close(self, duration_s: float) -> None:
+        """End the step; all derived quantities are current, the efforts are those it began with."""
+        if self._start is None:
+            return
+        wrench = self._wrenches.dot(self._force[self.actuators]).tolist()
+        end = self._look()
+        first, middle, last = (_rates(at, wrench) for at in (self._start, _middle(self._start, end, duration_s), end))
+        sixth = duration_s / 6.0
+        done = [sixth * (a + 4.0 * b + c) for a, b, c in zip(first, middle, last, strict=True)]
+        self._work[0] += done[6]
+        self._impulse += self._felt.dot(done[:6])
+
+    def _look(self) -> _BodyState:
+        """How the body moves now."""
+        mujoco.mj_objectVelocity(self._model, self._data, _BODY, self._body, self._twist, 0)
+        x, y, z, *velocity = self._twist.tolist()
+        quaternion = a, b, c, d = self._quaternion.tolist()
+        turning = (
+            -0.5 * (x * b + y * c + z * d),
+            0.5 * (x * a + y * d - z * c),
+            0.5 * (y * a + z * b - x * d),
+            0.5 * (z * a + x * c - y * b),
+        )
+        return _BodyState([*self._position.tolist(), *quaternion], [*velocity, *turning], [x, y, z])
+
+
+def _middle(start: _BodyState, end: _BodyState, duration_s: float) -> _BodyState:
+    """Half-way through a step; pose and rates are fourth-order accurate in the duration."""
+    first, last, first_rate, last_rate = start.pose, end.pose, start.rate, end.rate
+    (*_, a, b, c, d), (*_, e, f, g, h) = first, last
+    if a * e + b * f + c * g + d * h < 0.0:  # the same turn under the other sign
+        last, last_rate = ([*full[:3], *(-part for part in full[3:])] for full in (last, last_rate))
+    eighth, chord = 0.125 * duration_s, 1.5 / duration_s
+    pose, rate = [], []
+    for p, q, v, w in zip(first, last, first_rate, last_rate, strict=True):
+        pose.append(0.5 * (p + q) + eighth * (v - w))
+        rate.append(chord * (q - p) - 0.25 * (v + w))
+    (a, b, c, d), (s, x, y, z) = pose[3:], rate[3:]
+    double = 2.0 / (a * a + b * b + c * c + d * d)
+    spin = [
+        double * (a * x - s * b + c * z - d * y),
+        double * (a * y - s * c + d * x - b * z),
+        double * (a * z - s * d + b * y - c * x),
+    ]
+    return _BodyState(pose, rate, spin)
+
+
+def _rates(at: _BodyState, wrench: list[float]) -> tuple[float, ...]:
+    """Force, moment about the world origin, and power of a wrench about a body's origin in its axes, (7,)."""
+    px, py, pz, a, b, c, d = at.pose
+    double = 2.0 / (a * a + b * b + c * c + d * d)
+    parts: list[float] = []
+    for x, y, z in (wrench[:3], wrench[3:]):
+        # v + 2 u x (a v + u x v) / |q|^2, with q = (a, u)
+        e, f, g = a * x + c * z - d * y, a * y + d * x - b * z, a * z + b * y - c * x
+        parts += (x + double * (c * g - d * f), y + double * (d * e - b * g), z + double * (b * f - c * e))
+    fx, fy, fz, tx, ty, tz = parts
+    (vx, vy, vz, *_), (wx, wy, wz) = at.rate, at.spin
+    power = fx * vx + fy * vy + fz * vz + tx * wx + ty * wy + tz * wz
+    return fx, fy, fz, tx + py * fz - pz * fy, ty + pz * fx - px * fz, tz + px * fy - py * fx, power
+
+
+def thrusters(system: System, data: Any, work: FloatArray, impulse: FloatArray) -> list[Thrusters]:
+    """Books of the actuators at sites, one for each body that has some.
+
+    Those with a reference site are left out, and all are where what the base joints bear of a wrench turns or is limited:
+    what they do to the robot does not follow from the pose of their body.
+
+    Args:
+        system: What moves.
+        data: Its state.
+        work: Takes their work, J, (1,).
+        impulse: Takes their impulse on the robot (P, L about the world origin), (6,).
+    """
+    model, robot = system.mj, system.robot
+    of_robot = free_projector(system, robot)
+    if of_robot is None or model.jnt_actfrclimited[model.jnt_bodyid == robot.root].any():
+        return []
+    ids = np.flatnonzero(site_actuators(model))
+    bodies = model.site_bodyid[model.actuator_trnid[ids, 0]]
+    books = []
+    for body in np.unique(bodies).tolist():
+        own = ids[bodies == body]
+        wrenches = np.stack([site_wrench(model, i) for i in own], axis=1)
+        felt = of_robot if body in robot.bodies else np.zeros((6, 6))
+        books.append(Thrusters(model, data, body, own, wrenches, felt, work, impulse))
+    return books

@@ -1,1 +1,0 @@
-"""The arithmetic of the ledgers; run and ``analyze`` call the same functions."""

@@ -1,0 +1,219 @@
+"""Metrics: what of a run becomes a column of the campaign's table, by name."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from functools import cache
+from importlib.metadata import entry_points
+from typing import Any
+
+from ffsm_mj.analysis.contact_intervals import ContactInterval
+from ffsm_mj.analysis.grasp_intervals import GraspInterval
+from ffsm_mj.campaign.execution.effort import MEASURES
+from ffsm_mj.errors import described, one_line, unknown_name
+from ffsm_mj.records.kinds import kinds
+from ffsm_mj.report.run import Run
+from ffsm_mj.verification.checks import CHECK_NAMES, Check
+
+GROUP = "ffsm_mj.metrics"
+"""Entry points of metrics of other packages: the name is the metric's, the object a function on a
+:class:`~ffsm_mj.report.run.Run`. Its attribute ``columns``, where it has one, names the columns that it needs: only those
+are kept while the run goes."""
+
+_EXACT = 1 << 53
+"""Whole numbers up to this are doubles."""
+
+Scalar = float | int | str | bool | None
+Effort = Mapping[str, Mapping[str, float]]
+
+_DRIFTING = CHECK_NAMES[:3]
+COUNT, FAIL = "count", "fail"
+"""What becomes of runs whose checks fail by the truncation of the step alone."""
+_ALWAYS = (
+    "checks_pass",
+    "fails_by_truncation",
+    "passes",
+    "drift",
+    "deepest_overlap_m",
+    *(f"checks.{name.replace(' ', '_')}" for name in CHECK_NAMES),
+)
+"""What is told of every run: whether every check holds; whether those that do not fail by the truncation of the step alone;
+whether it passes as the campaign counts; the worst drift of energy and momenta, over (1 + scale) each; the
+deepest overlap in m; the worst residual of each check, in its unit, null where it is not judged."""
+_EXCESS = {name: f"excess.{name.replace(' ', '_')}" for name in CHECK_NAMES}
+"""Told of each check that fails: its residual over its tolerance, the worst of its subsystems."""
+_TIP = ("min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s", *(f"target_m.{axis}" for axis in range(3)))
+_SCALARS = ("outcome", "message", "duration_s", "steps", "conservative", "controller.ticks")
+_CONSERVATION = ("energy_residual_J", "linear_momentum_residual_N_s", "angular_momentum_residual_N_m_s")
+_ENDS = {"phases": ("end_s",)}
+
+
+def always(checks: Sequence[Check], *, truncated: str = COUNT) -> dict[str, Scalar]:
+    """What every row tells of the checks of its run.
+
+    Args:
+        checks: The checks, with what of those that fail is truncation.
+        truncated: ``count``: a run that fails by the truncation of the step alone counts as one that passes; or ``fail``.
+    """
+    found: dict[str, Scalar] = dict.fromkeys(_ALWAYS)
+    failing = [check for check in checks if not check.passes]
+    found["checks_pass"] = not failing
+    found["fails_by_truncation"] = alone = bool(failing) and all(check.fails_by_truncation for check in failing)
+    found["passes"] = not failing or (alone and truncated == COUNT)
+    for check in checks:
+        key = f"checks.{check.name.replace(' ', '_')}"
+        worst = found[key]
+        found[key] = check.residual if not isinstance(worst, float) else max(worst, check.residual)
+        if check.name == "no penetration":
+            found["deepest_overlap_m"] = check.residual
+    for name, key in _EXCESS.items():
+        if beyond := [_excess(check) for check in checks if check.name == name and not check.passes]:
+            found[key] = max(beyond)
+    drifts = [check.drift / check.tolerance * 1e-9 for check in checks if check.name in _DRIFTING]
+    found["drift"] = max(drifts) if drifts else None
+    return found
+
+
+def _excess(check: Check) -> float:
+    """Residual over tolerance; infinite where either is no positive number."""
+    return check.residual / check.tolerance if check.residual > 0.0 and check.tolerance > 0.0 else math.inf
+
+
+def evaluated(
+    run: Run, effort: Effort, names: Sequence[str], checks: Mapping[str, Scalar] | None = None
+) -> dict[str, Scalar]:
+    """The metrics of a run, in the order asked for.
+
+    Args:
+        run: The run.
+        effort: What its actuators did, by actuator and measure.
+        names: Metrics.
+        checks: What :func:`always` tells of it; None: of its checks, those that fail by truncation alone counted.
+
+    Raises:
+        ValueError: What is asked for is no scalar of the run; the message says which.
+    """
+    summary = run.summary(checks=False) | {"effort": effort}
+    told, plugins = {name: _scalar(name, value) for name, value in (checks or always(run.checks())).items()}, plugged()
+    found: dict[str, Scalar] = {}
+    for name in names:
+        if name in told:
+            found[name] = told[name]
+        elif name in plugins:
+            found[name] = _scalar(name, plugins[name](run))
+        else:
+            found[name] = _scalar(name, _at(summary, name))
+    return told | {"impacts.count": len(summary["impacts"])} | found
+
+
+def _at(summary: Any, name: str) -> Any:
+    """What a dotted path leads to; None where the run has no such thing."""
+    for part in name.split("."):
+        if isinstance(summary, Mapping):
+            summary = summary.get(part)
+        elif isinstance(summary, list | tuple):
+            if part == "count":
+                return len(summary)
+            summary = summary[int(part)] if part.isdecimal() and int(part) < len(summary) else None
+        else:
+            return None
+    return summary
+
+
+def _scalar(name: str, value: Any) -> Scalar:
+    """A number, text or flag as plain Python; None for a number that is not finite, a float for one that no double holds.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if hasattr(value, "item"):
+        value = value.item()  # of numpy
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else None
+    if isinstance(value, str):
+        return one_line(value)
+    if isinstance(value, int) and abs(value) > _EXACT:
+        return float(value) if abs(value) < 1 << 1023 else None
+    if value is None or isinstance(value, bool | int):
+        return value
+    raise ValueError(f"metric {name!r} is no number, text or flag but a {type(value).__name__}")
+
+
+def columns_of(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Columns of rows that these metrics need; None: all, since one of them does not say."""
+    needed: list[str] = []
+    for name in names:
+        plugin = plugged().get(name)
+        if plugin is not None:
+            columns = getattr(plugin, "columns", None)
+            if columns is None:
+                return None
+            needed += columns
+    return tuple(dict.fromkeys(needed))
+
+
+@cache
+def plugged() -> dict[str, Callable[[Run], Any]]:
+    """Metrics of installed packages; one that cannot be loaded says so when it is used."""
+    return {point.name: _loaded(point) for point in entry_points(group=GROUP)}
+
+
+def _loaded(point: Any) -> Callable[[Run], Any]:
+    try:
+        return point.load()  # type: ignore[no-any-return]
+    except Exception as error:  # noqa: BLE001 (a plug-in may fail in any way)
+        why = described(error)
+
+        def broken(_: Run) -> Any:
+            raise ValueError(f"metric {point.name!r} of {point.value} cannot be loaded ({why})")
+
+        return broken
+
+
+def fault_of(name: str, actuators: Sequence[str]) -> str | None:
+    """Why a name is no metric; None where it may be one.
+
+    Args:
+        name: Metric.
+        actuators: Those of the scenario, as columns of a log name them.
+    """
+    head, _, rest = name.partition(".")
+    lists = _lists()
+    if head in lists:
+        return _fault_in_list(head, rest, lists[head])
+    if head == "effort":
+        actuator, _, measure = rest.rpartition(".")
+        if actuator in actuators and measure in MEASURES:
+            return None
+        return unknown_name("metric", name, [f"effort.{each}.{measure}" for each in actuators for measure in MEASURES])
+    if re.fullmatch(r"controller\.phases\.\d+\.reports\.\w+", name):
+        return None
+    known = [*_ALWAYS, *_EXCESS.values(), *_SCALARS, *plugged()]
+    known += [f"tip.{key}" for key in _TIP] + [f"conservation.{key}" for key in _CONSERVATION]
+    known += [f"{each}.{what}" for each in lists for what in ("count", "0.KEY")] + [
+        "effort.ACTUATOR.MEASURE",
+        "controller.phases.0.reports.NAME",
+    ]
+    return None if name in known else unknown_name("metric", name, known)
+
+
+def _lists() -> dict[str, Any]:
+    """Lists of ``summary.json`` and what their items are: records of all kinds, and spells that are worked out of them."""
+    told = {kind.plural: kind.record for kind in kinds() if kind.plural and kind.summarised}
+    return told | {"contacts": ContactInterval, "captures": GraspInterval}
+
+
+def _fault_in_list(head: str, rest: str, record: Any) -> str | None:
+    if rest == "count":
+        return None
+    number, _, key = rest.partition(".")
+    names = [*(each.name for each in fields(record)), *_ENDS.get(head, ())]
+    field, _, item = key.partition(".")
+    if not number.isdecimal():
+        return f"{head} is a list: {head}.count, or {head}.0.KEY with a number and one of {', '.join(names)}"
+    if field not in names or (item and not re.fullmatch(r"[\w./-]+", item)):
+        return unknown_name(f"key of {head}", field, names)
+    return None

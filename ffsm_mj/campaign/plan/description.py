@@ -1,0 +1,46 @@
+"""What a campaign would do, in lines for a person."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ffsm_mj.assembly.prepare import as_overrides, recipe
+from ffsm_mj.campaign.plan.design import Design
+from ffsm_mj.campaign.plan.loading import Plan
+from ffsm_mj.campaign.plan.row_check import extreme_rows
+from ffsm_mj.errors import InputError
+from ffsm_mj.scenario.loading import validated
+
+
+def description(plan: Plan, design: Design) -> list[str]:
+    """Lines that tell what would run, and what to know of it: the campaign's, then those of its base scenario."""
+    config = plan.config
+    size = f"{design.n} x ({len(design.parameters)} + 2) runs" if design.kind == "saltelli" else f"{len(design.rows)} runs"
+    chance = "every combination" if design.kind == "grid" else f"{design.kind}, seed {design.seed}"
+    lines = [f"{config.campaign}: valid", f"  {size} of {plan.base.scenario.name} ({chance})"]
+    for column, name in enumerate(design.parameters):
+        keys = [binding.key for binding in plan.bindings if any(column in effect.columns for effect in binding.effects)]
+        values = [row[column] for row in design.rows]
+        lines.append(f"  {name}: {_spread(values)}, sets {', '.join(keys)}")
+    lines.append(f"  metrics: {', '.join(config.kept_metrics) or 'those of every run only'}")
+    if config.success is not None:
+        lines.append(f"  success: {config.success}")
+    lines += [f"  base {line}" if line.startswith(plan.base.scenario.name) else line for line in plan.base.describe()]
+    return [*lines, *(f"note: {note}" for note in _that_cannot_start(plan, design))]
+
+
+def _that_cannot_start(plan: Plan, design: Design) -> Iterator[str]:
+    """Of the runs with the least and greatest values, those that will be rows of failures, and why."""
+    for run in extreme_rows(design):
+        source = plan.base.source.overridden(as_overrides(design.overrides(run)))
+        try:
+            recipe(validated(source, plan.base.laws), source, plan.base.laws).assemble()
+        except InputError as error:
+            yield f"run {run} cannot start: {error.lines[0]}"
+
+
+def _spread(values: list[object]) -> str:
+    numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
+    if len(numbers) == len(values):
+        return f"{min(numbers):.6g} to {max(numbers):.6g}"
+    return ", ".join(dict.fromkeys(map(str, values)))

@@ -1,0 +1,160 @@
+"""From a campaign file to a plan: read, validated, its base scenario compiled, its dispersions bound to keys."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from pydantic import ValidationError
+
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
+from ffsm_mj.campaign.plan.bindings import bound
+from ffsm_mj.campaign.plan.config import CampaignFile
+from ffsm_mj.campaign.plan.design import Binding, Design
+from ffsm_mj.campaign.plan.design_sampling import columns, refuse_levels, sample_design
+from ffsm_mj.campaign.plan.dispersions import SampledScalar
+from ffsm_mj.campaign.plan.metric_names import refuse_metrics
+from ffsm_mj.campaign.plan.row_check import refuse_wrong_rows
+from ffsm_mj.campaign.plan.sampler import EXTENDABLE
+from ffsm_mj.campaign.plan.shipped import campaign_path
+from ffsm_mj.campaign.plan.targets import Targets
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
+from ffsm_mj.scenario.faults import KindNames, plain_faults
+from ffsm_mj.scenario.scenario import located
+from ffsm_mj.scenario.shipped import scenario_path
+from ffsm_mj.scenario.source import YamlSource, source_of
+from ffsm_mj.yaml.parser import read_node
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A campaign that can be run.
+
+    Attributes:
+        config: What the file states.
+        source: Where each of its keys stands.
+        scenario: File of the base scenario.
+        overrides: What the campaign changes in it for every run, ``key=json`` each.
+        base: The base scenario, compiled; no run of it is part of the campaign.
+        draws: What is drawn for each run.
+        bindings: Keys of the scenario that this sets.
+    """
+
+    config: CampaignFile
+    source: YamlSource
+    scenario: Path
+    overrides: tuple[str, ...]
+    base: PreparedRun
+    draws: tuple[SampledScalar, ...]
+    bindings: tuple[Binding, ...]
+
+    def design(self) -> Design:
+        """Draw every run.
+
+        Raises:
+            InputError: A run's values are none that the scenario takes.
+        """
+        samples = self.config.samples
+        return self._drawn(samples.kind, samples.n or 0, samples.seed)
+
+    def _drawn(self, kind: str, n: int, seed: int) -> Design:
+        try:
+            design = sample_design(kind, n, seed, self.draws, self.bindings)
+        except ScenarioFaults as faults:
+            raise located(faults, self.source) from faults
+        refuse_wrong_rows(self.base, design, self.source, self.draws)
+        return design
+
+    def extended(self, design: Design, n: int) -> Design:
+        """A design with more runs, the first of them those that it has.
+
+        Raises:
+            InputError: Samples of this kind cannot be extended, n is no size for them, or the numbers come out differently
+                here than where the design was made.
+        """
+        if design.kind not in EXTENDABLE:
+            allowed = ", ".join(EXTENDABLE)
+            raise InputError(
+                f"a sample of kind {design.kind} cannot be extended, a larger one is all new; allowed: {allowed}"
+            )
+        if n <= design.n or (design.kind == "sobol" and n & (n - 1)):
+            power = "a power of 2 " if design.kind == "sobol" else ""
+            raise InputError(f"{n} runs; {power}above {design.n}, the runs that there are, is needed")
+        longer = self._drawn(design.kind, n, design.seed)
+        if longer.rows[: len(design.rows)] != design.rows or longer.bindings != design.bindings:
+            raise InputError(
+                "the first runs would not be those of the design: it was made from another file or by other versions"
+            )
+        return longer
+
+
+def load_campaign(
+    campaign: str | Path, overrides: Sequence[str] = (), controllers: Mapping[str, Any] = MappingProxyType({})
+) -> Plan:
+    """Read and validate a campaign; nothing is drawn.
+
+    Args:
+        campaign: A file, or the name of a shipped campaign.
+        overrides: ``key=value`` each, of keys of the campaign file.
+        controllers: Control laws of the caller's own, see :func:`ffsm_mj.run`.
+
+    Raises:
+        InputError: One line per fault, with file, line and column.
+    """
+    path = campaign_path(campaign)
+    return planned(source_of(read_node(path, "campaign"), path).overridden(overrides), controllers)
+
+
+def planned(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({})) -> Plan:
+    """Validate a campaign; nothing is drawn.
+
+    Args:
+        source: Its data, and where each key stands; what it names is relative to its file.
+        controllers: Control laws of the caller's own, see :func:`ffsm_mj.run`.
+
+    Raises:
+        InputError: One line per fault, with file, line and column.
+    """
+    if "campaign" not in source.data and "phases" in source.data:
+        raise InputError(f"{source.path}: is a scenario, no campaign; 'ffsm run' takes it")
+    try:
+        config = CampaignFile.model_validate(source.data)
+    except ValidationError as error:
+        raise InputError(source.lines(plain_faults(error, KindNames(CampaignFile, (), (), {})))) from error
+    scenario = _base_path(config, source)
+    changes = {key: f"{key}={json.dumps(value)}" for key, value in config.overrides.items()}
+    base = _base(scenario, changes, source, controllers)
+    try:
+        refuse_metrics(config, base.system)
+        refuse_levels(config)
+        draws = columns(config.dispersions)
+        bindings = bound(config.dispersions, Targets(base))
+    except ScenarioFaults as faults:
+        raise located(faults, source) from faults
+    return Plan(config, source, scenario, tuple(changes.values()), base, draws, bindings)
+
+
+def _base_path(config: CampaignFile, source: YamlSource) -> Path:
+    text = config.scenario
+    relative = text.endswith((".yaml", ".yml")) or "/" in text
+    try:
+        return scenario_path(source.folder(("scenario",)) / text if relative else text)
+    except InputError as error:
+        raise InputError([source.line(Fault(line, ("scenario",))) for line in error.lines]) from error
+
+
+def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, controllers: Mapping[str, Any]) -> PreparedRun:
+    try:
+        return prepare(scenario, list(changes.values()), controllers=controllers)
+    except InputError as error:
+        lines = []
+        for line in error.lines:
+            begins = {key: one_line(f"-s {change}: ") for key, change in changes.items()}
+            key = next((key for key, begin in begins.items() if line.startswith(begin)), None)
+            told = line if key is None else line.removeprefix(begins[key])
+            lines.append(line if key is None else source.line(Fault(told, ("overrides", key))))
+        raise InputError(lines) from error

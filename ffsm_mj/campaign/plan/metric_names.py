@@ -1,0 +1,37 @@
+"""Metrics that a campaign file names, checked where they stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ffsm_mj.campaign.execution.metrics import fault_of
+from ffsm_mj.campaign.plan.config import CampaignFile
+from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.model.system import System
+from ffsm_mj.records.signals import identifier
+
+
+def refuse_metrics(config: CampaignFile, system: System) -> None:
+    """Refuse names that are no metrics.
+
+    Raises:
+        ScenarioFaults: A line for each.
+    """
+    actuators = [identifier(name) for name in system.names("actuator")]
+    faults = [Fault(fault, path) for name, path in _named(config) if (fault := fault_of(name, actuators)) is not None]
+    if config.stop is not None and config.stop.metric == "success" and config.success is None:
+        faults.append(Fault("nothing is a success here: state 'success', or name a metric", ("stop", "metric")))
+    if faults:
+        raise ScenarioFaults(faults)
+
+
+def _named(config: CampaignFile) -> Iterator[tuple[str, tuple[str | int, ...]]]:
+    """Metrics, and where each is named."""
+    for i, name in enumerate(config.metrics):
+        yield name, ("metrics", i)
+    for condition in config.conditions:
+        yield condition.metric, ("success",)
+    for name in config.keep.worst:
+        yield name, ("keep", "worst", name)
+    if config.stop is not None and config.stop.metric != "success":
+        yield config.stop.metric, ("stop", "metric")

@@ -1,0 +1,87 @@
+"""Rows of a design tried on the scenario: what is drawn is allowed, and is what the run will read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.assembly.prepare import PreparedRun, recipe
+from ffsm_mj.campaign.plan.design import Design
+from ffsm_mj.campaign.plan.dispersions import SampledScalar
+from ffsm_mj.campaign.plan.targets import Targets
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
+from ffsm_mj.scenario.loading import validated
+from ffsm_mj.scenario.source import YamlSource
+
+_ROUNDING = {"initial": 1e-12, "model": 1e-9, "controller_model": 1e-9}
+"""By the first part of a key, how far a number may be from the one that was drawn, times max(1, |it|): a run makes
+quaternions exact and compiles models; every other number it takes as it is."""
+
+
+def refuse_wrong_rows(base: PreparedRun, design: Design, source: YamlSource, draws: Sequence[SampledScalar]) -> None:
+    """Try the first run, and those with the least and the greatest of each parameter, or with each of its texts.
+
+    Args:
+        base: The base scenario.
+        design: The runs.
+        source: The campaign file.
+        draws: What is drawn, the design's parameters.
+
+    Raises:
+        InputError: The scenario refuses such a run's values, or does not have them once they are set.
+    """
+    owners = {b.key: draws[effect.columns[0]].entry for b in design.bindings for effect in b.effects}
+    for run in extreme_rows(design):
+        values = design.overrides(run)
+        changes = {key: f"{key}={json.dumps(value)}" for key, value in values.items()}
+        try:
+            changed = base.source.overridden(list(changes.values()))
+            targets = Targets(recipe(validated(changed, base.laws), changed, base.laws))
+        except InputError as error:
+            raise InputError(_told(error.lines[0], run, changes, owners, source)) from error
+        for key, value in values.items():
+            if message := _not_applied(targets, key, value):
+                raise InputError(source.line(Fault(f"run {run}: {message}", ("dispersions", owners[key]))))
+
+
+def extreme_rows(design: Design) -> list[int]:
+    """The first row, and by parameter the first with its least and its greatest number, or with each of its other values."""
+    found = {0}
+    for column in zip(*design.rows, strict=True):
+        if all(isinstance(value, int | float) and not isinstance(value, bool) for value in column):
+            found |= {int(np.argmin(column)), int(np.argmax(column))}
+        else:
+            found |= {column.index(value) for value in dict.fromkeys(column)}
+    return sorted(found)
+
+
+def _told(line: str, run: int, changes: Mapping[str, str], owners: Mapping[str, str], source: YamlSource) -> str:
+    """A fault of a run's scenario as one of the campaign file."""
+    for key, change in changes.items():
+        if line.startswith(prefix := one_line(f"-s {change}: ")):
+            return source.line(Fault(f"run {run}: {line.removeprefix(prefix)}", ("dispersions", owners[key])))
+    return source.line(Fault(f"run {run}: {line}", ("dispersions",)))
+
+
+def _not_applied(targets: Targets, key: str, drawn: Any) -> str:
+    """What is wrong where a scenario does not have what it was to have, or nothing."""
+    try:
+        there = [target.value for target in targets.find(key)]
+    except LookupError as error:
+        return str(error.args[0])
+    except ScenarioFaults as error:
+        return error.faults[0].message
+    if len(there) == 1 and _same(there[0], drawn, _ROUNDING.get(key.partition(".")[0], 0.0)):
+        return ""
+    return f"{key} is {there[0] if len(there) == 1 else there} although {drawn} was drawn: the dispersion is not applied"
+
+
+def _same(a: Any, b: Any, rounding: float) -> bool:
+    if isinstance(a, tuple | list) and isinstance(b, tuple | list):
+        return len(a) == len(b) and all(_same(*each, rounding) for each in zip(a, b, strict=True))
+    if isinstance(a, float) and isinstance(b, int | float):
+        return abs(a - b) <= rounding * max(1.0, abs(a))
+    return type(a) is type(b) and bool(a == b)

@@ -1,0 +1,189 @@
+"""Keys of a scenario that can be dispersed: found by name, with wildcards, and read where the run will read them."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from ffsm_mj.assembly.initial_state import initial_state
+from ffsm_mj.assembly.prepare import PreparedRun
+from ffsm_mj.errors import unknown_name
+from ffsm_mj.model.properties import property_value
+
+WILDCARD = "*"
+_STATE = {"joints": "qpos", "rates": "qvel"}
+_PARTS = {
+    ("free", "joints"): {"position": (0, 3), "quaternion": (3, 7)},
+    ("ball", "joints"): {"quaternion": (0, 4)},
+    ("free", "rates"): {"linear": (0, 3), "angular": (3, 6)},
+    ("ball", "rates"): {"angular": (0, 3)},
+}
+"""Vectors and quaternions in the numbers of a joint, by its kind: first position, and that behind the last."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A value of a scenario, or numbers in it.
+
+    Attributes:
+        key: Dotted key that an override sets, positions for items of lists.
+        value: Plain value: a number, a text, None, or a tuple of them.
+        at: Positions that lead to one number in a tuple.
+        span: A vector or quaternion in a tuple: first position, and that behind the last.
+    """
+
+    key: str
+    value: Any
+    at: tuple[int, ...] = ()
+    span: tuple[int, int] | None = None
+
+    @property
+    def meant(self) -> Any:
+        """The number or the numbers that are meant."""
+        value = self.value if self.span is None else self.value[slice(*self.span)]
+        for position in self.at:
+            value = value[position]
+        return value
+
+
+class Targets:
+    """Values of a scenario as a run reads them: with defaults, joints as the model has them, bodies as compiled."""
+
+    def __init__(self, prepared: PreparedRun) -> None:
+        """Take a scenario that is made ready."""
+        self._scenario, self._system = prepared.scenario, prepared.system
+        self._models = {"model": prepared.system, "controller_model": prepared.believed or prepared.system}
+
+    def find(self, key: str) -> list[Target]:
+        """Values that a dotted key means; ``*`` stands for every item of a list and every entry of a mapping.
+
+        Raises:
+            LookupError: The scenario has no such key; the message lists those that it has.
+            ScenarioFaults: No run can start from the initial state.
+        """
+        parts = tuple(key.split("."))
+        found = self._in_models(parts) if parts[0] in self._models else self._inside(self._scenario, parts, ())
+        return list(found)
+
+    def _in_models(self, parts: tuple[str, ...]) -> Iterator[Target]:
+        """Properties of bodies: of the true models, or of those that the control laws believe in."""
+        size = 6 if parts[3:4] == ("geoms",) else 4
+        if len(parts) < size:
+            raise LookupError(f"{'.'.join(parts)} is no property: it is written {parts[0]}.TREE.BODY.PROPERTY")
+        model = self._models[parts[0]].mj
+        for path in _properties(model, parts[:size]) if WILDCARD in parts[:size] else [parts[:size]]:
+            key, value = ".".join(path), property_value(model, path)
+            yield Target(key, value, *_place(value, parts[size:], key, {}))
+
+    def _inside(self, node: Any, parts: tuple[str, ...], path: tuple[str, ...]) -> Iterator[Target]:
+        here = ".".join(path) or "the scenario"
+        if isinstance(node, BaseModel):
+            yield from self._in_model(node, parts, path)
+        elif path[:1] == ("initial",) and len(path) == 2:
+            yield from self._in_state(parts, path[1])
+        elif isinstance(node, Mapping):
+            for name in _named(parts, node, f"{here} is a mapping"):
+                yield from self._inside(node[name], parts[1:], (*path, name))
+        elif isinstance(node, tuple) and (parts[:1] == (WILDCARD,) or any(isinstance(item, BaseModel) for item in node)):
+            for position, rest in _items(node, parts, here):
+                yield from self._inside(node[position], rest, (*path, str(position)))
+        else:
+            yield Target(".".join(path), node, *_place(node, parts, here, {}))
+
+    def _in_model(self, node: BaseModel, parts: tuple[str, ...], path: tuple[str, ...]) -> Iterator[Target]:
+        fields = type(node).model_fields
+        if not parts or parts[0] == WILDCARD:
+            raise LookupError(f"{'.'.join(path)} has keys of its own; name one: {', '.join(sorted(fields))}")
+        if parts[0] not in fields:
+            raise LookupError(unknown_name("key", parts[0], fields))
+        value = getattr(node, parts[0])
+        if value is None and len(parts) > 1:
+            value = _default(fields[parts[0]].annotation)
+            if value is None:
+                raise LookupError(f"the scenario has no {'.'.join((*path, parts[0]))}")
+        yield from self._inside(value, parts[1:], (*path, parts[0]))
+
+    def _in_state(self, parts: tuple[str, ...], what: str) -> Iterator[Target]:
+        stated: Mapping[str, Any] = getattr(self._scenario.initial, what)
+        if not parts:
+            raise LookupError(f"initial.{what} has keys of its own: names of joints")
+        for name in [*stated] if parts[0] == WILDCARD else [parts[0]]:
+            joint = self._system.joint(name)
+            # A second name for a joint that the scenario sets would leave it open which of the two holds.
+            written = next((other for other in stated if self._system.joint(other).name == joint.name), name)
+            key, numbers = f"initial.{what}.{written}", joint.qpos if what == "joints" else joint.dofs
+            value: Any = tuple(getattr(self._state, _STATE[what])[numbers].tolist())
+            value = value if len(value) > 1 else value[0]
+            yield Target(key, value, *_place(value, parts[1:], key, _PARTS.get((joint.kind, what), {})))
+
+    @cached_property
+    def _state(self) -> Any:
+        return initial_state(self._scenario, self._system)
+
+
+def _properties(model: Any, wanted: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    """Paths of properties that one with wildcards means."""
+    geoms = len(wanted) == 6
+    for i in range(model.ngeom if geoms else model.nbody):
+        tree, _, body = model.body(model.geom_bodyid[i] if geoms else i).name.partition("/")
+        inside = ("geoms", model.geom(i).name.partition("/")[2]) if geoms else ()
+        path = (wanted[0], tree, body, *inside, wanted[-1])
+        if tree != "world" and all(part in (WILDCARD, there) for part, there in zip(wanted, path, strict=True)):
+            yield path
+
+
+def _named(parts: tuple[str, ...], entries: Mapping[str, Any], what: str) -> list[str]:
+    if not parts:
+        raise LookupError(f"{what}; name an entry: {', '.join(entries) or 'it has none'}")
+    if parts[0] != WILDCARD and parts[0] not in entries:
+        raise LookupError(unknown_name("name", parts[0], entries))
+    return [*entries] if parts[0] == WILDCARD else [parts[0]]
+
+
+def _items(items: tuple[Any, ...], parts: tuple[str, ...], here: str) -> list[tuple[int, tuple[str, ...]]]:
+    """Positions that the next parts mean in a list of named items, and what is left of the parts."""
+    names = [getattr(item, "name", None) for item in items]
+    if not parts:
+        raise LookupError(f"{here} is a list; name an item: {', '.join(name for name in names if name)}")
+    if parts[0] == WILDCARD:
+        return [(position, parts[1:]) for position in range(len(items))]
+    if parts[0].isdecimal() and int(parts[0]) < len(items):
+        return [(int(parts[0]), parts[1:])]
+    for used in range(len(parts), 0, -1):  # a name may have dots in it: the longest that fits is meant
+        if (name := ".".join(parts[:used])) in names:
+            return [(names.index(name), parts[used:])]
+    known = [name for name in names if name]
+    raise LookupError(f"{here} is a list of {len(items)}: {unknown_name('position or name', parts[0], known)}")
+
+
+def _place(
+    value: Any, parts: tuple[str, ...], here: str, spans: Mapping[str, tuple[int, int]]
+) -> tuple[tuple[int, ...], tuple[int, int] | None]:
+    """Where in a value the last parts of a key point: positions, or a span."""
+    if len(parts) == 1 and parts[0] in spans:
+        return (), spans[parts[0]]
+    at: tuple[int, ...] = ()
+    for part in parts:
+        if not isinstance(value, tuple):
+            raise LookupError(f"{here} is a single value and has no {part!r}")
+        if not part.isdecimal() or int(part) >= len(value):
+            known = "".join(f", {name}" for name in spans)
+            raise LookupError(f"{here} is a list of {len(value)}: its positions are 0 to {len(value) - 1}{known}")
+        value, at = value[int(part)], (*at, int(part))
+    return at, None
+
+
+def _default(annotation: Any) -> BaseModel | None:
+    """What an optional part is when only some of its keys are stated; None where it has keys without a default."""
+    for member in get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,):
+        if isinstance(member, type) and issubclass(member, BaseModel):
+            try:
+                return member()
+            except ValidationError:
+                return None
+    return None

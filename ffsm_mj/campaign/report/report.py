@@ -1,0 +1,80 @@
+"""The report of a campaign: a page, its pictures, and the table for other tools."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.campaign.campaign import Campaign
+from ffsm_mj.campaign.evaluation.results import TableRow
+from ffsm_mj.campaign.storage.folder import RERUNS
+from ffsm_mj.campaign.storage.table import as_arrow
+from ffsm_mj.errors import InputError, LogError
+from ffsm_mj.log.run_folder import find_log
+from ffsm_mj.report.output_place import folder_below, new_file
+from ffsm_mj.report.run import load_run
+
+PAGE, PARQUET, CSV = "report.md", "results.parquet", "results.csv"
+FIGURES = "figures"
+_MOST_REPLAYS = 100
+"""More paths than this are a patch of colour."""
+
+
+def write_report(found: Campaign, page: Path | None = None) -> list[Path]:
+    """Write the page with its pictures, and the table as Parquet and CSV beside the campaign.
+
+    Args:
+        found: The campaign, finished or not.
+        page: Markdown file, whose pictures go to ``figures/<its name>/`` beside it; None: ``report.md`` in the campaign's
+            folder.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: A folder cannot be written to.
+        OutputLostError: A file could not be written to its end.
+    """
+    from ffsm_mj.campaign.report.figures import save_figures  # Matplotlib costs: for those who want pictures
+    from ffsm_mj.campaign.report.page import report_page
+
+    results = found.results()
+    page = page or found.folder.path / PAGE
+    pictures = folder_below(page.parent, FIGURES, page.stem)
+    made = save_figures(results, list(_rerun_runs(found, results.rows)), pictures)
+    shown = [(what, f"{FIGURES}/{page.stem}/{file}") for what, file in made]
+    text = report_page(results, found.config.description, found.config.success, shown)
+    with new_file(page) as place:
+        place.write_text(text, encoding="utf-8")
+    tables = _write_tables(found.folder.path, results.rows)
+    return [page, *(page.parent / file for _, file in shown), *tables]
+
+
+def _write_tables(folder: Path, rows: Sequence[TableRow]) -> list[Path]:
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    table: Any = as_arrow(rows)
+    if not table.num_columns:
+        return []
+    with new_file(folder / PARQUET) as place:
+        pyarrow.parquet.write_table(table, place)
+    with new_file(folder / CSV) as place:
+        pyarrow.csv.write_csv(table, place)
+    return [folder / PARQUET, folder / CSV]
+
+
+def _rerun_runs(found: Campaign, rows: Sequence[TableRow]) -> Iterator[tuple[TableRow, Run]]:
+    """Runs that were made again and whose logs are there, with their rows."""
+    by_run: Mapping[int, TableRow] = {row["run"]: row for row in rows}
+    folder = found.folder.path / RERUNS
+    made = sorted(folder.iterdir()) if folder.is_dir() else []
+    for place in [place for place in made if place.name.isdecimal() and int(place.name) in by_run][:_MOST_REPLAYS]:
+        try:
+            run = load_run(find_log(place))
+        except (InputError, LogError):
+            continue  # it is being made, or its disk was full
+        if len(run.log.rows):
+            yield by_run[int(place.name)], run

@@ -1,0 +1,226 @@
+"""The table of a campaign: one SQLite file, one writer; what is in it is all that is remembered."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ffsm_mj.campaign.storage.foreign_table import fault_of_row, fault_of_tables, refuse_foreign_file
+from ffsm_mj.errors import InputError, LogWriteError
+
+_TABLES = """
+CREATE TABLE settings (hash TEXT PRIMARY KEY, content TEXT NOT NULL);
+CREATE TABLE rows (
+    hash TEXT NOT NULL, i INTEGER NOT NULL, outcome TEXT NOT NULL, message TEXT NOT NULL, phase TEXT NOT NULL,
+    failed INTEGER NOT NULL, metrics TEXT NOT NULL, model TEXT NOT NULL, cpu TEXT NOT NULL,
+    wall_s REAL NOT NULL, cpu_s REAL NOT NULL,
+    PRIMARY KEY (hash, i)
+) WITHOUT ROWID;
+"""
+_FORMAT = 1
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """What a run came to.
+
+    Attributes:
+        index: Number of the run in the design.
+        outcome: That of the run; ``error`` where it could not be made, ``timeout`` where it took too long, ``crashed`` where
+            the process that made it ended.
+        message: What there is to say of the outcome; of an error its type first.
+        phase: The last phase that began; empty where none did.
+        metrics: What was measured, by name; None for what the run does not have.
+        model: Values of the model that were set, as they were read back once it was compiled.
+        cpu: Model of the processor, which results may depend on bit by bit.
+        wall_s: Wall time.
+        cpu_s: Time of the processor.
+    """
+
+    index: int
+    outcome: str
+    message: str = ""
+    phase: str = ""
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    model: Mapping[str, Any] = field(default_factory=dict)
+    cpu: str = ""
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+
+    @property
+    def failed(self) -> bool:
+        """Whether the run did not come to its end, or does not pass its checks as the campaign counts."""
+        return self.outcome != "completed" or self.metrics.get("passes", self.metrics.get("checks_pass")) is False
+
+
+class Store:
+    """The file. Numbers come back bit by bit: JSON keeps every digit that a double has.
+
+    Attributes:
+        digest: Hash of the settings with which its rows were made; empty before :meth:`begin`.
+        settings: Those settings.
+    """
+
+    def __init__(self, path: Path | str, *, write: bool = True, max_pages: int | None = None) -> None:
+        """Open it; it is made where it is not there and may be written.
+
+        Args:
+            path: The file; ``:memory:`` keeps it in memory.
+            write: Whether anything will be written.
+            max_pages: Pages that it may have (for tests: a full disk).
+
+        Raises:
+            InputError: There is no such file, or it is no table of a campaign.
+            LogWriteError: It cannot be made.
+        """
+        self.path = Path(path)
+        in_memory = str(path) == ":memory:"
+        if not write and not in_memory and not self.path.is_file():
+            raise InputError(f"{self.path}: no such campaign")
+        if not in_memory:
+            refuse_foreign_file(self.path)
+        # The rollback journal, SQLite's own default, works on file systems of clusters too; WAL needs one host.
+        with self._writing():
+            self._db = sqlite3.connect(str(path), timeout=60.0, check_same_thread=False)
+        try:
+            with self._reading():
+                if write:
+                    with self._writing():
+                        self._make(max_pages)
+                self._refuse_foreign()
+                told = self._db.execute("SELECT hash, content FROM settings").fetchone()
+        except BaseException:
+            self._db.close()
+            raise
+        self.digest, self.settings = (str(told[0]), str(told[1])) if told else ("", "")
+
+    def _refuse_foreign(self) -> None:
+        found = self._db.execute("PRAGMA user_version").fetchone()[0]
+        if found != _FORMAT:
+            raise InputError(f"{self.path}: is no table of a campaign of this version")
+        if fault := fault_of_tables(self._db, _TABLES):
+            raise InputError(f"{self.path}: is no table of a campaign ({fault})")
+
+    def _make(self, max_pages: int | None) -> None:
+        self._db.execute("PRAGMA synchronous=NORMAL")
+        if max_pages is not None:
+            self._db.execute(f"PRAGMA max_page_count={max_pages:d}")
+        if self._db.execute("PRAGMA schema_version").fetchone()[0] == 0:
+            self._db.executescript(f"BEGIN;{_TABLES}PRAGMA user_version={_FORMAT};COMMIT;")
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            raise LogWriteError(self.path, OSError(0, str(error))) from error
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Reading what anybody may have written.
+
+        Raises:
+            InputError: It cannot be read.
+        """
+        try:
+            yield
+        except (sqlite3.Error, ValueError, OverflowError, RecursionError) as error:
+            raise InputError(f"{self.path}: is no table of a campaign ({error})") from error
+
+    def begin(self, digest: str, settings: str) -> None:
+        """Write the settings, once: their hash, and what they are.
+
+        Raises:
+            LogWriteError: The disk is full.
+        """
+        if not self.digest:
+            with self._writing(), self._db:
+                self._db.execute("INSERT INTO settings VALUES (?, ?)", (digest, settings))
+            self.digest, self.settings = digest, settings
+
+    def add(self, rows: Iterable[RunRow]) -> None:
+        """Add rows; one that is there stays.
+
+        Raises:
+            LogWriteError: The disk is full.
+        """
+        with self._writing(), self._db:
+            self._db.executemany(
+                "INSERT OR IGNORE INTO rows VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                [_told(self.digest, row) for row in rows],
+            )
+
+    def drop(self, outcomes: Sequence[str]) -> int:
+        """Forget rows with these outcomes, so that they are run again; returns how many."""
+        marks = ", ".join("?" * len(outcomes))
+        with self._writing(), self._db:
+            done = self._db.execute(f"DELETE FROM rows WHERE hash = ? AND outcome IN ({marks})", (self.digest, *outcomes))
+        return done.rowcount
+
+    def done(self) -> set[int]:
+        """Numbers of the runs that have a row."""
+        with self._reading():
+            return {int(i) for (i,) in self._db.execute("SELECT i FROM rows WHERE hash = ?", (self.digest,))}
+
+    def last(self) -> int:
+        """The greatest number of a run that has a row; -1 where none has."""
+        with self._reading():
+            found = self._db.execute("SELECT max(i) FROM rows WHERE hash = ?", (self.digest,)).fetchone()[0]
+            return -1 if found is None else int(found)
+
+    def failed(self, first: int) -> int:
+        """How many of the first runs of the design failed."""
+        with self._reading():
+            found = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (self.digest, first))
+            return int(found.fetchone()[0])
+
+    def outcomes(self) -> dict[str, int]:
+        """How many rows by outcome, the most frequent first."""
+        with self._reading():
+            found = self._db.execute(
+                "SELECT outcome, count(*) n FROM rows WHERE hash = ? GROUP BY outcome ORDER BY n DESC, outcome",
+                (self.digest,),
+            )
+            return {str(outcome): int(count) for outcome, count in found}
+
+    def failures(self, most: int) -> list[RunRow]:
+        """The first failed runs."""
+        return self._rows("hash = ? AND failed ORDER BY i LIMIT ?", self.digest, most)
+
+    def rows(self) -> list[RunRow]:
+        """All rows in order of their numbers."""
+        return self._rows("hash = ? ORDER BY i", self.digest)
+
+    def row(self, index: int) -> RunRow | None:
+        """Row of a run; None where it has none."""
+        return next(iter(self._rows("hash = ? AND i = ?", self.digest, index)), None)
+
+    def _rows(self, which: str, *values: Any) -> list[RunRow]:
+        columns = "i, outcome, message, phase, metrics, model, cpu, wall_s, cpu_s"
+        with self._reading():
+            return [self._row(*found) for found in self._db.execute(f"SELECT {columns} FROM rows WHERE {which}", values)]
+
+    def _row(
+        self, i: Any, outcome: Any, message: Any, phase: Any, metrics: str, model: str, cpu: Any, wall_s: Any, cpu_s: Any
+    ) -> RunRow:
+        try:
+            measured, read = json.loads(metrics), json.loads(model)
+        except (ValueError, TypeError, RecursionError) as error:
+            raise InputError(f"{self.path}: row {i} cannot be read ({error})") from error
+        if fault := fault_of_row((outcome, message, phase, cpu), (i, wall_s, cpu_s), (measured, read)):
+            raise InputError(f"{self.path}: row {i} cannot be read ({fault})")
+        return RunRow(i, outcome, message, phase, measured, read, cpu, wall_s, cpu_s)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+
+def _told(digest: str, row: RunRow) -> tuple[Any, ...]:
+    told = row.outcome, row.message, row.phase, int(row.failed)
+    return (digest, row.index, *told, json.dumps(row.metrics), json.dumps(row.model), row.cpu, row.wall_s, row.cpu_s)

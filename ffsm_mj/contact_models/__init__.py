@@ -1,0 +1,1 @@
+"""What happens at a contact: the interface of contact models, and the built-in ones (impact, persistent contact, grasp)."""

@@ -1,0 +1,195 @@
+"""Discrete Coulomb friction of several contacts at one instant, by Newton's method on the function of Alart and Curnier.
+
+With u = u0 + G lambda after, G = A A^T, and an impulse (lambda_n, lambda_t) of each contact,
+
+    0 <= lambda_n - least, u_n >= 0, complementary;  |lambda_t| <= mu lambda_n;  lambda_t . u_t = -mu lambda_n |u_t|
+
+holds where F = 0: F_n = lambda_n - a, F_t = lambda_t less the projection of lambda_t - r_t u_t on the disc of radius mu a,
+a = max(least, lambda_n - r_n u_n). A solution exists for every G = A A^T and u0 = A w, and where ``least`` is zero it
+dissipates. Steps of least norm make redundant contacts no special case. Where Newton stalls, as it does with slip so slow
+that the slopes are nearly singular, damped steps (Levenberg, Marquardt) go on; where these stall, Lemke's method on
+friction pyramids gives both another start.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsm_mj.arrays import BoolArray, FloatArray
+from ffsm_mj.contact_models.impact.friction.lemke import on_pyramids
+from ffsm_mj.contact_models.impact.friction.result import on_cone
+
+ACCEPTED = 1e-9
+"""Largest residual of a solution, over the largest contact speed before."""
+_AIM = 1e-11
+_STEPS = 60
+_HALVINGS = 12
+_DAMPED_STEPS = 200
+_STALLED = 1e12
+_MEMORY = 4
+"""A step need only lower the largest of so many residuals: a kink may raise it for a while."""
+_CUT = 1e-12
+_ALIGNED = None
+_FACETS = ((8, 0.0), (16, 0.0), (32, 0.0), (64, 0.0), (8, np.pi / 8), (128, 0.0), *6 * ((12, _ALIGNED),))
+"""Of a pyramid, and the angle of the first; aligned: against the slip of the best impulses so far."""
+_LARGEST = 700
+"""Facets of all contacts together: a larger tableau would take many seconds."""
+
+
+@dataclass
+class CoulombProblem:
+    """k contacts at one instant.
+
+    Attributes:
+        G: A A^T with rows (n, t1, t2) of each contact, (3k, 3k), 1/kg; G_nn > 0.
+        u: Velocities before, (3k,), m/s.
+        mu: Coefficients of friction, (k,).
+        least: Least normal impulses, >= 0, (k,), N s.
+        speed: What speeds are measured by: the largest contact speed before the impact, m/s.
+    """
+
+    G: FloatArray
+    u: FloatArray
+    mu: FloatArray
+    least: FloatArray
+    speed: float
+
+    def __post_init__(self) -> None:
+        count = len(self.mu)
+        self.rows = self.G.reshape(count, 3, 3 * count)
+        normal = np.diag(self.G)[::3]
+        largest = np.array([np.linalg.eigvalsh(self.G[i : i + 2, i : i + 2])[-1] for i in range(1, 3 * count, 3)])
+        # A tangent along which nothing moves has no slip to correct: any scale will do.
+        across = np.where(largest > 0.0, largest, normal)
+        self.r = 1.0 / np.stack((normal, across, across), axis=1)
+        self.share: FloatArray = 1.0 / (self.r * self.speed)
+
+    def after(self, impulses: FloatArray) -> FloatArray:
+        """Velocities after impulses (k, 3): (k, 3)."""
+        return np.asarray(self.u + self.G @ impulses.ravel()).reshape(-1, 3)
+
+
+def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
+    """Impulses, (k, 3), inside their cones exactly, and their residual; above ``ACCEPTED`` they are no solution."""
+    least_only = np.zeros((len(contacts.mu), 3))
+    least_only[:, 0] = contacts.least
+    best, residual = _solve(contacts, least_only)
+    for facets, turn, wider in _pyramids(len(contacts.mu)):
+        if residual <= ACCEPTED:
+            break
+        first = _against_slip(contacts, best) if turn is _ALIGNED else np.full(len(contacts.mu), turn)
+        mu, scales = wider * contacts.mu, (contacts.least, contacts.speed)
+        impulses, left = _solve(contacts, on_pyramids(contacts.G, contacts.u, mu, *scales, facets, first))
+        if left < residual:
+            best, residual = impulses, left
+    open_ = _split(contacts, best)[1] <= contacts.least
+    best[open_, 0] = contacts.least[open_]
+    best[:, 0] = np.maximum(best[:, 0], contacts.least)
+    return np.stack([on_cone(impulse, mu) for impulse, mu in zip(best, contacts.mu, strict=True)]), residual
+
+
+def _pyramids(count: int) -> Iterator[tuple[int, float | None, float]]:
+    """Facets, angle of the first, and what widens mu: each inside the cone, and around it, which holds what nearly slips."""
+    for facets, turn in _FACETS:
+        if count * facets > _LARGEST:
+            continue
+        yield facets, turn, 1.0
+        yield facets, turn, 1.0 / np.cos(np.pi / facets)
+
+
+def _against_slip(contacts: CoulombProblem, impulses: FloatArray) -> FloatArray:
+    after = contacts.after(impulses)
+    return np.arctan2(-after[:, 2], -after[:, 1])
+
+
+def _split(contacts: CoulombProblem, impulses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Arguments of the two projections, where nothing is projected yet: lambda - r u, (k, 3), and its normal part, (k,)."""
+    whole = impulses - contacts.r * contacts.after(impulses)
+    return whole, whole[:, 0]
+
+
+def _solve(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:
+    """The best impulses found from a start, (k, 3), and their residual."""
+    best, residual = _newton(contacts, start)
+    return (best, residual) if residual <= ACCEPTED else _damped(contacts, best)
+
+
+def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:
+    """Steps to the root of the linearised function, shortened until the residual falls."""
+    impulses, share = start, contacts.share.ravel()
+    violation, slopes = _violation(contacts, impulses)
+    best, least = impulses, float(np.abs(violation).max())
+    sizes = deque([float(np.linalg.norm(violation))], maxlen=_MEMORY)
+    for _ in range(_STEPS):
+        if least < _AIM:
+            break
+        step = np.linalg.lstsq(slopes * (share[:, None] / share), -violation, rcond=_CUT)[0] / share
+        for halving in range(_HALVINGS):
+            part = 0.5**halving
+            trial = impulses + part * step.reshape(-1, 3)
+            violation, slopes = _violation(contacts, trial)
+            size = float(np.linalg.norm(violation))
+            if size <= (1.0 - 1e-4 * part) * max(sizes):
+                break
+        else:
+            break
+        impulses = trial
+        sizes.append(size)
+        if np.abs(violation).max() < least:
+            best, least = impulses, float(np.abs(violation).max())
+    return best, least
+
+
+def _damped(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:
+    """Steps that trust the linearised function only so far: slower, and each of them lowers the residual."""
+    impulses, share, damping = start, contacts.share.ravel(), 1e-3
+    violation, slopes = _violation(contacts, impulses)
+    for _ in range(_DAMPED_STEPS):
+        size = float(np.linalg.norm(violation))
+        if np.abs(violation).max() < _AIM or damping > _STALLED:
+            break
+        stacked = np.vstack((slopes * (share[:, None] / share), np.sqrt(damping * size) * np.eye(len(share))))
+        step = np.linalg.lstsq(stacked, np.append(-violation, np.zeros(len(share))), rcond=None)[0] / share
+        trial = impulses + step.reshape(-1, 3)
+        there, slopes_there = _violation(contacts, trial)
+        if np.linalg.norm(there) < size:
+            impulses, violation, slopes, damping = trial, there, slopes_there, max(damping / 5.0, _CUT)
+        else:
+            damping *= 4.0
+    return impulses, float(np.abs(violation).max())
+
+
+def _violation(contacts: CoulombProblem, impulses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """F in units of speed over ``speed``, (3k,), and one element of its generalised Jacobian, (3k, 3k), unscaled."""
+    count = len(contacts.mu)
+    whole, normal = _split(contacts, impulses)
+    closed = normal > contacts.least
+    held = np.where(closed, normal, contacts.least)
+    radius, length = contacts.mu * held, np.hypot(whole[:, 1], whole[:, 2])
+    slides = (length > radius) | (radius <= 0.0)
+    along = whole[:, 1:] / np.where(length > 0.0, length, 1.0)[:, None]
+    projected = np.where(slides[:, None], radius[:, None] * along, whole[:, 1:])
+    F = impulses - np.column_stack((held, projected))
+    return (F * contacts.share).ravel(), _slopes(contacts, closed, slides, along, radius, length).reshape(3 * count, -1)
+
+
+def _slopes(
+    contacts: CoulombProblem, closed: BoolArray, slides: BoolArray, along: FloatArray, radius: FloatArray, length: FloatArray
+) -> FloatArray:
+    """dF/dlambda, (k, 3, 3k)."""
+    count = len(closed)
+    unit = np.eye(3 * count).reshape(count, 3, 3 * count)
+    pushed = contacts.r[:, :, None] * contacts.rows
+    slopes = pushed.copy()
+    slopes[~closed, 0] = unit[~closed, 0]
+    for i in np.flatnonzero(slides):
+        across = np.eye(2) - np.outer(along[i], along[i])
+        turned = radius[i] / length[i] * across if radius[i] > 0.0 else np.zeros((2, 2))
+        lengthened = unit[i, 0] - pushed[i, 0] if closed[i] else np.zeros(3 * count)
+        slopes[i, 1:] = unit[i, 1:] - turned @ (unit[i, 1:] - pushed[i, 1:])
+        slopes[i, 1:] -= contacts.mu[i] * np.outer(along[i], lengthened)
+    return slopes

@@ -1,0 +1,207 @@
+"""Which law of impact with friction rules: Stronge's for one contact, for several one of two with discrete Coulomb friction.
+
+``coulomb`` mixes as the frictionless ``blend`` does: the plastic solution, then an expansion with at least e times what the
+elastic solution gives beyond it. ``poisson`` expands with at least e times the impulse of compression. Neither is proved to
+keep energy from growing where restitution differs, so the guard has the last word: it lowers all restitution by the largest
+factor theta at which none is gained. At theta = 0 every solution dissipates.
+
+With one contact e is the root of a ratio of works, with several a ratio of impulses of each contact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.contact_models.impact.friction.coulomb import ACCEPTED, CoulombProblem, coulomb
+from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Law, Status, on_cone
+from ffsm_mj.contact_models.impact.friction.routh import stronge
+from ffsm_mj.contact_models.impact.laws import IMMOVABLE
+from ffsm_mj.errors import UnsupportedContactError
+
+_APPROACH = 1e-10
+_PASSES = 100
+_GAIN = 1e-12
+"""Growth of kinetic energy that is rounding, of what there was before."""
+_BISECTIONS = 20
+_APPROACHES = 1e-9
+"""Of the largest contact speed: nothing may approach faster after the impact."""
+_STICKS = 1e-9
+_LAWS: dict[str, Law] = {"blend": "coulomb", "poisson": "poisson"}
+
+
+def impact_with_friction(A: FloatArray, w: FloatArray, mu: FloatArray, e: FloatArray, law: str) -> FrictionResult:
+    """Impact of k touching contacts of which one at least has friction.
+
+    Contacts that do not approach get no impulse unless others push them.
+
+    Args:
+        A: Rows J L^-T of (n, t1, t2) of each contact with M = L L^T, (3k, n); a tangent in which nothing moves may be zero.
+        w: Mass-weighted velocity before, L^T qdot, (n,).
+        mu: Coefficients of friction, (k,), >= 0.
+        e: Coefficients of restitution, (k,), 0 to 1.
+        law: What rules where several contacts meet: ``blend`` or ``poisson``.
+
+    Raises:
+        UnsupportedContactError: The law has no meaning with friction, or e > 1.
+        ValueError: A contact between bodies that cannot move along its normal.
+    """
+    if law not in _LAWS:
+        raise UnsupportedContactError(
+            f"{law!r} with friction can create energy; with mu > 0 use {' or '.join(map(repr, _LAWS))}"
+        )
+    if e.max() > 1.0:
+        raise UnsupportedContactError("super-elastic impacts (e > 1) are without friction: mu > 0 needs e <= 1")
+    if np.any(np.linalg.norm(A[::3], axis=1) == 0.0):
+        raise ValueError(IMMOVABLE)
+    if len(mu) > 1:
+        return _several(_Impact(A, w, mu), e, _LAWS[law])
+    one = stronge(A, w, float(mu[0]), float(e[0]))
+    # A path that cannot be integrated: compression and expansion need none.
+    return _several(_Impact(A, w, mu), e, "poisson") if one.status == "unconverged" else one
+
+
+@dataclass
+class _Impact:
+    """An impact of several contacts, as all its phases see it.
+
+    Attributes:
+        A: Rows of (n, t1, t2) of each contact, (3k, n).
+        w: Mass-weighted velocity before, (n,).
+        mu: Coefficients of friction, (k,).
+        residual: The largest of all solutions so far.
+    """
+
+    A: FloatArray
+    w: FloatArray
+    mu: FloatArray
+    residual: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.G: FloatArray = self.A @ self.A.T
+        self.u: FloatArray = self.A @ self.w
+        self.speed = float(np.abs(self.u).max())
+        self.energy = 0.5 * float(self.w @ self.w)
+
+    def solve(self, which: IntArray, u: FloatArray, least: FloatArray) -> FloatArray:
+        """Impulses (k, 3) of Coulomb friction at some contacts, others none.
+
+        Args:
+            which: Indices of the contacts, ascending.
+            u: Velocities before, (3k,).
+            least: Least normal impulses of those contacts.
+        """
+        rows = (3 * which[:, None] + np.arange(3)).ravel()
+        contacts = CoulombProblem(self.G[np.ix_(rows, rows)], u[rows], self.mu[which], least, self.speed)
+        impulses = np.zeros((len(self.mu), 3))
+        impulses[which], residual = coulomb(contacts)
+        self.residual = max(self.residual, residual)
+        return impulses
+
+    def gain(self, u: FloatArray, impulses: FloatArray) -> float:
+        """Kinetic energy that impulses (k, 3) add at contact velocities u (3k,), J."""
+        p = impulses.ravel()
+        return float(p @ (u + 0.5 * (self.G @ p)))
+
+    def expand(self, which: IntArray, u: FloatArray, compression: FloatArray, least: FloatArray) -> tuple[FloatArray, float]:
+        """Impulses of expansion with at least theta ``least``, theta the largest share that gains no energy; and theta."""
+        begin = u + self.G @ compression.ravel()
+
+        def with_share(theta: float) -> FloatArray | None:
+            impulses = self.solve(which, begin, theta * least)
+            return impulses if self.gain(u, compression + impulses) <= _GAIN * self.energy else None
+
+        if (whole := with_share(1.0)) is not None:
+            return whole, 1.0
+        low, high, best = 0.0, 1.0, None
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            tried = with_share(middle)
+            if tried is None:
+                high = middle
+            else:
+                low, best = middle, tried
+        return (best if best is not None else self.solve(which, begin, 0.0 * least)), low
+
+    def elastic(self) -> tuple[FloatArray, bool]:
+        """Impulses, (k, 3), of passes with e = 1 over the contacts that approach until none does; and whether they jam."""
+        impulses, u = np.zeros((len(self.mu), 3)), self.u.copy()
+        for _ in range(_PASSES):
+            which = np.flatnonzero(u[::3] < -_APPROACH * self.speed)
+            if not len(which):
+                return impulses, False
+            compression = self.solve(which, u, np.zeros(len(which)))
+            expansion, _ = self.expand(which, u, compression, compression[which, 0])
+            impulses += compression + expansion
+            u = self.u + self.G @ impulses.ravel()
+        return impulses + self.solve(np.arange(len(self.mu)), u, np.zeros(len(self.mu))), True
+
+
+def _several(impact: _Impact, e: FloatArray, law: Law) -> FrictionResult:
+    every = np.arange(len(e))
+    if impact.u[::3].min() >= 0.0:  # nothing approaches, perhaps nothing moves at all
+        nothing = np.zeros((len(e), 3))
+        return _answer(impact, law, nothing, nothing, theta=1.0, jammed=False)
+    plastic = impact.solve(every, impact.u, np.zeros(len(e)))
+    expansion, theta, jammed = np.zeros_like(plastic), 1.0, False
+    if e.max() > 0.0:
+        if law == "poisson":
+            least = e * plastic[:, 0]
+        else:
+            elastic, jammed = impact.elastic()
+            least = np.maximum(e * (elastic - plastic)[:, 0], 0.0)
+        expansion, theta = impact.expand(every, impact.u, plastic, least)
+    return _answer(impact, law, plastic, expansion, theta, jammed)
+
+
+def _answer(
+    impact: _Impact, law: Law, plastic: FloatArray, expansion: FloatArray, theta: float, jammed: bool
+) -> FrictionResult:
+    impulses = np.stack([on_cone(p, mu) for p, mu in zip(plastic + expansion, impact.mu, strict=True)])
+    w = impact.w + impact.A.T @ impulses.ravel()
+    u = [impact.u.reshape(-1, 3), (impact.A @ (impact.w + impact.A.T @ plastic.ravel())).reshape(-1, 3)]
+    u.append((impact.A @ w).reshape(-1, 3))
+    compression = 0.5 * plastic * (u[0] + u[1])
+    works = compression + 0.5 * (impulses - plastic) * (u[1] + u[2])
+    return FrictionResult(
+        impulses=impulses,
+        w=w,
+        law=law,
+        status=_status(impact, w, theta, jammed),
+        theta=theta,
+        residual=impact.residual,
+        paths=tuple(_path(impulses[i], impact.mu[i], [v[i, 1:] for v in u], impact.speed) for i in range(len(impulses))),
+        normal_work=works[:, 0],
+        friction_work=works[:, 1] + works[:, 2],
+        compression_work=compression[:, 0],
+    )
+
+
+def _status(impact: _Impact, w: FloatArray, theta: float, jammed: bool) -> Status:
+    """The last word on a result: what no exact answer may break makes it none."""
+    gained = 0.5 * float(w @ w) > impact.energy * (1.0 + _GAIN)
+    approaches = float((impact.A[::3] @ w).min()) < -_APPROACHES * impact.speed
+    if impact.residual > ACCEPTED or gained or approaches:
+        return "unconverged"
+    if theta < 1.0:
+        return "energy_guard"
+    return "jammed" if jammed else "ok"
+
+
+def _path(impulse: FloatArray, mu: float, slips: list[FloatArray], speed: float) -> str:
+    """Modes before, after compression and at the end; a contact without impulse or without friction has none."""
+    if not impulse.any() or mu == 0.0:
+        return ""
+    before = slips[0]
+    modes = [_mode(slip, before, speed) for slip in slips]
+    if modes[0] == "stick":  # at rest before: whether it stays so is told after
+        modes = [mode.replace("reverse ", "") for mode in modes[1:]]
+    return ", ".join(mode for i, mode in enumerate(modes) if i == 0 or mode != modes[i - 1])
+
+
+def _mode(slip: FloatArray, before: FloatArray, speed: float) -> str:
+    if np.hypot(*slip) <= _STICKS * speed:
+        return "stick"
+    return "reverse slip" if slip @ before < 0.0 else "slip"

@@ -1,0 +1,110 @@
+"""An impact with friction: normal and tangents of every contact go to a law of :mod:`.friction`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.impact.contact import Contact, contact_rows
+
+
+@dataclass(frozen=True)
+class Friction:
+    """What friction did in an impact of k contacts.
+
+    Attributes:
+        impulses: Tangential impulse on b at each contact, world axes, N s, (k, 3).
+        slip_before: Velocity of b relative to a at each contact before, less its normal part, world axes, m/s, (k, 3).
+        slip_after: The same after.
+        paths: What each contact passed through: ``slip``, ``stick``, ``reverse slip``, in order.
+        theta: Share of the restitution that the energy guard left; 1 where it was not needed.
+        residual: How far the solution misses the law, over the speeds before.
+        normal_work: Work of the normal impulses, J, (k,): for one contact the integral of u_n dp along its path.
+        friction_work: Work of the tangential impulses, J, (k,); the sum of both is the change of kinetic energy.
+        compression_work: Work of the normal impulses up to the end of compression, J, (k,).
+    """
+
+    impulses: FloatArray
+    slip_before: FloatArray
+    slip_after: FloatArray
+    paths: tuple[str, ...]
+    theta: float
+    residual: float
+    normal_work: FloatArray
+    friction_work: FloatArray
+    compression_work: FloatArray
+
+
+class Answer(NamedTuple):
+    """What a law answers: velocities (nv,), normal impulses (k,), its name, how it went, and what friction did, if any."""
+
+    qvel: FloatArray
+    impulses: FloatArray
+    law: str
+    status: str
+    friction: Friction | None
+
+
+def resolve_with_friction(
+    model: Any, data: Any, M: FloatArray, contacts: Sequence[Contact], qvel: FloatArray, law: str
+) -> Answer:
+    """Velocities and impulses after an impact in which at least one contact has mu > 0.
+
+    The contacts are put in an order of their own first, by bodies and points: the answer does not depend on how they are
+    listed, and a run repeats to the last bit.
+
+    Args:
+        model: MuJoCo model.
+        data: Its data, kinematics current.
+        M: Mass matrix, (nv, nv).
+        contacts: All touching points.
+        qvel: Velocities before, (nv,).
+        law: What rules where several contacts meet: ``blend`` or ``poisson``.
+
+    Raises:
+        UnsupportedContactError: The law is ``newton``, or a restitution is above 1.
+        ValueError: A contact between bodies that cannot move along its normal.
+    """
+    from ffsm_mj.contact_models.impact.friction import (
+        impact_with_friction,
+        tangents,
+    )  # nobody pays for it where nothing rubs
+
+    order = sorted(range(len(contacts)), key=lambda i: _place(contacts[i]))
+    placed = [contacts[i] for i in order]
+    e, mu = (np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu"))
+    axes = np.array([tangents(np.asarray(contact.normal)) for contact in placed])
+    J = np.concatenate([contact_rows(model, data, each, across) for each, across in zip(placed, axes, strict=True)])
+    L = np.linalg.cholesky(M)
+    A = np.linalg.solve(L, J.T).T
+    found = impact_with_friction(A, L.T @ qvel, mu, e, law)
+    # The change, not the state, is brought back from mass-weighted velocities: what nothing pushes stays as it was.
+    after = qvel + np.linalg.solve(L.T, A.T @ found.impulses.ravel())
+    back = np.argsort(order)
+
+    def in_world(across: FloatArray) -> FloatArray:
+        """Vectors along the tangents, (k, 2), in world axes and in the order that was given."""
+        return np.asarray(np.einsum("ki,kij->kj", across, axes)[back])
+
+    friction = Friction(
+        impulses=in_world(found.impulses[:, 1:]),
+        slip_before=in_world((J @ qvel).reshape(-1, 3)[:, 1:]),
+        slip_after=in_world((J @ after).reshape(-1, 3)[:, 1:]),
+        paths=tuple(found.paths[i] for i in back),
+        theta=found.theta,
+        residual=found.residual,
+        normal_work=found.normal_work[back],
+        friction_work=found.friction_work[back],
+        compression_work=found.compression_work[back],
+    )
+    return Answer(after, found.impulses[back, 0], found.law, found.status, friction)
+
+
+def _place(contact: Contact) -> tuple[float, ...]:
+    """What a contact is sorted by."""
+    where = np.concatenate((contact.point, contact.normal)).tolist()
+    return contact.body_a, contact.body_b, *where, contact.mu, contact.restitution

@@ -1,1 +1,0 @@
-"""What surrounds the motion: actuation within limits, the ledger, samples of live arrays."""

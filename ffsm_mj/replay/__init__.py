@@ -1,0 +1,62 @@
+"""A run recomputed from the states in its log, with the models in its log.
+
+Nothing that the log says of energies, momenta, work, limits or impacts is taken over. Every sample is the start of a flight
+with the efforts that the log says acted, step by step as in the run: it must end at the next sample, or at the state before
+the next impact. The books are kept on the way by the balance that keeps them in a run; each flight begins at a logged state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+from ffsm_mj.analysis.refined import refined
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.assembly.blas_threads import one_blas_thread
+from ffsm_mj.errors import InputError
+from ffsm_mj.log.sampling import Sampling
+from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.replay.facts import state_facts
+from ffsm_mj.replay.log_replay import LogReplay
+from ffsm_mj.replay.scene import log_scene
+from ffsm_mj.verification.checks import CheckAccumulator, accumulate_checks
+from ffsm_mj.verification.friction_check import FrictionCheck
+from ffsm_mj.verification.replay_result import ReplayResult
+
+
+@one_blas_thread()
+def replay_log(
+    log: RunLog,
+    report: Callable[[float, float], None] | None = None,
+    rows: Callable[[FloatArray], None] | None = None,
+) -> ReplayResult:
+    """Recompute a run from its log.
+
+    Args:
+        log: What was read.
+        report: Told (how many samples are done, of how many) as it goes.
+        rows: Given the recomputed samples block by block, (n, number of signals).
+    """
+    try:
+        scene = log_scene(log)
+        retrace = LogReplay(scene, log)
+    except InputError as error:
+        return ReplayResult({}, 0, 0, "", error.lines[0], accumulate_checks(log), log.impacts, FrictionCheck(log))
+    seen = CheckAccumulator(log.header.layout, dict(log.header.facts) | state_facts(scene, retrace))
+    sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
+    with collected_warnings([]):
+        for block in log.blocks():
+            again = retrace.take(block, sampling.ticks(block[:, log.header.layout.time]))
+            seen.rows(again)
+            if rows is not None:
+                rows(again)
+            if report is not None:
+                report(seen.samples, max(scene.scenario.ticks + 1, seen.samples))
+        retrace.finish()
+    sampling.end(log.outcome.end_s if log.outcome else None)
+    found = {"motion": retrace.motion, "columns": retrace.columns, "impacts": retrace.impacts}
+    worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
+    refine = cache(lambda: refined(log))  # made only where a check fails
+    numbers = sum(agreement.numbers for agreement in found.values())
+    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", seen, log.impacts, FrictionCheck(log), refine)

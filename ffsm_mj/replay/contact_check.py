@@ -1,0 +1,149 @@
+"""Forces of closed contacts found anew from a state and efforts alone: by other functions than those that made the motion.
+
+Where the pairs touch and how their gaps accelerate comes from the support functions of their geoms
+(:mod:`ffsm_mj.contact.second_rate`), not from frozen features; all closed pairs enter one inequality problem.
+
+No state tells a point that is closed from one that has lifted off by a picometre and carries nothing: which of the near
+points are closed is taken from the contact model of the replay, as long as the others do not overlap by more than a point
+may before it lands.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.pairs import ContactPair, Proximity
+from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
+from ffsm_mj.contact_models.impact.laws import least_norm, project
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.contact_models.persistent.active_set import LANDS_M, closed_and_still, held_rate_tolerance
+from ffsm_mj.contact_models.persistent.model import PersistentContactModel
+from ffsm_mj.contact_models.persistent.report import force_keys, mode_key
+from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.records.signals import Layout
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
+
+_NEAR_M = 1e-6
+_SAME_POINT_M = 1e-6
+"""A near point no farther than this from where a pair is held is that point: vertices of meshes are known to 2e-7 m."""
+
+
+class ContactCheck:
+    """Compares the contact forces of rows with those that the state of the row asks for."""
+
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], lasting: PersistentContactModel, layout: Layout) -> None:
+        """Bind to the data that is at the state of the row when asked, and to the contact model of the replay."""
+        self._scene, self._pairs, self._lasting = scene, tuple(pairs), lasting
+        self._forces = layout.places(key for pair in pairs for key in force_keys(pair))
+        self._modes = layout.places(mode_key(pair) for pair in pairs)
+        self._scratch = mujoco.MjData(scene.system.mj)
+
+    def residual(self, row: FloatArray, course: EventDrivenIntegrator) -> float:
+        """Largest difference of a pair's resultant force from that in a row, N; 0 where no pair is closed.
+
+        Args:
+            row: Of the log.
+            course: What moves there, and who else pushes; pairs of geoms on one rigid body exert no contact forces.
+        """
+        logged = row[self._forces].reshape(-1, 3)
+        told = row[self._modes] > 0.0
+        touching = [
+            (pair, near)
+            for pair, lasts in zip(self._pairs, told, strict=True)
+            if pair.geom_ids not in course.motion.rigid and (near := self._closed(pair, lasts))
+        ]
+        if not touching and not np.any(logged):
+            return 0.0
+        found = dict.fromkeys(self._pairs, np.zeros(3)) | self._resultants(touching, course)
+        return float(max(np.linalg.norm(force - found[pair]) for pair, force in zip(self._pairs, logged, strict=True)))
+
+    def _closed(self, pair: ContactPair, lasts: bool) -> Proximity | None:
+        model, data = self._scene.system.mj, self._scene.data
+        if pair.gap(model, data, 1.0) > _NEAR_M:
+            return None
+        near = pair.proximity(model, data)
+        # Where several vertices of a mesh touch, the gap of the one that is left is known no better than their places.
+        seen = replace(near, gap=near.gap - pair.vague) if lasts else near
+        return near if closed_and_still(seen, held_rate_tolerance(near) if lasts else near.still) else None
+
+    def _resultants(
+        self, touching: Sequence[tuple[ContactPair, Proximity]], course: EventDrivenIntegrator
+    ) -> dict[ContactPair, FloatArray]:
+        """Force on the second geom of each pair, N."""
+        held = self._lasting.held_points()
+        points = [(pair, near, point) for pair, near in touching for point in _closed_points(near, held.get(pair, []))]
+        if not points:
+            return {}
+        motion, bodies = course.motion, course.motion.bodies
+        contacts = [Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal) for pair, near, point in points]
+        with self._free_motion(course) as (seen, moving):
+            model = self._scene.system.mj
+            rates = np.array([pair.second_rate(model, seen, near, point).value for pair, near, point in points])
+            J = np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts])
+            A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, moving)), J.T).T
+        forces = least_norm(A, project(A, np.linalg.lstsq(A, rates, rcond=None)[0]))
+        found: dict[ContactPair, Any] = {}
+        for (pair, near, _), force in zip(points, forces.tolist(), strict=True):
+            found[pair] = found.get(pair, np.zeros(3)) + force * near.normal
+        return found
+
+    @contextmanager
+    def _free_motion(self, course: EventDrivenIntegrator) -> Iterator[tuple[Any, Any]]:
+        """Data of the system, and of what moves, with the accelerations that there would be without contact forces.
+
+        At the state and under the efforts of the row, and what else pushes there, for a while.
+        """
+        motion, model, data, scratch = course.motion, self._scene.system.mj, self._scene.data, self._scratch
+        if motion.data is data:
+            state = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
+            mujoco.mj_getState(model, data, state, WHOLE_STATE)
+            mujoco.mj_setState(model, scratch, state, WHOLE_STATE)
+            _push(course, model, scratch)
+            yield scratch, scratch
+            return
+        applied = motion.data.qfrc_applied.copy()
+        try:
+            motion.data.ctrl[:] = data.ctrl
+            _push(course, motion.model, motion.data)
+            motion.path.on_event_located()
+            yield data, motion.data
+        finally:
+            motion.data.qfrc_applied[:] = applied
+            mujoco.mj_forward(motion.model, motion.data)
+            motion.path.on_event_located()
+
+
+def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArray]:
+    """Those near points of a pair that are closed, given where it is held.
+
+    Of a face that is flat to 1e-6 rad all corners are near; those that open are in contact no more.
+    """
+    still = [
+        point for point, rate in zip(near.points, near.rates.tolist(), strict=True) if abs(rate) <= held_rate_tolerance(near)
+    ]
+    closed = [point for point in still if any(math.dist(point, each) <= _SAME_POINT_M for each in held)]
+    return closed if closed and near.gap >= -LANDS_M else still
+
+
+def _push(course: EventDrivenIntegrator, model: Any, data: Any) -> None:
+    """Let all but contact forces act on what moves, or on the same elsewhere."""
+    data.qfrc_applied.fill(0.0)
+    mujoco.mj_forward(model, data)
+    others = [
+        contact_model
+        for contact_model in course.contact_models
+        if contact_model.active and contact_model.pushes and not contact_model.is_reactive
+    ]
+    for contact_model in others:
+        contact_model.push(data)
+    if others:
+        mujoco.mj_forward(model, data)

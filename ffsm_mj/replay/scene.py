@@ -1,0 +1,76 @@
+"""What moved in a run, made again from its log alone by the functions that made it for the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pydantic import ValidationError
+
+from ffsm_mj.actuation.actuation import Actuation
+from ffsm_mj.assembly.assemble import task_of
+from ffsm_mj.assembly.grasps import GraspedSystem, held_systems
+from ffsm_mj.assembly.impact_pairs import impact_pairs
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.controller_protocol import Task
+from ffsm_mj.errors import InputError, ScenarioFaults
+from ffsm_mj.log.model import compile_log
+from ffsm_mj.log.scenario import scenario_data
+from ffsm_mj.model.system import System
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.scenario.scenario import Scenario, timing_faults, with_contact_models
+
+_NO_LAW = [{"name": "any", "until": "end", "controller": {"kind": "off"}}]
+
+
+@dataclass(frozen=True)
+class LogScene:
+    """The parts of a run that its control laws do not make; see :class:`ffsm_mj.assembly.assemble.Assembly`."""
+
+    scenario: Scenario
+    system: System
+    pairs: tuple[ContactPair, ...]
+    actuation: Actuation
+    task: Task | None
+    held: Mapping[str, GraspedSystem]
+
+
+def log_scene(log: RunLog) -> LogScene:
+    """Build the models, impact pairs and limits of a run; control laws of others need not be installed for that.
+
+    Raises:
+        InputError: The log carries no scenario or no models, or they do not make a scene.
+    """
+    scenario = _scenario(log)
+    system = compile_log(log)
+    try:
+        return LogScene(
+            scenario,
+            system,
+            impact_pairs(scenario, system),
+            Actuation(system, scenario.actuators),
+            task_of(scenario, system),
+            held_systems(scenario, system, lambda grasp, _: compile_log(log, grasp=grasp)),
+        )
+    except ScenarioFaults as error:
+        raise InputError([f"{'.'.join(map(str, fault.path))}: {fault.message}" for fault in error.faults]) from error
+
+
+def _scenario(log: RunLog) -> Scenario:
+    """The scenario with nothing for its control laws.
+
+    Raises:
+        InputError: It is none of this version.
+    """
+    try:
+        scenario = with_contact_models(
+            Scenario.model_validate(scenario_data(log) | {"phases": _NO_LAW, "controller_model": {}})
+        )
+    except ValidationError as error:
+        keys = ", ".join(sorted({".".join(map(str, fault["loc"])) for fault in error.errors()}))
+        raise InputError(f"the scenario in the log is not of this version ({keys})") from error
+    except ScenarioFaults as error:
+        raise InputError([f"the scenario in the log: {fault.message}" for fault in error.faults]) from error
+    for fault in timing_faults(scenario):
+        raise InputError(f"the scenario in the log: {'.'.join(map(str, fault.path))} {fault.message}")
+    return scenario

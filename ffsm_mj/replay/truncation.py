@@ -1,0 +1,160 @@
+"""What of the residuals of a run is truncation: its steps made again from the logged states, in halves and shorter.
+
+The truncation error of a step falls with the fifth power of its duration, that of a time with the fourth. What does not fall
+so (an impulse of the wrong sign, a leak at a rate, or at each step) stays in the residual as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from ffsm_mj.actuation.step_error import StepError
+from ffsm_mj.analysis.refined import Refined
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.assembly.blas_threads import one_blas_thread
+from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
+from ffsm_mj.errors import InputError
+from ffsm_mj.log.sampling import Sampling
+from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.records.events import RunEnded
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.replay.facts import state_facts
+from ffsm_mj.replay.log_replay import LogReplay
+from ffsm_mj.replay.scene import LogScene, log_scene
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator
+from ffsm_mj.verification.residuals import STRETCH_STEPS
+
+_MOST_HALVINGS = 5
+_FALLS = 6.0
+"""What a halving takes off falls by so much at the next one, at least: 16 for truncation, 4 and 2 for lower orders."""
+_ROUNDING = 4e-14
+"""Differences over (1 + scale) below this are rounding: a few units in the last place of each of the terms that cancel."""
+_SHARE = 0.1
+"""Of what a check allows, for what is left out of the errors of all steps together."""
+
+
+@np.errstate(all="ignore")
+@one_blas_thread()
+def refined(log: RunLog, look: Callable[[], object] = lambda: None) -> Refined | None:
+    """The balance of a run with shorter steps from the same states; None where nothing can be replayed.
+
+    Args:
+        log: The run.
+        look: Called now and then; what it raises ends it.
+    """
+    try:
+        scene = log_scene(log)
+        again = _Refining(scene, log)
+    except InputError:
+        return None
+    layout, facts = log.header.layout, dict(log.header.facts) | state_facts(scene, again)
+    states, half, without = (CheckAccumulator(layout, facts) for _ in range(3))
+    sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
+    with collected_warnings([]):
+        for block in log.blocks():
+            look()
+            again.corrections = []
+            rows = again.take(block, sampling.ticks(block[:, layout.time]))
+            added = np.array(again.corrections)
+            states.rows(rows)
+            half.rows(rows, added[:, 0])
+            without.rows(rows, added[:, 1])
+    return Refined(scene.scenario.time_step_s, states, half, without)
+
+
+class _Refining(LogReplay):
+    """A replay that makes every flight in shorter steps, too.
+
+    Attributes:
+        corrections: By row, what the residuals since the start would have more at half the step, and without truncation.
+    """
+
+    def __init__(self, scene: LogScene, log: RunLog) -> None:
+        super().__init__(scene, log)
+        self._error = StepError(scene.system, self._data, self._ledger)
+        self._so_far = np.zeros((2, 3, 7))
+        self.corrections: list[FloatArray] = []
+        steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, STRETCH_STEPS)
+        self._negligible = _SHARE * DEFAULT_TOLERANCE / steps
+
+    def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
+        self._rows_done: list[FloatArray] = []
+        rows = super()._take(block, ticks)
+        self._done_up_to(len(block))
+        self.corrections += self._rows_done
+        return rows
+
+    def _line(self, line: int, tick: int) -> None:
+        self._done_up_to(line)
+        super()._line(line, tick)
+        self._done_up_to(line + 1)
+
+    def _done_up_to(self, line: int) -> None:
+        """Rows that nothing leads to have what was found before."""
+        self._rows_done += [self._so_far.copy() for _ in range(line - len(self._rows_done))]
+
+    def _before_flight(self, duration_s: float, left_s: float) -> None:
+        """Make the coming flight, then the same in shorter steps; nothing has moved after."""
+        motion, control = self._course.motion, self._course.control
+        start = np.empty(mujoco.mj_stateSize(motion.model, WHOLE_STATE))
+        mujoco.mj_getState(motion.model, motion.data, start, WHOLE_STATE)
+        plan = dict(vars(control)) if control is not None else {}
+        try:
+            self._ledger.open()
+            self._error.begin(measured=True)
+            flown_s = self._course.integrate(duration_s, left_s)
+            whole = self._left_over(flown_s)
+            self._course.control = None
+            if self._size(whole) > self._negligible:
+                self._refine(whole, flown_s, start)
+        except RunEnded:  # the flight itself says so
+            pass
+        finally:
+            self._course.control = control
+            if control is not None:
+                vars(control).update(plan)
+            self._back_to(start)
+
+    def _refine(self, whole: FloatArray, flown_s: float, start: FloatArray) -> None:
+        found = [whole]
+        taken = [0.0]
+        for halvings in range(1, _MOST_HALVINGS + 1):
+            self._back_to(start)
+            found.append(self._in_parts(flown_s, 2**halvings))
+            taken.append(self._size(found[-2] - found[-1]))
+            if halvings > 1 and taken[-1] > max(taken[-2] / _FALLS, _ROUNDING):
+                return  # it does not fall as truncation does
+            if halvings > 1 and taken[-1] / 15.0 <= max(self._negligible, _ROUNDING):
+                break
+        # The rest of the geometric series 1, 1/16, 1/256, ... that the differences are.
+        limit = found[-1] - (found[-2] - found[-1]) / 15.0
+        self._so_far += (found[1] - whole, limit - whole)
+
+    def _in_parts(self, duration_s: float, parts: int) -> FloatArray:
+        """Residuals over a time in so many steps."""
+        total, part_s = np.zeros((3, 7)), duration_s / parts
+        for _ in range(parts):
+            self._ledger.open()
+            self._error.begin(measured=True)
+            self._course.integrate(part_s, part_s)
+            total += self._left_over(part_s)
+        return total
+
+    def _left_over(self, duration_s: float) -> FloatArray:
+        residuals = self._error.residuals(duration_s, self._course.exchanged(duration_s))
+        if self._course.motion.carried is not None:
+            # What passes between robot and object is what the object gained: nothing is left of it, and all for the robot.
+            residuals[1], residuals[2] = residuals[0], 0.0
+        return residuals
+
+    def _size(self, residuals: FloatArray) -> float:
+        return self._error.over_scale(residuals, carried=self._course.motion.carried is not None)
+
+    def _back_to(self, start: FloatArray) -> None:
+        path = self._course.motion.path
+        path.start[:], path.at_s = start, np.nan
+        path.move_to(0.0)

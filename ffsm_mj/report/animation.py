@@ -1,0 +1,175 @@
+"""The motion as a film for slides, as GIF or MP4. No screen, no GPU."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from PIL import Image
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import InputError, MissingPackageError, OutputLostError
+from ffsm_mj.report.output_place import new_file, usable_file
+from ffsm_mj.report.pictures import pictures
+from ffsm_mj.report.plots.style import publication
+from ffsm_mj.report.plots.subject import Subject
+
+_LONGEST_S = 12.0
+_SPEEDS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 100.0)
+_LAST_PICTURE_S = 1.5
+_MOST_PICTURES = 6000
+
+
+def write_animation(
+    run: Run,
+    path: Path,
+    *,
+    frames_per_second: float = 20.0,
+    speed: float | None = None,
+    report: Callable[[float, float], None] | None = None,
+) -> str:
+    """Write the motion of a run as ``.gif`` or ``.mp4``.
+
+    Args:
+        run: A run with at least one sample.
+        path: The file; its suffix says which.
+        frames_per_second: Pictures per second of the film.
+        speed: Times real time; None: so that the film lasts 12 s at most.
+        report: Told how many pictures of how many are drawn.
+
+    Returns:
+        What was written, for a person.
+
+    Raises:
+        InputError: No sample, models that do not compile any more, an unknown suffix, or a file that cannot be written to.
+        OutputLostError: The film could not be written to its end.
+        MissingPackageError: MP4 without imageio-ffmpeg.
+    """
+    writers = {".gif": _write_gif, ".mp4": _write_mp4}
+    if path.suffix.lower() not in writers:
+        raise InputError(f"{path}: an animation is a .gif or an .mp4")
+    usable_file(path)
+    cut = _cut(run, frames_per_second, speed, f"{path}: ", "raise --speed or lower --fps")
+    with publication():
+        writers[path.suffix.lower()](path, cut.pictures(report), frames_per_second)
+    return cut.said
+
+
+def gif(run: Run, *, frames_per_second: float = 20.0, speed: float | None = None) -> tuple[bytes, str]:
+    """The motion of a run as the bytes of an animated GIF, and what it is, for a person.
+
+    Args:
+        run: A run with at least one sample.
+        frames_per_second: Pictures per second of the film.
+        speed: Times real time; None: so that the film lasts 12 s at most.
+
+    Raises:
+        InputError: No sample, models that do not compile any more, or too many pictures.
+    """
+    cut = _cut(run, frames_per_second, speed, "", "raise speed or lower frames_per_second")
+    held = BytesIO()
+    with publication():
+        _save_gif(held, cut.pictures(), frames_per_second)
+    return held.getvalue(), cut.said
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """When in a run the pictures of a film are taken.
+
+    Attributes:
+        subject: The run.
+        times: Of the pictures, s.
+        speed: Times real time.
+        said: What the film is, for a person.
+    """
+
+    subject: Subject
+    times: FloatArray
+    speed: float
+    said: str
+
+    def pictures(self, report: Callable[[float, float], None] | None = None) -> Iterator[Any]:
+        """The pictures, drawn as they are asked for."""
+        return _counted(pictures(self.subject, self.times, self.speed), len(self.times), report)
+
+
+def _cut(run: Run, frames_per_second: float, speed: float | None, place: str, way_on: str) -> _Cut:
+    end = run.digest.end_s
+    fast = speed or next((s for s in _SPEEDS if end / s <= _LONGEST_S), end / _LONGEST_S)
+    wanted = end / fast * frames_per_second
+    if not wanted < _MOST_PICTURES:
+        amount = f"{end:g} s at {fast:g} times real time are {wanted:.3g} pictures"
+        raise InputError(f"{place}{amount}, more than {_MOST_PICTURES}; {way_on}")
+    count = max(2, 1 + math.ceil(wanted))
+    times = np.linspace(0.0, end, count)
+    said = f"{count} pictures, {count / frames_per_second:.1f} s at {fast:g} times real time"
+    return _Cut(Subject(run, times.tolist()), times, fast, said)
+
+
+def _counted(pictures: Iterator[Any], count: int, report: Callable[[float, float], None] | None) -> Iterator[Any]:
+    """The same pictures; each that is done is told."""
+    for done, picture in enumerate(pictures, 1):
+        if report is not None:
+            report(done, count)
+        yield picture
+
+
+def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
+    held = BytesIO()
+    _save_gif(held, pictures, frames_per_second)
+    with new_file(path) as place:
+        place.write_bytes(held.getvalue())
+
+
+def _save_gif(to: BinaryIO, pictures: Iterator[Any], frames_per_second: float) -> None:
+    images = [Image.fromarray(picture).quantize(64, Image.Quantize.FASTOCTREE) for picture in pictures]
+    step = max(20, round(1000 / frames_per_second / 10) * 10)  # GIF counts hundredths of a second
+    durations = [step] * (len(images) - 1) + [round(1000 * _LAST_PICTURE_S)]
+    images[0].save(to, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
+
+
+def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
+    try:
+        ffmpeg = import_module("imageio_ffmpeg")
+    except ImportError as error:
+        raise MissingPackageError("--mp4", "imageio-ffmpeg", "mp4") from error
+    with new_file(path) as place:
+        _film(ffmpeg, path, place, pictures, frames_per_second)
+
+
+def _film(ffmpeg: Any, path: Path, place: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
+    """Write a film at a place; errors name the path that was asked for."""
+    first = next(pictures)
+    size = first.shape[1], first.shape[0]
+    writer = ffmpeg.write_frames(
+        str(place), size, fps=frames_per_second, quality=8, macro_block_size=2, ffmpeg_log_level="quiet"
+    )
+    count = 1
+    writer.send(None)
+    try:
+        writer.send(first.tobytes())
+        for picture in pictures:
+            writer.send(picture.tobytes())
+            count += 1
+    except OSError as error:  # several lines of ffmpeg's
+        raise OutputLostError(path, "ffmpeg stopped") from error
+    finally:
+        writer.close()
+    if not _holds(ffmpeg, place, count):
+        raise OutputLostError(path, "ffmpeg did not write it to its end")
+
+
+def _holds(ffmpeg: Any, path: Path, count: int) -> bool:
+    """Whether a film can be read and has so many pictures: ffmpeg's exit code is not to be had."""
+    try:
+        return int(ffmpeg.count_frames_and_secs(str(path))[0]) == count
+    except RuntimeError:
+        return False

@@ -1,0 +1,91 @@
+"""Tables of a run as files for other tools."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.tables import Table, samples, table_names
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.report.output_place import new_file, usable_file
+
+_ROWS_AT_ONCE = 50_000
+
+
+def to_arrow(table: Table, facts: dict[str, str] | None = None) -> Any:
+    """A ``pyarrow.Table``; each field's metadata holds ``unit`` and ``description``, the schema's the facts of the run."""
+    fields, arrays = [], []
+    for name, values in table.columns.items():
+        array = pa.array(np.ascontiguousarray(values)) if len(values) else pa.array([], type=pa.float64())
+        meaning = {"unit": table.units[name], "description": table.descriptions[name]}
+        fields.append(pa.field(name, array.type, metadata=meaning))
+        arrays.append(array)
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=facts or {}))
+
+
+def write_table(run: Run, name: str, path: Path, form: str) -> str:
+    """Write one table of a run as ``csv`` or ``parquet``.
+
+    CSV: one header line of names that end in the unit, then shortest decimals that give the same doubles again.
+
+    Returns:
+        What was written, for a person.
+
+    Raises:
+        InputError: No such table, or the file cannot be written to.
+        OutputLostError: It could not be written to its end.
+    """
+    if name not in table_names(run.log):
+        raise InputError(f"--table: {unknown_name('table', name, table_names(run.log))}")
+    usable_file(path)
+    write = _write_parquet if form == "parquet" else _write_csv
+    with (
+        new_file(path) as place,
+        place.open("wb") as stream,
+    ):  # pyarrow would remove a path where writing fails, be it a device
+        rows, columns = write(_parts(run, name), stream)
+    return f"{rows} rows of {columns} columns"
+
+
+def _parts(run: Run, name: str) -> Iterator[Any]:
+    """One table of a run in parts, at least one: samples come some ten thousand at a time."""
+    facts, held = {"scenario": run.name, **run.log.header.facts}, list[FloatArray]()
+    if name != "samples" or not len(run.log.rows):
+        yield to_arrow(run.table(name), facts)
+        return
+    for block in run.log.blocks():
+        held.append(block)
+        if sum(map(len, held)) >= _ROWS_AT_ONCE:
+            yield to_arrow(samples(run.log.header.layout, np.concatenate(held)), facts)
+            held = []
+    if held:
+        yield to_arrow(samples(run.log.header.layout, np.concatenate(held)), facts)
+
+
+def _write_parquet(parts: Iterator[Any], stream: BinaryIO) -> tuple[int, int]:
+    first = next(parts)
+    rows = 0
+    with pyarrow.parquet.ParquetWriter(stream, first.schema) as writer:
+        for part in chain([first], parts):
+            writer.write_table(part)
+            rows += part.num_rows
+    return rows, first.num_columns
+
+
+def _write_csv(parts: Iterator[Any], stream: BinaryIO) -> tuple[int, int]:
+    rows = columns = 0
+    for part in parts:
+        if not columns:
+            stream.write((",".join(part.column_names) + "\n").encode())
+        pyarrow.csv.write_csv(part, stream, pyarrow.csv.WriteOptions(include_header=False))
+        rows, columns = rows + part.num_rows, part.num_columns
+    return rows, columns

@@ -1,0 +1,58 @@
+"""A film of a run's motion that a notebook's cell shows."""
+
+from __future__ import annotations
+
+import html
+from base64 import b64encode
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.errors import InputError
+from ffsm_mj.report.animation import gif
+from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND
+from ffsm_mj.report.output_place import new_file, usable_file
+
+
+@dataclass(frozen=True)
+class Film:
+    """An animated GIF.
+
+    Attributes:
+        name: Of the scenario.
+        said: What it is: pictures, seconds, times real time.
+        gif: The file's bytes.
+    """
+
+    name: str
+    said: str
+    gif: bytes = field(repr=False)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the file.
+
+        Raises:
+            InputError: The name does not end in ``.gif``, or it cannot be written to.
+            OutputLostError: It could not be written to its end.
+        """
+        target = Path(path)
+        if target.suffix.lower() != ".gif":
+            raise InputError(f"{target}: the film is a .gif; 'ffsm export --mp4' makes an .mp4")
+        usable_file(target)
+        with new_file(target) as place:
+            place.write_bytes(self.gif)
+        return target
+
+    def _repr_html_(self) -> str:
+        words = html.escape(f"{self.name}: {self.said}")
+        return f'<img alt="{words}" title="{words}" src="data:image/gif;base64,{b64encode(self.gif).decode("ascii")}">'
+
+
+def film(run: Run, frames_per_second: float, speed: float | None) -> Film:
+    """The motion of a run; see :meth:`ffsm_mj.report.run.Run.animate`."""
+    if not 0.0 < frames_per_second <= MOST_FRAMES_PER_SECOND:
+        raise ValueError(f"frames_per_second is {frames_per_second!r}; allowed: above 0, up to {MOST_FRAMES_PER_SECOND}")
+    if speed is not None and not 0.0 < speed < float("inf"):
+        raise ValueError(f"speed is {speed!r}; allowed: a positive number")
+    made, said = gif(run, frames_per_second=frames_per_second, speed=speed)
+    return Film(run.name, said, made)

@@ -1,0 +1,169 @@
+"""The page itself: HTML around the scene and the figures. Whatever a log says is text in it, never markup."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import zlib
+from base64 import b64encode
+from functools import cache
+from hashlib import sha256
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import k3d
+import numpy as np
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.errors import one_line
+from ffsm_mj.records.kinds import kind_of
+from ffsm_mj.report.page import moving, scene
+from ffsm_mj.report.page.inline_figures import inline_figures
+from ffsm_mj.report.page.poses import Poses
+from ffsm_mj.report.page.scene import PageScene
+from ffsm_mj.report.run_card import card_html
+from ffsm_mj.report.text_report import verdict, what_is_missing
+from ffsm_mj.verification.checks import Check
+
+_TITLES = {
+    "tip": "Tip",
+    "energies": "Energies",
+    "momenta": "Momenta",
+    "contacts": "Forces of contacts",
+    "torques": "Torques",
+    "inputs": "Thrusters and wheels",
+    "conservation": "What the accounts leave unexplained",
+}
+_MOST_EVENTS = 200
+
+
+def document(run: Run, drawn: PageScene, poses: Poses) -> str:
+    """The page of a run whose scene is drawn."""
+    script = _part("page.js")
+    checks = run.checks()
+    return Template(_part("page.html")).substitute(
+        policy=_policy(script),
+        name=_escaped(run.name),
+        headline=_escaped(_headline(run)),
+        style=_part("page.css"),
+        events="\n".join(_events(run)),
+        note=_escaped(_note(run, drawn, poses)),
+        key="".join(_key(run, drawn)),
+        card=card_html(run),
+        verdict=_escaped(_verdict(run, checks)),
+        checks="\n".join(map(_check, checks)),
+        figures="\n".join(
+            f"<figure><figcaption>{_TITLES[name]}</figcaption>{svg}</figure>" for name, svg in inline_figures(run).items()
+        ),
+        told=json.dumps(_told(run, drawn, poses)).replace("<", "\\u003c"),
+        library=_library(),
+        snapshot=b64encode(drawn.snapshot).decode("ascii"),
+        script=script,
+    )
+
+
+def _part(name: str) -> str:
+    return files("ffsm_mj.report.page").joinpath(name).read_text(encoding="utf-8")
+
+
+@cache
+def _library() -> str:
+    """K3D's viewer, packed; of its fonts the forms that it carries itself, for others it would ask elsewhere."""
+    viewer = (Path(k3d.__file__).parent / "static" / "standalone.js").read_bytes()
+    viewer = re.sub(rb',url\(fonts/[^)]*\) format\("(?:woff|truetype)"\)', b"", viewer)
+    return b64encode(zlib.compress(viewer, 9)).decode("ascii")
+
+
+def _policy(script: str) -> str:
+    """What a browser may do for the page: run its own script and what that loads; ask nobody for anything."""
+    digest = b64encode(sha256(script.encode()).digest()).decode("ascii")
+    return (
+        f"default-src 'none'; script-src 'sha256-{digest}' 'strict-dynamic' 'wasm-unsafe-eval'; style-src 'unsafe-inline'; "
+        "img-src data: blob:; font-src data:; worker-src blob:; connect-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _escaped(text: str) -> str:
+    return html.escape(one_line(text))
+
+
+def _headline(run: Run) -> str:
+    parts = [f"{run.outcome} after {run.digest.end_s:g} s", run.message, what_is_missing(run)]
+    return "; ".join(part for part in parts if part)
+
+
+def _events(run: Run) -> list[str]:
+    """A button for each event that leads to its time."""
+    found = run.log.events()
+    lines = []
+    for record in found[:_MOST_EVENTS]:
+        kind = kind_of(record)
+        marked = ' class="marked"' if kind.marks is not None else ""
+        time, said = kind.time(record), _escaped(kind.sentence(record))
+        lines.append(f'<li{marked}><button type="button" data-time="{time!r}"><b>{time:.3f} s</b> {said}</button></li>')
+    if len(found) > _MOST_EVENTS:
+        lines.append(f"<li>and {len(found) - _MOST_EVENTS} more: ffsm analyze lists them</li>")
+    return lines
+
+
+def _note(run: Run, drawn: PageScene, poses: Poses) -> str:
+    more = f"; {drawn.undrawn} marks beyond the first {scene.MOST_MARKS} are not drawn" if drawn.undrawn else ""
+    return f"{poses.said}, of {len(run.log.rows)} samples in the log{more}."
+
+
+def _key(run: Run, drawn: PageScene) -> list[str]:
+    """What the colours of the scene mean, of those that are in it."""
+    way = "way of the tip" if "state.tip_x_m" in run.keys else "way of the base"
+    words = {
+        scene.BEFORE: f"{way} before the first event" if scene.AFTER in drawn.colours else way,
+        scene.AFTER: "after it",
+        scene.MARK: "what records mark",
+        moving.FORCE: "force of a contact" if not run.captures else "force on what is held, or of a contact",
+        moving.TORQUE: "torque on what is held",
+        moving.PLUME: "a thruster fires",
+        scene.TARGET: "target",
+    }
+    return [
+        f'<span class="key"><i style="background:#{colour:06x}"></i>{word}</span>'
+        for colour, word in words.items()
+        if colour in drawn.colours
+    ]
+
+
+def _verdict(run: Run, checks: tuple[Check, ...]) -> str:
+    parts = [verdict(run, checks) if checks else "no check to judge"]
+    if not run.conservative:
+        parts.append(f"energy and momenta are not judged, the run is not conservative: {run.why_not_conservative}")
+    return "; ".join(parts)
+
+
+def _check(check: Check) -> str:
+    state = "passes" if check.passes else "fails"
+    texts = (
+        check.name,
+        check.subsystem,
+        f"{check.residual:.1e}",
+        f"{check.tolerance:.1e}",
+        check.unit,
+        check.component,
+        f"{check.time_s:.3f}",
+    )
+    cells = "".join(f"<td>{_escaped(text)}</td>" for text in texts)
+    return f'<tr class="{state}"><td>{state}</td>{cells}</tr>'
+
+
+def _told(run: Run, drawn: PageScene, poses: Poses) -> dict[str, Any]:
+    """What the script must know."""
+    times = sorted({time for _, time, _ in run.log.marks() if np.isfinite(time)})
+    return {
+        "start": times[0] if times else 0.0,
+        "end": float(poses.times[-1]),
+        "ticks_per_s": moving.TICKS_PER_S,
+        "marks": times[: scene.MOST_MARKS],
+        "phases": [[phase.start_s, phase.name.replace("_", " ")] for phase in run.phases],
+        "centre": drawn.centre.tolist(),
+        "radius": drawn.radius,
+    }

@@ -1,0 +1,51 @@
+"""The figures of a run as drawings inside a page: its colours, light or dark, and a line at the time that is shown."""
+
+from __future__ import annotations
+
+import re
+from io import StringIO
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.report.plots import figures
+from ffsm_mj.report.plots.style import publication
+
+_SHOWN = ("tip", "energies", "momenta", "contacts", "torques", "inputs", "conservation")
+_THEMED = {"000000": "ink", "ffffff": "paper", "d5d5d5": "grid", "f1f1f1": "shade", "0072b2": "blue", "444444": "faint"}
+"""Colours that the style of the page decides, by name."""
+_COLOUR = re.compile("#(" + "|".join(_THEMED) + ")", re.IGNORECASE)
+_NOISE = re.compile(r'<metadata>.*?</metadata>|<!--.*?-->| id="[a-z0-9]+_\d+"', re.DOTALL)
+"""What a drawing in a page does not need: names of parts are those of every other drawing too."""
+
+
+def inline_figures(run: Run) -> dict[str, str]:
+    """SVG elements by the names of the figures, the most telling ones that the run has."""
+    drawn = figures(run, _SHOWN)
+    return {name: _inline(drawn[name], name) for name in _SHOWN if name in drawn}
+
+
+def _inline(figure: Figure, name: str) -> str:
+    held = StringIO()
+    with publication():
+        mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": name})
+        figure.savefig(held, format="svg", metadata={"Date": None, "Creator": None})
+    svg = held.getvalue()
+    svg = _NOISE.sub("", svg[svg.index("<svg") :])
+    svg = _COLOUR.sub(lambda found: f"var(--{_THEMED[found[1].lower()]})", svg)
+    return svg.replace("</svg>", "".join(_cursors(figure)) + "</svg>")
+
+
+def _cursors(figure: Figure) -> list[str]:
+    """A line in each axes over time; the page moves it."""
+    width, height = (72.0 * inches for inches in figure.get_size_inches())
+    lines = []
+    for axes in figure.axes:
+        place, (start, end) = axes.get_position(), map(float, axes.get_xlim())
+        if axes.axison:
+            across = f'data-left="{place.x0 * width:.2f}" data-right="{place.x1 * width:.2f}"'
+            span = f'data-start="{start!r}" data-end="{end!r}"'
+            along = f'y1="{(1.0 - place.y1) * height:.2f}" y2="{(1.0 - place.y0) * height:.2f}"'
+            lines.append(f'<line class="cursor" {across} {span} {along}/>')
+    return lines

@@ -1,0 +1,63 @@
+"""When in a run a page knows where the bodies are: evenly spaced times, and every event at its very instant."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.drawing import Frames
+from ffsm_mj.records.kinds import kind_of
+from ffsm_mj.report.plots.subject import Subject
+
+_MOST, _PER_SECOND = 600, 50.0
+"""Poses besides those at events, in all and of a short run; a browser turns and moves evenly between them."""
+
+
+@dataclass(frozen=True)
+class Poses(Frames):
+    """Poses of all bodies at some times of a run, in order; each row is the one at or after the time.
+
+    Attributes:
+        events: How many of the times are events.
+    """
+
+    events: int
+
+    @property
+    def said(self) -> str:
+        """How many there are, for a person."""
+        at = f", {self.events} of them at events" if self.events else ""
+        return f"{len(self.times)} poses over {self.times[-1]:g} s{at}"
+
+    def nearest(self, time: float) -> int:
+        """Number of the pose nearest to a time."""
+        return int(np.argmin(np.abs(self.times - time)))
+
+
+def picked_times(run: Run) -> FloatArray:
+    """Evenly spaced times over a run, s."""
+    end = run.digest.end_s
+    return np.linspace(0.0, end, max(2, min(_MOST, 1 + math.ceil(end * _PER_SECOND))))
+
+
+def poses(subject: Subject) -> Poses:
+    """Poses at evenly spaced times, and at each event those that its record tells."""
+    run = subject.run
+    rows = np.unique(np.clip(np.searchsorted(run.time, picked_times(run) - 1e-9), 0, len(run.time) - 1))
+    found = dict(zip(run.time[rows].tolist(), run.qpos[rows], strict=True))
+    # A log may hold any numbers: a record draws what its models have coordinates for.
+    held = {kind_of(record).time(record): np.array(record.qpos) for record in run.log.events() if hasattr(record, "qpos")}
+    told = {time: qpos for time, qpos in held.items() if qpos.shape == (subject.system.mj.nq,) and np.isfinite(qpos).all()}
+    found |= told
+    times = np.array(sorted(found))
+    bodies = subject.system.mj.nbody
+    positions, quaternions = np.empty((len(times), bodies, 3)), np.empty((len(times), bodies, 4))
+    for i, time in enumerate(times.tolist()):
+        data = subject.silhouette.place(found[time])
+        positions[i], quaternions[i] = data.xpos, data.xquat
+    after = np.clip(np.searchsorted(run.time, times - 1e-9), 0, len(run.time) - 1)
+    return Poses(times, np.asarray(run.log.rows[after]), positions, quaternions, len(told))

@@ -1,0 +1,148 @@
+"""The scene of a page, drawn by K3D: bodies that move, the target, the tip's path, marks of records, forces, plumes."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import k3d
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import one_line
+from ffsm_mj.log.drawing import DrawnShape, shapes
+from ffsm_mj.log.instants import SHOWN_S
+from ffsm_mj.records.facts import logged_task
+from ffsm_mj.records.kinds import Mark
+from ffsm_mj.report.page.moving import ARROW_M, FAR_M, SWITCH_S, along_z, during, forces, plumes, single, solid, tick
+from ffsm_mj.report.page.poses import Poses
+from ffsm_mj.report.page.solids import arrow, joined, triangles
+from ffsm_mj.report.plots.subject import Subject
+
+BEFORE, AFTER, MARK, TARGET = 0x56B4E9, 0xE69F00, 0xD55E00, 0xCC79A7
+"""Colours of the tip's path before and after the first mark, of marks and of the target."""
+MOST_MARKS = 200
+
+
+@dataclass(frozen=True)
+class PageScene:
+    """What the page's script shows.
+
+    Attributes:
+        snapshot: For K3D's viewer, compressed.
+        centre: What the camera looks at, (3,), m.
+        radius: Of a ball around it that is to be in view, m.
+        undrawn: How many marks are beyond those that are drawn.
+        colours: Of all that is no body.
+    """
+
+    snapshot: bytes
+    centre: FloatArray
+    radius: float
+    undrawn: int
+    colours: frozenset[int]
+
+
+def scene(subject: Subject, poses: Poses) -> PageScene:
+    """Draw a run."""
+    found = [(time, mark) for _, time, mark in subject.marks if np.isfinite((time, *mark.point_m, *mark.direction)).all()]
+    marks = sorted(found, key=lambda drawn: drawn[0])
+    low, high = _box(subject, poses, marks)
+    plot = k3d.plot(menu_visibility=False, camera_auto_fit=False, grid_auto_fit=False, axes_helper=0, camera_fov=45.0)
+    middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, 0.6 * np.max(high - low))
+    plot.grid = [*np.floor(middle - half).tolist(), *np.ceil(middle + half).tolist()]
+    plot.axes = ["x,\\,m", "y,\\,m", "z,\\,m"]
+    others = list(_others(subject, poses, marks[:MOST_MARKS]))
+    for drawn in (*_bodies(subject, poses), *others):
+        plot += drawn
+    radius = 0.5 * float(np.linalg.norm(high - low))
+    colours = frozenset(int(each.color) for each in others)
+    return PageScene(plot.get_binary_snapshot(), middle, radius, max(0, len(marks) - MOST_MARKS), colours)
+
+
+def _box(subject: Subject, poses: Poses, marks: list[tuple[float, Mark]]) -> tuple[FloatArray, FloatArray]:
+    """Corners of a box around what is worth looking at first: bodies at the start and the first mark, marks, the target."""
+    moments = [0, *(poses.nearest(marks[0][0]) for _ in marks[:1])]
+    points = [poses.positions[moments, 1:].reshape(-1, 3), *(np.array([mark.point_m]) for _, mark in marks[:MOST_MARKS])]
+    task = logged_task(subject.run.log.header.facts)
+    points += [task.point_m[None]] if task is not None else []
+    everything = np.concatenate(points)
+    everything = everything[(np.abs(everything) < FAR_M).all(axis=1)]  # a log may hold any double
+    if not len(everything):
+        return np.full(3, -1.0), np.full(3, 1.0)
+    return everything.min(axis=0) - 0.8, everything.max(axis=0) + 0.8
+
+
+def _others(subject: Subject, poses: Poses, marks: list[tuple[float, Mark]]) -> Iterator[Any]:
+    yield from _paths(subject, marks)
+    task = logged_task(subject.run.log.header.facts)
+    if task is not None:
+        arms = [task.point_m + sign * 0.2 * axis for axis in np.eye(3) for sign in (-1, 1)]
+        yield k3d.lines(single(arms), [[0, 1], [2, 3], [4, 5]], indices_type="segment", width=0.03, color=TARGET)
+    for time, mark in marks:
+        ahead = min((other for other, _ in marks if other > time), default=np.inf)
+        yield from _mark(time, mark, min(time + SHOWN_S, ahead - 2.0 * SWITCH_S))
+    layout = subject.run.log.header.layout
+    yield from forces(layout, poses)
+    yield from plumes(layout, subject.system, poses)
+
+
+def _bodies(subject: Subject, poses: Poses) -> Iterator[Any]:
+    """One mesh for all shapes of a body that are equally opaque and shaded alike."""
+    groups: dict[tuple[int, float, bool], list[DrawnShape]] = {}
+    for shape in shapes(subject.system):
+        groups.setdefault((shape.body, shape.rgba[3], shape.kind == "mesh"), []).append(shape)
+    for (body, opacity, flat), alike in groups.items():
+        parts = [triangles(shape) for shape in alike]
+        corners, faces = joined(parts)
+        colours = np.repeat([_colour(shape.rgba) for shape in alike], [len(part[0]) for part in parts])
+        look = {"opacity": opacity, "flat_shading": flat, "side": "double"}
+        mesh = k3d.mesh(single(corners), faces.astype(np.uint32), colors=colours.astype(np.uint32), **look)
+        mesh.model_matrix = _matrices(poses, body)
+        yield mesh
+
+
+def _matrices(poses: Poses, body: int) -> Any:
+    """Where a body is over time, or for good where it never moves."""
+    matrices = np.tile(np.eye(4), (len(poses.times), 1, 1))
+    turn = np.empty(9)
+    for matrix, quaternion in zip(matrices, poses.quaternions[:, body], strict=True):
+        mujoco.mju_quat2Mat(turn, quaternion)
+        matrix[:3, :3] = turn.reshape(3, 3)
+    matrices[:, :3, 3] = poses.positions[:, body]
+    matrices = single(matrices)
+    if np.array_equal(matrices, np.broadcast_to(matrices[0], matrices.shape)):
+        return matrices[0]
+    return dict(zip(map(tick, poses.times.tolist()), matrices, strict=True))
+
+
+def _paths(subject: Subject, marks: list[tuple[float, Mark]]) -> Iterator[Any]:
+    """The way of the tip, or of the root of the robot where there is no tip, in another colour from the first mark on."""
+    robot = subject.system.robot
+    path = subject.tip if subject.tip is not None else subject.roots[robot.name]
+    times = subject.run.time[subject.chosen]
+    first = marks[0][0] if marks else np.inf
+    for part, colour in ((path[times <= first], BEFORE), (path[times >= first], AFTER)):
+        if len(part) > 1:
+            yield k3d.line(single(part), color=colour, width=0.02)
+
+
+def _mark(time: float, mark: Mark, told_until: float) -> Iterator[Any]:
+    """An arrow that ends at its point, where nothing hides it, or a dot; the text beside it until the next one's."""
+    shown, point = during([(time, time + SHOWN_S)]), np.array(mark.point_m)
+    push = np.array(mark.direction) * float(np.clip(mark.magnitude, *ARROW_M))
+    if push.any():
+        yield solid(arrow(), MARK, along_z(point - push, push), shown)
+    else:
+        yield k3d.points(single([point]), color=MARK, point_size=0.12, shader="3d", visible=shown)
+    text = f'<span class="mark">{html.escape(one_line(mark.text))}</span>'
+    look = {"color": MARK, "is_html": True, "label_box": False, "max_length": 0.08}
+    yield k3d.label(text, (point - push).tolist(), visible=during([(time, max(time, told_until))]), **look)
+
+
+def _colour(rgba: tuple[float, ...]) -> int:
+    red, green, blue = (round(255 * value) for value in rgba[:3])
+    return red << 16 | green << 8 | blue

@@ -1,0 +1,149 @@
+"""The pictures of a film: robot and objects at one time after the other, in their plane or, in space, from three sides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.contact_forces import ForceColumns, force_columns
+from ffsm_mj.report.plots.motion import draw_plane, legend_columns, mark_handles, polygons, tree_colours, view_box
+from ffsm_mj.report.plots.silhouette import Plane
+from ffsm_mj.report.plots.style import BLACK, GREEN, YELLOW, plain
+from ffsm_mj.report.plots.subject import Subject
+
+_SIZE_PX = (960, 720)
+_DPI = 120
+_FLASH_S = 0.5
+_ARROW = 0.12
+"""Length of the arrow of a force, of the height of the picture."""
+_TOP, _FRONT, _SIDE = Plane(0, 1), Plane(0, 2), Plane(1, 2)
+
+Box = tuple[float, float, float, float]
+
+
+def pictures(subject: Subject, times: FloatArray, speed: float) -> Iterator[Any]:
+    """RGB pictures, (height, width, 3) uint8, at some simulation times in s; speed times real time."""
+    run = subject.run
+    rows = [min(int(np.searchsorted(run.time, time - 1e-9)), len(run.time) - 1) for time in times]
+    some = rows[:: max(1, len(rows) // 40)]
+    figure, views = _from_one_side(subject, some) if len(subject.planes) == 1 else _from_three_sides(subject, some)
+    canvas: Any = FigureCanvasAgg(figure)
+    title = figure.suptitle(_caption(run, 0.0, speed), x=0.03, ha="left", fontsize=9.0)
+    figure.draw_without_rendering()  # the layout is made once and kept
+    figure.set_layout_engine("none")
+    for row in rows:
+        time = float(run.time[row])
+        passing = [artist for view in views for artist in view.show(row, speed)]
+        title.set_text(_caption(run, time, speed))
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+        for artist in passing:
+            artist.remove()
+
+
+class _View:
+    """Axes of a picture that look at one plane."""
+
+    def __init__(self, axes: Axes, subject: Subject, plane: Plane, box: Box) -> None:
+        """Empty axes, with trails to come."""
+        self._axes, self._subject, self._plane, self._box = axes, subject, plane, box
+        draw_plane(axes, subject, plane, box)
+        self._trails = {
+            name: axes.plot([], [], color=colour, linewidth=1.2, zorder=20)[0]
+            for name, colour in tree_colours(subject).items()
+        }
+        self._tip = [axes.plot([], [], color=part.colour, linewidth=1.4, zorder=22)[0] for part in subject.tip_parts]
+        self._star = axes.plot([], [], "*", markersize=16, markerfacecolor=YELLOW, markeredgecolor=BLACK, zorder=31)[0]
+        self._marks, self._forces = subject.run.log.marks(), force_columns(subject.run.log.header.layout)
+
+    def show(self, row: int, speed: float) -> list[Any]:
+        """Draw the moment of a row; gives what is to be taken away again."""
+        subject, plane, time = self._subject, self._plane, float(self._subject.run.time[row])
+        shapes = polygons(subject.silhouette.outlines(subject.run.qpos[row], plane), subject, 0.8, 5)
+        past = subject.chosen <= row
+        for name, path in subject.roots.items():
+            self._trails[name].set_data(*path[past][:, plane.axes].T)
+        for line, part in zip(self._tip, subject.tip_parts, strict=True):
+            line.set_data(*part.points[part.rows <= row][:, plane.axes].T)
+        hits = [np.array(mark.point_m)[plane.axes] for _, at, mark in self._marks if 0.0 <= time - at <= _FLASH_S * speed]
+        self._star.set_data(*np.array(hits).reshape(-1, 2).T)
+        pushes = _arrows(self._forces, np.asarray(subject.run.log.rows[row : row + 1]), plane, self._box)
+        return [self._axes.add_collection(part, autolim=False) for part in (shapes, pushes)]
+
+
+def _from_one_side(subject: Subject, rows: Sequence[int]) -> tuple[Figure, list[_View]]:
+    """A picture of the plane of the motion, the legend below it."""
+    plane = subject.planes[0]
+    box = view_box(subject, plane, rows)
+    handles = _legend(subject)
+    columns = legend_columns(handles, _SIZE_PX[0] / _DPI)
+    words = 60 + 24 * -(-len(handles) // columns)
+    figure = Figure(figsize=_figure_size(box[1] - box[0], box[3] - box[2], words), dpi=_DPI, layout="constrained")
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, columnspacing=1.2)
+    return figure, [_View(figure.subplots(), subject, plane, box)]
+
+
+def _from_three_sides(subject: Subject, rows: Sequence[int]) -> tuple[Figure, list[_View]]:
+    """Seen from the top, below it from the front, beside that from the side, all to one scale; the legend in the corner."""
+    ranges: dict[int, tuple[float, float]] = {}
+    for plane in (_TOP, _FRONT, _SIDE):
+        box = view_box(subject, plane, rows)
+        for axis, low, high in ((plane.right, *box[:2]), (plane.up, *box[2:])):
+            before = ranges.get(axis, (low, high))
+            ranges[axis] = min(low, before[0]), max(high, before[1])
+    x, y, z = (high - low for _, (low, high) in sorted(ranges.items()))
+    figure = Figure(figsize=_figure_size(x + y, y + z, 80), dpi=_DPI, layout="constrained")
+    grid = figure.subplots(2, 2, width_ratios=(x, y), height_ratios=(y, z))
+    grid[0, 1].set_axis_off()
+    grid[0, 1].legend(handles=_legend(subject), loc="center")
+    places = ((_TOP, grid[0, 0]), (_FRONT, grid[1, 0]), (_SIDE, grid[1, 1]))
+    for (_, axes), name in zip(places, ("from above", "from the front", "from the side"), strict=True):
+        axes.set_title(name, fontsize=8.0, color="#444444")
+    return figure, [_View(axes, subject, p, (*ranges[p.right], *ranges[p.up])) for p, axes in places]
+
+
+def _legend(subject: Subject) -> list[Line2D]:
+    handles = [Line2D([], [], color=part.colour, linewidth=1.4, label=part.label) for part in subject.tip_parts]
+    for i, (name, colour) in enumerate(tree_colours(subject).items()):
+        label = plain(name).replace("_", " ") if i else "base"
+        handles.append(Line2D([], [], color=colour, linewidth=1.2, label=label))
+    return handles + mark_handles(subject)
+
+
+def _arrows(forces: list[ForceColumns], row: FloatArray, plane: Plane, box: Box) -> Any:
+    """Lines that end with a head where contacts press and grasps hold, along the force; all of one length."""
+    length, drawn = _ARROW * (box[3] - box[2]), []
+    for pair in forces:
+        if not pair.turns and pair.pressing(row)[0]:
+            end, push = row[0, pair.centre][plane.axes], row[0, pair.vector][plane.axes]
+            along = length * push / max(float(np.hypot(*push)), 1e-300)
+            across = 0.2 * np.array([-along[1], along[0]])
+            drawn += [[end - along, end], [end - 0.3 * along + across, end, end - 0.3 * along - across]]
+    return LineCollection(drawn, colors=GREEN, linewidths=2.2, zorder=30)
+
+
+def _figure_size(wide: float, high: float, words_px: float) -> tuple[float, float]:
+    """Inches, so that what is drawn fits the greatest size in pixels and both are even, as films need.
+
+    Args:
+        wide: Width of what is drawn, in any unit.
+        high: Its height, in the same.
+        words_px: Height of the words above and below it.
+    """
+    shape = wide / high
+    width = min(_SIZE_PX[0], _SIZE_PX[1] * shape)
+    return 2 * round(width / 2) / _DPI, 2 * round((width / shape + words_px) / 2) / _DPI
+
+
+def _caption(run: Run, time: float, speed: float) -> str:
+    phase = next((p.name for p in reversed(run.phases) if p.start_s <= time), "")
+    return f"t = {time:6.2f} s   {plain(phase).replace('_', ' ')}   ({speed:g}x)"

@@ -1,0 +1,120 @@
+"""Figures of a run, drawn from its log alone, ready for print.
+
+``figures(run)`` gives them by name, ``save(run, folder)`` writes them as SVG and PNG; the same data give the same bytes.
+``comparison(runs)`` lays several runs over each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.report.output_place import usable_folder, writing
+from ffsm_mj.report.plots.captures import captures
+from ffsm_mj.report.plots.compared import MOST_RUNS, comparison
+from ffsm_mj.report.plots.contacts import contacts
+from ffsm_mj.report.plots.motion import motion
+from ffsm_mj.report.plots.style import FORMATS, publication, write
+from ffsm_mj.report.plots.subject import Subject
+from ffsm_mj.report.plots.time_series import CONSERVED, base, conservation, energies, inputs, joints, momenta, tip, torques
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["FORMATS", "MOST_RUNS", "comparison", "figure_names", "figures", "save", "save_comparison"]
+
+
+def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
+    """Every figure that a run can have, by name.
+
+    ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (where a thruster or wheel
+    did anything), ``contacts`` (where any lasted), ``captures`` (where anything was held), ``momenta``, ``energies``,
+    ``conservation`` (where its checks are checked).
+
+    Args:
+        run: A run with at least one sample.
+        names: Only these, where the run has them; all when empty.
+
+    Raises:
+        InputError: The run has no samples, or its models do not compile any more.
+    """
+    makers = _makers(run, names)
+    with publication():
+        return {name: make() for name, make in makers.items()}
+
+
+def figure_names(run: Run) -> list[str]:
+    """Names of the figures that a run can have; see :func:`figures`."""
+    return list(_makers(run, ()))
+
+
+def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure that a run can have, by name; see :func:`figures`."""
+    subject = Subject(run)
+    makers = {"motion": motion, "base": base}
+    makers |= {"joints": joints} if subject.arm_joints else {}
+    makers |= {"tip": tip} if run.summary(checks=False)["tip"] is not None else {}
+    makers |= {"torques": torques} if subject.named("motor") else {}
+    makers |= {"inputs": inputs} if subject.base_actuated else {}
+    makers |= {"contacts": contacts} if run.contacts else {}
+    makers |= {"captures": captures} if run.captures else {}
+    makers |= {"momenta": momenta, "energies": energies}
+    makers |= {"conservation": conservation} if any(check.name in CONSERVED for check in run.checks()) else {}
+    return {name: partial(make, subject) for name, make in makers.items() if not names or name in names}
+
+
+def save(
+    run: Run,
+    folder: str | Path,
+    names: Sequence[str] = (),
+    formats: tuple[str, ...] = FORMATS,
+    report: Callable[[float, float], None] | None = None,
+) -> list[Path]:
+    """Write the figures of a run into a folder as ``<name>.<format>``, one after the other; see :func:`figures`.
+
+    Args:
+        run: A run with at least one sample.
+        folder: Where to write; made where there is none.
+        names: Only these, where the run has them; all when empty.
+        formats: Of the files.
+        report: Told how many figures of how many are written.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: See :func:`figures`; or the folder cannot be written to.
+        OutputLostError: A file could not be written to its end.
+    """
+    target, makers = Path(folder), _makers(run, names)
+    usable_folder(target)
+    files: list[Path] = []
+    for done, (name, make) in enumerate(makers.items()):
+        if report is not None:
+            report(done, len(makers))
+        with publication():
+            figure = make()
+        with writing(target):
+            files += write(figure, target, name, formats)
+    return files
+
+
+def save_comparison(runs: Sequence[tuple[str, Run]], folder: str | Path, formats: tuple[str, ...] = FORMATS) -> list[Path]:
+    """Write ``comparison.<format>``: several runs, each with a label, over each other.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: The folder cannot be written to.
+        OutputLostError: A file could not be written to its end.
+    """
+    target = Path(folder)
+    usable_folder(target)
+    with publication():
+        figure = comparison(runs)
+    with writing(target):
+        return write(figure, target, "comparison", formats)

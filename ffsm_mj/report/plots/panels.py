@@ -1,0 +1,224 @@
+"""Stacked time plots: lines over phases that are shaded and named, marks of records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.transforms import blended_transform_factory
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, WIDTH_IN, plain
+
+_SHADES = ("#F1F1F1", "#FFFFFF")
+_BUCKETS = 1200
+_FARTHEST = 1e100
+_AXES_IN = 4.0
+"""Width of axes beside a legend, about."""
+_LETTER_IN = 0.075
+"""Width of a letter of a label, about."""
+_NAME_IN = 0.17
+"""Height of a name in a legend."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve: its name in the legend and its values; colour and style by its place unless given."""
+
+    label: str
+    values: FloatArray
+    colour: str | None = None
+    style: Any = None
+    width: float = 1.3
+    time: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Attributes:
+        label: What is on the y axis, with its unit.
+        lines: Curves.
+        log: Logarithmic y axis.
+        marks: Points to mark: time, value, text.
+        bars: Instead of curves, rows of bars by name: from when to when, (n, 2).
+        height: Against the other panels.
+    """
+
+    label: str
+    lines: Sequence[Curve] = ()
+    log: bool = False
+    marks: Sequence[tuple[float, float, str]] = ()
+    bars: Mapping[str, FloatArray] = field(default_factory=dict)
+    height: float = 1.0
+
+
+def stacked(run: Run, panels: Sequence[Panel], *, columns: int = 1, height_in: float = 1.75) -> Figure:
+    """Panels above each other (or in columns) over one time axis, each of a height in which its legend has room."""
+    rows = -(-len(panels) // columns)
+    needed = [max(panel.height * height_in, 0.2 + _NAME_IN * len(_named(panel))) for panel in panels]
+    heights = [max(needed[row * columns : (row + 1) * columns]) for row in range(rows)]
+    figure = Figure(figsize=(WIDTH_IN, 0.55 + sum(heights)), layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False, height_ratios=heights)
+    for i, axes in enumerate(grid.flat):
+        if i >= len(panels):
+            axes.set_axis_off()
+            continue
+        if panels[i].bars:
+            _draw_bars(axes, panels[i])
+        else:
+            _draw(axes, run.time, panels[i])
+        axes.set_ylabel(_in_lines(panels[i].label, heights[i // columns]))
+        mark_events(axes, run, names=i < columns, wide=columns == 1)
+        if i + columns >= len(panels):
+            axes.set_xlabel("time, s")
+            axes.tick_params(labelbottom=True)
+    figure.align_ylabels()
+    return figure
+
+
+def _draw(axes: Axes, time: FloatArray, panel: Panel) -> None:
+    for i, line in enumerate(panel.lines):
+        x, y = envelope(time if line.time is None else line.time, _within_reach(line.values))
+        axes.plot(
+            x,
+            y,
+            label=line.label,
+            color=line.colour or COLOURS[i % len(COLOURS)],
+            linestyle=_style(i) if line.style is None else line.style,
+            linewidth=line.width,
+        )
+    if panel.log:
+        axes.set_yscale("log")
+    for x0, y0, text in panel.marks:
+        axes.plot([x0], [y0], marker="o", markersize=4, color=BLACK, markerfacecolor="white", zorder=5, linestyle="none")
+        halo = {"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}
+        axes.annotate(
+            text, (x0, y0), (0, 7), textcoords="offset points", ha="center", va="bottom", fontsize=7.5, bbox=halo, zorder=6
+        )
+    axes.margins(x=0.0, y=0.08)
+    if len(_named(panel)) > 1:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.3)
+
+
+def _within_reach(values: FloatArray) -> FloatArray:
+    """Values with gaps where a log holds what no axis can: Matplotlib's margins and transformations overflow far out."""
+    return np.where(np.abs(values) < _FARTHEST, values, np.nan)
+
+
+def _named(panel: Panel) -> list[Curve]:
+    """Curves that the legend names."""
+    return [line for line in panel.lines if not line.label.startswith("_")]
+
+
+def _style(i: int) -> Any:
+    """Style of a panel's i-th curve: where colours begin again, the styles go on, so that no two are alike."""
+    return LINE_STYLES[(i + i // len(COLOURS)) % len(LINE_STYLES)]
+
+
+def _in_lines(label: str, height_in: float) -> str:
+    """A label of a y axis in lines as long as its panel is high; its unit stays in one."""
+    name, comma, unit = label.rpartition(", ")
+    whole = name + comma + unit.replace(" ", "\N{NO-BREAK SPACE}")
+    lines = (fill(line, max(12, int(height_in / _LETTER_IN))) for line in whole.split("\n"))
+    return "\n".join(lines).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def _draw_bars(axes: Axes, panel: Panel) -> None:
+    for row, intervals in enumerate(panel.bars.values()):
+        spans = [(start, stop - start) for start, stop in intervals]
+        axes.broken_barh(spans, (row - 0.38, 0.76), facecolors=BLUE, edgecolors=BLUE, linewidth=0.3)
+    axes.set_yticks(range(len(panel.bars)), list(map(plain, panel.bars)), fontsize=6.5)
+    axes.set_ylim(len(panel.bars) - 0.4, -0.6)
+    axes.margins(x=0.0)
+
+
+def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A curve with far fewer points that looks the same: first, least, greatest and last value of each of many slices."""
+    count = len(time)
+    if count <= 4 * _BUCKETS:
+        return time, values
+    edges = np.linspace(0, count, _BUCKETS + 1).astype(np.intp)
+    kept = [0, count - 1]
+    for start, stop in pairwise(edges):
+        part = values[start:stop]
+        finite = np.nan_to_num(part, nan=0.0)
+        kept += [start, start + int(np.argmin(finite)), start + int(np.argmax(finite)), stop - 1]
+    chosen = np.unique(kept)
+    return time[chosen], values[chosen]
+
+
+def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None:
+    """Shade the phases, name them above the axes where wanted, and mark when records are drawn."""
+    phases = run.summary(checks=False)["phases"]
+    for i, phase in enumerate(phases):
+        axes.axvspan(phase["start_s"], phase["end_s"], color=_SHADES[i % 2], zorder=-2, linewidth=0)
+    across = blended_transform_factory(axes.transData, axes.transAxes)
+    marks = run.log.marks()
+    times = sorted({time for _, time, _ in marks})
+    for time in times:
+        axes.axvline(time, color=BLACK, linewidth=0.7, linestyle=(0, (1, 1.5)), zorder=1)
+    if names and len(phases) > 1:
+        _name_phases(axes, phases, float(run.time[-1]) * (0.0125 if wide else 0.026))
+    if names and times:
+        _make_room_at_the_top(axes)
+        axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
+        words = dict.fromkeys(kind.name if len(times) == 1 else kind.plural for kind, *_ in marks)
+        text = plain(", ".join(words)).replace("_", " ")
+        _tell_what(axes, text, times[-1])
+
+
+def _tell_what(axes: Axes, text: str, time: float) -> None:
+    """Say what marks are, to the right of a time where there is room, else up to the right end."""
+    across = blended_transform_factory(axes.transData, axes.transAxes)
+    look: dict[str, Any] = {"xycoords": across, "textcoords": "offset points", "va": "top", "fontsize": 7.5}
+    start, end = axes.get_xlim()
+    if (end - time) * _AXES_IN < (end - start) * _LETTER_IN * len(text):
+        axes.annotate(
+            text, (end, 0.97), (0, 0), ha="right", bbox={"fc": "white", "ec": "none", "pad": 1.0, "alpha": 0.8}, **look
+        )
+    else:
+        axes.annotate(text, (time, 0.97), (4, 0), **look)
+
+
+def _make_room_at_the_top(axes: Axes) -> None:
+    """For words that no curve crosses; in coordinates of the axes, for y may be logarithmic or upside down."""
+    _, top = axes.transData.inverted().transform(axes.transAxes.transform((0.0, 1.1)))
+    axes.set_ylim(top=top)
+
+
+def _name_phases(axes: Axes, phases: Sequence[dict[str, Any]], letter_s: float) -> None:
+    """Names centred above their phases, in a second line where the first is taken; letter_s is the width of a letter."""
+    across = blended_transform_factory(axes.transData, axes.transAxes)
+    taken = [float("-inf")] * 2
+    for phase in phases:
+        text = plain(phase["name"]).replace("_", " ")
+        half = 0.5 * len(text) * letter_s
+        middle = max(0.5 * (phase["start_s"] + phase["end_s"]), half)
+        free = [level for level in (0, 1) if middle - half > taken[level]]
+        if free:
+            taken[free[0]] = middle + half
+            axes.annotate(
+                text,
+                (middle, 1.0),
+                (0, 5 + 9 * free[0]),
+                xycoords=across,
+                textcoords="offset points",
+                ha="center",
+                fontsize=7.5,
+                color="#444444",
+            )
+
+
+def running_maximum(time: FloatArray, values: FloatArray, count: int = 400) -> tuple[FloatArray, FloatArray]:
+    """Greatest value in each of so many slices of a run, and the middle of each slice."""
+    edges = np.unique(np.linspace(0, len(time), min(count, len(time)) + 1).astype(np.intp))
+    return 0.5 * (time[edges[:-1]] + time[edges[1:] - 1]), np.maximum.reduceat(values, edges[:-1])

@@ -1,0 +1,70 @@
+"""Figures of a run that a notebook's cell shows."""
+
+from __future__ import annotations
+
+import html
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.errors import unknown_name
+from ffsm_mj.report.plots import figure_names, figures
+from ffsm_mj.report.plots.style import publication
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_DPI = 110
+
+
+class Figures(Mapping[str, "Figure"]):
+    """Matplotlib figures by name, which no window and no pyplot knows of; ``figures["tip"].savefig(path)`` keeps one."""
+
+    def __init__(self, by_name: Mapping[str, Figure]) -> None:
+        """Keep the figures in their order."""
+        self._by_name = dict(by_name)
+
+    def __getitem__(self, name: str) -> Figure:
+        """A figure.
+
+        Raises:
+            KeyError: No such figure; the message lists the names.
+        """
+        if name not in self._by_name:
+            raise KeyError(unknown_name("figure", name, self._by_name))
+        return self._by_name[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """The names."""
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._by_name)
+
+    def __repr__(self) -> str:
+        """The names, for where no pictures can be shown."""
+        return f"<Figures {', '.join(self)}>"
+
+    def _repr_html_(self) -> str:
+        return "\n".join(
+            f'<img alt="{html.escape(name)}" src="data:image/png;base64,{_png(figure)}">' for name, figure in self.items()
+        )
+
+
+def _png(figure: Figure) -> str:
+    held = BytesIO()
+    with publication():
+        figure.savefig(held, format="png", dpi=_DPI)
+    return b64encode(held.getvalue()).decode("ascii")
+
+
+def shown(run: Run, names: Sequence[str]) -> Figures:
+    """Figures of a run; see :meth:`ffsm_mj.report.run.Run.plot`."""
+    made = Figures(figures(run, names))
+    for name in names:
+        if name not in made:
+            raise KeyError(unknown_name("figure", name, figure_names(run)))
+    return made

@@ -1,0 +1,130 @@
+"""Outlines of all drawn geoms, projected onto a plane of the world. No drawing here: polygons in, picture elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.hull import hull
+from ffsm_mj.log.drawing import colour_of, geoms_to_draw
+from ffsm_mj.model.system import System
+
+_TURN = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+_CIRCLE = np.stack((np.cos(_TURN), np.sin(_TURN)))
+_MOST_VERTICES = 2000
+"""Of a mesh with more vertices those that stick out farthest are drawn."""
+WORLD = "world"
+"""Whose the outlines of what stands still are."""
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane that two world axes span, looked at so that both run right and up."""
+
+    right: int
+    up: int
+
+    @property
+    def axes(self) -> list[int]:
+        """Numbers of the two axes."""
+        return [self.right, self.up]
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Names of the two axes."""
+        return "xyz"[self.right], "xyz"[self.up]
+
+    @property
+    def towards(self) -> FloatArray:
+        """Unit vector towards the eye, (3,)."""
+        return np.asarray(np.cross(np.eye(3)[self.right], np.eye(3)[self.up]))
+
+
+@dataclass(frozen=True)
+class ProjectedOutline:
+    """Polygon of one geom, (n, 2) in m, its tree (``WORLD``: it stands still) and its own lightness from 0 to 1."""
+
+    points: FloatArray
+    tree: str
+    lightness: float
+
+
+class Silhouette:
+    """A system's drawn geoms, to be projected at many configurations."""
+
+    def __init__(self, system: System) -> None:
+        """Find what is drawn; nothing moves."""
+        model = system.mj
+        self._system, self._data = system, mujoco.MjData(model)
+        shown = geoms_to_draw(model) or list(range(model.ngeom))  # a bare model may have contact geoms only
+        self._geoms = [(g, system.tree_of_body(int(model.geom_bodyid[g]))) for g in shown]
+        meshes = {int(model.geom_dataid[g]) for g in shown if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH}
+        self._corners = {mesh: _corners(model, mesh) for mesh in meshes}
+
+    def place(self, qpos: FloatArray) -> Any:
+        """MuJoCo's data with all poses at a configuration, (nq,)."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._system.mj, self._data)
+        return self._data
+
+    def outlines(self, qpos: FloatArray, plane: Plane) -> list[ProjectedOutline]:
+        """Polygons at a configuration, farthest first."""
+        data = self.place(qpos)
+        found = []
+        for geom, tree in self._geoms:
+            centre, rotation = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
+            flat = self._outline(geom, rotation[plane.axes])
+            if flat is not None:
+                depth = float(centre @ plane.towards)
+                lightness = _lightness(colour_of(self._system.mj, geom))
+                shape = ProjectedOutline(flat + centre[plane.axes], tree.name if tree else WORLD, lightness)
+                found.append((depth, shape))
+        return [shape for _, shape in sorted(found, key=lambda pair: pair[0])]
+
+    def _outline(self, geom: int, view: FloatArray) -> FloatArray | None:
+        """Convex outline of a geom about its centre, seen through two rows of its rotation, (2, 3); None for a plane."""
+        model = self._system.mj
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            return hull(self._corners[int(model.geom_dataid[geom])] @ view.T)
+        return _outline(model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom]), view)
+
+
+def _corners(model: Any, mesh: int) -> FloatArray:
+    """Vertices of a mesh that its outline is made of, (n, 3), m; of many vertices the outermost in many directions."""
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    vertices: FloatArray = model.mesh_vert[first : first + count].astype(np.float64)
+    if count <= _MOST_VERTICES:
+        return vertices
+    turn = np.arange(_MOST_VERTICES) * np.pi * (1.0 + np.sqrt(5.0))  # evenly over the sphere
+    z = 1.0 - (2.0 * np.arange(_MOST_VERTICES) + 1.0) / _MOST_VERTICES
+    flat = np.sqrt(1.0 - z**2)
+    directions = np.column_stack((flat * np.cos(turn), flat * np.sin(turn), z))
+    outermost = np.unique([int(np.argmax(vertices @ direction)) for direction in directions])
+    return np.asarray(vertices[outermost])
+
+
+def _outline(size: FloatArray, kind: Any, view: FloatArray) -> FloatArray | None:
+    """Convex outline of a geom that is no mesh."""
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return hull((_CORNERS * size) @ view.T)
+    if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID):
+        radii = size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else np.full(3, size[0])
+        U, S, _ = np.linalg.svd(view * radii)
+        return np.asarray((U * S @ _CIRCLE).T)
+    end = size[1] * view[:, 2]
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        disc = size[0] * _CIRCLE.T
+    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        disc = size[0] * (view[:, :2] @ _CIRCLE).T
+    else:
+        return None
+    return hull(np.vstack((disc + end, disc - end)))
+
+
+def _lightness(rgba: tuple[float, ...]) -> float:
+    return float(np.array(rgba[:3]) @ (0.2126, 0.7152, 0.0722))

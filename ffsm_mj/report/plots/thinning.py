@@ -1,0 +1,100 @@
+"""A long run as a shorter one that looks the same in a figure: what stands out stays, row by row as it was logged.
+
+Where the rows of a run are more than fits (64 MiB), it is cut into 600 slices of equally many rows. Of each slice these rows
+stay: the first and the last; for every column, for the norms of what the accounts leave unexplained and for the tip's error
+the one with the least and the one with the greatest value; those just before and after an event, and at the times asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
+from ffsm_mj.records.facts import logged_task
+from ffsm_mj.records.kinds import kind_of
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import SUBSYSTEMS, TIP
+from ffsm_mj.verification.residuals import BalanceColumns, norms
+
+_SLICES = 600
+_FARTHEST = 1e12
+"""m, rad or s: no single number of this size comes from a motion."""
+
+
+def thinned(run: Run, times: Iterable[float] = ()) -> Run:
+    """The same run where it is short; else one of far fewer rows, with the verdicts of the whole.
+
+    Args:
+        run: A run.
+        times: The first row at or after each of these stays, s.
+    """
+    log = run.log
+    count, width = len(log.rows), len(log.header.layout.signals)
+    if 8 * count * width <= KEPT_BYTES:
+        return _drawable(run)
+    marks = np.array(sorted({*(kind_of(event).time(event) for event in log.events()), *times}))
+    beside = _Beside(log)
+    kept = [
+        part[_outstanding(part, part[:, log.header.layout.time], beside.of(part), marks)]
+        for part in _slices(log.blocks(), -(-count // _SLICES))
+    ]
+    return _drawable(Run(replace(log, rows=np.concatenate(kept)), run.path, run.digest))
+
+
+def _drawable(run: Run) -> Run:
+    """The same without rows whose time or coordinates no picture can have: a log may hold any double."""
+    places = np.column_stack((run.time, run.qpos))
+    there = (np.abs(places) < _FARTHEST).all(axis=1)
+    return run if there.all() else Run(replace(run.log, rows=np.asarray(run.log.rows[there])), run.path, run.digest)
+
+
+class _Beside:
+    """What figures show that is no column: the tip's error, and the norms of what the accounts leave unexplained."""
+
+    def __init__(self, log: RunLog) -> None:
+        layout, facts = log.header.layout, log.header.facts
+        self._accounts = [BalanceColumns(layout, facts, subsystem) for subsystem in SUBSYSTEMS]
+        self._first: Sequence[FloatArray] | None = None
+        self._task = logged_task(facts)
+        self._tip = layout.places(TIP) if self._task is not None else layout.places(())
+
+    def of(self, part: FloatArray) -> FloatArray:
+        momenta = [accounts.momentum(part) for accounts in self._accounts]
+        self._first = [momentum[0] for momentum in momenta] if self._first is None else self._first
+        changes = [momentum - first for momentum, first in zip(momenta, self._first, strict=True)]
+        columns = [norms(change[:, axes]) for change in changes for axes in (slice(3), slice(3, 6))]
+        columns += [accounts.energy(part) for accounts in self._accounts]
+        if self._task is not None:
+            columns.append(norms(self._task.errors_m(part[:, self._tip])))
+        return np.column_stack(columns)
+
+
+def _slices(blocks: Iterable[FloatArray], size: int) -> Iterator[FloatArray]:
+    """The same rows in blocks of one size, the last one of what is left."""
+    held: list[FloatArray] = []
+    for block in blocks:
+        held.append(block)
+        if sum(map(len, held)) >= size:
+            rows = np.concatenate(held)
+            whole = len(rows) // size * size
+            yield from (rows[first : first + size] for first in range(0, whole, size))
+            held = [rows[whole:]]
+    rest = np.concatenate(held)
+    if len(rest):
+        yield rest
+
+
+def _outstanding(part: FloatArray, times: FloatArray, beside: FloatArray, marks: FloatArray) -> FloatArray:
+    """Which rows of a slice stay, in order."""
+    values = np.column_stack((part, beside))
+    known = np.isfinite(values)
+    low, high = (np.where(known, values, bound) for bound in (np.inf, -np.inf))
+    here = marks[(marks > times[0]) & (marks <= times[-1])]
+    after = np.searchsorted(times, here - 1e-9)
+    rows = (0, len(part) - 1, *low.argmin(axis=0), *high.argmax(axis=0), *after, *(after - 1))
+    return np.unique(np.clip(rows, 0, len(part) - 1))

@@ -1,0 +1,239 @@
+"""The figures over time: base, joints, tip, torques, inputs, momenta, energies, and what the balances leave unexplained."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from matplotlib.figure import Figure
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.model.system import Joint, Tree
+from ffsm_mj.records.facts import free_components, logged_task
+from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, coordinate_names, identifier, rate_names
+from ffsm_mj.report.plots.panels import Curve, Panel, running_maximum, stacked
+from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILLION, plain
+from ffsm_mj.report.plots.subject import Subject
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
+from ffsm_mj.verification.residuals import BalanceColumns, norms, stretch_s
+
+_GREY = "#7F7F7F"
+CONSERVED = {"energy": "J", "linear momentum": "N s", "angular momentum": "N m s"}
+"""Laws of conservation with their units."""
+PARTY_NAMES = {"total": "whole system", "robot": "FFSM", "objects": "object"}
+
+
+def short(name: str) -> str:
+    """A model's name for a legend: without its tree, with spaces."""
+    return plain(name.split("/", 1)[-1].replace("_", " "))
+
+
+def base(subject: Subject) -> Figure:
+    """Position and attitude of the base (paper, Fig. 5a)."""
+    run, robot = subject.run, subject.system.robot
+    time, path = run.time[subject.chosen], subject.roots[robot.name]
+    axes = [i for i in range(3) if np.ptp(path[:, i]) > 1e-9] or [0, 1]
+    places = [Curve("xyz"[i], path[:, i], COLOURS[i], time=time) for i in axes]
+    return stacked(run, [Panel("base position, m", places), _attitude(subject, robot)])
+
+
+def _attitude(subject: Subject, tree: Tree) -> Panel:
+    """Angles of a root's hinges, or the rotation vector of its attitude against the start."""
+    run = subject.run
+    hinges = [joint for joint in tree.joints if joint.body == tree.root and joint.kind == "hinge"]
+    if hinges:
+        return Panel("base angle, rad", [Curve(short(joint.name), _coordinate(subject, joint)) for joint in hinges])
+    quaternions = np.empty((len(subject.chosen), 4))
+    for i, qpos in enumerate(run.qpos[subject.chosen]):
+        quaternions[i] = subject.silhouette.place(qpos).xquat[tree.root]
+    turns, difference = np.empty((len(quaternions), 3)), np.empty(4)
+    inverse = quaternions[0] * (1.0, -1.0, -1.0, -1.0)
+    for i, quaternion in enumerate(quaternions):
+        mujoco.mju_mulQuat(difference, quaternion, inverse)
+        mujoco.mju_quat2Vel(turns[i], difference, 1.0)
+    lines = [Curve(axis, turns[:, i], COLOURS[i], time=run.time[subject.chosen]) for i, axis in enumerate("xyz")]
+    return Panel("base rotation, rad", lines)
+
+
+def _coordinate(subject: Subject, joint: Joint) -> FloatArray:
+    return subject.run[f"state.q_{coordinate_names(joint)[0]}"]
+
+
+def _rate(subject: Subject, joint: Joint) -> FloatArray:
+    return subject.run[f"state.v_{rate_names(joint)[0]}"]
+
+
+_MIXED = ("coordinate", "rad or m")
+
+
+def _per_second(unit: str) -> str:
+    return " or ".join(f"{each}/s" for each in unit.split(" or "))
+
+
+def joints(subject: Subject) -> Figure:
+    """Angles and rates of the arm (paper, Fig. 5b)."""
+    arm = subject.arm_joints
+    kinds = {joint.kind for joint in arm}
+    what, unit = {"hinge": ("angle", "rad"), "slide": ("position", "m")}[kinds.pop()] if len(kinds) == 1 else _MIXED
+    angles = [Curve(short(joint.name), _coordinate(subject, joint)) for joint in arm]
+    rates = [Curve(short(joint.name), _rate(subject, joint)) for joint in arm]
+    return stacked(
+        subject.run,
+        [Panel(f"joint {what}, {unit}", angles), Panel(f"joint rate, {_per_second(unit)}", rates)],
+        height_in=2.0,
+    )
+
+
+def tip(subject: Subject) -> Figure:
+    """Error of the tip along the task's axes, and its velocity (paper, Fig. 6)."""
+    run, task = subject.run, logged_task(subject.run.log.header.facts)
+    assert task is not None, "a figure for runs with a task"
+    error, best = run.tip_error(), run.summary(checks=False)["tip"]
+    lines = [Curve("norm", error, BLACK, "-", 1.6)]
+    lines += [Curve("xyz"[a], run.tip[:, a] - task.point_m[a], COLOURS[a], _STYLES[a]) for a in task.axes]
+    marks = []
+    if best is not None and best["min_error_time_s"] < 0.98 * run.time[-1]:
+        marks = [(best["min_error_time_s"], best["min_error_m"], f"{best['min_error_m']:.3g} m")]
+    velocity = [Curve("xyz"[a], run.tip_velocity[:, a], COLOURS[a], _STYLES[a]) for a in task.axes]
+    panels = [Panel("tip error, m", lines, marks=marks), Panel("tip velocity, m/s", velocity)]
+    return stacked(run, panels, height_in=2.0)
+
+
+_STYLES = ("-", (0, (5.0, 1.5)), (0, (6.0, 1.5, 1.2, 1.5)))
+
+
+def torques(subject: Subject) -> Figure:
+    """Effort of every motor with its bounds (paper, Figs 7 and 8)."""
+    motors = subject.named("motor")
+    columns, height = (1, 1.45 if len(motors) <= 4 else 1.05) if len(motors) <= 8 else (2, 1.05)
+    panels = []
+    for i, name in enumerate(motors):
+        low, high = (_effort(subject, name, side)[0] for side in ("lower", "upper"))
+        applied, unit = _effort(subject, name, "applied")
+        bounds = [
+            Curve("bounds" if values is low else "_", values, _GREY, (0, (4.0, 1.5)), 0.9)
+            for values in (low, high)
+            if np.all(np.isfinite(values))
+        ]
+        label = "torque" if unit == "N m" else "force"
+        lines = [*bounds, Curve(label, applied, BLUE, "-")]
+        shown = lines if columns == 1 and i == 0 else [Curve("_", x.values, x.colour, x.style, x.width) for x in lines]
+        panels.append(Panel(f"{short(name)}, {unit}", shown))
+    return stacked(subject.run, panels, columns=columns, height_in=height)
+
+
+def _effort(subject: Subject, name: str, what: str) -> tuple[FloatArray, str]:
+    key = f"actuators.{identifier(name)}_{what}_N"
+    return (subject.run[key], "N") if key in subject.run.keys else (subject.run[f"{key}_m"], "N m")
+
+
+def inputs(subject: Subject) -> Figure:
+    """Thrusters and wheels on the base (paper, Fig. 16): a few thrusters as forces, many as bars."""
+    thrusters, wheels = subject.named("thruster"), subject.named("wheel")
+    panels = []
+    if len(thrusters) <= 3:
+        for name in thrusters:
+            panels.append(
+                Panel(f"{short(name)}, N", [Curve("force", _effort(subject, name, "applied")[0], BLUE, width=0.8)])
+            )
+    else:
+        bars = {short(name): _firings(subject, name) for name in thrusters}
+        if any(map(len, bars.values())):
+            panels.append(Panel("thruster on", bars=bars, height=0.36 + 0.093 * len(bars)))
+    spent = [key for n in thrusters if (key := f"actuators.{identifier(n)}_impulse_N_s") in subject.run.keys]
+    if spent:
+        total = np.sum([subject.run[key] for key in spent], axis=0)
+        panels.append(Panel("impulse spent, N s", [Curve("impulse", total, VERMILLION)]))
+    if wheels:
+        lines = [Curve(short(n), _effort(subject, n, "applied")[0], width=0.9) for n in wheels]
+        panels.append(Panel("wheel torque, N m", lines))
+    if subject.wheel_joints:
+        panels.append(Panel("wheel speed, rad/s", [Curve(short(j.name), _rate(subject, j)) for j in subject.wheel_joints]))
+    return stacked(subject.run, panels, height_in=1.4)
+
+
+def _firings(subject: Subject, thruster: str) -> FloatArray:
+    """From when to when a thruster pushes, (n, 2), s."""
+    time = subject.run.time
+    on = np.concatenate(([False], _effort(subject, thruster, "applied")[0] != 0.0, [False]))
+    edges = np.flatnonzero(on[1:] != on[:-1])
+    return time[np.minimum(edges, len(time) - 1)].reshape(-1, 2)
+
+
+def _named(subject: Subject, subsystem: str) -> str:
+    """A subsystem in a legend or beside an axis."""
+    return PARTY_NAMES[subsystem] + ("s" if subsystem == "objects" and len(subject.system.objects) > 1 else "")
+
+
+def _moving(subject: Subject) -> tuple[str, ...]:
+    """Who has momentum and energy: the FFSM, and objects where there are some that move."""
+    return ("robot", "objects") if subject.system.objects else ("robot",)
+
+
+def momenta(subject: Subject) -> Figure:
+    """P and L about the origin of the FFSM, two ways, and of the objects (paper, Fig. 9)."""
+    panels = [
+        Panel(f"{_named(subject, subsystem)} ${letter}$, {unit}", _momentum_lines(subject, subsystem, first, letter))
+        for subsystem in _moving(subject)
+        for first, letter, unit in ((0, "P", "N s"), (3, "L", "N m s"))
+    ]
+    return stacked(subject.run, panels, height_in=1.35)
+
+
+def _momentum_lines(subject: Subject, subsystem: str, first: int, letter: str) -> list[Curve]:
+    free = free_components(subject.run.log.header.facts, subsystem) > 0
+    values = subject.run.momentum(subsystem)
+    lines: list[Curve] = []
+    again: list[Curve] = []
+    for axis in range(3):
+        i = first + axis
+        if free[i] or np.any(np.abs(values[:, i]) > 1e-9):
+            lines.append(Curve(f"${letter}_{'xyz'[axis]}$", values[:, i], COLOURS[axis], _STYLES[axis]))
+        if subsystem == "robot" and free[i]:
+            by_matrix = subject.run[f"momentum.robot_by_mass_matrix_{COMPONENTS[i]}"]
+            again.append(Curve("_" if again else "from $M\\dot q$", by_matrix, BLACK, (0, (1.0, 2.5)), 0.9))
+    return lines + again
+
+
+def energies(subject: Subject) -> Figure:
+    """Kinetic energy of the FFSM and the objects, and the work of the actuators (paper, Fig. 10)."""
+    run, first = subject.run, subject.run["energy.total_J"][0]
+    kinetic = [
+        Curve(_named(subject, p), run[f"energy.{p}_J"], c, s)
+        for p, c, s in zip(_moving(subject), (BLUE, VERMILLION), _STYLES, strict=False)
+    ]
+    account = [
+        Curve("gain of energy", run["energy.total_J"] - first, BLUE, "-"),
+        Curve("work + impacts", run["balance.work_J"] + run["balance.total_impact_energy_J"], BLACK, (0, (1.0, 2.5)), 1.1),
+        Curve("lost in impacts", -run["balance.total_impact_energy_J"], ORANGE, (0, (6.0, 1.5, 1.2, 1.5))),
+    ]
+    panels = [Panel("kinetic energy, J", kinetic), Panel("account of the\nwhole system, J", account)]
+    return stacked(run, panels, height_in=1.9)
+
+
+def conservation(subject: Subject) -> Figure:
+    """What the balances leave unexplained of energy and momenta, the worst in each slice of time, and what is allowed."""
+    run, header = subject.run, subject.run.log.header
+    sizes = {}
+    for subsystem in SUBSYSTEMS:
+        accounts, rows = BalanceColumns(header.layout, header.facts, subsystem), np.asarray(run.log.rows)
+        energy, momentum = accounts.energy(rows), accounts.momentum(rows)
+        energy, momentum = energy - energy[0], momentum - momentum[0]
+        sizes[subsystem] = np.abs(energy), norms(momentum[:, :3]), norms(momentum[:, 3:])
+    stretches = np.maximum(np.ceil(run.time / stretch_s(header.facts) - 1e-9), 1.0)
+    panels, checks = [], run.checks(DEFAULT_TOLERANCE)
+    for i, (check, unit) in enumerate(CONSERVED.items()):
+        allowed = {
+            x.subsystem: x.tolerance for x in checks if x.name == check and x.subsystem in ("total", *_moving(subject))
+        }
+        lines = []
+        for subsystem, colour, style in zip(SUBSYSTEMS, (BLACK, BLUE, VERMILLION), _STYLES, strict=True):
+            if subsystem not in allowed:
+                continue
+            time, worst = running_maximum(run.time, sizes[subsystem][i])
+            label = _named(subject, subsystem) if np.any(worst) else f"{_named(subject, subsystem)}: 0"
+            # A logarithmic axis has no place for zero: what is exactly zero is left out.
+            lines.append(Curve(label, np.where(worst > 0.0, worst, np.nan), colour, style, 1.1, time))
+        if allowed:  # no check says what is left where gravity, say, acts
+            lines.append(Curve("allowed", min(allowed.values()) * stretches, _GREY, (0, (4.0, 1.5)), 0.9))
+            panels.append(Panel(f"{check.replace(' ', chr(10))}\nresidual, {unit}", lines, log=True))
+    return stacked(run, panels, height_in=1.6)

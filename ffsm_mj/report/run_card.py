@@ -1,0 +1,133 @@
+"""What a run came to at a glance: a line or two for a terminal, a small table for a notebook.
+
+It must be there at once. Laws, contacts and tip come from the run's digest, which a run has that was just simulated; of a
+log it is one pass over the rows, taken here only where they are few.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+
+import numpy as np
+
+from ffsm_mj.analysis.contact_intervals import ContactInterval
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.summary import tip_summary
+from ffsm_mj.errors import LogError, one_line
+from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.report.text_report import what_is_missing
+from ffsm_mj.verification.checks import Check
+
+_SHOWN = 5
+_LEFT = 'style="text-align:left"'
+
+
+def card_text(run: Run) -> str:
+    """One line, and a second one where there is a tip."""
+    hits = len({record.event for record in run.impacts})
+    lasting = _lasting(run)
+    counts = [_counted(hits, "impact"), *([_counted(len(lasting), "lasting contact")] if lasting else [])]
+    line = f"<Run {run.name}: {'; '.join((_outcome(run), *counts, _checks(run)))}"
+    tip = _tip(run)
+    return "\n  ".join(map(one_line, [line, f"tip {tip}"] if tip else [line])) + ">"
+
+
+def card_html(run: Run) -> str:
+    """A table of outcome, impacts, contacts, checks and tip; whatever a log says is text in it, never markup."""
+    rows = {
+        "outcome": [_outcome(run)],
+        "impacts": _impacts(run.impacts),
+        "contacts": _contacts(_lasting(run)),
+        "checks": [_checks(run)],
+        "tip": [_tip(run)],
+    }
+    body = "".join(
+        f"<tr><th {_LEFT}>{head}</th><td {_LEFT}>{'<br>'.join(map(_escaped, lines))}</td></tr>"
+        for head, lines in rows.items()
+        if any(lines)
+    )
+    return f"<table><caption>{_escaped(run.name)}</caption>{body}</table>"
+
+
+def _escaped(text: str) -> str:
+    return html.escape(one_line(text))
+
+
+def _counted(number: int, word: str) -> str:
+    return f"{number or 'no'} {word}{'s' if number > 1 else ''}"
+
+
+def _outcome(run: Run) -> str:
+    ended = run.log.outcome
+    if ended is None:
+        return what_is_missing(run)
+    said = f"{ended.outcome} after {ended.end_s:g} s" + (f" ({ended.message})" if ended.message else "")
+    return "; ".join(part for part in (said, what_is_missing(run)) if part)
+
+
+def _impacts(records: tuple[ImpactRecord, ...]) -> list[str]:
+    if not records:
+        return ["none"]
+    lines = [f"{r.time_s:.6f} s: {r.geoms[0]} on {r.geoms[1]}, {r.impulse_N_s:.4g} N s" for r in records[:_SHOWN]]
+    more = len(records) - len(lines)
+    return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines
+
+
+def _lasting(run: Run) -> tuple[ContactInterval, ...]:
+    return run.contacts if _quick(run) else ()
+
+
+def _contacts(contacts: tuple[ContactInterval, ...]) -> list[str]:
+    lines = []
+    for each in contacts[:_SHOWN]:
+        until = "to the end" if each.end_s is None else f"to {each.end_s:.6f} s"
+        force = f"{each.impulse_N_s:.4g} N s, up to {each.peak_force_N:.4g} N"
+        lines.append(f"{each.start_s:.6f} s {until}: {each.geoms[0]} on {each.geoms[1]}, {force}")
+    more = len(contacts) - len(lines)
+    return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines
+
+
+def _quick(run: Run) -> bool:
+    """Whether checks, contacts and tip are known, or so few rows away that nobody waits for them."""
+    try:
+        if run.digested or 8 * len(run.log.rows) * len(run.keys) <= KEPT_BYTES:
+            with np.errstate(all="ignore"):  # a log may hold any double
+                return run.digest is not None
+    except (LogError, OSError):  # the file went away; a look at what is in memory must not fail for that
+        return False
+    return False
+
+
+def _checks(run: Run) -> str:
+    if not _quick(run):
+        return "checks not judged yet: checks() reads the whole log"
+    checks = run.checks()
+    lax = "" if run.conservative else "energy and momenta not judged, as the models are not conservative"
+    if not checks:
+        return lax or "no samples to judge"
+    worst, broken = max(checks, key=_used), [check for check in checks if not check.passes]
+    fate = (
+        "FAILED"
+        if not all(check.fails_by_truncation for check in broken)
+        else "too large by the truncation of the step alone"
+    )
+    of = _counted(len(checks), "check")
+    verdict = f"{len(broken)} of {of} {fate}" if broken else f"{of}, all pass"
+    near = f"worst {worst.name} of {worst.subsystem}: {worst.residual:.1e} of {worst.tolerance:.1e} {worst.unit}"
+    return "; ".join(part for part in (f"{verdict}, {near}", lax) if part)
+
+
+def _used(check: Check) -> float:
+    """How much of what is allowed a check takes; all and more where it is no number."""
+    share = check.residual / check.tolerance
+    return math.inf if math.isnan(share) else share
+
+
+def _tip(run: Run) -> str:
+    tip = tip_summary(run.digest.tip) if _quick(run) else None
+    if tip is None:
+        return ""
+    best = f"{tip['min_error_m']:.4g} m at {tip['min_error_time_s']:.3f} s"
+    return f"{tip['final_error_m']:.4g} m from its target at the end, at best {best}"

@@ -1,0 +1,61 @@
+"""Contact models that a scenario declares, beside the impact: each is checked by its own configuration model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from pydantic import ValidationError, WithJsonSchema
+
+from ffsm_mj.config import StrictModel
+from ffsm_mj.contact_models.interface import contact_model_of, contact_models
+from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.scenario.faults import KindNames, plain_faults
+
+REGIME_SCHEMA = WithJsonSchema({"type": "object", "required": ["kind"], "properties": {"kind": {"type": "string"}}})
+
+
+def validated_contact_models(declared: tuple[Any, ...]) -> tuple[StrictModel, ...]:
+    """Configurations of declared contact models.
+
+    Raises:
+        ScenarioFaults: An unknown kind, or what its configuration does not allow.
+    """
+    configs: list[StrictModel] = []
+    faults: list[Fault] = []
+    for i, given in enumerate(declared):
+        try:
+            configs.append(given if isinstance(given, StrictModel) else _checked(given))
+        except ScenarioFaults as error:
+            faults += [replace(fault, path=("contact_models", i, *fault.path)) for fault in error.faults]
+    if faults:
+        raise ScenarioFaults(faults)
+    return tuple(configs)
+
+
+def _checked(given: Any) -> StrictModel:
+    if not isinstance(given, Mapping) or not isinstance(given.get("kind"), str):
+        raise ScenarioFaults(
+            [Fault(f"needs a 'kind'; allowed: {', '.join(sorted(contact_models())) or 'none is installed'}", ())]
+        )
+    try:
+        config = contact_model_of(given["kind"]).Config
+    except LookupError as error:
+        raise ScenarioFaults([Fault(str(error.args[0]), ("kind",))]) from error
+    try:
+        return config.model_validate(given)
+    except ValidationError as error:
+        raise ScenarioFaults(plain_faults(error, KindNames(config, (), (), {}))) from error
+
+
+def endings(configs: tuple[Any, ...], *, captures: bool) -> tuple[str, ...]:
+    """What may end a phase: impacts, contacts that begin or end, captures, releases, records of contact models."""
+    named = (kind.name for config in configs for kind in contact_model_of(config.kind).records)
+    return ("impact", "contact_begins", "contact_ends", *(("capture", "release") if captures else ()), *named)
+
+
+def fault_of_ending(until: str | None, configs: tuple[Any, ...], *, captures: bool) -> str:
+    """What is wrong with a phase's ``until``, or nothing."""
+    allowed = (*endings(configs, captures=captures), "settled", "end")
+    return "" if until is None or until in allowed else unknown_name("end of a phase", until, allowed)

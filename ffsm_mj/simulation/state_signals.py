@@ -1,0 +1,69 @@
+"""What a row says of the state: time, coordinates, rates, and the tip."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.compiled import fastest
+from ffsm_mj.model.system import System
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.sampler import Sampler
+from ffsm_mj.records.signals import Signal, coordinate_names, rate_names, unit_of
+
+
+class StateSignals:
+    """The state in ``data`` as columns.
+
+    Attributes:
+        sampler: Brings the tip's velocity up to date at each sample; copies live arrays.
+        columns: Of the state.
+    """
+
+    def __init__(self, system: System, data: Any, tip_site: int | None) -> None:
+        """Bind to what moves.
+
+        Args:
+            system: Gives the joints.
+            data: Its state, derived quantities current at each sample.
+            tip_site: Site of the task; None without one.
+        """
+        self._time = np.zeros(1)
+        self.sampler = fastest(Sampler)(system.mj, data, tip=-1 if tip_site is None else tip_site)
+        self.columns: tuple[Columns, ...] = (
+            Columns((Signal("state", "time_s", "s", "simulation time"),), live=self._time, note=self._clock),
+            Columns(_coordinates(system), live=data.qpos),
+            Columns(_rates(system), live=data.qvel),
+        )
+        if tip_site is not None:
+            self.columns += (
+                Columns(_tip("tip_{}_m", "m", "position of the tip"), live=data.site_xpos[tip_site]),
+                Columns(_tip("tip_v{}_m_s", "m/s", "velocity of the tip"), live=self.sampler.twist[3:]),
+            )
+
+    def _clock(self, time_s: float) -> None:
+        self._time[0] = time_s
+
+
+def _coordinates(system: System) -> tuple[Signal, ...]:
+    return tuple(
+        Signal("state", f"q_{name}", unit_of(name), f"coordinate of {joint.kind} joint {joint.name}", f"joint {joint.name}")
+        for joint in sorted(system.joints.values(), key=lambda joint: joint.qpos.start)
+        for name in coordinate_names(joint)
+    )
+
+
+def _rates(system: System) -> tuple[Signal, ...]:
+    signals = []
+    for joint in sorted(system.joints.values(), key=lambda joint: joint.qpos.start):
+        frame = ", linear part in world axes, angular part in body axes" if joint.kind == "free" else ""
+        meaning = f"rate of {joint.kind} joint {joint.name}{frame}"
+        signals += [
+            Signal("state", f"v_{name}", unit_of(name), meaning, f"joint {joint.name}") for name in rate_names(joint)
+        ]
+    return tuple(signals)
+
+
+def _tip(name: str, unit: str, meaning: str) -> tuple[Signal, ...]:
+    return tuple(Signal("state", name.format(axis), unit, meaning) for axis in "xyz")

@@ -1,0 +1,59 @@
+"""A package with one control law, made from the one in ``my_law/``, which is valid as it stands."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+from ffsm_mj.errors import InputError
+
+_NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+_TEMPLATE = "my_law"
+
+
+def write_law(name: str, folder: Path, taken: tuple[str, ...]) -> list[str]:
+    """Write the package of a new control law.
+
+    Args:
+        name: Its kind, module and package.
+        folder: Where its folder, of the same name, is made.
+        taken: Kinds that there are.
+
+    Returns:
+        Names of the files in the folder.
+
+    Raises:
+        InputError: A name that cannot be one of a module, is taken, or is that of something that stands there.
+    """
+    if not _NAME.fullmatch(name):
+        raise InputError(f"new-law: {name!r} is no name of a module: lower-case letters, digits and single underscores")
+    if name in taken:
+        raise InputError(f"new-law: {name!r} is a kind that there is already ({', '.join(taken)})")
+    home = folder / name
+    if home.exists():
+        raise InputError(f"new-law: {home} exists; nothing is written over it")
+    home.mkdir(parents=True)
+    template = files("ffsm_mj").joinpath("templates", _TEMPLATE)
+    texts = {_named(place, name): _named(text, name) for place, text in _texts(template, "")}
+    for place, text in texts.items():
+        (home / place).parent.mkdir(exist_ok=True)
+        (home / place).write_text(text, encoding="utf-8")
+    return sorted(texts)
+
+
+def _texts(folder: Traversable, above: str) -> Iterator[tuple[str, str]]:
+    """Files in a folder of the template and in folders of it: path from the template, and text."""
+    for each in folder.iterdir():
+        if each.is_file():
+            yield above + each.name, each.read_text(encoding="utf-8")
+        elif each.name != "__pycache__":
+            yield from _texts(each, f"{above}{each.name}/")
+
+
+def _named(text: str, name: str) -> str:
+    """A text of the template with the law's name in each way of writing."""
+    camel = "".join(part.capitalize() for part in name.split("_"))
+    return text.replace("my_law", name).replace("my-law", name.replace("_", "-")).replace("MyLaw", camel)

@@ -1,0 +1,72 @@
+"""The control law ``my_law`` for ffsm-mj: viscous damping of joints, to be replaced by your own."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from ffsm_mj.controller_protocol import (
+    Command,
+    ControllerContext,
+    ControllerReport,
+    Fault,
+    Observation,
+    ScenarioFaults,
+    Signal,
+    StrictModel,
+)
+
+
+class MyLawConfig(StrictModel):
+    """What a phase of a scenario may set."""
+
+    kind: Literal["my_law"]
+    actuators: tuple[str, ...]
+    """Joint motors to drive."""
+    gain: float
+    """N m s/rad."""
+
+
+class MyLaw:
+    """u = -gain * rate of the joint."""
+
+    Config = MyLawConfig
+    telemetry_signals: ClassVar[tuple[Signal, ...]] = (
+        Signal("controller", "my_law_fastest_rad_s", "rad/s", "greatest rate of a damped joint"),
+    )
+
+    def __init__(self, config: MyLawConfig, context: ControllerContext) -> None:
+        """Resolve names.
+
+        Raises:
+            ScenarioFaults: There is no such actuator; the user is told file, line and column.
+        """
+        system, faults = context.system, []
+        for i, name in enumerate(config.actuators):
+            try:
+                system.index("actuator", name)
+            except LookupError as error:
+                faults.append(Fault(str(error.args[0]), ("actuators", i)))
+        if faults:
+            raise ScenarioFaults(faults)
+        self._motors = np.array([system.index("actuator", name) for name in config.actuators])
+        self._dofs = system.mj.jnt_dofadr[system.mj.actuator_trnid[self._motors, 0]]
+        self._gain, self._fastest = config.gain, 0.0
+
+    def start(self, observation: Observation) -> None:
+        """Take over at the beginning of a phase."""
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Write the efforts for the coming control period; called at once at an impact too."""
+        rates = observation.data.qvel[self._dofs]
+        command.drive(self._motors, -self._gain * rates)
+        self._fastest = float(np.abs(rates).max())
+
+    def telemetry(self) -> tuple[float, ...]:
+        """Values of ``telemetry_signals`` after the last call: columns of the log."""
+        return (self._fastest,)
+
+    def summary(self) -> ControllerReport:
+        """What it came to, for ``summary.json``; may be left out."""
+        return {"last_fastest_rad_s": self._fastest}

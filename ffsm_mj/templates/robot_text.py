@@ -1,0 +1,229 @@
+"""The files of a new scenario as text: models as MJCF, the scenario as commented YAML."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.sax.saxutils import quoteattr
+
+from ffsm_mj.templates.vendor import Vendor
+
+_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
+_WORDS = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
+
+
+@dataclass(frozen=True)
+class Base:
+    """A cube of uniform density: its mass in kg, half its edge in m."""
+
+    mass: float
+    half: float
+
+    @property
+    def inertia(self) -> float:
+        """Moment of inertia about each axis through its centre, kg m^2."""
+        return rounded(self.mass * (2.0 * self.half) ** 2 / 6.0, 4)
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        return f"{self.mass:g} kg, a cube of {2 * self.half:g} m, moments of inertia {self.inertia:g} kg m^2"
+
+
+@dataclass(frozen=True)
+class Hit:
+    """What the scenario says of the encounter.
+
+    Attributes:
+        pose: Coordinates of the joints at the start, rad or m.
+        tip: Name of the site.
+        on: Body that it is added to, and its place there, m; None where the robot's file has it.
+        target: Its place in the world at the start, m.
+        ball: Place of the ball at the start, m.
+        velocity: Of the ball, m/s.
+        geoms: Full names of the geoms that it may meet.
+        kp: Gain of each driven joint.
+        kd: Gain of each driven joint.
+    """
+
+    pose: dict[str, float]
+    tip: str
+    on: tuple[str, list[float]] | None
+    target: list[float]
+    ball: list[float]
+    velocity: list[float]
+    geoms: list[str]
+    kp: list[float]
+    kd: list[float]
+
+    @property
+    def told(self) -> str:
+        """The tip in words."""
+        return f"site {self.tip!r}" + (f", added to body {self.on[0]!r} at {self.on[1]} m" if self.on else " of the file")
+
+
+def rounded(value: float, digits: int) -> float:
+    """A number to some significant digits."""
+    return float(f"{value:.{digits}g}")
+
+
+def model_text(name: str, vendor: Vendor, base: Base | None, file: str) -> str:
+    """MJCF of the robot: its file attached, to a base where it has none that floats."""
+    attached = f'<attach model="vendor"{f" body={quoteattr(vendor.root)}" if vendor.root else ""} prefix=""/>'
+    body = f"    {attached}" if base is None else _base_text(base, attached, vendor)
+    motors = [_motor_text(joint, most, vendor) for joint, most in vendor.motors.items()]
+    actuators = ["  <actuator>", *motors, "  </actuator>"] if motors else []
+    lines = [
+        f"<mujoco model={quoteattr(name)}>",
+        '  <option gravity="0 0 0"/>',
+        "  <asset>",
+        "    <!-- The vendor's file, as it is. -->",
+        f'    <model name="vendor" file={quoteattr(file)}/>',
+        "  </asset>",
+        "  <worldbody>",
+        body,
+        "  </worldbody>",
+        *actuators,
+        "</mujoco>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _base_text(base: Base, attached: str, vendor: Vendor) -> str:
+    bus, hull = _free("bus", vendor), _free("bus_hull", vendor)
+    inertia, half = (" ".join([f"{value:g}"] * 3) for value in (base.inertia, base.half))
+    return "\n".join(
+        [
+            f'    <body name="{bus}">',
+            f'      <freejoint name="{_free("bus_free", vendor)}"/>',
+            "      <!-- A cube of uniform density: mass in kg, moments of inertia in kg m^2. -->",
+            f'      <inertial pos="0 0 0" mass="{base.mass:g}" diaginertia="{inertia}"/>',
+            f'      <geom name="{hull}" type="box" size="{half}" mass="0"/>',
+            "      <!-- The robot stands on its upper face. -->",
+            f'      <frame pos="0 0 {base.half:g}">',
+            f"        {attached}",
+            "      </frame>",
+            "    </body>",
+        ]
+    )
+
+
+def _motor_text(joint: str, most: float | None, vendor: Vendor) -> str:
+    limits = "" if most is None else f' ctrllimited="true" ctrlrange="{-most:g} {most:g}"'
+    return f"    <motor name={quoteattr(_free(f'{joint}_motor', vendor))} joint={quoteattr(joint)}{limits}/>"
+
+
+def _free(wanted: str, vendor: Vendor) -> str:
+    """A name that the robot's file does not have."""
+    return next(name for name in (wanted, *(f"{wanted}_{i}" for i in range(2, 9999))) if name not in vendor.names)
+
+
+def ball_text(radius: float, mass: float) -> str:
+    """MJCF of a ball that floats."""
+    return f"""<mujoco model="ball">
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <body name="ball">
+      <freejoint name="free"/>
+      <geom name="ball" type="sphere" size="{radius:g}" mass="{mass:g}"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def scenario_text(name: str, robot: str, strip: Sequence[str], hit: Hit, places: tuple[list[str], list[str]]) -> str:
+    """The scenario, commented.
+
+    Args:
+        name: Its name.
+        robot: Name of the robot's file, for people.
+        strip: What is taken out of the robot.
+        hit: How robot and ball meet.
+        places: Folders of the robot's files, and of the packages it names, relative to the scenario.
+    """
+    lines = [
+        f"# {robot} and a ball that meets its tip after a second. Change what you like:",
+        f"# 'ffsm check {name}.yaml' says what is wrong, the user guide what every key means.",
+        f"name: {_word(name)}",
+        "duration_s: 4.0",
+        "time_step_s: 0.001",
+        "accuracy: 1e-9 # cuts the steps that are too long for what moves fast",
+        "control_period_s: 0.005",
+        "",
+        "robot:",
+        f"  mjcf: {name}.xml",
+        *_robot_lines(strip, hit, places),
+        "objects:",
+        f"  ball: {{mjcf: {name}_ball.xml}}",
+        "",
+        "initial:",
+        "  joints: # rad or m; the ball: x, y, z in m and a quaternion w, x, y, z",
+        *(f"    {_word(joint)}: {value:g}" for joint, value in hit.pose.items()),
+        f"    ball/free: {_flow([*hit.ball, 1, 0, 0, 0])}",
+        "  rates: # the ball: m/s in world axes, rad/s in its own",
+        f"    ball/free: {_flow([*hit.velocity, 0, 0, 0])}",
+        "",
+        "# The report tells how far the tip is from here, where it begins: the hit throws it off.",
+        f"task: {{tip: {_word(hit.tip)}, target_m: {_flow(hit.target)}}}",
+        "",
+        "# restitution: 1 keeps the energy, 0 takes all that the hit can take.",
+        "impact_pairs:",
+        *(f"  - {{robot_geom: {_word(geom)}, object_geom: ball/ball, restitution: 0.8}}" for geom in hit.geoms),
+        "ignored_pairs:",
+        "  - {pair: [robot, robot], reason: links overlap where they are joined}",
+        "",
+        "phases:",
+        "  # Each joint is held where it begins, critically damped for the inertia that it moves.",
+        "  - name: wait",
+        "    until: impact",
+        "    controller: &hold",
+        "      kind: pd",
+        f"      kp: {_flow(hit.kp)} # N m/rad, N/m",
+        f"      kd: {_flow(hit.kd)} # N m s/rad, N s/m",
+        "  # After a hit the motors rest for a while, as in the paper.",
+        "  - name: pause",
+        "    for_s: 0.5",
+        '    controller: {kind: "off"}',
+        "  - name: hold",
+        "    until: end",
+        "    controller: *hold",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _robot_lines(strip: Sequence[str], hit: Hit, places: tuple[list[str], list[str]]) -> list[str]:
+    folders, packages = places
+    lines = []
+    if folders:
+        lines += ["  # Where the vendor's files lie; no others are read.", f"  asset_folders: {_flow(folders)}"]
+    if packages:
+        lines.append(f"  package_paths: {_flow(packages)}")
+    if strip:
+        lines += [
+            "  # Taken out when the models are compiled, as free motion would not conserve energy or momentum with it.",
+            f"  strip: {_flow(strip)}",
+        ]
+    if hit.on:
+        body, place = hit.on
+        lines += [
+            "  # The end of the arm, which the vendor's file has no site at: the body it is fixed to, its place there in m.",
+            f"  sites: {{{_word(hit.tip)}: {{body: {_word(body)}, pos_m: {_flow(place)}}}}}",
+        ]
+    return lines
+
+
+def _flow(values: Sequence[float | str]) -> str:
+    return f"[{', '.join(_word(each) if isinstance(each, str) else _number(each) for each in values)}]"
+
+
+def _number(value: float) -> str:
+    return f"{value:.7g}" if math.isfinite(value) else json.dumps(value)
+
+
+def _word(text: str) -> str:
+    """A text as YAML takes it."""
+    return text if _PLAIN.fullmatch(text) and text.lower() not in _WORDS else json.dumps(text)

@@ -1,0 +1,1 @@
+"""Checks that a finished run passes or fails: balances, impacts, overlap, contact forces."""

@@ -1,0 +1,288 @@
+"""The checks that a run must obey, judged from the accounts and the impacts in its log, in one pass over its rows.
+
+How large a residual may be. P, L and T less work are constants of the exact motion, so nothing makes the error of a step
+grow or fade: after N steps the residual is the sum of N step errors. A check is therefore a bound on the step error, and the
+length of a run must not matter to it. One step's error is below rounding, so 100 000 of them are judged at once: in every
+stretch of 100 000 steps the residual may change by 1e-9 (1 + scale), 1e-14 of the scale a step. A run of one stretch (100 s
+at 1 ms) is judged by its residual as it is; one of K stretches may drift K times as far in all, and what leaks at once is
+found in any.
+
+The scale is the largest size, up to the end of the stretch, of the terms that cancel in the quantity: each of them is
+rounded to 1e-16 of itself, whatever is left of the sum. For T that is T, or what is booked of work, impact energy or work
+of gravity where that is more; for P the sum of |P| of robot and objects, or a booked impulse; for L about the origin |L|
++ r |P|, where r is the norm of all coordinates that are lengths: the size of the terms r x m v. The lever belongs there
+twice over: L is spin plus r x P, and an error d of P is an error r d of L; a run that drifts away, or is seen from
+another origin, is judged as any other. While the robot holds an object, its own balance takes off the change of the
+object's energy and momentum: terms that cancel there too, and what a step leaves of the two bodies' motion is all the
+robot's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from ffsm_mj.analysis.truncation import Truncation
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.facts import free_components, is_conservative
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import FORCE_RESIDUAL, OVERLAP, SUBSYSTEMS, Layout, momentum_keys
+from ffsm_mj.verification.friction_check import EnergyDeviation, FrictionCheck
+from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, stretch_s
+
+DEFAULT_TOLERANCE = 1e-9
+"""A check holds when its residual stays below this times (1 + scale), in SI units."""
+DEEPEST_M = 1e-9
+"""How deep an impact pair may overlap, m."""
+FORCE_TOLERANCE = 1e-8
+"""How far contact forces may be from those that the state asks for, times (1 N + force)."""
+
+RELATIVE_CHECKS = (
+    *("energy", "linear momentum", "angular momentum", "momentum two ways"),
+    *("impact energy", "impact restitution"),
+)
+"""Laws with a tolerance against a scale; the impact's only where something was hit."""
+CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "contact complementarity")
+"""All that is checked. No penetration where the log tells the depth; its tolerance is a depth in m. The last one where a
+contact lasts."""
+
+STEP_LAWS = CHECK_NAMES[:3]
+"""Those that the truncation of the step may make fail."""
+
+Tolerance = float | Mapping[str, float]
+"""One tolerance for all relative checks, or some checks' own by name; those not named keep the default."""
+
+_OVERLAP, _RESIDUAL = f"balance.{OVERLAP}", f"balance.{FORCE_RESIDUAL}"
+_OWN = {"no penetration": DEEPEST_M, "contact complementarity": FORCE_TOLERANCE}
+"""Tolerances of checks that are no share of anything conserved."""
+_AXES = ("P_x", "P_y", "P_z", "L_x", "L_y", "L_z")
+_MEASURES = {
+    "energy": ("J", ("T",)),
+    "linear momentum": ("N s", _AXES[:3]),
+    "angular momentum": ("N m s", _AXES[3:]),
+    "momentum two ways": ("SI", _AXES),
+    "no penetration": ("m", ("gap",)),
+    "contact complementarity": ("N", ("force",)),
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check over one run.
+
+    Attributes:
+        name: What is conserved.
+        subsystem: ``total``, ``robot`` or ``objects``.
+        component: Where the residual is worst: ``T``, ``P_x`` to ``L_z``, ``gap`` or ``impact 1``.
+        residual: Worst magnitude of what the accounts leave unexplained in a stretch of the run.
+        time_s: When that was.
+        tolerance: What is allowed: the relative tolerance times (1 + scale).
+        unit: Unit of both.
+        drift: Worst magnitude since the first sample; that of ``residual`` in a run of one stretch.
+        truncation: What of a residual that is too large is truncation; None where that was not asked for or cannot be told.
+    """
+
+    name: str
+    subsystem: str
+    component: str
+    residual: float
+    time_s: float
+    tolerance: float
+    unit: str
+    drift: float
+    truncation: Truncation | None = None
+
+    @property
+    def fails_by_truncation(self) -> bool:
+        """Whether it fails by the truncation of the step alone: a shorter step or ``accuracy`` lets it pass."""
+        return not self.passes and self.truncation is not None and self.truncation.alone
+
+    @property
+    def passes(self) -> bool:
+        """Within tolerance; a residual that is not a number is not."""
+        return bool(self.residual <= self.tolerance)
+
+
+class CheckAccumulator:
+    """Judges the checks of a run whose rows go past in blocks; keeps none of them.
+
+    Attributes:
+        samples: Rows so far.
+    """
+
+    def __init__(self, layout: Layout, facts: Mapping[str, str]) -> None:
+        """Find the columns that count."""
+        self._conservative = is_conservative(facts)
+        self._accounts = {subsystem: BalanceColumns(layout, facts, subsystem) for subsystem in SUBSYSTEMS}
+        self._changes = {
+            (subsystem, name): ResidualDrift(stretch_s(facts)) for subsystem in SUBSYSTEMS for name in CHECK_NAMES[:3]
+        }
+        self._bodies, self._matrix = (layout.places(momentum_keys(way)) for way in ("robot", "robot_by_mass_matrix"))
+        self._free, self._two_ways = free_components(facts, "robot"), Peak()
+        self._overlap, self._deepest = layout.index.get(_OVERLAP), Peak()
+        self._residual, self._complementarity = layout.index.get(_RESIDUAL), Peak()
+        self._forces = layout.places(key.removesuffix("_mode") + "_force_N" for key in layout.keys if key.endswith("_mode"))
+        self._grasp = layout.index.get("contact.capture_grasp")
+        self._time, self.samples = layout.time, 0
+
+    def rows(self, block: FloatArray, added: FloatArray | None = None) -> None:
+        """Take the next rows.
+
+        Args:
+            block: Rows, (n, columns).
+            added: To the residuals of energy, P and L of each subsystem in these rows, (n, 3, 7).
+        """
+        more = np.zeros((len(block), len(SUBSYSTEMS), 7)) if added is None else added
+        self.samples += len(block)
+        times = block[:, self._time]
+        scales = {subsystem: accounts.scales(block) for subsystem, accounts in self._accounts.items()}
+        if self._grasp is not None:
+            # What the robot gives to what it holds is booked as the change of the object's own energy and momentum.
+            scales["robot"] += scales["objects"] * (block[:, [self._grasp]] > 0.0)
+        for i, (subsystem, accounts) in enumerate(self._accounts.items()):
+            residual, (of_energy, linear, angular) = accounts.energy(block) + more[:, i, 0], scales[subsystem].T
+            momentum = accounts.momentum(block) + more[:, i, 1:]
+            self._changes[subsystem, "energy"].add(times, residual[:, None], of_energy)
+            self._changes[subsystem, "linear momentum"].add(times, momentum[:, :3], linear)
+            self._changes[subsystem, "angular momentum"].add(times, momentum[:, 3:], angular)
+        own = self._accounts["robot"]
+        difference = (block[:, self._matrix] - block[:, self._bodies]) * self._free
+        self._two_ways.add(times, difference, own.linear_scale(block) + own.angular_scale(block))
+        if self._overlap is not None:
+            self._deepest.add(times, block[:, [self._overlap]], np.zeros(len(block)))
+        if self._residual is not None and len(self._forces):
+            forces = block[:, self._forces].max(axis=1)
+            self._complementarity.add(times, block[:, [self._residual]], forces)
+
+    def checks(
+        self,
+        impacts: Sequence[ImpactRecord],
+        tolerance: Tolerance = DEFAULT_TOLERANCE,
+        friction: FrictionCheck | None = None,
+    ) -> tuple[Check, ...]:
+        """Every check that the run should obey, with its worst residual; none without rows.
+
+        Args:
+            impacts: The contacts of the run.
+            tolerance: See :func:`evaluate_checks`.
+            friction: Judges those with friction; needed where there are some.
+
+        Raises:
+            KeyError: A tolerance for a check that there is not.
+            ValueError: Nobody judges impacts with friction.
+        """
+        allowed = _tolerances(tolerance)
+        if not self.samples:
+            return ()
+        checks: list[Check] = []
+        if self._conservative:
+            for (subsystem, name), change in self._changes.items():
+                checks.append(_check(name, subsystem, change.worst, allowed, change.drift))
+            # Paper, Fig. 9b: the FFSM's momentum from its mass matrix, and body by body.
+            checks.append(_check("momentum two ways", "robot", self._two_ways, allowed))
+        if self._overlap is not None:
+            checks.append(_check("no penetration", "total", self._deepest, allowed))
+        if self._complementarity.scale > 0.0 or self._complementarity.size > 0.0:
+            checks.append(_check("contact complementarity", "total", self._complementarity, allowed))
+        return (*checks, *_impact_checks(impacts, allowed, friction))
+
+
+def evaluate_checks(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
+    """Every check that a run should obey, with its worst residual; none for a log without rows.
+
+    Where the scenario is not conservative, no conservation law is judged; what holds at impacts and against penetration is.
+
+    Args:
+        log: A run.
+        tolerance: A residual may reach this times (1 + scale); for ``no penetration`` a depth in m, by name only.
+
+    Raises:
+        KeyError: A tolerance for a check that there is not.
+    """
+    return accumulate_checks(log).checks(log.impacts, tolerance, FrictionCheck(log))
+
+
+def accumulate_checks(log: RunLog) -> CheckAccumulator:
+    """Go through the rows of a log."""
+    seen = CheckAccumulator(log.header.layout, log.header.facts)
+    for block in log.blocks():
+        seen.rows(block)
+    return seen
+
+
+def _tolerances(tolerance: Tolerance) -> dict[str, float]:
+    if not isinstance(tolerance, Mapping):
+        return dict.fromkeys(RELATIVE_CHECKS, tolerance) | _OWN
+    for name in tolerance:
+        if name not in CHECK_NAMES:
+            raise KeyError(f"no check is called {name!r}; there are {', '.join(CHECK_NAMES)}")
+    return dict.fromkeys(CHECK_NAMES, DEFAULT_TOLERANCE) | _OWN | dict(tolerance)
+
+
+def _check(name: str, subsystem: str, worst: Peak, allowed: Mapping[str, float], drift: float | None = None) -> Check:
+    unit, components = _MEASURES[name]
+    limit = allowed[name] * (1.0 + worst.scale)
+    drift = worst.size if drift is None else drift
+    return Check(name, subsystem, components[worst.component], worst.size, worst.time_s, limit, unit, drift)
+
+
+def _impact_checks(
+    impacts: Sequence[ImpactRecord], allowed: Mapping[str, float], friction: FrictionCheck | None
+) -> list[Check]:
+    """What every impact must obey whatever law of contact made it."""
+    events = [list(contacts) for _, contacts in groupby(impacts, key=lambda record: record.event)]
+    rough = [any(contact.mu > 0.0 for contact in event) for event in events]
+    checks = _frictionless_checks([event for event, rubs in zip(events, rough, strict=True) if not rubs], allowed)
+    if not any(rough):
+        return checks
+    if friction is None:
+        raise ValueError("impacts with friction are judged with the models of their log: a FrictionCheck is needed")
+    judged = [_check_with_friction(event, friction, allowed) for event, rubs in zip(events, rough, strict=True) if rubs]
+    energy = max((*checks[:1], *judged), key=lambda check: EnergyDeviation(check.residual, check.tolerance).excess)
+    return [energy, *checks[1:]]
+
+
+def _check_with_friction(event: Sequence[ImpactRecord], friction: FrictionCheck, allowed: Mapping[str, float]) -> Check:
+    """The energy of an impact with friction: a share of its kinetic energy is allowed."""
+    miss, record = friction.worst(event, allowed["impact energy"]), event[0]
+    place = f"impact {record.event + 1}"
+    return Check("impact energy", "total", place, miss.size, record.time_s, miss.allowed, "J", miss.size)
+
+
+def _frictionless_checks(events: Sequence[Sequence[ImpactRecord]], allowed: Mapping[str, float]) -> list[Check]:
+    """What an impact without friction must obey.
+
+    The work of frictionless impulses is the sum of impulse (separation - approach) / 2, exactly; the accounts of energy take
+    its change as given, so it is checked here. One contact alone separates at e times its approach, with the e that
+    the record says was used.
+    """
+    if not events:
+        return []
+    works = [sum(c.impulse_N_s * (c.separation_speed_m_s - c.approach_speed_m_s) / 2 for c in event) for event in events]
+    checks = [
+        _worst_impact(
+            "impact energy",
+            "J",
+            [(event[0], abs(event[0].energy_change_J - work)) for event, work in zip(events, works, strict=True)],
+            max(event[0].energy_before_J["total"][0] for event in events),
+            allowed,
+        )
+    ]
+    alone = [event[0] for event in events if len(event) == 1]
+    if alone:
+        misses = [(c, abs(c.separation_speed_m_s - c.restitution_used * c.approach_speed_m_s)) for c in alone]
+        scale = max(c.approach_speed_m_s for c in alone)
+        checks.append(_worst_impact("impact restitution", "m/s", misses, scale, allowed))
+    return checks
+
+
+def _worst_impact(
+    name: str, unit: str, found: list[tuple[ImpactRecord, float]], scale: float, allowed: Mapping[str, float]
+) -> Check:
+    record, residual = max(found, key=lambda pair: np.inf if np.isnan(pair[1]) else pair[1])
+    limit = allowed[name] * (1.0 + scale)
+    return Check(name, "total", f"impact {record.event + 1}", residual, record.time_s, limit, unit, residual)

@@ -1,0 +1,248 @@
+"""Impacts with friction, judged from their log with its models: what the records say against what the state before asks for.
+
+One contact: its path is integrated again. Several: the split of the work between normal and friction is a convention (what
+sticks in compression can show positive friction work), so the sum is judged, and that no energy is gained.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.grasp.record import CAPTURE, RELEASE
+from ffsm_mj.errors import InputError, UnsupportedContactError
+from ffsm_mj.log.scenario import scenario_data
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.run_log import RunLog
+
+_GAIN = 1e-3
+"""Several contacts: energy may grow by this share of what the law allows otherwise, 1e-12 of T where that is 1e-9."""
+_RANK = 1e-10
+_HUGE = 1e10
+"""MuJoCo takes no larger number for a state."""
+
+
+@dataclass(frozen=True)
+class EnergyDeviation:
+    """How far an impact is from the law, as an energy in J, and how far it may be."""
+
+    size: float
+    allowed: float
+
+    @property
+    def excess(self) -> float:
+        """Size over what is allowed; infinite where it is not a number."""
+        if math.isnan(self.size) or not self.allowed > 0.0:
+            return math.inf if self.size != 0.0 else 0.0
+        return self.size / self.allowed
+
+
+@dataclass(frozen=True)
+class _CheckedImpact:
+    """An impact in mass-weighted velocities: what states and models say, and what its records say.
+
+    Attributes:
+        A: Rows J L^-T of (normal, t1, t2) of each contact, (3k, n).
+        before: L^T qdot before, (n,).
+        after: The same after.
+        impulses: Recorded, along those directions, N s, (3k,).
+        speeds: Recorded, along those directions, before and after, m/s, (2, 3k).
+    """
+
+    A: FloatArray
+    before: FloatArray
+    after: FloatArray
+    impulses: FloatArray
+    speeds: FloatArray
+
+    @property
+    def unexplained(self) -> float:
+        """How much of the change of velocity the impulses do not explain, J."""
+        change = self.after - self.before - self.A.T @ self.impulses
+        return float(np.linalg.norm(change) * np.linalg.norm(self.before))
+
+
+class FrictionCheck:
+    """Judges the impacts with friction of one log; its models are compiled where the first one is asked for."""
+
+    def __init__(self, log: RunLog) -> None:
+        """Bind to a log."""
+        self._log = log
+
+    def worst(self, event: Sequence[ImpactRecord], share: float) -> EnergyDeviation:
+        """The worst of all that is wrong with an impact.
+
+        Args:
+            event: Its records.
+            share: Of the kinetic energy before, which everything may be off by.
+        """
+        with np.errstate(all="ignore"):  # a log may hold any numbers
+            try:
+                return self._worst(event, share)
+            except (UnsupportedContactError, ValueError, ArithmeticError, np.linalg.LinAlgError):
+                return EnergyDeviation(math.inf, share * abs(event[0].energy_before_J["total"][0]))
+
+    def _worst(self, event: Sequence[ImpactRecord], share: float) -> EnergyDeviation:
+        met = self._met(event)
+        if met is not None and self._others_hold and met.unexplained > share * 0.5 * float(met.before @ met.before):
+            met = None  # what moves is another model, known only to its contact model: judge the records alone
+        energy = event[0].energy_before_J["total"][0] if met is None else 0.5 * float(met.before @ met.before)
+        sizes = [*_by_records(event)]
+        if met is not None:
+            sizes += [*_by_states(event, met), *(_by_path(event[0], met) if len(event) == 1 else ())]
+        found = [EnergyDeviation(size, share * energy) for size in sizes]
+        if met is not None:
+            gained = max(0.0, 0.5 * float(met.after @ met.after) - energy)
+            found.append(EnergyDeviation(gained, _GAIN * share * energy))
+        return max(found, key=lambda miss: miss.excess)
+
+    @cached_property
+    def _others_hold(self) -> bool:
+        """Whether the scenario declares contact models, which may join bodies."""
+        return bool(scenario_data(self._log).get("contact_models"))
+
+    @cached_property
+    def _models(self) -> Any:
+        """The system of the log, and data of it; None where the log has no models that compile."""
+        import mujoco
+
+        from ffsm_mj.log.model import compile_log
+
+        try:
+            system = compile_log(self._log)
+        except InputError:
+            return None
+        return system, mujoco.MjData(system.mj)
+
+    def _met(self, event: Sequence[ImpactRecord]) -> _CheckedImpact | None:
+        """The impact by its states and models; None where there are none, or the states are not of them."""
+        import mujoco
+
+        from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
+        from ffsm_mj.dynamics.rigid_body import mass_matrix
+
+        if self._models is None:
+            return None
+        (system, data), first = self._models, event[0]
+        try:
+            rates = [np.concatenate([v[joint] for joint in system.joints]) for v in (first.qvel_before, first.qvel_after)]
+            bodies = [[int(system.mj.geom(name).bodyid[0]) for name in record.geoms] for record in event]
+            joined = self._joined(system.mj, first)
+        except LookupError:
+            return None
+        if len(first.qpos) != system.mj.nq or any(len(v) != system.mj.nv for v in rates):
+            return None
+        if not np.all(np.abs(np.concatenate((first.qpos, *rates))) < _HUGE):
+            raise ValueError("no state")
+        data.qpos[:] = first.qpos
+        mujoco.mj_fwdPosition(system.mj, data)
+        L = np.linalg.cholesky(mass_matrix(system.mj, data))
+        J, impulses, speeds = _directions(system.mj, data, event, bodies)
+        A = np.linalg.solve(L, J.T).T
+        if joined is not None:  # what is held moves with its link: only the rest of each row counts
+            B = np.linalg.solve(L, relative_twist_rows(system.mj, data, *joined, np.array(first.point_m)).T).T
+            A = A - A @ np.linalg.pinv(B, rcond=_RANK) @ B
+        return _CheckedImpact(A, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
+
+    def _joined(self, model: Any, impact: ImpactRecord) -> tuple[int, int] | None:
+        """Link and object's base that a grasp holds together at an impact; None where nothing is held.
+
+        Raises:
+            LookupError: A record names what the models do not have.
+        """
+        captures, releases = (
+            [each for each in self._log.records.get(kind.plural, ()) if _precedes(each, impact)]
+            for kind in (CAPTURE, RELEASE)
+        )
+        if len(captures) <= len(releases):
+            return None
+        link, root = (int(model.site(name).bodyid[0]) for name in (captures[-1].robot_site, captures[-1].object_site))
+        return link, root
+
+
+def _precedes(event: Any, impact: ImpactRecord) -> bool:
+    """Whether a capture or a release is before an impact; at one instant the one whose velocities lead to the other's is."""
+    place, other = (event.step, event.time_s), (impact.step, impact.time_s)
+    if place != other:
+        return place < other
+    return _apart(event.qvel_after, impact.qvel_before) < _apart(impact.qvel_after, event.qvel_before)
+
+
+def _apart(rates: Mapping[str, Any], others: Mapping[str, Any]) -> float:
+    """How far velocities by joint are from others."""
+    return float(np.linalg.norm(np.concatenate([np.subtract(rate, others[joint]) for joint, rate in rates.items()])))
+
+
+def _directions(
+    model: Any, data: Any, event: Sequence[ImpactRecord], bodies: Sequence[Sequence[int]]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rows along (normal, t1, t2) of each contact, (3k, nv), and its record along them: see :class:`_CheckedImpact`."""
+    from ffsm_mj.contact_models.impact.contact import Contact, contact_rows
+    from ffsm_mj.contact_models.impact.friction import tangents
+
+    rows, impulses, speeds = [], [], []
+    for record, (a, b) in zip(event, bodies, strict=True):
+        normal = np.array(record.normal)
+        across = tangents(normal)
+        rows.append(contact_rows(model, data, Contact(a, b, np.array(record.point_m), normal), across))
+        axes = np.vstack((normal, across))
+        impulses.append(axes @ (record.impulse_N_s * normal + record.tangential_impulse_N_s))
+        before = -record.approach_speed_m_s * normal + record.slip_before_m_s
+        after = record.separation_speed_m_s * normal + record.slip_after_m_s
+        speeds.append(np.stack((axes @ before, axes @ after)))
+    return np.concatenate(rows), np.concatenate(impulses), np.concatenate(speeds, axis=1)
+
+
+def _by_records(event: Sequence[ImpactRecord]) -> Iterator[float]:
+    """What contradicts itself in records, J: impulses at mean speeds, works and energies tell the same change."""
+    first = event[0]
+    change = first.energy_change_J
+    yield abs(first.energy_after_J["total"][0] - first.energy_before_J["total"][0] - change)
+    yield abs(sum(c.normal_work_J + c.friction_work_J for c in event) - change)
+    at_mean = 0.0
+    for c in event:
+        slips = zip(c.tangential_impulse_N_s, c.slip_before_m_s, c.slip_after_m_s, strict=True)
+        at_mean += 0.5 * c.impulse_N_s * (c.separation_speed_m_s - c.approach_speed_m_s)
+        at_mean += 0.5 * sum(impulse * (before + after) for impulse, before, after in slips)
+    yield abs(at_mean - change)
+
+
+def _by_states(event: Sequence[ImpactRecord], met: _CheckedImpact) -> Iterator[float]:
+    """What of the records is not of the states, J; what is no energy counts times the speed or impulse that it goes with."""
+    strength, speed = float(np.abs(met.impulses).max()), float(np.abs(met.A @ met.before).max())
+    told = np.abs(met.speeds - np.stack((met.A @ met.before, met.A @ met.after))).max()
+    yield strength * float(told)
+    yield met.unexplained
+    energies = [0.5 * float(w @ w) for w in (met.before, met.after)]
+    logged = event[0].energy_before_J["total"][0], event[0].energy_after_J["total"][0]
+    yield max(abs(one - other) for one, other in zip(energies, logged, strict=True))
+    normal, *across = met.impulses.reshape(-1, 3).T
+    outside = np.hypot(*across) - [record.mu for record in event] * normal
+    yield speed * float(max(outside.max(), -normal.min(), 0.0))
+
+
+def _by_path(record: ImpactRecord, met: _CheckedImpact) -> Iterator[float]:
+    """What of one contact is not what its path gives, integrated again from the state before, J."""
+    from ffsm_mj.contact_models.impact.friction import impact_with_friction
+
+    mu, e = np.array([record.mu]), np.array([record.restitution_used])
+    again = impact_with_friction(met.A, met.before, mu, e, "blend")
+    yield float(np.abs(met.impulses - again.impulses[0]).max() * np.abs(met.A @ met.before).max())
+    for told, found in (
+        (record.normal_work_J, again.normal_work),
+        (record.friction_work_J, again.friction_work),
+        (record.compression_work_J, again.compression_work),
+    ):
+        yield abs(told - float(found[0]))
+    if again.law == "stronge":  # its path could be integrated
+        yield max(record.friction_work_J, 0.0)
+        if record.status != "wedged":
+            yield abs(record.normal_work_J - (1.0 - record.restitution_used**2) * record.compression_work_J)
+    if (record.status, record.path, record.law, record.theta) != (again.status, again.paths[0], again.law, again.theta):
+        yield math.inf

@@ -1,0 +1,184 @@
+"""What the accounts leave unexplained, row by row, and how large the terms are that cancel in it.
+
+Blocks of rows go in; nothing here keeps them, so a run may be as long as it likes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.balance.subsystems import energy_balance_residual, momentum_balance_residual
+from ffsm_mj.records.facts import free_components
+from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Layout, momentum_keys
+
+STRETCH_STEPS = 100_000
+"""Steps over which a residual may change by what a check allows; then it is counted anew."""
+
+# Impulses from outside that are there where the scene has fixed bodies, or gravity.
+_OUTSIDE = ("fixed", "gravity")
+
+
+def stretch_s(facts: Mapping[str, str]) -> float:
+    """Length of a stretch in s; infinite where the log does not tell its step."""
+    return STRETCH_STEPS * float(facts.get("time_step_s", "inf"))
+
+
+class BalanceColumns:
+    """The columns of one subsystem that a residual is made of."""
+
+    def __init__(self, layout: Layout, facts: Mapping[str, str], subsystem: str) -> None:
+        """Find them."""
+        self._party, self._free = subsystem, free_components(facts, subsystem)
+        self._momenta = {p: layout.places(momentum_keys(p)) for p in SUBSYSTEMS}
+        there = [name for name in _OUTSIDE if f"balance.{name}_on_robot_{COMPONENTS[0]}" in layout.index]
+        self._external, self._contact = (
+            layout.places(f"balance.{account}_{component}" for component in COMPONENTS)
+            for account in ("external", "contact")
+        )
+        self._outside = [
+            layout.places(f"balance.{name}_on_{of}_{component}" for of in SUBSYSTEMS[1:] for component in COMPONENTS)
+            for name in there
+        ]
+        self._energy, self._work = layout.index[f"energy.{subsystem}_J"], layout.index["balance.work_J"]
+        self._gained = layout.index[f"balance.{subsystem}_impact_energy_J"]
+        self._fallen = layout.index.get(f"balance.{subsystem}_gravity_work_J")
+        self._energies = [
+            i for i in (self._work if subsystem != "objects" else None, self._gained, self._fallen) if i is not None
+        ]
+        on_robot, on_objects = ([part[k : k + 6] for part in self._outside] for k in (0, 6))
+        self._impulses = {
+            "total": [self._external, *on_robot, *on_objects],
+            "robot": [self._external, self._contact, *on_robot],
+            "objects": [self._contact, *on_objects],
+        }[subsystem]
+        own = "state.q_robot_" if subsystem == "robot" else "state.q_"
+        self._places = [i for i, s in enumerate(layout.signals) if s.unit == "m" and s.key.startswith(own)]
+
+    def energy(self, block: FloatArray) -> FloatArray:
+        """T less work and energy gained in impacts, and from gravity, J, (n,): constant where all is explained."""
+        energy, work, gained = (block[:, i] for i in (self._energy, self._work, self._gained))
+        if self._fallen is not None:
+            gained = gained + block[:, self._fallen]
+        return energy_balance_residual(self._party, energy, work, gained)
+
+    def momentum(self, block: FloatArray) -> FloatArray:
+        """(P, L) less impulses on the components that are free, N s and N m s, (n, 6): constant where all is explained."""
+        own, external, contact = (block[:, i] for i in (self._momenta[self._party], self._external, self._contact))
+        outside = (
+            np.sum([block[:, places] for places in self._outside], axis=0) if self._outside else np.zeros((len(block), 12))
+        )
+        return momentum_balance_residual(self._party, own, external, contact, outside, self._free)
+
+    def scales(self, block: FloatArray) -> FloatArray:
+        """The largest of the terms that cancel in energy, P and L: J, N s and N m s, (n, 3).
+
+        They are the kinetic energy and the momenta of now and what is booked: where a fixed body bears a weight for long,
+        or an actuator and a contact push against each other, the accounts grow while nothing moves.
+        """
+        energies = np.abs(block[:, [self._energy, *self._energies]]).max(axis=1)
+        lever, linear, angular = norms(block[:, self._places]), [self.linear_scale(block)], [self.angular_scale(block)]
+        for places in self._impulses:
+            impulse = block[:, places] * self._free
+            linear.append(norms(impulse[:, :3]))
+            angular.append(norms(impulse[:, 3:]) + lever * linear[-1])
+        return np.stack((energies, np.max(linear, axis=0), np.max(angular, axis=0)), axis=1)
+
+    def linear_scale(self, block: FloatArray) -> FloatArray:
+        """Sum of the norms of P of those who belong to the subsystem, N s, (n,): what cancels in the whole system's."""
+        members = SUBSYSTEMS[1:] if self._party == "total" else (self._party,)
+        return np.asarray(sum(norms(block[:, self._momenta[member]][:, :3]) for member in members))
+
+    def angular_scale(self, block: FloatArray) -> FloatArray:
+        """Norm of L + lever times norm of P, N m s, (n,): L about the origin is spin plus r x P, terms that cancel.
+
+        The lever r is the norm of all coordinates of the subsystem's joints that are lengths, in m.
+        """
+        lever = norms(block[:, self._places])
+        return np.asarray(norms(block[:, self._momenta[self._party]][:, 3:]) + lever * self.linear_scale(block))
+
+
+def norms(vectors: FloatArray) -> FloatArray:
+    """Euclidean norm of each row, (n,); term by term, so that the digits do not depend on the rows beside it."""
+    total = np.zeros(len(vectors))
+    for column in vectors.T:
+        total += column * column
+    return np.sqrt(total)
+
+
+class Peak:
+    """The largest of vectors that go past, where and when; the same however they are cut into blocks.
+
+    Attributes:
+        size: Its norm.
+        time_s: When it was.
+        component: Which component of it was largest.
+        scale: Largest scale of all.
+    """
+
+    def __init__(self, scale: float = 0.0) -> None:
+        """Nothing has gone past."""
+        self.size, self.time_s, self.component, self.scale = 0.0, math.nan, 0, scale
+
+    def add(self, times: FloatArray, vectors: FloatArray, scale: FloatArray) -> None:
+        """Take some: times (n,), vectors (n, number of components), scale (n,)."""
+        sizes = norms(vectors)
+        at = int(np.argmax(np.where(np.isnan(sizes), np.inf, sizes)))
+        if math.isnan(self.time_s) or _rank(float(sizes[at])) > _rank(self.size):
+            self.size, self.time_s = float(sizes[at]), float(times[at])
+            self.component = int(np.argmax(np.abs(np.nan_to_num(vectors[at], nan=np.inf))))
+        self.scale = float(np.maximum(self.scale, np.max(scale)))
+
+    @property
+    def rank(self) -> float:
+        """Size against 1 + scale; what is not a number counts as infinite."""
+        return _rank(self.size / (1.0 + self.scale))
+
+
+def _rank(size: float) -> float:
+    return math.inf if math.isnan(size) else size
+
+
+class ResidualDrift:
+    """Follows a residual through a run, stretch by stretch, each from the last row of the one before.
+
+    Attributes:
+        drift: Largest norm of its change since the first row.
+    """
+
+    def __init__(self, length_s: float) -> None:
+        """Start before the first row, with the length of a stretch in s."""
+        self._length, self._stretch = length_s, 0.0
+        self._first: FloatArray | None = None
+        self._done: Peak | None = None
+        self._here = Peak()
+        self.drift = 0.0
+
+    def add(self, times: FloatArray, residual: FloatArray, scale: FloatArray) -> None:
+        """Take rows: times (n,), residual (n, number of components), scale (n,)."""
+        if self._first is None:
+            # The first row that there is: the accounts begin at t = 0, a damaged log may not.
+            self._first = self._base = self._last = residual[0].copy()
+        self.drift = max(self.drift, float(np.fmax.reduce(norms(residual - self._first), initial=0.0)))
+        # A row at the very end of a stretch belongs to it; the clock's rounding is far below a billionth of a stretch.
+        stretches = np.maximum(np.ceil(times / self._length - 1e-9), 1.0)
+        edges = np.flatnonzero(np.diff(stretches)) + 1
+        for start, stop in pairwise([0, *edges.tolist(), len(times)]):
+            if stretches[start] != self._stretch:
+                self._begin(float(stretches[start]))
+            self._here.add(times[start:stop], residual[start:stop] - self._base, scale[start:stop])
+            self._last = residual[stop - 1].copy()
+
+    def _begin(self, stretch: float) -> None:
+        if self._stretch:
+            self._done, self._here = self.worst, Peak(self._here.scale)
+        self._stretch, self._base = stretch, self._last
+
+    @property
+    def worst(self) -> Peak:
+        """Of the stretches so far the one whose peak is largest against the scale up to its end."""
+        return self._here if self._done is None or self._here.rank > self._done.rank else self._done

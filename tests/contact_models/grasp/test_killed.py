@@ -1,0 +1,115 @@
+"""Runs that end before their time: killed or interrupted before a capture, in it, while something is held, after it."""
+
+from __future__ import annotations
+
+import os
+import signal
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.cli.main import main
+from ffsm_mj.contact_models.grasp.model import GraspModel
+from ffsm_mj.log import recorder
+from ffsm_mj.replay import replay_log
+from ffsm_mj.simulation.rows import RowWriter
+from tests.contact_models.grasp.scenes import grasping
+
+CAPTURE_S, RELEASE_S = 0.904, 1.804
+# When, and how many captures and releases the log has by then: one that happens is written before anything else does.
+PARTS = {
+    "before": (0.5, 0, 0),
+    "in the capture": ("_capture", 0, 0),
+    "held": (1.2, 1, 0),
+    "in the release": ("_release", 1, 0),
+    "after": (1.9, 1, 1),
+}
+
+
+def send(monkeypatch, when, number):
+    """Let a signal come at a time of the simulation, or once a method of the contact model has done its work."""
+    if isinstance(when, str):
+        method = getattr(GraspModel, when)
+
+        def done(self, *args):
+            found = method(self, *args)
+            os.kill(os.getpid(), number)
+            return found
+
+        monkeypatch.setattr(GraspModel, when, done)
+        return
+    fill = RowWriter.fill
+
+    def filled(self, line, time_s):
+        fill(self, line, time_s)
+        if abs(time_s - when) < 1e-9:
+            os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(RowWriter, "fill", filled)
+
+
+def killed(path, out):
+    """Run in a child that kills itself; rows are flushed every few milliseconds."""
+    child = os.fork()
+    if not child:
+        try:
+            ffsm_mj.run(path, out=out, rerun=False)
+        finally:
+            os._exit(7)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_a_killed_run_tells_what_it_held(tmp_path, monkeypatch, capfd, part):
+    when, captures, releases = PARTS[part]
+    path, out = grasping(tmp_path / "scene"), tmp_path / "out"
+    with monkeypatch.context() as patched:
+        send(patched, when, signal.SIGKILL)
+        patched.setattr(recorder, "_FLUSH_PERIOD_S", 0.003)
+        killed(path, out)
+    read = ffsm_mj.load_run(out)
+    assert read.outcome == "incomplete"
+    found = [len(read.records[name]) for name in ("capture_impulses", "releases")]
+    assert found == [captures, releases]
+    assert [each.release_s is None for each in read.captures] == [not releases] * captures
+    last = {"before": 0.499, "in the capture": CAPTURE_S - 1e-3, "held": 1.199, "in the release": RELEASE_S, "after": 1.899}
+    assert last[part] - 0.2 < read.time[-1] < last[part] + 2e-3
+    assert read["contact.capture_grasp"][-1] == float(captures > releases)
+    assert all(check.passes for check in read.checks())
+    assert replay_log(read.log).agrees, replay_log(read.log).worst
+    assert main(["analyze", str(out)]) == 4
+    said = capfd.readouterr().out
+    assert "incomplete" in said
+    assert ("capture by grasp" in said) == bool(captures)
+    assert ("grasp lets go" in said) == bool(releases)
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_an_interrupted_run_is_whole_to_its_end(tmp_path, monkeypatch, part):
+    """The first Ctrl-C lets what happens happen: a capture that has begun is in the log."""
+    when, captures, releases = PARTS[part]
+    captures, releases = captures + (part == "in the capture"), releases + (part == "in the release")
+    with monkeypatch.context() as patched:
+        send(patched, when, signal.SIGINT)
+        run = ffsm_mj.run(grasping(tmp_path / "scene"), out=tmp_path / "out", rerun=False)
+    assert run.outcome == "interrupted"
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert [len(read.records[name]) for name in ("capture_impulses", "releases")] == [captures, releases]
+    assert read.summary()["captures"] == run.summary()["captures"]
+    assert len(read.summary()["captures"]) == captures
+    again = replay_log(read.log)
+    assert again.agrees, again.worst
+    assert all(check.passes for check in (*read.checks(), *again.checks()))
+
+
+def test_runs_of_one_scenario_know_nothing_of_each_other(tmp_path):
+    """Twice after each other, and two at once: the pose at which the link holds is written into each run's own model."""
+    prepared = ffsm_mj.prepare(grasping(tmp_path))
+    first, second = prepared.run(), prepared.run()
+    with ThreadPoolExecutor(2) as pool:
+        others = [future.result() for future in [pool.submit(prepared.run) for _ in range(2)]]
+    for run in (second, *others):
+        np.testing.assert_array_equal(run.log.rows, first.log.rows)
+        assert run.records["capture_impulses"] == first.records["capture_impulses"]

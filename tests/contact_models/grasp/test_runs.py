@@ -1,0 +1,580 @@
+"""Whole runs with captures: at a touch, within bounds, released, taken again, hit while held; and their logs."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.campaign.execution.metrics import evaluated, fault_of
+from ffsm_mj.cli.main import main
+from ffsm_mj.contact_models.grasp.model import GraspModel
+from ffsm_mj.errors import InputError
+from ffsm_mj.replay import replay_log
+from ffsm_mj.report.text_report import run_report
+from tests.contact_models.grasp.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, TARGET, TOUCH, grasping, stone
+from tests.scenes import ball, scene
+
+HOLD = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
+
+
+def holds(run):
+    """All laws, in the run and recomputed from its log, and every number of the log."""
+    assert run.outcome == "completed", run.message
+    assert all(check.passes for check in run.checks()), [check for check in run.checks() if not check.passes]
+    again = replay_log(run.log)
+    assert again.agrees, again.worst
+    assert all(check.passes for check in again.checks()), [check for check in again.checks() if not check.passes]
+    return run
+
+
+def test_taken_at_a_touch_held_and_let_go(tmp_path):
+    """At the instant of the impact, resolved first; velocities of the object while held are those of the hand's frame."""
+    out = tmp_path / "run"
+    run = holds(ffsm_mj.run(grasping(tmp_path / "scene"), out=out))
+    (impact,), (capture,), (release,) = (run.records[name] for name in ("impacts", "capture_impulses", "releases"))
+    assert (capture.time_s, capture.step) == (impact.time_s, impact.step)
+    assert capture.qvel_before == impact.qvel_after
+    assert release.time_s == pytest.approx(1.804, abs=1e-12)
+    assert [(phase.name, phase.reason) for phase in run.phases] == [
+        ("meet", "start"),
+        ("hold", "capture"),
+        ("leave", "time"),
+    ]
+    energy = capture.energy_before_J["total"][0]
+    assert abs(capture.energy_change_J + capture.loss_J) <= 1e-14 * energy
+    assert capture.rank == 6
+    # Velocities are continuous at the release, and the object flies on alone.
+    assert release.qvel_before == release.qvel_after
+    grasp, times = run["contact.capture_grasp"], run.time
+    np.testing.assert_array_equal(grasp == 1.0, (times > capture.time_s) & (times <= release.time_s))
+    force = np.column_stack([run[f"contact.capture_force_{x}_N"] for x in "xyz"])
+    assert np.all((np.abs(force).max(axis=1) > 0.0) == (grasp == 1.0))
+    (told,) = run.captures
+    assert (told.grasp, told.time_s, told.release_s) == ("grasp", capture.time_s, release.time_s)
+    at_events = run["contact.capture_event_force_N"]
+    highest = max(np.linalg.norm(force[times < release.time_s], axis=1).max(), at_events.max())
+    assert told.peak_force_N == pytest.approx(highest, rel=1e-14)
+    assert run["contact.capture_event_s"][np.flatnonzero(at_events)].tolist() == [capture.time_s]
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["captures"] == [{**dataclasses.asdict(told), "impulse": list(told.impulse)}]
+    assert ffsm_mj.load_run(out).captures == run.captures
+    assert run.table("captures").columns["impulse_x"].tolist() == [told.impulse[0]]
+
+
+def test_the_load_gives_the_object_its_momentum(tmp_path):
+    """Integrated over the time that it is held, by the trapezoidal rule: another way to the same momentum."""
+    run = ffsm_mj.run(grasping(tmp_path))
+    (told,) = run.captures
+    while_held = (run.time > told.time_s) & (run.time < 1.8)
+    force = np.column_stack([run[f"contact.capture_force_{x}_N"] for x in "xyz"])[while_held]
+    gained = np.column_stack([run[f"momentum.objects_P_{x}_N_s"] for x in "xyz"])[while_held]
+    integral = 1e-3 * (force[1:-1].sum(axis=0) + 0.5 * (force[0] + force[-1]))
+    # Torques are held: the force of a row is that after the jump at its tick. Half a millisecond of all jumps is at stake.
+    at_stake = 0.5e-3 * np.abs(np.diff(force, axis=0)).sum(axis=0)
+    error = np.abs(integral - (gained[-1] - gained[0]))
+    assert np.all(error <= 1.1 * at_stake), (error, at_stake)  # and a tenth for the curvature
+    assert at_stake.max() < 0.02 * np.abs(gained[-1] - gained[0]).max()
+
+
+@pytest.mark.parametrize("step_s", [1e-3, 2e-3, 4e-3])
+def test_bounds_are_met_at_a_root_not_at_a_tick(tmp_path, step_s):
+    """The instant does not depend on the step, and the largest value is its bound there."""
+    run = holds(ffsm_mj.run(grasping(tmp_path, BOUNDS, time_step_s=step_s, control_period_s=4e-3, duration_s=1.2)))
+    (capture,) = run.records["capture_impulses"]
+    values = capture.position_m / 0.1, capture.angle_rad / 0.5, capture.speed_m_s, capture.rate_rad_s
+    assert max(values) == pytest.approx(1.0, abs=1e-11)
+    assert max(values) <= 1.0
+    reference = tmp_path / "reference"
+    run = ffsm_mj.run(grasping(reference, BOUNDS, time_step_s=1e-3, control_period_s=4e-3, duration_s=1.2))
+    assert capture.time_s == pytest.approx(run.captures[0].time_s, abs=1e-10)
+
+
+def test_a_capture_at_the_next_tick_would_be_noticed(tmp_path, monkeypatch):
+    """Its bounds are no longer at their edge, and the log does not agree with the scenario's own instant."""
+    monkeypatch.setattr(GraspModel, "first_event", lambda _, duration_s: duration_s)
+    run = ffsm_mj.run(grasping(tmp_path, BOUNDS, duration_s=1.2))
+    (capture,) = run.records["capture_impulses"]
+    values = capture.position_m / 0.1, capture.angle_rad / 0.5, capture.speed_m_s, capture.rate_rad_s
+    assert max(values) < 1.0 - 1e-5
+
+
+def test_bounds_that_hold_when_armed_capture_at_once(tmp_path):
+    phases = [
+        {"name": "wait", "for_s": 0.8, "controller": OFF},
+        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "hold", "until": "end", "controller": OFF},
+    ]
+    run = holds(ffsm_mj.run(grasping(tmp_path, BOUNDS, phases=phases, duration_s=1.0)))
+    assert [phase.start_s for phase in run.phases] == [0.0, pytest.approx(0.8), pytest.approx(0.8)]
+
+
+def test_a_grasp_that_never_closes_is_told_of_once_per_arming(tmp_path):
+    phases = [
+        {"name": "try", "for_s": 0.5, "arm": ["grasp"], "controller": OFF},
+        {"name": "rest", "for_s": 0.5, "controller": OFF},
+        {"name": "again", "until": "end", "arm": ["grasp"], "controller": OFF},
+    ]
+    run = holds(ffsm_mj.run(grasping(tmp_path, NEAR, phases=phases, duration_s=1.2)))
+    first, second = run.records["near_misses"]
+    assert (first.time_s, second.time_s) == (pytest.approx(0.5), pytest.approx(1.2))
+    assert first.least_s == pytest.approx(0.5)
+    assert 1.0 < second.least_ratio < 4.0
+    assert first.position_m / 0.05 == pytest.approx(first.least_ratio)
+    assert run.summary()["near_misses"][0]["least_ratio"] == first.least_ratio
+    assert "qpos" not in run.summary()["near_misses"][0]
+    assert run.summary()["near_misses"][0]["failed"] == "position_m"
+    assert (first.failed_value, first.failed_bound) == (first.position_m, 0.05)
+    assert f"grasp missed: distance {first.position_m:.4g} m, bound 0.05 m ({first.least_ratio:.4g} times)" in run_report(
+        run
+    )
+    assert run.captures == ()
+
+
+def test_a_miss_names_each_bound_that_failed(tmp_path):
+    """The ball passes through the hand at 1 m/s: near enough, never slow enough; turning is not bounded."""
+    within = {"position_m": 0.15, "angle_rad": 0.5, "speed_m_s": 0.4}
+    near = {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"within": within}}
+    rates = {"target/free": [-1.0, 0, 0, 0, 0, 0]}
+    path = scene(
+        tmp_path,
+        ball("ball"),
+        {"target": ball("target")},
+        initial={"joints": {"target/free": [0.1, 0, 0, 1, 0, 0, 0]}, "rates": rates},
+        captures={"grasp": near},
+        phases=[{"name": "try", "until": "end", "arm": ["grasp"], "controller": OFF}],
+        duration_s=0.2,
+    )
+    run = holds(ffsm_mj.run(path))
+    (miss,) = run.records["near_misses"]
+    assert miss.bounds == {name: (bound,) for name, bound in within.items()}
+    assert (miss.failed, miss.failed_bound) == ("speed_m_s", 0.4)
+    assert miss.failed_value == miss.speed_m_s == pytest.approx(1.0, abs=1e-12)
+    (told,) = run.summary()["near_misses"]
+    assert (told["failed"], told["failed_value"], told["failed_bound"]) == ("speed_m_s", miss.speed_m_s, 0.4)
+    (line,) = [line for line in run_report(run).splitlines() if "missed" in line]
+    assert "grasp missed: relative speed 1 m/s, bound 0.4 m/s (2.5 times); nearest at t = " in line
+    assert "distance" not in line
+    asked = ["near_misses.0.failed", "near_misses.0.failed_value", "near_misses.0.failed_bound"]
+    metrics = evaluated(run, {}, asked)
+    assert [metrics[name] for name in asked] == ["speed_m_s", miss.speed_m_s, 0.4]
+    assert all(fault_of(name, []) is None for name in asked)
+
+
+@pytest.mark.parametrize("step_s", [1e-3, 2e-2])
+def test_a_miss_tells_the_least_of_all_instants(tmp_path, step_s):
+    """A ball passes the hand at 0.3 m between two steps: the record has that, and ``analyze`` finds it anew."""
+    near = {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"within": {"position_m": 0.05}}}
+    path = scene(
+        tmp_path,
+        ball("ball"),
+        {"target": ball("target")},
+        initial={"joints": {"target/free": [0.5037, 0.3, 0, 1, 0, 0, 0]}, "rates": {"target/free": [-1.0, 0, 0, 0, 0, 0]}},
+        captures={"grasp": near},
+        phases=[
+            {"name": "try", "for_s": 0.8, "arm": ["grasp"], "controller": OFF},
+            {"name": "rest", "until": "end", "controller": OFF},
+        ],
+        time_step_s=step_s,
+        control_period_s=2e-2,
+    )
+    run = holds(ffsm_mj.run(path))
+    (miss,), (arming,) = run.records["near_misses"], run.records["armings"]
+    assert (arming.time_s, miss.time_s) == (0.0, pytest.approx(0.8))
+    assert miss.least_s == pytest.approx(0.5037, abs=1e-7)  # flat there: to the root of what its value is known to
+    assert miss.least_ratio == pytest.approx(6.0, abs=1e-12)
+    records = {**run.log.records, "near_misses": (dataclasses.replace(miss, least_ratio=6.0 + 1e-7),)}
+    assert not replay_log(dataclasses.replace(run.log, records=records)).agrees
+
+
+def test_a_miss_before_an_impact_does_not_look_behind_it(tmp_path):
+    """A ball that bounces off the hand in the middle of a step is no nearer than where it touches."""
+    near = {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"within": {"position_m": 0.05}}}
+    path = scene(
+        tmp_path,
+        ball("ball"),
+        {"target": ball("target")},
+        initial={"joints": {"target/free": [0.5037, 0, 0, 1, 0, 0, 0]}, "rates": {"target/free": [-1.0, 0, 0, 0, 0, 0]}},
+        impact_pairs=[{"geoms": ["ball", "target/target"]}],
+        captures={"grasp": near},
+        phases=[{"name": "try", "until": "end", "arm": ["grasp"], "controller": OFF}],
+        time_step_s=1e-2,
+        control_period_s=1e-2,
+    )
+    run = holds(ffsm_mj.run(path))
+    (miss,) = run.records["near_misses"]
+    assert (miss.least_ratio, miss.least_s) == (pytest.approx(4.0, abs=1e-12), pytest.approx(0.3037, abs=1e-12))
+
+
+def test_taken_let_go_and_taken_again(tmp_path):
+    sites = {"robot_site": "grip", "object_site": "handle"}
+    wide = {"within": {"position_m": 0.2, "speed_m_s": 1.0}}
+    phases = [
+        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "hold", "for_s": 0.3, "controller": HOLD},
+        {"name": "leave", "for_s": 0.05, "release": ["grasp"], "controller": OFF},
+        {"name": "meet_again", "until": "capture", "arm": ["wide"], "controller": OFF},
+        {"name": "hold_again", "for_s": 0.2, "controller": OFF},
+        {"name": "leave_and_take", "until": "end", "release": ["wide"], "arm": ["wide"], "controller": OFF},
+    ]
+    captures = {"grasp": {**sites, "when": BOUNDS}, "wide": {**sites, "when": wide}}
+    run = holds(ffsm_mj.run(grasping(tmp_path, captures=captures, phases=phases, duration_s=1.5)))
+    first, second, third = run.captures
+    assert [each.grasp for each in run.captures] == ["grasp", "wide", "wide"]
+    assert first.release_s < second.time_s < second.release_s == third.time_s
+    assert third.release_s is None
+    assert third.loss_J < 1e-25
+
+
+def test_let_go_at_once_leaves_the_common_twist(tmp_path):
+    """Released where it was taken, the object has the twist of the hand at the object's place."""
+    phases = [
+        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "leave", "until": "end", "release": ["grasp"], "controller": OFF},
+    ]
+    run = holds(ffsm_mj.run(grasping(tmp_path, BOUNDS, phases=phases, duration_s=1.0)))
+    (capture,), (release,) = run.records["capture_impulses"], run.records["releases"]
+    assert release.time_s == capture.time_s
+    assert release.qvel_after == capture.qvel_after
+
+
+def test_what_is_held_is_hit(tmp_path):
+    """By a third body, elastically: an impact on robot and object as one; with e < 1 it loses its share and goes on."""
+    initial = {
+        "joints": {"target/free": [1.3, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [2.1, 0.05, 0, 1, 0, 0, 0]},
+        "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "stone/free": [-0.7, 0, 0, 0, 0, 0]},
+    }
+    for e in (1.0, 0.4):
+        pairs = [
+            {"geoms": ["hand", "target/target"], "restitution": 0.5},
+            {"name": "late", "geoms": ["stone/stone", "target/target"], "restitution": e},
+        ]
+        folder = tmp_path / str(e)
+        run = holds(
+            ffsm_mj.run(grasping(folder, others={"stone": stone()}, initial=initial, impact_pairs=pairs, duration_s=2.0))
+        )
+        (capture,) = run.records["capture_impulses"]
+        late = [impact for impact in run.impacts if impact.pair == "late"]
+        assert len(late) == 1
+        assert late[0].time_s > capture.time_s
+        assert late[0].separation_speed_m_s == pytest.approx(e * late[0].approach_speed_m_s, rel=1e-10)
+        assert late[0].linear_momentum_change_N_s < 1e-13
+        before, after = (np.array(qvel["robot/free"]) for qvel in (late[0].qvel_before, late[0].qvel_after))
+        assert np.abs(after - before).max() > 1e-3  # the robot feels it at once
+
+
+def test_the_held_object_hits_the_base(tmp_path):
+    """A pair of the robot and what it holds: not that of the hand, which is one rigid body with it, but that of the hull."""
+    pairs = [
+        {"geoms": ["hand", "target/target"], "restitution": 0.5},
+        {"name": "hull", "geoms": ["hull", "target/target"], "restitution": 0.6},
+    ]
+    phases = [
+        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "pull", "until": "end", "controller": {"kind": "pd", "kp": 3.0, "kd": 0.5, "target": [0.0, 2.9]}},
+    ]
+    path = grasping(tmp_path, phases=phases, impact_pairs=pairs, duration_s=4.0)
+    run = holds(ffsm_mj.run(path))
+    hits = [impact for impact in run.impacts if impact.pair == "hull"]
+    assert hits
+    assert hits[0].separation_speed_m_s == pytest.approx(0.6 * hits[0].approach_speed_m_s, rel=1e-9)
+    assert [impact.pair for impact in run.impacts].count("hand-target/target") == 1
+    # It bounces out, and lies there.
+    assert hits[-1].restitution_used == 0.0
+    assert [(begun.pair, begun.time_s) for begun in run.records["contact_beginnings"]] == [("hull", hits[-1].time_s)]
+
+
+def test_a_law_is_made_for_what_moves(tmp_path):
+    """While the object is held a law sees the system in which it is a part of the robot, and the free one beside it."""
+    seen = []
+
+    class Look:
+        telemetry_signals = ()
+
+        def __init__(self, _, context):
+            self._system = context.system
+
+        def start(self, observation):
+            seen.append(("start", self._system.grasp.name if self._system.grasp else "", observation.grasp))
+
+        def control(self, observation, command):
+            system = self._system
+            assert observation.data.qpos.size == system.mj.nq
+            assert observation.free.qpos.size == 16
+            assert (system.grasp.name if system.grasp else "") == observation.grasp
+            mass = system.mj.body_subtreemass[system.robot.root]
+            assert mass == pytest.approx(9.7 + 3.0 * bool(observation.grasp))
+            place = [observation.data.xpos[system.index("body", "target/target")], observation.free.xpos[4]]
+            np.testing.assert_allclose(*place, atol=1e-14)
+            if observation.time_s == 1.5:
+                command.requests.add("grasp.release")
+
+        def telemetry(self):
+            return ()
+
+    phases = [{"name": "all", "until": "end", "arm": ["grasp"], "controller": {"kind": "look"}}]
+    run = ffsm_mj.run(grasping(tmp_path, phases=phases), controllers={"look": Look})
+    assert run.outcome == "completed", run.message
+    assert seen == [("start", "", ""), ("start", "grasp", "grasp"), ("start", "", "")]
+    assert run.captures[0].release_s == pytest.approx(1.5, abs=1e-12)
+
+
+def test_what_a_law_believes_of_the_object_it_believes_of_what_is_held(tmp_path):
+    seen = []
+
+    class Look:
+        telemetry_signals = ()
+
+        def __init__(self, _, context):
+            self._model = context.system.mj
+
+        def start(self, _):
+            pass
+
+        def control(self, observation, _):
+            root = self._model.body("target/target").id
+            assert self._model.body_mass[root] == 5.0
+            if observation.grasp:
+                seen.append(float(self._model.body_subtreemass[1]))
+                np.testing.assert_allclose(observation.data.xpos[root], observation.free.xpos[4], atol=1e-14)
+
+        def telemetry(self):
+            return ()
+
+    phases = [{"name": "all", "until": "end", "arm": ["grasp"], "controller": {"kind": "look"}}]
+    path = grasping(tmp_path, phases=phases, controller_model={"target": {"target": {"mass_kg": 5.0}}}, duration_s=1.0)
+    run = ffsm_mj.run(path, controllers={"look": Look})
+    assert run.outcome == "completed", run.message
+    assert seen
+    assert seen == [pytest.approx(14.7)] * len(seen)
+    assert all(check.passes for check in run.checks())
+
+
+def test_a_second_grasp_is_refused_by_name(tmp_path):
+    """An object held twice is a closed loop."""
+    captures = {
+        "one": {"robot_site": "grip", "object_site": "handle", "when": BOUNDS},
+        "two": {"robot_site": "grip", "object_site": "handle", "when": BOUNDS},
+    }
+    meet = {"name": "meet", "until": "capture", "arm": ["one"], "controller": OFF}
+    again = {"name": "again", "until": "end", "arm": ["two"], "controller": OFF}
+    with pytest.raises(InputError) as error:
+        ffsm_mj.prepare(grasping(tmp_path / "read", captures=captures, phases=[meet, again]))
+    (line,) = error.value.lines
+    assert ": phases.1.arm.0: 'two' cannot take hold while 'one' holds, since the end of phase 'meet': one grasp" in line
+    # Where the phases do not show it the run ends there: the first may end by its time, or both are armed at once.
+    for k, (phases, does) in enumerate(
+        (
+            ([{**meet, "for_s": 5.0}, again], "is armed"),
+            ([{**meet, "until": "end", "arm": ["one", "two"]}], "would take hold"),
+        )
+    ):
+        run = ffsm_mj.run(grasping(tmp_path / str(k), captures=captures, phases=phases))
+        assert run.outcome == "controller_failed"
+        assert f"grasp 'two' {does} at t = " in run.message
+        assert "while 'one' holds 'target': one grasp holds at a time; release it first" in run.message
+
+
+def test_what_may_have_been_let_go_may_be_taken_again(tmp_path):
+    """A phase, an end by a release or a law of one's own that may ask for it: no second grasp then."""
+
+    class Lets:
+        telemetry_signals = ()
+
+        def __init__(self, *_):
+            pass
+
+        start = control = telemetry = lambda *_: ()
+
+    meet = {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF}
+    last = {"name": "again", "until": "end", "arm": ["grasp"], "controller": OFF}
+    for k, between in enumerate(
+        (
+            {"for_s": 0.1, "release": ["grasp"], "controller": OFF},
+            {"until": "release", "controller": OFF},
+            {"for_s": 0.1, "controller": {"kind": "lets"}},
+        )
+    ):
+        phases = [meet, {"name": "between", **between}, last]
+        ffsm_mj.prepare(grasping(tmp_path / str(k), phases=phases), controllers={"lets": Lets})
+
+
+@pytest.mark.parametrize(
+    ("changes", "place", "what"),
+    [
+        ({"robot_site": "grap"}, "captures.grasp.robot_site", "unknown site of the robot 'grap'; allowed: robot/grip"),
+        (
+            {"object_site": "knob"},
+            "captures.grasp.object_site",
+            "unknown site of a floating object 'knob'; allowed: target/",
+        ),
+        ({"robot_site": "handle"}, "captures.grasp.robot_site", "no site of the robot: unknown site of the robot"),
+        ({"object_site": "grip"}, "captures.grasp.object_site", "no site of a floating object"),
+        ({"when": {}}, "captures.grasp.when", "needs 'touch: [pair, ...]' or 'within"),
+        ({"when": {"touch": ["hand-target/target"], **BOUNDS}}, "captures.grasp.when", "one of the two"),
+        ({"when": {"within": {}}}, "captures.grasp.when.within", "needs one bound at least"),
+        ({"when": {"touch": ["hand"]}}, "captures.grasp.when.touch.0", "unknown impact pair 'hand'"),
+    ],
+)
+def test_what_is_wrong_with_a_capture_is_told_with_its_place(tmp_path, changes, place, what):
+    captures = {"grasp": {"robot_site": "grip", "object_site": "handle", "when": BOUNDS} | changes}
+    with pytest.raises(InputError) as error:
+        ffsm_mj.prepare(grasping(tmp_path, captures=captures))
+    (line,) = error.value.lines
+    assert f": {place}: " in line
+    assert what in line
+
+
+def test_what_a_phase_says_of_captures_is_checked(tmp_path):
+    phases = [
+        {"name": "meet", "until": "capture", "arm": ["grab"], "controller": OFF},
+        {"name": "rest", "until": "end", "release": ["grab"], "controller": OFF},
+    ]
+    with pytest.raises(InputError) as error:
+        ffsm_mj.prepare(grasping(tmp_path / "unknown", phases=phases))
+    places = [line.split(": ")[1] for line in error.value.lines]
+    assert places == ["phases.0.arm.0", "phases.1.release.0"]
+    with pytest.raises(InputError, match="unknown end of a phase 'capture'"):
+        ffsm_mj.prepare(
+            grasping(tmp_path / "none", captures={}, phases=[{**phases[0], "arm": []}, {**phases[1], "release": []}])
+        )
+
+
+def test_a_phase_that_waits_for_a_capture_arms_one_or_a_law_may_have(tmp_path):
+    class Arms:
+        telemetry_signals = ()
+
+        def __init__(self, *_):
+            pass
+
+        start = control = telemetry = lambda *_: ()
+
+    wait = {"name": "wait", "until": "capture", "controller": OFF}
+    with pytest.raises(InputError, match=r"phases\.0\.until: nothing is armed, .*; write 'arm: \[grasp\]'"):
+        ffsm_mj.prepare(grasping(tmp_path / "none", phases=[wait]))
+    asked = {"name": "ask", "for_s": 0.1, "controller": {"kind": "arms"}}
+    ffsm_mj.prepare(grasping(tmp_path / "asked", phases=[asked, wait]), controllers={"arms": Arms})
+    ffsm_mj.prepare(grasping(tmp_path / "timed", phases=[{**wait, "for_s": 0.5}]))
+
+
+def test_an_object_that_cannot_follow_and_a_law_that_cannot_drive_are_refused_when_read(tmp_path):
+    path = grasping(tmp_path, initial={})
+    (path.parent / "target.xml").write_text(FLAT_TARGET)
+    with pytest.raises(InputError, match="the joints of 'target/target' cannot take the poses"):
+        ffsm_mj.prepare(path)
+
+    class Free:
+        telemetry_signals = ()
+
+        def __init__(self, _, context):
+            context.system.joint("target/free")
+
+        start = control = telemetry = lambda *_: ()
+
+    phases = [{"name": "all", "until": "end", "controller": {"kind": "free"}}]
+    with pytest.raises(
+        InputError, match=r"while 'grasp' holds: the controller cannot be made .*unknown joint 'target/free'"
+    ):
+        ffsm_mj.prepare(grasping(tmp_path / "law", phases=phases), controllers={"free": Free})
+
+
+def test_check_lists_what_is_disarmed_and_the_watch_leaves_it_out(tmp_path, capfd):
+    """Hand and target overlap by what was taken there; nobody tells of it while they are one body."""
+    path = grasping(tmp_path, BOUNDS, impact_pairs=[], duration_s=1.0)
+    assert main(["check", str(path)]) == 0
+    assert "note: while 'grasp' holds, 1 pairs of geoms are on one rigid body and cannot meet" in capfd.readouterr().out
+    assert ffsm_mj.run(path).unhandled_contacts == ()
+
+
+def test_check_says_which_capture_no_phase_arms(tmp_path, capfd):
+    class Arms:
+        telemetry_signals = ()
+
+        def __init__(self, *_):
+            pass
+
+        start = control = telemetry = lambda *_: ()
+
+    sites = {"robot_site": "grip", "object_site": "handle"}
+    captures = {"grasp": {**sites, "when": TOUCH}, "spare": {**sites, "when": NEAR}}
+    path = grasping(tmp_path / "scene", captures=captures)
+    assert main(["check", str(path)]) == 0
+    told = [line for line in capfd.readouterr().out.splitlines() if "arms" in line]
+    assert told == ["note: no phase arms the capture 'spare', so it never takes hold; write 'arm: [spare]' in a phase"]
+    asked = {"name": "ask", "until": "end", "controller": {"kind": "arms"}}
+    lines = ffsm_mj.prepare(grasping(tmp_path / "asked", phases=[asked]), controllers={"arms": Arms}).describe()
+    assert any("'grasp', so it never takes hold unless the control law of phase 'ask' asks for it" in line for line in lines)
+
+
+def test_the_log_of_a_run_with_captures(tmp_path, capfd):
+    """Analysed from its file, run again from its folder, and a changed impulse is found."""
+    out = tmp_path / "run"
+    run = ffsm_mj.run(grasping(tmp_path / "scene"), out=out, rerun=False)
+    assert main(["analyze", str(out)]) == 0
+    assert "columns agree with states" in capfd.readouterr().out
+    again = ffsm_mj.run(out)
+    np.testing.assert_array_equal(again.qpos, run.qpos)
+    (capture,) = run.records["capture_impulses"]
+    for name, value in (
+        ("loss_J", capture.loss_J * (1.0 + 1e-6)),
+        ("impulse_N_s", tuple(x + 1e-7 for x in capture.impulse_N_s)),
+        ("time_s", math.nextafter(capture.time_s, 2.0) + 1e-6),
+    ):
+        records = {**run.log.records, "capture_impulses": (dataclasses.replace(capture, **{name: value}),)}
+        assert not replay_log(dataclasses.replace(run.log, records=records)).agrees
+
+
+def test_a_force_on_what_is_held_that_is_no_part_of_it_is_noticed(tmp_path):
+    """The load of a row follows from its state and efforts: another number in the log is found."""
+    run = ffsm_mj.run(grasping(tmp_path))
+    rows = run.log.rows.copy()
+    rows[1000, run.log.header.layout.index["contact.capture_force_x_N"]] += 1e-7
+    assert not replay_log(dataclasses.replace(run.log, rows=rows)).agrees
+
+
+def test_a_scene_without_captures_has_nothing_of_them(tmp_path):
+    run = ffsm_mj.run(
+        grasping(tmp_path, captures={}, phases=[{"name": "all", "until": "end", "controller": OFF}], duration_s=0.1)
+    )
+    assert not any("capture" in key for key in run.keys)
+    assert "captures" not in run.summary()
+    assert "capture_impulses" not in run.records
+
+
+def test_the_case_study_catches_its_box():
+    """Where it would have hit it, at the instant of the hit: the box in the plane has rank 3."""
+    run = ffsm_mj.run("capture-planar", {"duration_s": 10.5})
+    assert run.outcome == "completed", run.message
+    (capture,), (impact, *_) = run.records["capture_impulses"], run.impacts
+    assert capture.time_s == impact.time_s == pytest.approx(7.769, abs=1e-3)
+    assert capture.rank == 3
+    assert capture.impulse_N_s[2] == capture.angular_impulse_N_m_s[0] == capture.angular_impulse_N_m_s[1] == 0.0
+    assert abs(capture.energy_change_J + capture.loss_J) <= 1e-14 * capture.energy_before_J["total"][0]
+    assert [phase.reason for phase in run.phases] == ["start", "capture", "time"]
+    assert all(check.passes for check in run.checks()), [check for check in run.checks() if not check.passes]
+    # Held by construction: the box is where it was in the hand.
+    held = run.time > capture.time_s
+    assert np.ptp(run["contact.capture_grasp"][held]) == 0.0
+
+
+def test_an_object_that_outweighs_the_robot_is_held_by_scales_of_both(tmp_path):
+    """What RK4 leaves of 1e6 kg at 5 ms is all in the robot's balance, which takes off the change of the object's energy."""
+    path = grasping(tmp_path / "scene", time_step_s=0.005, control_period_s=0.005)
+    target, share = tmp_path / "scene" / "target.xml", 1e6 / 3.0
+    inertia = " ".join(f"{share * moment:.9g}" for moment in (0.04, 0.05, 0.06))
+    heavy = TARGET.replace('mass="3"', 'mass="1e6"').replace('diaginertia="0.04 0.05 0.06"', f'diaginertia="{inertia}"')
+    target.write_text(heavy)
+    run = ffsm_mj.run(path)
+    assert run.captures
+    laws = {(check.name, check.subsystem): check for check in run.checks()}
+    assert all(law.passes for law in laws.values())
+    robot, objects = (laws["energy", subsystem] for subsystem in ("robot", "objects"))
+    assert robot.residual > 1e-9 * (1.0 + run["energy.robot_J"].max())  # more than its own energy would allow
+    assert robot.tolerance < 1.01 * (objects.tolerance + 1e-9 * run["energy.robot_J"].max())
+    # Until it is held the robot is judged by its own.
+    free = ffsm_mj.run(path, {"duration_s": 0.5, "phases": [{"name": "meet", "until": "end", "controller": OFF}]})
+    assert next(check for check in free.checks() if (check.name, check.subsystem) == ("energy", "robot")).tolerance < 1.1e-9

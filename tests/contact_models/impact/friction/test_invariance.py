@@ -1,0 +1,60 @@
+"""The same impact told otherwise: turned scene, other tangents, other order of contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ffsm_mj.contact_models.impact.friction import impact_with_friction
+from tests.contact_models.impact.friction.contacts import energy
+from tests.contact_models.impact.friction.problems import problem
+
+LAWS = ["blend", "poisson"]
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("family", [0, 2])
+def test_a_turned_scene_with_its_tangents_has_turned_velocities(law, family):
+    """Turning leaves A A^T and A w: what differs is rounding, 1e-10 of the velocities."""
+    for seed in range(15):
+        rng = np.random.default_rng([5, seed])
+        A, w, mu, e = problem(rng, family)
+        turn = np.linalg.qr(rng.normal(size=(len(w), len(w))))[0]
+        there, turned = impact_with_friction(A, w, mu, e, law), impact_with_friction(A @ turn.T, turn @ w, mu, e, law)
+        np.testing.assert_allclose(turned.w, turn @ there.w, rtol=0, atol=1e-10 * np.abs(w).max())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_order_and_tangents_do_not_matter_at_full_rank(law):
+    """Redundant contacts may have several answers; at full rank there is one, solved to 1e-9 of the speeds."""
+    for seed in range(25):
+        rng = np.random.default_rng([6, seed])
+        A, w, mu, e = problem(rng, 0)
+        order = rng.permutation(len(mu))
+        other = []
+        for i in order:
+            c, s = np.cos(angle := rng.uniform(0, 2 * np.pi)), np.sin(angle)
+            other.append(np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ A[3 * i : 3 * i + 3])
+        here = impact_with_friction(A, w, mu, e, law)
+        there = impact_with_friction(np.concatenate(other), w, mu[order], e[order], law)
+        np.testing.assert_allclose(there.w, here.w, rtol=0, atol=1e-7 * np.abs(w).max())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_same_arguments_give_the_same_bits(law):
+    for seed in range(6):
+        A, w, mu, e = problem(np.random.default_rng([8, seed]), seed % 3)
+        here, again = impact_with_friction(A, w, mu, e, law), impact_with_friction(A.copy(), w.copy(), mu, e, law)
+        np.testing.assert_array_equal(here.w, again.w)
+        np.testing.assert_array_equal(here.impulses, again.impulses)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_units_do_not_matter(law, factor):
+    """Ten times the speed, ten times the impulse: nothing in the solver has units."""
+    for seed in range(10):
+        A, w, mu, e = problem(np.random.default_rng([9, seed]), 0)
+        here, there = impact_with_friction(A, w, mu, e, law), impact_with_friction(A * 30.0, w * factor, mu, e, law)
+        np.testing.assert_allclose(there.w / factor, here.w, rtol=0, atol=1e-7 * np.abs(w).max())
+        assert energy(there.w) <= energy(w) * factor**2 * (1 + 1e-12)

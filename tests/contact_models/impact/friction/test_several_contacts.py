@@ -1,0 +1,192 @@
+"""Several contacts with Coulomb friction: cases with their digits, thousands of random problems, what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ffsm_mj.contact_models.impact.friction import impact_with_friction
+from ffsm_mj.errors import UnsupportedContactError
+from tests.contact_models.impact.friction.contacts import box_inertia, energy, on_floor, rod, rows
+from tests.contact_models.impact.friction.problems import problem
+
+LAWS = ["blend", "poisson"]
+
+
+def gaining():
+    """Two planar contacts at which expansion without a guard gains 3 % of the energy: A, w, mu, e."""
+    A = np.zeros((6, 5))
+    A[[0, 1]] = (-2.81, -0.96, 0.3, -2.32, 0.68), (0.7, 1.06, 1.97, -0.99, 0.34)
+    A[[3, 4]] = (-0.26, 0.67, -0.07, -0.88, -1.93), (-2.74, 1.02, -1.61, 0.54, -1.1)
+    return A, np.array([0.91, 1.65, -1.35, -0.15, 0.66]), np.array([1.88, 1.69]), np.array([1.0, 0.0])
+
+
+def spheres(speed, spin):
+    """Three equal spheres in a row, R = 0.5, m = 1, the first moving and spinning; v_x, v_y and spin of each."""
+    inertia, A = 0.1, np.zeros((6, 9))
+    for i in (0, 1):
+        A[3 * i, [3 * i, 3 * i + 3]] = -1.0, 1.0
+        A[3 * i + 1, 3 * i + 1 : 3 * i + 6] = -1.0, -0.5, 0.0, 1.0, -0.5
+    root = np.sqrt(np.tile([1.0, 1.0, inertia], 3))
+    return A / root, root, root * np.array([speed, 0, spin, 0, 0, 0, 0, 0, 0])
+
+
+def box_on_edges(velocity):
+    """A planar box, 1 m by 0.4 m, 2 kg, on two edges; v_x, v_z and spin."""
+    J = np.array([row for x in (0.5, -0.5) for row in ([0, 1, x], [1, 0, 0.2], [0, 0, 0])], dtype=float)
+    root = np.sqrt([2.0, 2.0, 2 / 3 * (0.25 + 0.04)])
+    return J / root, root, root * np.array(velocity)
+
+
+def test_the_guard_lowers_restitution_where_energy_would_grow():
+    """Theta and the energy after, 1e-6: theta is found by twenty halvings."""
+    A, w, mu, e = gaining()
+    result = impact_with_friction(A, w, mu, e, "poisson")
+    assert result.status == "energy_guard"
+    assert result.theta == pytest.approx(0.948914, abs=1e-6)
+    assert energy(result.w) / energy(w) == pytest.approx(0.9999997, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("e", "v_x", "change"), [(1.0, (0, 0, 1), -0.0748663102), (0.5, (1 / 6, 1 / 6, 2 / 3), -0.3248663102)]
+)
+def test_a_spinning_sphere_hits_a_row(e, v_x, change):
+    A, root, w = spheres(1.0, 2.0)
+    result = impact_with_friction(A, w, np.full(2, 0.2), np.full(2, e), "blend")
+    after = (result.w / root).reshape(3, 3).T
+    np.testing.assert_allclose(after[0], v_x, atol=1e-9)
+    np.testing.assert_allclose(after[1], (-0.1497326203, 0.1818181818, -0.0320855615), atol=1e-9)
+    np.testing.assert_allclose(after[2], (1.2513368984, -0.5882352941, 0.1604278075), atol=1e-9)
+    assert energy(result.w) - energy(w) == pytest.approx(change, abs=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("before", "after", "change"),
+    [
+        ((0.5, -1, 0), (0.02, 0.6, 0), -0.8896),
+        ((0, -1, 0), (0, 0.6, 0), -0.64),
+        ((0.2, -1, 0), (-0.0351219512, 0.6, 0.1756097561), -0.6757853659),
+    ],
+)
+def test_a_box_lands_on_two_edges(law, before, after, change):
+    A, root, w = box_on_edges(before)
+    result = impact_with_friction(A, w, np.full(2, 0.3), np.full(2, 0.6), law)
+    np.testing.assert_allclose(result.w / root, after, atol=1e-9)
+    assert energy(result.w) - energy(w) == pytest.approx(change, abs=1e-9)
+    if before == (0.5, -1, 0):
+        np.testing.assert_allclose(result.impulses[:, 0], (1.792, 1.408), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("law", "after"),
+    [("poisson", (0.1059292035, 0.3530973451, -0.7061946903)), ("blend", (0.0492202118, 0.4248703082, -0.2461010591))],
+)
+def test_a_tumbling_box_depends_on_the_law(law, after):
+    A, root, w = box_on_edges((0, -0.5, 2))
+    result = impact_with_friction(A, w, np.full(2, 0.3), np.full(2, 0.6), law)
+    np.testing.assert_allclose(result.w / root, after, atol=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_flat_box_slides_on_four_corners(law):
+    """Rank 6 of 12: velocities are those of one contact, no spin."""
+    half = np.array([0.5, 0.3, 0.2])
+    A, root = on_floor(2.0, box_inertia(2.0, half), [(x, y, -0.2) for x in (-0.5, 0.5) for y in (-0.3, 0.3)])
+    w = root * np.array([0.5, 0, -1, 0, 0, 0])
+    result = impact_with_friction(A, w, np.full(4, 0.3), np.full(4, 0.5), law)
+    np.testing.assert_allclose(result.w / root, (0.05, 0, 0.5, 0, 0, 0), atol=1e-9)
+    np.testing.assert_allclose((A @ result.w)[::3], 0.5, atol=1e-9)
+    assert energy(result.w) - energy(w) == pytest.approx(-0.9975, abs=1e-9)
+    assert result.paths == ("slip",) * 4
+
+
+def checked(A, w, mu, e, law):
+    """A result after all that must hold of every impact, with tolerances relative to speeds and energy."""
+    result = impact_with_friction(A, w, mu, e, law)
+    T, speed = energy(w), np.abs(A @ w).max()
+    change = energy(result.w) - T
+    assert result.status in {"ok", "jammed", "energy_guard"}
+    assert result.residual <= 1e-9
+    assert change <= 1e-12 * T
+    assert (A[::3] @ result.w).min() >= -1e-9 * speed
+    assert result.impulses[:, 0].min() >= 0.0
+    assert np.all(np.hypot(result.impulses[:, 1], result.impulses[:, 2]) <= mu * result.impulses[:, 0])
+    np.testing.assert_allclose(result.w, w + A.T @ result.impulses.ravel(), rtol=0, atol=1e-14 * np.abs(w).max())
+    assert result.normal_work.sum() + result.friction_work.sum() == pytest.approx(change, abs=1e-12 * T)
+    return result
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("law", LAWS)
+def test_random_problems(law, seed):
+    """3000 problems per law, of three families: solved, no energy gained, nothing approaches, impulses in their cones."""
+    for i in range(100):
+        rng = np.random.default_rng([seed, i])
+        checked(*problem(rng, i % 3), law)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_what_nobody_pushes_gets_exactly_nothing(law):
+    """A contact apart from the others that separates, and one that does not move at all."""
+    G = np.zeros((9, 9))
+    for i in range(3):
+        G[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = rod(45)
+    A, w = rows(G, (-1, 0.3, 0, 0.5, 0.2, 0, 0, 0, 0))
+    result = impact_with_friction(A, w, np.full(3, 0.5), np.full(3, 0.5), law)
+    assert result.impulses[0, 0] > 0.0
+    np.testing.assert_array_equal(result.impulses[1:], 0.0)
+    assert result.paths[1:] == ("", "")
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_contact_without_friction_gets_none(law, rng):
+    """Among others with friction: no tangential impulse, no path."""
+    for i in range(20):
+        A, w, mu, e = problem(rng, i % 3)
+        mu[0] = 0.0
+        mu[1] = max(mu[1], 0.1)
+        result = checked(A, w, mu, e, law)
+        np.testing.assert_array_equal(result.impulses[0, 1:], 0.0)
+        assert result.paths[0] == ""
+
+
+def test_one_contact_is_stronges():
+    A, w = rows(rod(45), (-1, 1, 0))
+    for law in LAWS:
+        result = impact_with_friction(A, w, np.array([0.3]), np.array([0.5]), law)
+        assert result.law == "stronge"
+        np.testing.assert_allclose(A @ result.w, (0.4508414397, -0.0511208519, 0), atol=1e-9)
+
+
+def test_one_contact_whose_path_cannot_be_integrated_goes_in_two_phases(monkeypatch):
+    """Poisson's answer for the rod at 45 degrees, with its digits."""
+    monkeypatch.setattr("ffsm_mj.contact_models.impact.friction.routh._SEGMENTS", 1)
+    A, w = rows(rod(45), (-1, 1, 0))
+    result = impact_with_friction(A, w, np.array([0.3]), np.array([0.5]), "blend")
+    assert (result.law, result.status) == ("poisson", "ok")
+    np.testing.assert_allclose(A @ result.w, (0.4135593220, 0, 0), atol=1e-9)
+    assert energy(result.w) - energy(w) == pytest.approx(-0.1965527147, abs=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_what_is_refused(count, rng):
+    A, w, one = rng.normal(size=(3 * count, 7)), rng.normal(size=7), np.ones(count)
+    with pytest.raises(UnsupportedContactError, match="'newton' with friction can create energy"):
+        impact_with_friction(A, w, one, one, "newton")
+    with pytest.raises(UnsupportedContactError, match="mu > 0 needs e <= 1"):
+        impact_with_friction(A, w, one, 1.5 * one, "blend")
+    A[0] = 0.0
+    with pytest.raises(ValueError, match="neither body can move"):
+        impact_with_friction(A, w, one, one, "blend")
+
+
+def test_no_solution_is_said(monkeypatch):
+    """No steps and no pyramids leave a residual, and the result is not to be used."""
+    for name, value in (("_STEPS", 0), ("_DAMPED_STEPS", 0), ("_FACETS", ())):
+        monkeypatch.setattr(f"ffsm_mj.contact_models.impact.friction.coulomb.{name}", value)
+    A, _, w = spheres(1.0, 2.0)
+    result = impact_with_friction(A, w, np.full(2, 0.2), np.ones(2), "poisson")
+    assert result.status == "unconverged"
+    assert result.residual > 1e-3

@@ -1,0 +1,308 @@
+"""Bodies that are fixed to the world: hit by robot and objects, they give momentum from outside and take no energy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.balance.balance import Balance
+from ffsm_mj.records.signals import COMPONENTS
+from ffsm_mj.replay import replay_log
+from tests.contact_models import scenes
+from tests.scenes import HEAD, ball, box, scene
+
+
+def slab(name, half="5 5 0.5"):
+    """MJCF of a box in the world of its file, of a mass that is nobody's business."""
+    return f'<mujoco>{HEAD}<worldbody><geom name="{name}" type="box" size="{half}" mass="1e4"/></worldbody></mujoco>'
+
+
+def good(run):
+    """Every check passes, and the log agrees with its states."""
+    assert run.outcome == "completed"
+    assert [check for check in run.checks() if not check.passes] == []
+    again = replay_log(run.log)
+    assert not again.obstacle
+    assert again.agrees, again.worst
+    assert [check for check in again.checks() if not check.passes] == []
+    return run
+
+
+def taken(run, subsystem):
+    """What fixed bodies gave a subsystem through the run: (P, L about the origin)."""
+    return np.array([run[f"balance.fixed_on_{subsystem}_{component}"][-1] for component in COMPONENTS])
+
+
+def bouncing(folder, **scenario):
+    """The robot, a ball of 2 kg that slides in x and z, falls at 1 m/s on a floor whose top is at z = 0, 0.3 m below it."""
+    return scene(
+        folder,
+        ball("ball", mass=2.0, joints="xz"),
+        {"floor": slab("floor")},
+        fixed={"floor": {"position_m": [0, 0, -0.5]}},
+        **{
+            "initial": {"joints": {"robot/z": 0.4}, "rates": {"robot/z": -1.0, "robot/x": 0.3}},
+            "impact_pairs": [{"robot_geom": "ball", "object_geom": "floor/floor", "restitution": 0.7}],
+            **scenario,
+        },
+    )
+
+
+def test_a_ball_on_a_fixed_floor(tmp_path):
+    """The closed form: v = -e v along the normal, the rest untouched; the floor gives (1 + e) m v, and no work."""
+    run = good(ffsm_mj.run(bouncing(tmp_path)))
+    (hit,) = run.impacts
+    # All numbers are below 4 in SI units: rounding is some 1e-16 of each, and a root good to 1e-14 m at 1 m/s.
+    assert hit.time_s == pytest.approx(0.3, abs=1e-13)
+    assert (hit.qvel_after["robot/z"], hit.qvel_after["robot/x"]) == (pytest.approx((0.7,), abs=1e-14), (0.3,))
+    assert (hit.robot_geom, hit.object_geom) == ("robot/ball", "floor/floor")
+    assert hit.impulse_N_s == pytest.approx(2.0 * 1.7, rel=1e-14)
+    assert hit.energy_change_J == pytest.approx(-0.5 * 2.0 * (1 - 0.7**2), rel=1e-14)
+    # Of everything that moves: not conserved, and the record says so. L about the origin: the hit is 0.09 m along x from it.
+    assert hit.linear_momentum_change_N_s == pytest.approx(3.4, rel=1e-14)
+    assert hit.angular_momentum_change_N_m_s == pytest.approx(3.4 * 0.09, rel=1e-12)
+    # On the floor, about the origin of its frame.
+    np.testing.assert_allclose(hit.angular_impulse_N_m_s, (0.0, 3.4 * 0.09, 0.0), atol=1e-12)
+    np.testing.assert_allclose(taken(run, "robot"), (0, 0, 3.4, 0, -3.4 * 0.09, 0), atol=1e-12)
+    assert not taken(run, "objects").any()
+    assert not any(run[f"balance.contact_{component}"].any() for component in COMPONENTS)
+
+
+def test_thin_walls_are_not_flown_through(tmp_path):
+    """A ball at 40 m/s between two sheets of 1 mm, 4 cm a step: an elastic hit every 0.02 s, as many on each."""
+    path = scene(
+        tmp_path,
+        ball("ball", mass=2.0, joints="x"),
+        {"left": slab("left", "0.0005 1 1"), "right": slab("right", "0.0005 1 1")},
+        fixed={"left": {"position_m": [-0.5005, 0, 0]}, "right": {"position_m": [0.5005, 0, 0]}},
+        initial={"rates": {"robot/x": 40.0}},
+        impact_pairs=[{"robot_geom": "ball", "object_geom": f"{side}/{side}"} for side in ("left", "right")],
+        duration_s=0.2,
+    )
+    run = good(ffsm_mj.run(path))
+    # Ten hits at 40 m/s: positions are good to 1e-16 m a hit, times to that over 40 m/s.
+    assert [hit.time_s for hit in run.impacts] == pytest.approx([0.01 + 0.02 * k for k in range(10)], abs=1e-13)
+    assert [hit.object_geom for hit in run.impacts] == ["right/right", "left/left"] * 5
+    assert {hit.impulse_N_s for hit in run.impacts} == {160.0}
+    assert taken(run, "robot")[0] == 0.0
+
+
+def test_runs_without_fixed_bodies_have_no_columns_of_them(tmp_path):
+    path = scene(
+        tmp_path,
+        ball("ball"),
+        {"rock": ball("rock")},
+        duration_s=0.01,
+        initial={"joints": {"rock/free": [3, 0, 0, 1, 0, 0, 0]}},
+    )
+    assert not [key for key in ffsm_mj.run(path).keys if "fixed" in key]
+
+
+def test_a_spinning_box_on_a_tilted_wall(tmp_path):
+    """A corner hits obliquely: impulse (1 + e) u / (1/m + (r x n) I^-1 (r x n)), from poses and rates alone."""
+    mass, half = 3.0, np.array((0.2, 0.3, 0.1))
+    tilt = np.deg2rad(25.0)
+    path = scene(
+        tmp_path,
+        ball("ball"),
+        {"box": box("box", mass=mass, half=tuple(half)), "wall": slab("wall")},
+        # Its top, turned about y, goes through the origin.
+        fixed={
+            "wall": {
+                "position_m": [-0.5 * np.sin(tilt), 0.0, -0.5 * np.cos(tilt)],
+                "quaternion": [np.cos(tilt / 2), 0.0, np.sin(tilt / 2), 0.0],
+            }
+        },
+        initial={
+            "joints": {"robot/free": [0, 9, 0, 1, 0, 0, 0], "box/free": [0.3, -0.4, 0.8, 0.8, 0.4, -0.2, 0.4]},
+            "rates": {"box/free": [-0.2, 0.3, -1.1, 0.9, -0.7, 1.3]},
+        },
+        impact_pairs=[{"geoms": ["wall/wall", "box/box"], "restitution": 0.6}],
+        stop_on_impact=True,
+    )
+    run = good(ffsm_mj.run(path))
+    (hit,) = run.impacts
+    n, point = np.array(hit.normal), np.array(hit.point_m)
+    np.testing.assert_allclose(n, (np.sin(tilt), 0.0, np.cos(tilt)), atol=1e-13)
+    assert abs(n @ point) < 1e-12
+    place = np.array(hit.qpos[-7:])
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, place[3:])
+    turn = turn.reshape(3, 3)
+    r, rates = point - place[:3], np.array(hit.qvel_before["box/free"])
+    np.testing.assert_allclose(np.abs(turn.T @ r), half, atol=1e-12)  # a corner of it
+    a, b, c = (2 * half) ** 2
+    inverse = turn @ np.diag(12.0 / mass / np.array((b + c, a + c, a + b))) @ turn.T
+    u = n @ (rates[:3] + np.cross(turn @ rates[3:], r))
+    arm = np.cross(r, n)
+    impulse = -1.6 * u / (1.0 / mass + arm @ inverse @ arm)
+    # The inertias are some 0.1, condition 10: rounding is 1e-15 of the impulse, and point and pose are as good as MuJoCo's.
+    assert hit.impulse_N_s == pytest.approx(impulse, rel=1e-12)
+    after = np.array(hit.qvel_after["box/free"])
+    np.testing.assert_allclose(after[:3], rates[:3] + impulse / mass * n, atol=1e-12)
+    np.testing.assert_allclose(turn @ after[3:], turn @ rates[3:] + inverse @ arm * impulse, atol=1e-11)
+    assert (hit.robot_geom, hit.object_geom) == ("", "")
+    np.testing.assert_allclose(
+        taken(run, "objects"), np.concatenate((impulse * n, np.cross(point, impulse * n))), atol=1e-12
+    )
+    assert not taken(run, "robot").any()
+
+
+def between(folder, restitution, **scenario):
+    """The robot, 2 kg, reaches a wall at x = 0.6 after 0.2 s with a free ball of 3 kg in touch behind it, both at 1 m/s."""
+    return scene(
+        folder,
+        ball("hand", mass=2.0, joints="x"),
+        {"rock": ball("rock", mass=3.0, joints="x"), "wall": slab("wall", "0.5 1 1")},
+        fixed={"wall": {"position_m": [1.1, 0, 0]}},
+        **{
+            "duration_s": 0.4,
+            "initial": {"joints": {"robot/x": 0.3, "rock/x": 0.1}, "rates": {"robot/x": 1.0, "rock/x": 1.0}},
+            "impact_pairs": [
+                {"robot_geom": "hand", "object_geom": "rock/rock", "restitution": restitution},
+                {"geoms": ["wall/wall", "hand"], "restitution": restitution},
+            ],
+            **scenario,
+        },
+    )
+
+
+def test_the_robot_between_an_object_and_a_wall_in_one_instant(tmp_path):
+    """All stops at e = 0: the rock's 3 N s go through the robot, and the wall takes 5."""
+    run = good(ffsm_mj.run(between(tmp_path, 0.0)))
+    on_rock, on_hand = run.impacts
+    assert (on_rock.event, on_hand.event) == (0, 0)
+    assert on_rock.time_s == pytest.approx(0.2, abs=1e-9)  # the gap of the two in touch is rounding of 1e-17 m
+    assert (on_rock.impulse_N_s, on_hand.impulse_N_s) == (pytest.approx(3.0, abs=1e-12), pytest.approx(5.0, abs=1e-12))
+    assert [run[f"state.v_{name}_x_m_s"][-1] for name in ("robot", "rock")] == pytest.approx([0.0, 0.0], abs=1e-13)
+    assert taken(run, "robot")[0] == pytest.approx(-5.0, abs=1e-12)
+    assert not taken(run, "objects").any()
+    assert run["balance.contact_P_x_N_s"][-1] == pytest.approx(-3.0, abs=1e-12)
+    by_party = [run[f"balance.{subsystem}_impact_energy_J"][-1] for subsystem in ("total", "robot", "objects")]
+    assert by_party == pytest.approx([-2.5, -1.0, -1.5], abs=1e-12)
+
+
+@pytest.mark.parametrize("restitution", [0.4, 1.0])
+def test_the_same_with_a_bounce(tmp_path, restitution):
+    """Whatever comes of it, the wall takes all that the whole loses, and nothing is left unexplained."""
+    run = good(ffsm_mj.run(between(tmp_path, restitution)))
+    change = run["momentum.total_P_x_N_s"][-1] - 5.0
+    assert taken(run, "robot")[0] == pytest.approx(change, abs=1e-12)
+    lost = run["energy.total_J"][-1] - 2.5
+    assert abs(lost) < 1e-12 if restitution == 1.0 else lost < -0.1
+
+
+def both(folder, **scenario):
+    """Robot (2 kg, e = 0.5) and ball (3 kg, e = 0.8), side by side at 1 m/s, hit a wall at x = 0.5 after 0.4 s."""
+    return scene(
+        folder,
+        ball("hand", mass=2.0, joints="xz"),
+        {"wall": slab("wall", "0.5 3 3"), "rock": ball("rock", mass=3.0)},
+        fixed={"wall": {"position_m": [1.0, 0, 0]}},
+        **{
+            "initial": {
+                "joints": {"rock/free": [0.0, 1.0, 0.0, 1, 0, 0, 0]},
+                "rates": {"robot/x": 1.0, "rock/free": [1.0, 0, 0, 0.2, 0.1, 0.3]},
+            },
+            "impact_pairs": [
+                {"robot_geom": "hand", "object_geom": "wall/wall", "restitution": 0.5},
+                {"geoms": ["rock/rock", "wall/wall"], "restitution": 0.8},
+            ],
+            **scenario,
+        },
+    )
+
+
+def test_robot_and_object_hit_one_wall_at_once(tmp_path):
+    """One wrench on each subsystem: -(1 + e) m v, with the rock's moment about the origin; nothing between the two."""
+    run = good(ffsm_mj.run(both(tmp_path)))
+    assert [record.event for record in run.impacts] == [0, 0]
+    np.testing.assert_allclose(taken(run, "robot"), (-3.0, 0, 0, 0, 0, 0), atol=1e-13)
+    np.testing.assert_allclose(taken(run, "objects"), (-5.4, 0, 0, 0, 0, 5.4), atol=1e-13)
+    assert not any(run[f"balance.contact_{component}"].any() for component in COMPONENTS)
+    assert not run["balance.total_residual_P_y_N_s"].any()
+
+
+@pytest.mark.parametrize("subsystem", ["robot", "objects"])
+def test_a_wrong_sign_in_the_books_is_a_law_broken(tmp_path, monkeypatch, subsystem):
+    book, row = Balance.book, ("robot", "objects").index(subsystem)
+
+    def wrong(balance, energy_change, contact, outside):
+        outside = outside.copy()
+        outside[row] *= -1.0
+        book(balance, energy_change, contact, outside)
+
+    monkeypatch.setattr(Balance, "book", wrong)
+    run = ffsm_mj.run(both(tmp_path))
+    broken = {(check.name, check.subsystem) for check in run.checks() if not check.passes}
+    assert {("linear momentum", subsystem), ("linear momentum", "total")} <= broken
+    monkeypatch.setattr(Balance, "book", book)
+    again = replay_log(run.log)
+    assert not again.agrees
+    assert "fixed_on" in again.worst["columns"].what or "residual" in again.worst["columns"].what
+    assert all(check.passes for check in again.checks())  # the states are right
+
+
+def test_books_are_taken_up_behind_a_gap(tmp_path):
+    """Samples before, at and after the hit are gone: what fixed bodies gave is believed there, and the rest agrees."""
+    run = ffsm_mj.run(both(tmp_path))
+    keep = np.r_[0:390, 420:1001]
+    again = replay_log(replace(run.log, rows=run.log.rows[keep]))
+    assert "missing from 0.389 to 0.42 s" in again.gaps
+    assert again.agrees, again.worst
+    assert all(check.passes for check in again.checks())
+
+
+@pytest.mark.usefixtures("test_regimes")
+def test_a_gripped_object_hits_a_wall(tmp_path):
+    """What the grip passes on is between the subsystems; what the wall gives is from outside, on the object."""
+    path = scenes.capture(
+        tmp_path / "grip",
+        {"wall": slab("wall", "0.1 2 2")},
+        fixed={"wall": {"position_m": [1.5, 0, 0]}},
+        duration_s=1.0,
+        impact_pairs=[{"geoms": ["target/target", "wall/wall"], "restitution": 0.5}],
+        initial={
+            "joints": {"target/free": [0.9, 0.03, 0.02, 1, 0, 0, 0]},
+            "rates": {"robot/free": [0.8, 0, 0, 0.02, -0.03, 0.05], "target/free": [0.1, 0, 0, 0.4, -0.2, 0.3]},
+        },
+    )
+    run = good(ffsm_mj.run(path))
+    (grip,) = run.records["welds"]
+    hits = [record for record in run.impacts if record.time_s > grip.time_s]
+    assert hits
+    assert taken(run, "objects")[0] == pytest.approx(-sum(hit.impulse_N_s for hit in hits), rel=1e-12)
+    assert not taken(run, "robot").any()
+    assert abs(run["balance.contact_P_x_N_s"][-1]) > 0.1
+
+
+@pytest.mark.usefixtures("test_regimes")
+@pytest.mark.parametrize(
+    ("subsystem", "geoms", "mass", "joint"),
+    [("robot", ["ball", "wall/wall"], 2.0, "robot"), ("objects", ["wall/wall", "target/target"], 3.0, "target")],
+)
+def test_wrenches_of_a_spring_on_a_wall_are_booked_as_outside(tmp_path, subsystem, geoms, mass, joint):
+    """A contact model names both bodies it acts on; what the wall does is found by its body."""
+    path = scenes.spring(
+        tmp_path / subsystem,
+        others={"wall": slab("wall", "0.1 2 2")},
+        fixed={"wall": {"position_m": [0.25 if subsystem == "robot" else 0.55, 0, 0]}},  # 0.05 m away
+        duration_s=0.36,
+        initial={
+            "joints": {"target/free": [0.3, 0.5, 0.01, 1, 0, 0, 0]},
+            "rates": {"robot/free": [0.9, 0, 0, 0, 0, 3.0], "target/free": [0.9, 0.1, 0, 0, 0, 0]},
+        },
+        contact_models=[{"kind": "spring", "geoms": geoms, "stiffness_N_m": 400.0}],
+    )
+    run = ffsm_mj.run(path)
+    assert [check for check in run.checks() if not check.passes] == []
+    speed = run[f"state.v_{joint}_free_vx_m_s"]
+    assert speed[-1] == pytest.approx(-speed[0], rel=1e-6)  # it gives back what it took, to the order of the step
+    # The books follow the motion to 1e-9 (1 + scale), the law above.
+    assert taken(run, subsystem)[0] == pytest.approx(mass * (speed[-1] - speed[0]), abs=1e-8)
+    assert not taken(run, "objects" if subsystem == "robot" else "robot").any()
+    assert not any(run[f"balance.contact_{component}"].any() for component in COMPONENTS)

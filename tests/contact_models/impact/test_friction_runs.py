@@ -1,0 +1,551 @@
+"""Runs whose pairs rub: books, records, the law that judges them from their log, and how a contact that would last ends."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+import ffsm_mj
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact_models.impact import model as contact_model
+from ffsm_mj.contact_models.impact import record as impact_record
+from ffsm_mj.contact_models.impact import resolution
+from ffsm_mj.contact_models.impact.record_kind import IMPACT
+from ffsm_mj.contact_models.impact.resolution import Impact
+from ffsm_mj.errors import InputError
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.replay import replay_log
+from ffsm_mj.report.text_report import impact_table
+from ffsm_mj.verification import friction_check
+from tests.contact_models import scenes as regime_scenes
+from tests.contact_models.grasp import scenes as captures
+from tests.contact_models.grasp.test_pressing import on_a_wall
+from tests.contact_models.impact.test_fixed import slab
+from tests.scenes import ball, box, scene, two_balls
+
+OFF_CENTRE = {
+    "joints": {"box/free": [0.6, 0.1, 0.05, 1, 0, 0, 0]},
+    "rates": {"robot/free": [1, 0.2, 0.1, 1, 2, 3], "box/free": [0, 0.1, 0, 0.3, 1, 2]},
+}
+FLAT = {"joints": {"box/free": [0.6, 0.1, 0.05, 1, 0, 0, 0]}, "rates": {"box/free": [-1, 0.3, 0, 2, 0, 0]}}
+
+
+def off_centre(folder, e=0.5, mu=0.3, **scenario):
+    """A spinning ball meets a tumbling box off its centre, by one point."""
+    pair = {"robot_geom": "ball", "object_geom": "box/box", "restitution": e, "mu": mu}
+    return scene(
+        folder,
+        ball("ball", mass=2.0),
+        {"box": box("box", mass=3.0, half=(0.2, 0.3, 0.25))},
+        **{"initial": OFF_CENTRE, "impact_pairs": [pair], "duration_s": 0.4} | scenario,
+    )
+
+
+def flat(folder, e=0.5, mu=0.3, **scenario):
+    """A box that spins about their normal meets a slab, face on face."""
+    pair = {"robot_geom": "slab", "object_geom": "box/box", "restitution": e, "mu": mu}
+    return scene(
+        folder,
+        box("slab", mass=5.0, half=(0.1, 1, 1)),
+        {"box": box("box", mass=2.0, half=(0.2, 0.3, 0.25))},
+        **{"initial": FLAT, "impact_pairs": [pair], "duration_s": 0.4} | scenario,
+    )
+
+
+def good(run):
+    """Every check passes, and the log agrees with its states."""
+    assert [check for check in run.checks() if not check.passes] == []
+    again = replay_log(run.log)
+    assert not again.obstacle
+    assert again.agrees, again.worst
+    assert [check for check in again.checks() if not check.passes] == []
+    return run
+
+
+@pytest.fixture(scope="module")
+def one(tmp_path_factory):
+    """One contact, from its log on disk."""
+    folder = tmp_path_factory.mktemp("one")
+    ffsm_mj.run(off_centre(folder), out=folder / "run", rerun=False)
+    return ffsm_mj.load_run(folder / "run")
+
+
+@pytest.fixture(scope="module")
+def several(tmp_path_factory):
+    """Four at one instant, from their log on disk."""
+    folder = tmp_path_factory.mktemp("several")
+    ffsm_mj.run(flat(folder), out=folder / "run", rerun=False)
+    return ffsm_mj.load_run(folder / "run")
+
+
+@pytest.mark.parametrize("which", ["one", "several"])
+def test_a_run_proves_itself_from_its_log(which, request):
+    """Momenta by subsystem with friction in them, energy, and the heat, which is what friction took."""
+    run = good(request.getfixturevalue(which))
+    hits = run.impacts
+    assert {hit.law for hit in hits} == {"stronge" if which == "one" else "coulomb"}
+    work = sum(hit.friction_work_J for hit in hits)
+    assert run["balance.friction_heat_J"][-1] == pytest.approx(-work, rel=1e-9)
+    assert work < 0.0
+    assert "impact restitution" not in {check.name for check in run.checks()}
+    pushed = sum(hit.impulse_N_s * np.array(hit.normal) + hit.tangential_impulse_N_s for hit in hits)
+    booked = [run[f"balance.contact_P_{x}_N_s"][-1] for x in "xyz"]
+    np.testing.assert_allclose(booked, pushed, atol=1e-14)
+    about = np.sum([hit.angular_impulse_N_m_s for hit in hits], axis=0)  # on the box about its centre, from inside its frame
+    index = [run.keys.index(f"momentum.objects_L_{x}_N_m_s") for x in "xyz"]
+    after = np.searchsorted(run.time, hits[0].time_s)
+    jump = run.log.rows[after, index] - run.log.rows[after - 1, index]
+    centre = np.array(hits[0].qpos[-7:-4])
+    np.testing.assert_allclose(jump, about + np.cross(centre, pushed), atol=1e-12)
+
+
+def changed(value):
+    """A number a millionth of itself off, and a little."""
+    return value + 1e-6 * (1.0 + abs(value))
+
+
+def judged(run, **wrong):
+    """The law of impact energy where a record says something else."""
+    records = (replace(run.impacts[0], **wrong), *run.impacts[1:])
+    log = replace(run.log, records=run.log.records | {"impacts": records})
+    (law,) = (check for check in Run(log).checks() if check.name == "impact energy")
+    return law
+
+
+NOT_JUDGED = {  # by this law; ``analyze`` compares every field with what the states say
+    *("event", "time_s", "step", "pair", "geoms", "robot_geom", "object_geom", "manifold", "restitution", "efforts_after"),
+    *("dropped_gap_m", "dropped_flights_s", "angular_impulse_N_m_s", "gap_m", "momentum_before", "momentum_after"),
+    *("linear_momentum_change_N_s", "angular_momentum_change_N_m_s"),
+}
+OF_ONE = {"status", "law", "theta", "mu", "restitution_used", "compression_work_J", "path"}
+"""Of several only what is theirs together is judged: who gave how much of which work is a convention."""
+
+
+@pytest.mark.parametrize("which", ["one", "several"])
+@pytest.mark.parametrize("field", sorted({each.name for each in fields(ImpactRecord)} - NOT_JUDGED))
+def test_one_falsified_number_is_noticed(which, field, request):
+    run = request.getfixturevalue(which)
+    (hit, *_) = run.impacts
+    value = getattr(hit, field)
+    assert judged(run).holds
+    if isinstance(value, str):
+        wrong = [value + "x"]
+    elif isinstance(value, float):
+        wrong = [changed(value)]
+    elif isinstance(value, dict):
+        names = {"total"} if field.startswith("energy") else value  # its parts are in the balances of the subsystems
+        wrong = [value | {name: (changed(value[name][0]), *value[name][1:])} for name in names]
+    else:
+        wrong = [(*value[:i], changed(value[i]), *value[i + 1 :]) for i in range(len(value))]
+        wrong = wrong[: len(wrong) if field != "qpos" else 0] or [tuple(changed(x) for x in value)]
+    for each in wrong:
+        assert judged(run, **{field: each}).holds is (which == "several" and field in OF_ONE)
+
+
+def test_energy_that_grows_is_noticed(several):
+    """Everything but the energy fits: 1e-11 of T too much, a hundredth of what else is allowed."""
+    hit = several.impacts[0]
+    judge = friction_check.FrictionCheck(several.log)
+    met = judge._met(several.impacts)
+    energy = hit.energy_before_J["total"][0]
+    grown = met.before * math.sqrt(1.0 + 1e-11)
+    judge._met = lambda _: replace(met, after=grown)
+    miss = judge.worst(several.impacts, 1e-9)
+    assert miss.excess > 1.0
+    judge._met = lambda _: replace(met, after=grown, before=grown)
+    assert energy > 0.0
+
+
+def test_records_tell_friction(one):
+    (hit,) = one.impacts
+    (told,) = one.summary()["impacts"]
+    assert {"mu": 0.3, "law": "stronge", "status": "ok", "theta": 1.0}.items() <= told.items()
+    assert told["tangential_impulse_N_s"] == list(hit.tangential_impulse_N_s)
+    assert hit.path == "slip, stick"
+    assert ", mu = 0.3: friction 0.1415 N s, slip 0.2907 to " in IMPACT.sentence(hit)
+    normal, across = IMPACT.marks(hit)
+    assert normal.direction == hit.normal
+    np.testing.assert_allclose(np.array(across.direction) * across.magnitude, hit.tangential_impulse_N_s, atol=1e-15)
+    assert abs(np.dot(across.direction, hit.normal)) < 1e-14
+    head = impact_table(one.impacts).splitlines()[0]
+    assert "mu" in head
+    assert "friction N s" in head
+    table = one.table("impacts")
+    assert table.columns["tangential_impulse_z_N_s"][0] == hit.tangential_impulse_N_s[2]
+
+
+def test_what_a_user_should_look_into_is_a_warning(one):
+    (hit,) = one.impacts
+    assert not IMPACT.warning(hit)
+    guarded = replace(hit, status="energy_guard", theta=0.948914)
+    assert IMPACT.warning(guarded)
+    assert "energy guard, restitution times theta = 0.948914" in IMPACT.sentence(guarded)
+    assert "energy_guard, theta 0.948914" in impact_table([guarded])
+
+
+def test_where_nothing_rubs_nobody_pays(tmp_path, monkeypatch):
+    """Neither the rows of tangents nor the laws nor the judge are ever asked, and there is no column of heat."""
+
+    def never(*_, **__):
+        raise AssertionError("asked without friction")
+
+    for place, name in ((resolution, "resolve_with_friction"), (friction_check.FrictionCheck, "worst")):
+        monkeypatch.setattr(place, name, never)
+    run = good(ffsm_mj.run(off_centre(tmp_path, mu=0.0)))
+    (hit,) = run.impacts
+    assert (hit.law, hit.status, hit.theta, hit.path) == ("blend", "ok", 1.0, "")
+    assert not any(hit.tangential_impulse_N_s + hit.slip_before_m_s + hit.slip_after_m_s)
+    assert hit.normal_work_J == pytest.approx(hit.energy_change_J, abs=1e-15)
+    assert "balance.friction_heat_J" not in run.keys
+
+
+def test_a_smooth_pair_beside_a_rough_one(tmp_path):
+    """The impact in which nothing rubs is that of a scene without friction, to the last bit."""
+    third = {"initial": OFF_CENTRE, "duration_s": 0.4}
+    pairs = [{"geoms": ["ball", "box/box"], "restitution": 0.5}, {"geoms": ["box/box", "far/far"], "mu": 0.5}]
+    objects = {"box": box("box", mass=3.0, half=(0.2, 0.3, 0.25)), "far": ball("far")}
+    place = {"joints": OFF_CENTRE["joints"] | {"far/free": [9, 9, 9, 1, 0, 0, 0]}, "rates": OFF_CENTRE["rates"]}
+    runs = []
+    for mu in (0.0, 0.5):
+        folder = tmp_path / str(mu)
+        folder.mkdir()
+        pairs[1]["mu"] = mu
+        made = scene(folder, ball("ball", mass=2.0), objects, **third | {"initial": place, "impact_pairs": pairs})
+        runs.append(ffsm_mj.run(made))
+    assert runs[0].impacts == runs[1].impacts
+    keys = [runs[1].keys.index(key) for key in runs[0].keys]
+    assert np.array_equal(runs[0].log.rows, runs[1].log.rows[:, keys], equal_nan=True)
+    assert not runs[1]["balance.friction_heat_J"].any()
+
+
+def test_a_ball_between_two_walls(tmp_path):
+    """Each hit takes 2/7 of its slip, as of a sphere that sticks; then it turns the wrong way for the other wall."""
+    slab = (
+        '<mujoco><option gravity="0 0 0"/><worldbody><body name="wall"><geom name="wall" type="box" size="0.1 9 9"/></body>'
+    )
+    slab += "</worldbody></mujoco>"
+    walls = [{"geoms": ["ball", f"{name}/wall"], "restitution": 0.9, "mu": 0.6} for name in ("left", "right")]
+    path = scene(
+        tmp_path,
+        ball("ball", mass=2.0),
+        {"left": slab, "right": slab},
+        fixed={"left": {"position_m": [-0.5, 0, 0]}, "right": {"position_m": [0.5, 0, 0]}},
+        duration_s=2.0,
+        initial={"joints": {}, "rates": {"robot/free": [1.0, 0.5, 0, 0, 0, 0]}},
+        impact_pairs=walls,
+    )
+    run = good(ffsm_mj.run(path))
+    first, second, *_ = run.impacts
+    assert [hit.pair for hit in run.impacts] == ["ball-right/wall", "ball-left/wall", "ball-right/wall"]
+    assert first.tangential_impulse_N_s[1] == pytest.approx(2.0 * -0.5 * 2 / 7 * -1, abs=1e-12)  # on the wall
+    assert first.path == "slip, stick"
+    slip = [hit.slip_before_m_s[1] for hit in (first, second)]
+    assert slip == pytest.approx([-0.5, -2 * 0.5 * 5 / 7], abs=1e-12)
+    assert run["balance.friction_heat_J"][-1] == pytest.approx(-sum(hit.friction_work_J for hit in run.impacts), abs=1e-14)
+
+
+PUSH = {"kind": "pd", "joints": ["robot/x"], "kp": 5.0, "kd": 0.0, "target": [3.0]}
+
+
+def pressed(folder, phases=None, mu=0.3, sideways=0.2, **scenario):
+    """A ball on slides meets a free one, e = 0, and is pushed on."""
+    pair = {"robot_geom": "ball", "object_geom": "target/target", "restitution": 0.0, "mu": mu}
+    return scene(
+        folder,
+        ball("ball", mass=2.0, joints="xyz"),
+        {"target": ball("target", mass=3.0)},
+        initial={"joints": {"target/free": [0.5, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/x": 1.0, "robot/y": sideways}},
+        phases=[{"name": "push", "until": "end", "controller": PUSH}] if phases is None else phases,
+        impact_pairs=[pair],
+        duration_s=0.5,
+        **scenario,
+    )
+
+
+@pytest.mark.parametrize(("mu", "kind"), [(0.5, "sticking"), (0.01, "sliding at 0.572")])
+def test_contact_that_would_last_ends_the_run(tmp_path, mu, kind):
+    """One line names pair and kind; what was before it is a good run."""
+    run = good(ffsm_mj.run(pressed(tmp_path, mu=mu)))
+    assert run.outcome == "unsupported_contact"
+    assert run.message.startswith("robot/ball - target/target would stay in contact from t = 0.18")
+    assert f", {kind}" in run.message
+    assert run.message.endswith(f"with mu = {mu:g}: friction in contact that lasts is not modelled")
+    assert len(run.impacts) == 1
+
+
+def test_a_closed_pair_without_force_flies_on(tmp_path):
+    run = good(ffsm_mj.run(pressed(tmp_path, phases=[{"name": "off", "until": "end", "controller": {"kind": "off"}}])))
+    assert run.outcome == "completed"
+    assert len(run.impacts) == 1
+
+
+def test_a_capture_at_the_same_instant_comes_first(tmp_path):
+    """A ball touches, e = 0, and is pushed on; what would last with friction is one rigid body from there on."""
+    grasp = {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"touch": ["ball-target/target"]}}
+    phases = [
+        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": PUSH},
+        {"name": "hold", "until": "end", "controller": PUSH},
+    ]
+    run = good(ffsm_mj.run(pressed(tmp_path, phases, captures={"grasp": grasp})))
+    assert run.outcome == "completed"
+    (hit,), (caught,) = run.impacts, run.records["capture_impulses"]
+    assert hit.time_s == caught.time_s
+    missed = ffsm_mj.run(pressed(tmp_path, phases[1:], captures={"grasp": grasp}))
+    assert missed.outcome == "unsupported_contact"
+
+
+def test_pressed_by_its_spin_as_it_is_caught(tmp_path):
+    """What would stay in contact, rubbing, is caught at that instant; a log without the capture is told of, not flown."""
+    path = captures.grasping(
+        tmp_path,
+        impact_pairs=[{"geoms": ["hand", "target/target"], "restitution": 0.0, "mu": 0.01}],
+        duration_s=0.12,
+        initial={
+            "joints": {"robot/free": [0.1, 0.2, 0.3, 0.96, 0.28, 0, 0], "target/free": [1.18, 0.23, 0.32, 0, 0, 0.28, 0.96]},
+            "rates": {"target/free": [-0.3, 0, 0, 0.4, 2.0, 2.5], "shoulder": 0.1},
+        },
+    )
+    run = good(ffsm_mj.run(path))
+    (hit,), (caught,), (begin,), (end,) = (
+        run.impacts,
+        run.captures,
+        *(run.records[kind] for kind in ("contact_beginnings", "contact_endings")),
+    )
+    assert hit.time_s == caught.time_s == begin.time_s == end.time_s
+    assert begin.force_after_N > 0.0
+    assert run.contacts == ()  # it lasted for no time; the replay needs its records
+    without = replace(run.log, records={**run.records, "capture_impulses": (), "contact_endings": ()})
+    again = replay_log(without)
+    assert not again.agrees
+    assert "would stay in contact" in again.worst["motion"].what
+
+
+RUBBING = [
+    {"geoms": ["hand", "target/target"], "restitution": 0.5},
+    {"geoms": ["target/target", "stone/stone"], "restitution": 0.7, "mu": 0.5},
+]
+THROWN = {
+    "joints": {"target/free": [1.3, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [2.2, 0.1, 0.05, 1, 0, 0, 0]},
+    "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "stone/free": [-1.0, 0.1, 0, 3, 2, 5], "shoulder": 0.1},
+}
+
+
+def test_what_is_held_is_struck(tmp_path):
+    """The body that the stone meets is link and object in one: momenta of all subsystems, and the path, with that mass."""
+    path = captures.grasping(
+        tmp_path,
+        others={"stone": captures.stone()},
+        impact_pairs=RUBBING,
+        initial=THROWN,
+    )
+    run = good(ffsm_mj.run(path))
+    (hit,) = (hit for hit in run.impacts if hit.mu)
+    assert run.captures[0].time_s < hit.time_s < run.captures[0].release_s
+    assert hit.law == "stronge"
+
+
+def test_what_is_held_is_pressed_on_a_rough_wall(tmp_path):
+    """The run goes on through the grasp, and ends where friction would have to last."""
+    pair = {"name": "late", "geoms": ["target/target", "wall/wall"], "restitution": 0.0, "mu": 0.3}
+    path = on_a_wall(tmp_path, impact_pairs=[{"geoms": ["ball", "target/target"], "restitution": 0.5}, pair])
+    run = good(ffsm_mj.run(path))
+    assert run.outcome == "unsupported_contact"
+    assert run.message.startswith("target/target - wall/wall would stay in contact from t = 0.")
+    assert run.captures[0].release_s is None
+
+
+@pytest.mark.usefixtures("test_regimes")
+def test_a_regime_that_nobody_knows_holds_what_is_struck(tmp_path):
+    """Its model is no business of the law's: energies and works are judged all the same, and a false one is noticed."""
+    path = regime_scenes.capture(
+        tmp_path,
+        {"wall": slab("wall", "0.1 2 2")},
+        fixed={"wall": {"position_m": [1.5, 0, 0]}},
+        duration_s=1.0,
+        impact_pairs=[{"geoms": ["target/target", "wall/wall"], "restitution": 0.5, "mu": 0.3}],
+        initial={
+            "joints": {"target/free": [0.9, 0.03, 0.02, 1, 0, 0, 0]},
+            "rates": {"robot/free": [0.8, 0, 0, 0.02, -0.03, 0.05], "target/free": [0.1, 0, 0, 0.4, -0.2, 0.3]},
+        },
+    )
+    run = good(ffsm_mj.run(path))
+    assert run.impacts[0].time_s > run.records["welds"][0].time_s
+    assert not judged(run, friction_work_J=changed(run.impacts[0].friction_work_J)).holds
+
+
+def test_friction_is_an_arrow_of_its_own_in_the_log(one):
+    """Foxglove and Lichtblick draw it as it stands in the file: across the normal, beside it."""
+    with open(one.path, "rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        ((*_, update),) = reader.iter_decoded_messages(topics=["/scene/impacts"])
+    arrows = [arrow for entity in update.entities for arrow in entity.arrows]
+    lengths = sorted(arrow.shaft_length + arrow.head_length for arrow in arrows)
+    (hit,) = one.impacts
+    assert len(arrows) == 2
+    assert lengths[1] == pytest.approx(min(hit.impulse_N_s, 1.5))
+    texts = [text.text for entity in update.entities for text in entity.texts]
+    assert any(text.endswith("N s friction") for text in texts)
+
+
+IN_TOUCH = {
+    "joints": {"target/free": [1.1, 0, 0, 1, 0, 0, 0], "stone/free": [1.3, 0, 0, 1, 0, 0, 0]},
+    "rates": {"robot/free": [0.5, 0, 0, 0, 0, 0], "stone/free": [0, 0.1, 0, 0, 0, 3]},
+}
+MEET = {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": {"kind": "off"}}
+HOLD = {"name": "hold", "until": "impact", "controller": {"kind": "off"}}
+LEAVE = {"name": "leave", "until": "end", "release": ["grasp"], "controller": {"kind": "off"}}
+
+
+def test_a_blow_at_the_instant_of_a_release_is_one_on_what_was_held(tmp_path):
+    path = captures.grasping(
+        tmp_path,
+        others={"stone": captures.stone()},
+        impact_pairs=RUBBING,
+        duration_s=1.1,
+        initial=THROWN,
+        phases=[MEET, HOLD, LEAVE],
+    )
+    run = good(ffsm_mj.run(path))
+    assert run.captures[0].release_s == run.impacts[1].time_s
+    (caught,) = run.records["capture_impulses"]
+    wrong = replace(run.log, records={**run.records, "capture_impulses": (replace(caught, robot_site="robot/no"),)})
+    assert not replay_log(wrong).agrees
+    assert Run(wrong).checks()  # told of, no error
+
+
+def test_a_grasp_that_closes_throws_what_it_holds_at_what_it_touches(tmp_path):
+    """The capture comes first, the blow at that same instant is one on link and object."""
+    path = captures.grasping(
+        tmp_path,
+        others={"stone": captures.stone()},
+        impact_pairs=RUBBING,
+        duration_s=0.1,
+        initial=IN_TOUCH,
+        when={"within": {"position_m": 1.0}},
+        phases=[MEET, {**HOLD, "until": "end"}],
+    )
+    run = good(ffsm_mj.run(path))
+    assert run.captures[0].time_s == run.impacts[0].time_s == 0.0
+
+
+def refused(path, *overrides):
+    with pytest.raises(InputError) as error:
+        prepare(path, overrides)
+    return error.value.lines
+
+
+@pytest.mark.parametrize("mu", [-0.1, -1e-300, "0.3x", True, [0.3], None, {"static": 0.3}, math.inf, math.nan])
+def test_hostile_numbers(tmp_path, mu):
+    """One line with the place and what is allowed; MuJoCo's three coefficients are none."""
+    path = off_centre(tmp_path)
+    text = json.loads(path.read_text())
+    text["impact_pairs"][0]["mu"] = mu
+    path.write_text(json.dumps(text).replace("NaN", ".nan").replace("Infinity", ".inf"))
+    (line,) = refused(path)
+    assert line.startswith(f"{path}:1:")
+    assert ": impact_pairs.0.mu: should be" in line
+
+
+def test_huge_friction_is_friction_that_sticks(tmp_path):
+    run = good(ffsm_mj.run(off_centre(tmp_path, mu=1e6)))
+    assert run.impacts[0].path.endswith("stick")
+
+
+def test_laws_that_would_gain_energy_are_refused_as_they_are_read(tmp_path):
+    path = off_centre(tmp_path, impact={"law": "newton"})
+    (line,) = refused(path)
+    assert line.startswith(f"{path}:1:")
+    assert "impact_pairs.0.mu: friction under 'impact.law: newton' can gain energy; let mu be 0, or the law" in line
+    assert prepare(path, ["impact_pairs.0.mu=0"])
+    (line,) = refused(off_centre(tmp_path, e=1.2), "impact_pairs.0.super_elastic=true")
+    assert "restitution above 1" in line
+    assert "let mu be 0" in line
+
+
+def test_check_tells_mu_and_where_the_run_would_end(tmp_path):
+    lines = prepare(off_centre(tmp_path, e=1.0)).describe()
+    assert "  impact pairs: ball-box/box (e = 1, mu = 0.3: robot/ball - box/box)" in lines
+    assert any("comes to rest: friction in contact that lasts is not modelled" in line for line in lines)
+
+
+def test_mujocos_own_friction_is_not_taken(tmp_path):
+    """Its default is 1: a pair that says nothing has none."""
+    path = two_balls(tmp_path)
+    (tmp_path / "robot.xml").write_text((tmp_path / "robot.xml").read_text().replace("<geom ", '<geom friction="2 1 1" '))
+    assert prepare(path).assemble().pairs[0].mu == 0.0
+
+
+def test_an_impact_without_solution_ends_the_run(tmp_path, monkeypatch):
+    resolve = contact_model.resolve
+    unsolved = lambda *args: replace(resolve(*args), status="unconverged")  # noqa: E731
+    monkeypatch.setattr(contact_model, "resolve", unsolved)
+    run = ffsm_mj.run(flat(tmp_path))
+    assert run.outcome == "unsupported_contact"
+    assert "the friction of 4 contacts has no solution at t = 0.3 s, status unconverged, residual" in run.message
+    assert "robot/slab - box/box" in run.message
+    assert not run.impacts
+
+
+def test_friction_booked_with_the_wrong_sign_is_a_law_broken(tmp_path, monkeypatch):
+    vectors = Impact.vectors.fget
+    wrong = property(lambda self: vectors(self) - (2.0 * self.friction.impulses if self.friction else 0.0))
+    with monkeypatch.context() as put:
+        put.setattr(Impact, "vectors", wrong)
+        run = ffsm_mj.run(off_centre(tmp_path))
+    broken = {(check.name, check.subsystem) for check in run.checks() if not check.passes}
+    assert {("linear momentum", "robot"), ("linear momentum", "objects")} <= broken
+    again = replay_log(run.log)
+    assert not again.agrees
+    assert all(check.passes for check in again.checks())  # the states are right
+
+
+def test_friction_of_the_wrong_sign_is_a_law_broken(tmp_path, monkeypatch):
+    """It speeds the slip up: the impact gains what it should lose, and its path is another."""
+    solve = resolution.resolve_with_friction
+
+    def wrong(model, data, M, contacts, qvel, law):
+        answer = solve(model, data, M, contacts, qvel, law)
+        found = resolution.contact_jacobian(model, data, replace(contacts[0], normal=answer.friction.impulses[0]))
+        after = answer.qvel - 2.0 * np.linalg.solve(M, found)
+        return answer._replace(qvel=after, friction=replace(answer.friction, impulses=-answer.friction.impulses))
+
+    with monkeypatch.context() as put:
+        put.setattr(resolution, "resolve_with_friction", wrong)
+        run = ffsm_mj.run(off_centre(tmp_path))
+    assert {check.name for check in run.checks() if not check.passes} == {"impact energy"}
+    assert not replay_log(run.log).agrees
+
+
+def test_an_angular_impulse_about_the_wrong_point_is_noticed(tmp_path, monkeypatch):
+    with monkeypatch.context() as put:
+        put.setattr(impact_record, "_centre", lambda *_: np.zeros(3))
+        run = ffsm_mj.run(off_centre(tmp_path))
+    assert replay_log(run.log).worst["impacts"].what == "impact 1 angular_impulse_N_m_s"
+    between = contact_model.impulses_between
+
+    def elsewhere(system, impact):
+        moved = np.array([0.0, 0.1, 0.0])
+        return between(system, replace(impact, contacts=[replace(c, point=c.point + moved) for c in impact.contacts]))
+
+    with monkeypatch.context() as put:
+        put.setattr(contact_model, "impulses_between", elsewhere)
+        run = ffsm_mj.run(off_centre(tmp_path))
+    assert ("angular momentum", "objects") in {(check.name, check.subsystem) for check in run.checks() if not check.passes}
+
+
+def test_spin_transfer():
+    """The scenario that comes with it: what is touched without friction spins on, the rest is braked."""
+    run = good(ffsm_mj.run("spin-transfer", {"duration_s": 1.5}))
+    assert run.outcome == "completed"
+    assert [(hit.mu, hit.path) for hit in run.impacts] == [(0.0, ""), (0.2, "slip"), (0.8, "slip, stick")]
+    spins = [run[f"state.v_{name}_free_wz_rad_s"][-1] for name in ("smooth", "rough", "rougher")]
+    np.testing.assert_allclose(spins, (2.0, 1.8019, 1.4516), atol=5e-5)  # as docs/friction.md prints it
+    impulses = [(hit.impulse_N_s, math.hypot(*hit.tangential_impulse_N_s)) for hit in run.impacts]
+    np.testing.assert_allclose(impulses, ((4.1389, 0), (3.7630, 0.7526), (2.9739, 2.0839)), atol=5e-5)

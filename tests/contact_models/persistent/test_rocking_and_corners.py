@@ -1,0 +1,128 @@
+"""Two contacts that chatter and rest, a third body that hits them, and a ball that slides over a corner."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.replay import replay_log
+from tests.scenes import HEAD, ball, scene
+
+PRESS_N = 20.0
+
+
+def good(run):
+    """Every check passes, and the log says what its states say."""
+    assert [check for check in run.checks() if not check.passes] == []
+    again = replay_log(run.log)
+    assert again.agrees, again.worst
+    assert [check for check in again.checks() if not check.passes] == []
+    return run
+
+
+def rocking(folder, restitution, *, duration=1.5, **scenario):
+    """A planar block of 2 kg, tilted by 0.1 rad, is pressed on a slab by a constant force; a ball of 1 kg may fall on it.
+
+    The ball, at 2 m/s from where it takes 1 s, hits the left part of the block.
+    """
+    block = f"""<mujoco>{HEAD}<worldbody><body name="block"><joint name="x" type="slide" axis="1 0 0"/>
+      <joint name="z" type="slide" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
+      <inertial pos="0 0 0" mass="2" diaginertia="0.05 0.05 0.05"/>
+      <geom name="block" type="box" size="0.2 0.1 0.1" mass="0"/></body></worldbody>
+      <actuator><motor name="press" joint="z"/></actuator></mujoco>"""
+    slab = f"""<mujoco>{HEAD}<worldbody><geom name="slab" type="box" pos="0 0 -0.5" size="2 2 0.5"/></worldbody></mujoco>"""
+    # kp 1e-6 at a target of 2e7 m below: 20 N, but for 1e-8 of it.
+    press = {"kind": "pd", "joints": ["robot/z"], "kp": 1e-6, "kd": 0.0, "target": [-1e6 * PRESS_N]}
+    return ffsm_mj.run(
+        scene(
+            folder,
+            block,
+            {"slab": slab, "ball": ball("ball", radius=0.05, joints="z").replace("<body ", '<body pos="0.1 0 0" ')},
+            fixed={"slab": {}},
+            duration_s=duration,
+            time_step_s=2e-3,
+            control_period_s=2e-3,
+            initial={
+                "joints": {"robot/z": 0.14, "robot/pitch": 0.1, "ball/z": 2.25},
+                "rates": {"ball/z": -2.0},
+            },
+            impact_pairs=[
+                {"robot_geom": "block", "object_geom": "slab/slab", "restitution": restitution},
+                {"robot_geom": "block", "object_geom": "ball/ball", "restitution": 0.5},
+            ],
+            phases=[{"name": "press", "until": "end", "controller": press}],
+            **scenario,
+        )
+    )
+
+
+ON_SLAB = "contact.block_slab_slab"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("restitution", [0.3, 0.6])
+def test_a_rocking_block_comes_to_rest_on_both_edges_and_is_hit_by_a_third_body(tmp_path, restitution):
+    """Hits of both edges in turn, then rest on four corners; the ball's blow is passed on to the slab; rest again."""
+    run = good(rocking(tmp_path, restitution))
+    assert run.outcome == "completed"
+    rocks = {impact.event for impact in run.impacts if impact.time_s < 1.0}
+    assert 4 <= len(rocks) <= 40
+    for before in (0.95, run.time[-1]):
+        row = np.argmin(np.abs(run.time - before))
+        assert (run[f"{ON_SLAB}_mode"][row], run[f"{ON_SLAB}_points"][row]) == (2.0, 4.0)
+        assert run[f"{ON_SLAB}_force_N"][row] == pytest.approx(PRESS_N, rel=1e-6)
+        assert abs(run["state.v_robot_pitch_rad_s"][row]) < 1e-9
+    # The ball falls on what rests: one impact of three subsystems, and the slab takes an impulse in it.
+    hit = [impact for impact in run.impacts if impact.event == next(i.event for i in run.impacts if "ball" in i.pair)]
+    assert hit[0].time_s == pytest.approx(1.0, abs=1e-9)
+    assert {impact.pair for impact in hit} == {"block-slab/slab", "block-ball/ball"}
+    taken = {pair: sum(i.impulse_N_s for i in hit if i.pair == pair) for pair in ("block-slab/slab", "block-ball/ball")}
+    assert taken["block-slab/slab"] > 0.5 * taken["block-ball/ball"] > 0.5
+    assert run["balance.deepest_overlap_m"].max() <= 1e-9
+
+
+@pytest.mark.long
+def test_without_the_rule_a_rocking_block_chatters_on(tmp_path):
+    """Eighty hits before the ball comes, of which the rule leaves less than forty."""
+    run = rocking(tmp_path, 0.6, impact={"rest_interval_s": 0.0, "max_impacts": 80})
+    assert run.outcome == "event_limit"
+    assert run.time[-1] < 0.95
+
+
+def test_a_ball_slides_over_a_corner(tmp_path):
+    """From a face over an edge to the corner and beyond, pressed all the way; each change is at the bound of its feature."""
+    block = f"""<mujoco>{HEAD}<worldbody><geom name="block" type="box" size="0.2 0.2 0.2"/></worldbody></mujoco>"""
+    push = {"kind": "pd", "joints": ["robot/x", "robot/y", "robot/z"], "kp": 10.0, "kd": 6.0, "target": [0.5, 0.45, -0.5]}
+    run = good(
+        ffsm_mj.run(
+            scene(
+                tmp_path,
+                ball("ball", joints="xyz"),
+                {"block": block},
+                fixed={"block": {}},
+                duration_s=1.2,
+                initial={"joints": {"robot/x": 0.05, "robot/y": 0.07, "robot/z": 0.3}},
+                impact_pairs=[{"robot_geom": "ball", "object_geom": "block/block", "restitution": 0.0}],
+                phases=[{"name": "push", "until": "end", "controller": push}],
+            )
+        )
+    )
+    assert run.outcome == "completed"
+    (begins,), changes = run.records["contact_beginnings"], run.records["contact_changes"]
+    modes = [begins.mode, *(change.mode for change in changes)]
+    assert modes[0] == "sphere on face"
+    assert {"sphere on edge", "sphere on vertex"} <= set(modes)
+    for change in changes:
+        # It rolls off a face or an edge where its centre passes the end, and the normal goes on without a jump.
+        at = np.array(change.qpos)
+        assert np.abs(np.abs(at) - 0.2).min() < 1e-8
+        nearest = np.clip(at, -0.2, 0.2)
+        np.testing.assert_allclose(-np.array(change.normal), (at - nearest) / np.linalg.norm(at - nearest), atol=1e-8)
+    ends = run.records["contact_endings"][0].time_s if run.records["contact_endings"] else np.inf
+    held = (run.time > 0.0) & (run.time < ends)
+    assert run["contact.ball_block_block_force_N"][held].min() > 0.0
+    q = np.column_stack([run[f"state.q_robot_{axis}_m"] for axis in "xyz"])[held]
+    apart = np.linalg.norm(q - np.clip(q, -0.2, 0.2), axis=1) - 0.1
+    assert np.abs(apart).max() <= 1e-9
+    assert run["balance.deepest_overlap_m"].max() <= 1e-9

@@ -1,0 +1,82 @@
+"""Wrong code put in on purpose: runs of it are not reported as good."""
+
+from __future__ import annotations
+
+import pytest
+
+import ffsm_mj
+from ffsm_mj.contact_models.persistent.acceleration import Acceleration
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.replay import replay_log
+from ffsm_mj.simulation import loop
+from tests.scenes import self_hit, two_balls
+
+PUSH = {"kind": "pd", "joints": ["robot/x"], "kp": 5.0, "kd": 0.0, "target": [3.0]}
+PRESS = {"kind": "pd", "joints": ["elbow"], "kp": 4.0, "kd": 2.0, "target": [3.0]}
+
+
+def pushed(folder):
+    """A ball at rest on another is pushed from the start."""
+    phases = [{"name": "push", "until": "end", "controller": PUSH}]
+    return two_balls(folder, speed=0.0, gap=0.0, restitution=0.0, phases=phases, duration_s=0.01)
+
+
+def slid(folder):
+    """A tip slides over an edge of its own hull."""
+    phases = [{"name": "press", "until": "end", "controller": PRESS}]
+    return self_hit(folder, restitution=0.3, phases=phases, duration_s=1.7)
+
+
+def faults(run):
+    """Names of what is wrong with it, by the log's own accounts, and by what its states say with the right code."""
+    return {check.name for check in run.checks() if not check.passes} | ({run.outcome} - {"completed"})
+
+
+def judged(run):
+    """The same by the states, with whatever code is in now."""
+    again = replay_log(run.log)
+    return {check.name for check in again.checks() if not check.passes} | ({"motion"} if not again.agrees else set())
+
+
+@pytest.mark.parametrize("scene", [pushed, slid])
+def test_right_code_is_good(tmp_path, scene):
+    run = ffsm_mj.run(scene(tmp_path))
+    assert faults(run) == judged(run) == set()
+
+
+def test_a_force_of_the_wrong_sign_is_noticed(tmp_path, monkeypatch):
+    """It pulls the two into each other, and the run says so itself; its states say that the forces are not theirs."""
+    held = Acceleration.held
+    with monkeypatch.context() as wrong:
+        wrong.setattr(loop, "MOST_EVENTS_PER_STEP", 20)
+        wrong.setattr(Acceleration, "held", lambda self, which: -held(self, which))
+        run = ffsm_mj.run(pushed(tmp_path))
+        assert faults(run)
+    assert judged(run)
+
+
+def test_a_force_a_thousandth_too_large_is_noticed(tmp_path, monkeypatch):
+    held = Acceleration.held
+    with monkeypatch.context() as wrong:
+        wrong.setattr(loop, "MOST_EVENTS_PER_STEP", 20)
+        wrong.setattr(Acceleration, "held", lambda self, which: 1.001 * held(self, which))
+        run = ffsm_mj.run(pushed(tmp_path))
+    assert faults(run) | judged(run)
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_a_forgotten_re_detection_is_noticed(tmp_path, monkeypatch):
+    """The face goes on for ever: what is held beyond its edge touches nothing."""
+    with monkeypatch.context() as wrong:
+        wrong.setattr(ActiveContactSet, "beyond_an_edge", lambda _: [])
+        slack = ActiveContactSet.slack
+
+        def blind(self):
+            rows = self.decide().rows if self.touches else None
+            return slack(self) if rows is None or min(at.inside for at in rows.held) > 0.0 else 1.0
+
+        wrong.setattr(ActiveContactSet, "slack", blind)
+        run = ffsm_mj.run(slid(tmp_path))
+    assert not run.records["contact_changes"]
+    assert "contact complementarity" in judged(run)

@@ -1,1 +1,0 @@
-"""Contact regimes that exist in tests only."""

@@ -1,0 +1,31 @@
+"""What happens at one instant is replayed in the order in which it happened, though impacts have numbers of their own."""
+
+from __future__ import annotations
+
+import ffsm_mj
+from ffsm_mj.replay import replay_log
+from tests.contact_models.grasp.scenes import OFF, grasping
+
+
+def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
+    """The hull is hit, the hand takes hold at once, and what that does to the velocities drives the two together again."""
+    path = grasping(
+        tmp_path,
+        {"touch": ["hull-target/target"]},
+        duration_s=0.2,
+        initial={
+            "joints": {"target/free": [-0.038656389401170776, 0.3, 0.02, 1, 0, 0, 0]},
+            "rates": {"target/free": [-0.37734426308362967, -0.5, 0, 0.4, -0.2, -2.002881094626152], "shoulder": 0.3},
+        },
+        impact_pairs=[{"geoms": ["hull", "target/target"], "restitution": 0.0}],
+        phases=[
+            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "hold", "until": "end", "controller": OFF},
+        ],
+    )
+    run = ffsm_mj.run(path)
+    first, second = run.impacts
+    assert first.time_s == second.time_s == run.log.records["capture_impulses"][0].time_s
+    again = replay_log(run.log)
+    assert [str(check) for check in (*run.checks(), *again.checks()) if not check.passes] == []
+    assert again.agrees, again.worst

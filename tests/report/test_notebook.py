@@ -1,0 +1,218 @@
+"""What a run shows in a terminal and in a notebook's cell."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import ffsm_mj
+from ffsm_mj.errors import InputError
+from ffsm_mj.report import run_card
+from tests.scenes import ball, scene, two_balls
+
+
+@pytest.fixture(scope="module")
+def hit(tmp_path_factory, ffsm_run):
+    """Two balls, e = 1, in contact at 0.3 s; the impulse is 2 * 2 * 3 / 5 N s."""
+    return ffsm_run(two_balls(tmp_path_factory.mktemp("hit"), duration_s=0.5))
+
+
+def pictures(html, kind):
+    """What the pictures of a cell hold."""
+    found = re.findall(rf'<img [^>]*src="data:image/{kind};base64,([^"]+)"', html)
+    return [Image.open(io.BytesIO(base64.b64decode(text))) for text in found]
+
+
+class Tags(HTMLParser):
+    """Names of the elements of a page, and its text."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.tags, self.text = [], ""
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_a_run_says_what_came_of_it(hit):
+    said = repr(hit)
+    assert said.startswith("<Run scene: completed after 0.5 s; 1 impact; 13 checks, all pass, worst ")
+    assert len(said.splitlines()) == 1
+    page = Tags(hit._repr_html_())
+    assert "completed after 0.5 s" in page.text
+    assert "0.300000 s: robot/ball on target/target, 2.4 N s" in page.text
+
+
+def test_the_tip_is_told(baseline):
+    tip = baseline.summary()["tip"]
+    second = repr(baseline).splitlines()[1]
+    assert second == (
+        f"  tip {tip['final_error_m']:.4g} m from its target at the end, "
+        f"at best {tip['min_error_m']:.4g} m at {tip['min_error_time_s']:.3f} s>"
+    )
+    assert second.strip().removeprefix("tip ").removesuffix(">") in Tags(baseline._repr_html_()).text
+
+
+def test_a_violated_law_is_told(hit):
+    """A log that says 1e-3 J more of the impact than its impulse worked."""
+    record = hit.impacts[0]
+    wrong = replace(record, energy_change_J=record.energy_change_J + 1e-3)
+    run = ffsm_mj.Run(replace(hit.log, records=hit.log.records | {"impacts": (wrong,)}))
+    assert "1 of 13 checks FAILED, worst impact energy of total: 1.0e-03 of " in repr(run)
+
+
+def test_what_is_no_number_is_the_worst(hit):
+    rows = np.array(hit.log.rows)
+    rows[300, hit.keys.index("energy.total_J")] = np.nan
+    assert "FAILED, worst energy of total: nan of" in repr(ffsm_mj.Run(replace(hit.log, rows=rows)))
+
+
+def test_a_run_that_broke_off(hit):
+    run = ffsm_mj.Run(replace(hit.log, outcome=None, damage="7 bytes cannot be read"))
+    assert "scene: damaged: 7 bytes cannot be read; incomplete: the log breaks off before the end of the run;" in repr(run)
+
+
+def test_names_and_messages_are_text_never_markup(tmp_path):
+    """A geom, an outcome and a scenario that a hostile log calls by markup stay text, and on their line."""
+    evil = "<script>alert(1)</script>"
+    path = scene(
+        tmp_path,
+        ball("ball", mass=2.0, joints="x").replace('geom name="ball"', 'geom name="&lt;script&gt;alert(1)"'),
+        {"target": ball("target", mass=3.0, joints="x")},
+        initial={"joints": {"target/x": 0.5}, "rates": {"robot/x": 1.0}},
+        impact_pairs=[{"robot_geom": "robot/<script>alert(1)", "object_geom": "target/target"}],
+        duration_s=0.4,
+    )
+    run = ffsm_mj.run(path)
+    header = replace(run.log.header, scenario_name=f"a\n{evil}")
+    log = replace(run.log, header=header, outcome=replace(run.log.outcome, message=f"\x1b[31m{evil}"))
+    page = ffsm_mj.Run(log)._repr_html_()
+    assert set(Tags(page).tags) <= {"table", "caption", "tr", "th", "td", "br"}
+    assert Tags(page).text.count("<script>") == 3
+    assert "\x1b" not in page
+    assert len(repr(ffsm_mj.Run(log)).splitlines()) == 1
+
+
+def test_a_long_log_is_not_read_for_a_look(hit, monkeypatch):
+    """Of rows above the limit nothing is read; what the run itself gathered is told whatever its length."""
+    monkeypatch.setattr(run_card, "KEPT_BYTES", 8 * len(hit.keys) * 500)  # hit has 501 rows
+    fresh, known = ffsm_mj.load_run(hit.path), hit.digest
+    monkeypatch.setattr(type(fresh.log), "blocks", lambda _: pytest.fail("the rows are read"))
+    assert "1 impact; checks not judged yet: checks() reads the whole log>" in repr(fresh)
+    assert "checks not judged yet" in fresh._repr_html_()
+    told = ffsm_mj.Run(fresh.log, fresh.path, known)
+    assert "13 checks, all pass" in repr(told)
+
+
+def test_a_look_is_quick(baseline):
+    """Its digest known, the card of 30 001 rows is some sums over a few numbers: 1 ms; a pass over the rows takes 25."""
+    assert baseline.digest.samples == 30001
+    began = time.perf_counter()
+    for _ in range(20):
+        repr(baseline), baseline._repr_html_()
+    assert (time.perf_counter() - began) / 20 < 0.02
+
+
+def test_out_sets_the_path(tmp_path):
+    """The run that is returned knows its log, by the name that ``load_run`` finds."""
+    scenario = two_balls(tmp_path, duration_s=0.1)
+    run = ffsm_mj.run(scenario, out=tmp_path / "mine", rerun=False)
+    assert run.path == tmp_path / "mine" / "run.mcap" == ffsm_mj.load_run(tmp_path / "mine").path
+    assert run.path.is_file()
+    assert ffsm_mj.run(scenario).path is None
+    assert isinstance(run, ffsm_mj.Run)
+    assert isinstance(ffsm_mj.load_run(run.path), ffsm_mj.Run)
+
+
+def test_a_run_is_read_from_another_folder(tmp_path, monkeypatch):
+    """A notebook that goes elsewhere (``%cd``) after a run into a relative folder still has it, as written and as read."""
+    monkeypatch.chdir(tmp_path)
+    run = ffsm_mj.run(two_balls(tmp_path, duration_s=0.1), out="mine", rerun=False)
+    read = ffsm_mj.load_run("mine")
+    monkeypatch.chdir("/")
+    assert run.path == read.path == tmp_path / "mine" / "run.mcap"
+    np.testing.assert_array_equal(run["state.q_robot_x_m"], read["state.q_robot_x_m"])
+    assert len(run.time) == 101
+
+
+def test_plot_shows_figures_in_a_cell(hit):
+    """Those of ``--plots``, drawn as PNG of a sensible size; pyplot, which keeps windows, is not even imported."""
+    figures = hit.plot("motion", "energies")
+    assert list(figures) == ["motion", "energies"]
+    assert repr(figures) == "<Figures motion, energies>"
+    drawn = pictures(figures._repr_html_(), "png")
+    assert [picture.width > 300 for picture in drawn] == [True, True]
+    assert all(np.asarray(picture.convert("L")).std() > 5 for picture in drawn)  # not an empty sheet
+    assert figures["energies"].axes
+    with pytest.raises(KeyError, match=r"unknown figure 'tip'; allowed: energies, motion"):
+        figures["tip"]
+    with pytest.raises(KeyError, match=r"unknown figure 'energy' \(did you mean 'energies'\?\); allowed: base, "):
+        hit.plot("energy")
+
+
+def test_plot_without_names_has_every_figure(hit):
+    assert set(hit.plot()) == {"motion", "base", "torques", "momenta", "energies", "conservation"}
+
+
+def test_animate_shows_a_film_in_a_cell(hit, tmp_path):
+    """0.5 s at 10 pictures a second are 6, in the cell and in the file that it is saved to."""
+    film = hit.animate(frames_per_second=10.0)
+    assert repr(film) == "Film(name='scene', said='6 pictures, 0.6 s at 1 times real time')"
+    (shown,) = pictures(film._repr_html_(), "gif")
+    assert shown.n_frames == 6
+    with Image.open(film.save(tmp_path / "new" / "x.gif")) as saved:
+        assert saved.n_frames == 6
+    with pytest.raises(InputError, match=r"x\.mp4: the film is a \.gif; 'ffsm export --mp4' makes an \.mp4"):
+        film.save(tmp_path / "x.mp4")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"frames_per_second": 0.0}, r"frames_per_second is 0\.0; allowed: above 0, up to 50"),
+        ({"frames_per_second": 51}, "frames_per_second is 51; allowed"),
+        ({"speed": -1.0}, r"speed is -1\.0; allowed: a positive number"),
+        ({"speed": float("nan")}, "speed is nan; allowed: a positive number"),
+        ({"speed": 1e-3, "frames_per_second": 50.0}, "more than 6000; raise speed or lower frames_per_second"),
+    ],
+)
+def test_a_film_that_cannot_be_is_refused(hit, options, said):
+    with pytest.raises((ValueError, InputError), match=said):
+        hit.animate(**options)
+
+
+def test_the_film_s_name_is_text(hit):
+    film = replace(hit.animate(frames_per_second=2.0), name='"><script>alert(1)</script>')
+    assert Tags(film._repr_html_()).tags == ["img"]
+
+
+def python(code):
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()
+
+
+def test_a_script_that_does_not_draw_imports_nothing_that_draws(tmp_path):
+    lines = python(f"""
+import sys, ffsm_mj
+run = ffsm_mj.run({str(two_balls(tmp_path, duration_s=0.1))!r})
+repr(run), run._repr_html_()
+drawing = {{"matplotlib", "PIL", "rerun"}}
+print(sorted(drawing & set(sys.modules)))
+run.plot("energies")._repr_html_()
+print("matplotlib" in sys.modules, "matplotlib.pyplot" in sys.modules)
+""")
+    assert lines == ["[]", "True False"]

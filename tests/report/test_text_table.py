@@ -1,0 +1,54 @@
+"""Tables on a terminal: whole where there is room, else in parts that fit."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from ffsm_mj.report import text_table
+from ffsm_mj.report.text_table import table
+
+HEAD, ROWS = (
+    ("law", "of", "worst", "unit", "at s"),
+    [("energy", "total", "1e-12", "J", "3.5"), ("mass", "robot", "2", "kg", "0")],
+)
+WHOLE = """\
+  law     of     worst  unit  at s
+  energy  total  1e-12  J      3.5
+  mass    robot      2  kg       0"""
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    return lambda width: monkeypatch.setattr(text_table, "terminal_width", lambda: width)
+
+
+@pytest.mark.parametrize(("tty", "columns", "width"), [(True, 60, 60), (True, 39, None), (False, 60, None)])
+def test_the_width_is_that_of_a_terminal(monkeypatch, tty, columns, width):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: tty)
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert text_table.terminal_width() == width
+
+
+def test_where_it_goes_into_a_file_a_table_stays_whole(terminal):
+    terminal(None)
+    assert table(HEAD, ROWS) == WHOLE
+
+
+def test_a_wide_terminal_has_room(terminal):
+    terminal(34)
+    assert table(HEAD, ROWS, keys=2) == WHOLE
+
+
+@pytest.mark.parametrize("width", [33, 27, 26, 22, 5])
+def test_a_narrow_terminal_gets_all_columns_in_parts(width, terminal):
+    """No line is longer than the terminal where a part has more than its keys and a column, and no cell is lost."""
+    terminal(width)
+    parts = [[line.split() for line in part.split("\n")] for part in table(HEAD, ROWS, keys=2).split("\n\n")]
+    assert len(parts) > 1
+    for part in parts:
+        assert [line[:2] for line in part] == [["law", "of"], ["energy", "total"], ["mass", "robot"]]
+    if width >= 22:
+        assert max(map(len, table(HEAD, ROWS, keys=2).split("\n"))) <= width
+    assert [cell for part in parts for cell in part[1][2:]] == ["1e-12", "J", "3.5"]
