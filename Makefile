@@ -15,7 +15,7 @@ contracts:
 schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
 	uv run ffsm schema --campaign > scenarios/ffsm-campaign.schema.json
-figures:     ## the pictures of docs/verified-result.md, docs/lasting-contact.md, docs/capture.md and docs/friction.md
+figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact.md, docs/capture.md and docs/friction.md
 	uv run ffsm run baseline --no-rerun --force --out logs/figures
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline
 	uv run python docs/contact_force.py

@@ -1,4 +1,4 @@
-"""The figure of ``docs/lasting-contact.md``, from the scenario as it is: ``make figures``.
+"""The figure of ``docs/persistent-contact.md``, from the scenario as it is: ``make figures``.
 
 Above the impulses of the hits of `push`, each a fraction of the last, below the force of the contact that they end in.
 """

@@ -113,10 +113,12 @@ def test_the_log_reference_is_current():
         "docs/soft-contact.md",
         "docs/log-reference.md",
         "docs/friction.md",
-        "docs/lasting-contact.md",
+        "docs/persistent-contact.md",
         "docs/contact-models.md",
         "docs/capture.md",
         "docs/campaigns.md",
+        "docs/accuracy.md",
+        "docs/architecture.md",
     ],
 )
 def test_links_lead_somewhere(page):
