@@ -15,7 +15,6 @@ from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import Digest, digest
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
-from ffsm_mj.analysis.refined import Refined, explained, refined
 from ffsm_mj.analysis.summary import failing_checks, summarise, tip_error
 from ffsm_mj.analysis.tables import Table, table
 from ffsm_mj.arrays import FloatArray
@@ -26,6 +25,7 @@ from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Check, Tolerance
 from ffsm_mj.verification.friction_check import FrictionCheck
+from ffsm_mj.verification.refined import Refined, explained, refined
 
 
 class Run:

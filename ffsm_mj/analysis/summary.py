@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.analysis.digest import Digest, TipDigest
-from ffsm_mj.analysis.truncation import Truncation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.record import CAPTURE
 from ffsm_mj.records.facts import is_conservative, logged_models, logged_task
 from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.checks import Check, CheckAccumulator
+from ffsm_mj.verification.truncation import Truncation
 
 SCHEMA_VERSION = 2
 """Later ones only add keys."""

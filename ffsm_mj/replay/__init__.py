@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-from ffsm_mj.analysis.refined import refined
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.errors import InputError
@@ -22,6 +21,7 @@ from ffsm_mj.replay.log_replay import LogReplay
 from ffsm_mj.replay.scene import log_scene
 from ffsm_mj.verification.checks import CheckAccumulator, accumulate_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
+from ffsm_mj.verification.refined import refined
 from ffsm_mj.verification.replay_result import ReplayResult
 
 

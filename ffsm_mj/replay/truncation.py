@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.actuation.step_error import StepError
-from ffsm_mj.analysis.refined import Refined
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
@@ -26,6 +25,7 @@ from ffsm_mj.replay.facts import state_facts
 from ffsm_mj.replay.log_replay import LogReplay
 from ffsm_mj.replay.scene import LogScene, log_scene
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator
+from ffsm_mj.verification.refined import Refined
 from ffsm_mj.verification.residuals import STRETCH_STEPS
 
 _MOST_HALVINGS = 5

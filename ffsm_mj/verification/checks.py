@@ -25,7 +25,6 @@ from itertools import groupby
 
 import numpy as np
 
-from ffsm_mj.analysis.truncation import Truncation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.facts import free_components, is_conservative
@@ -33,6 +32,7 @@ from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import FORCE_RESIDUAL, OVERLAP, SUBSYSTEMS, Layout, momentum_keys
 from ffsm_mj.verification.friction_check import EnergyDeviation, FrictionCheck
 from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, stretch_s
+from ffsm_mj.verification.truncation import Truncation
 
 DEFAULT_TOLERANCE = 1e-9
 """A check holds when its residual stays below this times (1 + scale), in SI units."""

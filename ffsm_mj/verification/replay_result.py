@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from ffsm_mj.analysis.refined import Refined, explained
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Check, CheckAccumulator, Tolerance
 from ffsm_mj.verification.friction_check import FrictionCheck
+from ffsm_mj.verification.refined import Refined, explained
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from ffsm_mj.analysis.refined import explained
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.models import Reader
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, recipe
@@ -31,6 +30,7 @@ from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, STEP_LAWS, Check
+from ffsm_mj.verification.refined import explained
 
 
 @dataclass(frozen=True)

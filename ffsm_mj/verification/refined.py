@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
 
-from ffsm_mj.analysis.truncation import Truncation
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, STEP_LAWS, Check, CheckAccumulator, Tolerance
+from ffsm_mj.verification.truncation import Truncation
 
 _SAME = 0.5
 """A residual in the log is that of its states when the two differ by less than this share of what is allowed."""
