@@ -1,1 +1,1 @@
-"""The arithmetic of the balances; run and ``analyze`` call the same functions."""
+"""Energy and momentum balances of a run; the simulation and ``ffsm analyze`` call the same functions."""

@@ -1,7 +1,7 @@
-"""Accounts of work and impulse through a run, and what they leave unexplained of energy and momentum.
+"""Energy and momentum balance of a run: accumulated work and impulses, and the residuals.
 
-Work of a held joint effort is force times displacement, exactly. Everything that depends on where a force acts while the
-body moves is integrated over the (sub-)step; the arithmetic is in :mod:`ffsm_mj.balance`.
+The work of a joint effort held over a step is force times displacement, exactly. Terms that depend on where a force acts
+while the body moves are integrated over the (sub-)step.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.base_motors import BaseMotors
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.balance.grasped_object import GraspedObjectBalance
-from ffsm_mj.balance.gravity import NUMBERS, Gravity, by_party
+from ffsm_mj.balance.gravity import NUMBERS, Gravity, by_subsystem
 from ffsm_mj.balance.joint_work import JointWork
 from ffsm_mj.balance.sample_buffer import SampleBuffer
 from ffsm_mj.balance.signals import ACCOUNTS, BalanceSignals, BalanceTerms, BalanceValues
@@ -37,25 +37,25 @@ _FALLEN = ACCOUNTS + GraspedObjectBalance.SIZE
 
 
 class Balance:
-    """Books of one run. ``open`` before each (sub-)step, ``close`` after it, ``book`` at each event, ``note`` at a tick.
+    """Balance of one run: ``open`` before each (sub-)step, ``close`` after it, ``book`` at each event, ``note`` at a tick.
 
-    A note copies what MuJoCo knows of the state; energies, momenta and residuals of many notes are worked out at once. So is
-    what the robot gives to an object that it carries: nothing is done for it in a step.
+    ``note`` copies MuJoCo's arrays; energies, momenta and residuals of many samples are then computed at once. So are the
+    energy and momentum that the robot transfers to a grasped object, which therefore cost nothing during a step.
 
     Attributes:
         free: Which of (P, L about the origin) the base joints of (total, robot, objects) leave free, 1 or 0, (3, 6).
-        momentum: Where M qdot is kept current, (nv,).
-        columns: Energies, momenta, accounts and residuals.
+        momentum: Array in which M qdot is kept current, (nv,).
+        columns: Energies, momenta, balance terms and residuals.
     """
 
     def __init__(self, system: System, data: Any, momentum: FloatArray, *, notes: int = 1) -> None:
         """Start the balance at the state in ``data`` (all derived quantities current).
 
         Args:
-            system: What moves.
-            data: Its state.
-            momentum: Where M qdot is kept current, (nv,).
-            notes: Room for so many.
+            system: Robot and objects.
+            data: Their state.
+            momentum: Array in which M qdot is kept current, (nv,).
+            notes: Capacity of the sample buffer.
         """
         self._system = system
         robot_free = free_components(system, system.robot)
@@ -87,16 +87,16 @@ class Balance:
         self.columns = (Columns(self._statement.signals, table=self.table, note=lambda _: self.note(), resume=self.resume),)
         self.resume(np.zeros(len(self._statement.signals)))
 
-    def resume(self, told: FloatArray) -> None:
-        """Go on at the state in ``data`` from what a row said there: accounts, and what they left unexplained.
+    def resume(self, logged: FloatArray) -> None:
+        """Continue at the state in ``data`` with the balance terms and residuals of a logged row.
 
         Args:
-            told: The balance's columns of the row, zeros to begin, (number of signals,).
+            logged: The balance's columns of the row, or zeros at the start, (number of signals,).
         """
-        before = self._statement.balance(told[None])
+        before = self._statement.balance(logged[None])
         self._carried.forget()
         self._accounts.take(before.accounts)
-        if self._gravity is not None:  # of the objects only their sum is known, and only changes count
+        if self._gravity is not None:  # a row logs the sum over all objects only; changes are all that counts
             self._fallen.fill(0.0)
             work, impulse = before.accounts.fallen[0], before.accounts.gravity[0].reshape(2, 6)
             for tree, own, pushed in zip(self._fallen, work[1:], impulse, strict=False):
@@ -108,15 +108,15 @@ class Balance:
         self._momentum_0 = (start.momentum_residual - before.momentum_residual)[0]
 
     def note(self) -> None:
-        """Keep the state in ``data`` and the accounts; ``momentum`` must be current."""
+        """Sample the state in ``data`` and the balance terms; ``momentum`` must be current."""
         self._notes.take()
 
     def table(self) -> FloatArray:
-        """Values of the columns at all notes since the last table, (n, number of signals); uses the notes up."""
+        """Values of the columns at all samples since the last call, (n, number of signals); empties the buffer."""
         return self._statement.values(self._balance())
 
     def _balance(self) -> BalanceValues:
-        """Work out all notes, and use them up."""
+        """Balance of all buffered samples; empties the buffer."""
         notes, robot = self._notes, self._system.robot
         used, notes.used = slice(0, notes.used), 0
         h, accounts = notes.h[used], BalanceTerms.of(notes.accounts[used, :ACCOUNTS])
@@ -128,7 +128,7 @@ class Balance:
         momentum = subsystem_momenta(notes.momenta(robot.root, used), of_objects)
         if self._gravity is not None:
             fallen = notes.accounts[used, _FALLEN:].reshape(used.stop, -1, NUMBERS)
-            accounts.fallen[:], accounts.gravity[:] = by_party(fallen)
+            accounts.fallen[:], accounts.gravity[:] = by_subsystem(fallen)
         residuals = self._unexplained(energy - self._energy_0, momentum - self._momentum_0, accounts)
         by_matrix = self._base.momenta(notes.jacp[used], notes.jacr[used], notes.position[used], h)
         return BalanceValues(energy, momentum, by_matrix, accounts, *residuals)
@@ -136,7 +136,7 @@ class Balance:
     def _unexplained(
         self, energy: FloatArray, momentum: FloatArray, accounts: BalanceTerms
     ) -> tuple[FloatArray, FloatArray]:
-        """What accounts leave unexplained of changes of energy, (n, 3), and of momentum, (n, 3, 6); shapes as given."""
+        """Residuals of energy, (n, 3), and of momentum, (n, 3, 6)."""
         grown = accounts.gained + accounts.fallen
         impulses = accounts.external, accounts.contact, accounts.fixed + accounts.gravity
         left = [
@@ -150,43 +150,44 @@ class Balance:
         return of_energy, of_momentum
 
     def entered(self) -> FloatArray:
-        """What one unit of each number of the accounts explains of (T, P, L) of (total, robot, objects), (21, numbers)."""
+        """Matrix from balance terms to the changes of (T, P, L) of (total, robot, objects) they account for, (21, terms)."""
         units = BalanceTerms.of(np.eye(ACCOUNTS))
         energy, momentum = self._unexplained(np.zeros((ACCOUNTS, 3)), np.zeros((ACCOUNTS, 3, 6)), units)
         return -np.concatenate((energy[:, :, None], momentum), axis=2).reshape(ACCOUNTS, -1).T
 
     def increments(self, duration_s: float, bookings: Iterable[Exchange]) -> FloatArray:
-        """What a (sub-)step since ``open`` would add to the accounts, (numbers,); they stay as they are.
+        """Balance terms of the (sub-)step since ``open``, (terms,); the accumulated terms are unchanged.
 
         Args:
-            duration_s: Of the step; the state in ``data`` is its end.
-            bookings: What contacts exchanged in it.
+            duration_s: Duration of the step; the state in ``data`` is its end.
+            bookings: What contacts exchanged during the step.
         """
         numbers, kept = self._numbers, self._numbers.copy()
-        numbers.fill(0.0)  # a sum since t = 0 would swallow the digits that matter here
+        numbers.fill(0.0)  # differences of sums since t = 0 would lose the digits that matter here
         self.close(duration_s)
         for booking in bookings:
             self.book(*booking)
         if self._gravity is not None:
-            self._accounts.fallen[:], self._accounts.gravity[:] = by_party(self._fallen)
+            self._accounts.fallen[:], self._accounts.gravity[:] = by_subsystem(self._fallen)
         added = numbers[:ACCOUNTS].copy()
         numbers[:] = kept
         return added
 
     def carry(self, tree: Tree | None) -> None:
-        """From the state in ``data`` on the robot gives what this object gains; what it gave to the last one is booked.
+        """Start or end the transfer of energy and momentum to a grasped object at the state in ``data``.
 
-        To be told before and after each jump of the state, which is booked by who makes it.
+        What the previous grasped object gained is entered in the balance as given by the robot. Call this before and
+        after each jump of the state; whoever makes the jump enters it.
 
         Args:
-            tree: The object that it carries; None: nothing.
+            tree: The grasped object; None: no object is grasped.
         """
         booked = self._carried.carry(tree)
         if booked is not None:
             self.book(*booked)
 
     def open(self) -> None:
-        """Remember the state at the start of a (sub-)step, as far as the efforts held in it need it."""
+        """Begin a (sub-)step: store what the efforts held during it need of the state."""
         if self._gravity is not None:
             self._gravity.open()
         self._pushed = self._joint_work.open()
@@ -195,7 +196,7 @@ class Balance:
                 pushing.open()
 
     def close(self, duration_s: float) -> None:
-        """Book the work and impulse of the efforts held since ``open``; the state in ``data`` is the end of the step."""
+        """Enter the work and impulse of the efforts held since ``open``; the state in ``data`` is the end of the step."""
         self._joint_work.close()
         if self._gravity is not None:
             self._gravity.close(duration_s)
@@ -204,10 +205,10 @@ class Balance:
                 pushing.close(duration_s)
 
     def book(self, energy_change: FloatArray, contact: FloatArray, outside: FloatArray) -> None:
-        """Book what contacts did, at an event or over a (sub-)step; impulses are (force part, moment about the origin).
+        """Enter the exchange of contacts at an event or over a (sub-)step; impulses are (P, L about the world origin).
 
         Args:
-            energy_change: Kinetic energy that they gave to (total, robot, objects), J.
+            energy_change: Change of the kinetic energy of (total, robot, objects) by the contacts, J.
             contact: Impulse of the robot on the objects, (6,).
             outside: Impulse of fixed bodies on the robot and on the objects, (2, 6).
         """

@@ -1,6 +1,6 @@
-"""Impulse and work of what else pushes from outside: motors of base joints, tendons, sites with a reference.
+"""Impulse and work of external actuators other than thrusters: base joint motors, tendons, sites with a reference site.
 
-What they do to the robot follows from the generalised forces on its base joints.
+Their wrench on the robot follows from the generalised forces on its base joints.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ffsm_mj.model.system import System
 
 
 class BaseMotors:
-    """Adds what they do in each (sub-)step to accounts, by Simpson's rule with a cubic Hermite midpoint."""
+    """Integrates impulse and work over each (sub-)step by Simpson's rule with a cubic Hermite midpoint."""
 
     def __init__(
         self,
@@ -30,15 +30,15 @@ class BaseMotors:
         work: FloatArray,
         impulse: FloatArray,
     ) -> None:
-        """Bind to what moves.
+        """Bind to the system.
 
         Args:
             system: Robot and objects.
             data: Their state.
-            chosen: The actuators to book, (nu,).
-            elsewhere: Those of them and of others whose work is booked elsewhere, (nu,).
-            work: Takes the work, J, (1,).
-            impulse: Takes the impulse on the robot (P, L about the world origin), (6,).
+            chosen: Mask of the actuators to account for, (nu,).
+            elsewhere: Mask of the actuators whose work is accounted for elsewhere, (nu,).
+            work: Receives the work, J, (1,).
+            impulse: Receives the impulse on the robot (P, L about the world origin), (6,).
         """
         self._robot, self._model, self._data = system.robot, system.mj, data
         self._scratch, self._chosen, self._worked = mujoco.MjData(system.mj), chosen, 1.0 - elsewhere
@@ -66,7 +66,7 @@ class BaseMotors:
         self._work += done[6]
 
     def _rates(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
-        """Wrench on the robot about the origin, and power, at a state, (7,)."""
+        """Wrench on the robot about the world origin, and power, at a state, (7,)."""
         model, scratch, robot = self._model, self._scratch, self._robot
         scratch.qpos[:], scratch.qvel[:] = qpos, qvel
         mujoco.mj_fwdPosition(model, scratch)

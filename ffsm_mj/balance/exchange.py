@@ -1,10 +1,11 @@
-"""What wrenches between bodies exchange over a (sub-)step: energy and impulse, by subsystem.
+"""Energy and impulse that wrenches between bodies exchange over a (sub-)step, by subsystem.
 
-By Simpson's rule with a cubic Hermite midpoint, as external forces in the balance: what follows the bodies' motion is then
-known to the order of the integrator. A pair of equal and opposite wrenches exchanges nothing within one subsystem.
+Wrenches are integrated by Simpson's rule with a cubic Hermite midpoint, as are external forces, which keeps the order of
+the integrator. A pair of equal and opposite wrenches within one subsystem exchanges nothing.
 
-What is carried is a part of the robot here, for what moves has it so: whoever holds it books all that it gains as given by
-the robot. What it gets from fixed bodies is booked to the objects, as from outside, and taken off what the robot gave.
+A grasped object counts as a part of the robot here, as in the equations of motion: the grasp enters everything the object
+gains as given by the robot. An impulse of fixed bodies on it is entered as external to the objects, and subtracted from
+what the robot gave.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ _NOTHING.flags.writeable = False
 
 
 class Exchange(NamedTuple):
-    """What contacts did at an event or over a (sub-)step, by subsystem.
+    """Energy and impulse exchanged by contacts at an event or over a (sub-)step, by subsystem.
 
     Attributes:
-        energy_J: Energy that they gave to (total, robot, objects), (3,).
+        energy_J: Energy gained by (total, robot, objects), (3,).
         impulse: Impulse of the robot on the objects: force part in N s and moment about the world origin in N m s, (6,).
-        outside: The same of fixed bodies, on the robot and on the objects, (2, 6): it comes from outside the system.
+        outside: Impulse of fixed bodies, external to the system, on the robot and on the objects, (2, 6).
     """
 
     energy_J: FloatArray
@@ -41,21 +42,21 @@ class Exchange(NamedTuple):
 
 
 class ExchangeIntegrator:
-    """Books the wrenches of one contact model over steps."""
+    """Integrates the wrenches of one contact model over steps."""
 
     def __init__(self, system: System, data: Any, wrenches: Callable[[Any], Sequence[Wrench]]) -> None:
-        """Bind to the system's data, and to what gives the wrenches at a state of it."""
+        """Bind to the system's data and to the function that gives the wrenches at a state."""
         self._system, self._data, self._wrenches = system, data, wrenches
         self._scratch = mujoco.MjData(system.mj)
 
     def begin(self, carried: frozenset[int]) -> None:
-        """A (sub-)step begins at the state in ``data``, with these bodies of objects as parts of the robot."""
+        """Begin a (sub-)step at the state in ``data``; ``carried`` are the bodies of a grasped object."""
         self._carried = carried
         self._qpos, self._qvel = self._data.qpos.copy(), self._data.qvel.copy()
         self._first = self._rates(self._data)
 
     def end(self, duration_s: float) -> Exchange:
-        """It ends at the state in ``data``."""
+        """End the (sub-)step at the state in ``data``."""
         model, data, scratch = self._system.mj, self._data, self._scratch
         middle = hermite_midpoint(model, self._qpos, self._qvel, data.qpos, data.qvel, duration_s)
         scratch.qpos[:], scratch.qvel[:] = middle

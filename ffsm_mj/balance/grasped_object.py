@@ -1,4 +1,4 @@
-"""What an object gains from the robot that carries it: the difference of two states, less what gravity gave it."""
+"""Energy and momentum that a grasped object gains from the robot: the change between two states, less that by gravity."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from ffsm_mj.model.system import System, Tree
 
 
 class GraspedObjectBalance:
-    """The object that is carried: its number among the objects, from 1, and its energy and momentum when that began."""
+    """The grasped object: its number among the objects, from 1, and its energy and momentum when the grasp began."""
 
     SIZE = 8
-    """Numbers that a note has to keep of it."""
+    """Number of values per sample."""
 
     def __init__(self, system: System, data: Any, momentum: FloatArray, numbers: FloatArray) -> None:
-        """Nothing is carried.
+        """Start without a grasped object.
 
         Args:
             system: Robot and objects.
             data: Their state.
-            momentum: M qdot, kept current by others, (nv,).
-            numbers: Where what a note keeps is: number; energy in J; P and L about the origin; behind these SIZE what
-                gravity gave to each tree, kept current by others, (number of trees, NUMBERS), or nothing without.
+            momentum: M qdot, kept current by the caller, (nv,).
+            numbers: Array for the sampled values: number; energy in J; P and L about the origin. With gravity, what gravity
+                gave to each tree follows these SIZE values, kept current by the caller, (number of trees, NUMBERS).
         """
         self._system, self._data, self._momentum = system, data, momentum
         self._numbers, self._start = numbers[: self.SIZE], numbers[1 : self.SIZE]
@@ -38,15 +38,15 @@ class GraspedObjectBalance:
         self._tree: Tree | None = None
 
     def forget(self) -> None:
-        """Nothing is carried, and nothing was."""
+        """Reset: no object is grasped."""
         self._tree = None
         self._numbers.fill(0.0)
 
     def carry(self, tree: Tree | None) -> Exchange | None:
-        """Carry an object from the state in ``data`` on, derived quantities current, or nothing.
+        """Begin at the state in ``data``, derived quantities current, to account for a grasped object, or for none.
 
         Returns:
-            What the robot gave to the one that it carried; None where there was none.
+            What the robot gave to the previous grasped object; None if there was none.
         """
         before = self._tree
         booked = _given(self._now(before) - self._start) if before is not None else None
@@ -66,7 +66,7 @@ class GraspedObjectBalance:
         return now - self._fallen[1 + self._system.objects.index(tree)] if len(self._fallen) else now
 
     def gained(self, notes: SampleBuffer, used: slice) -> Iterator[tuple[Any, Exchange]]:
-        """What was given to the one carried since that began: rows of the notes, and one booking for all of them."""
+        """What the grasped object has gained since the grasp began: rows of the buffer, and the exchange for all of them."""
         own = notes.accounts[used, -(self.SIZE + self._fallen.size) :]
         numbers, fallen = own[:, : self.SIZE], own[:, self.SIZE :]
         for number in map(int, sorted(set(numbers[:, 0].tolist()) - {0.0})):
@@ -79,6 +79,6 @@ class GraspedObjectBalance:
 
 
 def _given(change: FloatArray) -> Exchange:
-    """What the robot gave, of changes of energy and momentum, (..., 7): the object has them from it, and not both."""
+    """Exchange between robot and object from the object's change of energy and momentum, (..., 7)."""
     energy = change[..., :1]
     return Exchange(np.concatenate((np.zeros_like(energy), -energy, energy), axis=-1), change[..., 1:])

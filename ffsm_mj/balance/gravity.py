@@ -1,9 +1,9 @@
-"""Impulse and work of uniform gravity: an outside force on each subsystem, as exact as the motion itself.
+"""Impulse and work of uniform gravity, an external force on each subsystem, to the order of the integrator.
 
-The weight of a body is m g, less the share that MuJoCo's ``gravcomp`` holds up: both act at its mass centre. Over a
-(sub-)step the impulse is weight times time and the work weight times way, exactly. The moment about the origin needs the
-time integral of the weighted mass centre: that of the cubic Hermite polynomial through both ends, whose error per step is of
-fifth order, as that of RK4.
+The weight of a body is m g, reduced by the share that MuJoCo's ``gravcomp`` compensates; both act at its centre of mass.
+Over a (sub-)step the impulse is weight times duration and the work weight times displacement, exactly. The moment about the
+origin needs the time integral of the position of the centre of mass: the cubic Hermite polynomial through both ends gives
+it with a fifth-order error per step, like RK4.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import System
 
 NUMBERS = 7
-"""Accounts of one tree: work in J, impulse (P, L about the world origin) in N s and N m s."""
+"""Values per tree: work in J, impulse (P, L about the world origin) in N s and N m s."""
 
 
 class Gravity:
-    """Adds what gravity does to each tree in each (sub-)step to accounts."""
+    """Integrates the work and impulse of gravity on each tree over each (sub-)step."""
 
     def __init__(self, system: System, data: Any, accounts: FloatArray) -> None:
         """Bind to the bodies of the trees.
 
         Args:
-            system: What moves.
+            system: Robot and objects.
             data: Its state.
             accounts: Work and impulse by tree, (number of trees, NUMBERS).
         """
@@ -53,15 +53,15 @@ class Gravity:
         self._accounts[:, 4:] += np.cross(area, self._g)
 
     def _look(self) -> tuple[FloatArray, FloatArray]:
-        """Sums of mass times place and velocity of the mass centres of bodies by tree, kg m and kg m/s, (trees, 3) each."""
+        """Sums of mass times position and velocity of bodies' centres of mass by tree, kg m and kg m/s, (trees, 3) each."""
         data, twists = self._data, self._data.cvel
-        # MuJoCo's twists are about the mass centre of the whole tree, the angular part first.
+        # MuJoCo's twists are about the centre of mass of the whole tree, angular part first.
         lever = data.xipos - data.subtree_com[self._roots]
         return self._masses @ data.xipos, self._masses @ (twists[:, 3:] + np.cross(twists[:, :3], lever))
 
 
-def by_party(of_trees: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Work on (total, robot, objects), (..., 3), and impulses on robot and objects, (..., 12), of accounts by tree.
+def by_subsystem(of_trees: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Work on (total, robot, objects), (..., 3), and impulses on robot and objects, (..., 12), from values by tree.
 
     Args:
         of_trees: Work and impulse by tree, the robot's first, (..., number of trees, NUMBERS).

@@ -1,4 +1,4 @@
-"""Work of the efforts held at joints over a step: force times displacement, exactly."""
+"""Work of joint efforts held over a step: force times displacement, exactly."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from ffsm_mj.arrays import FloatArray
 
 
 class JointWork:
-    """Adds the work of each (sub-)step to an account."""
+    """Accumulates the work of each (sub-)step."""
 
     def __init__(self, data: Any, on_joint: FloatArray, external: FloatArray, account: FloatArray) -> None:
         """Bind to the actuators.
 
         Args:
             data: MuJoCo data.
-            on_joint: 1 where an actuator drives a joint, 0 elsewhere, (nu,).
-            external: 1 where it pushes against the world outside, 0 elsewhere, (nu,).
-            account: Its first entry takes the work, J.
+            on_joint: 1 for an actuator that drives a joint, else 0, (nu,).
+            external: 1 for an actuator whose reaction acts on the world, else 0, (nu,).
+            account: Its first entry receives the work, J.
         """
         self._held, self._length, self._force = data.ctrl, data.actuator_length, data.actuator_force
         self._on_joint, self._all_on_joints = on_joint, bool(on_joint.all())
@@ -25,7 +25,7 @@ class JointWork:
         self._working = False
 
     def open(self) -> bool:
-        """Begin a step; says whether an effort held in it is external."""
+        """Begin a step; return whether an effort held during it is external."""
         ctrl = self._held.tolist()
         self._working = any(ctrl)
         if not self._working:

@@ -1,4 +1,4 @@
-"""The state half-way through a step, where Simpson's rule wants it."""
+"""The state at the middle of a step, for Simpson's rule."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ffsm_mj.dynamics.rigid_body import cross, rotation_dofs
 def hermite_midpoint(
     model: Any, qpos_0: FloatArray, qvel_0: FloatArray, qpos_1: FloatArray, qvel_1: FloatArray, duration_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """State half-way through a step, by cubic Hermite interpolation on the configuration manifold.
+    """State at the middle of a step, by cubic Hermite interpolation on the configuration manifold.
 
     Returns:
         (qpos, qvel) at the middle; the configuration is fourth-order accurate in the duration, the velocity third.

@@ -1,4 +1,4 @@
-"""What the balance keeps of each sample until a block of them is worked out."""
+"""Buffer of sampled MuJoCo arrays, from which the balance of a block of samples is computed at once."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from ffsm_mj.records.sampler import Sampler
 
 
 class SampleBuffer:
-    """Copies of MuJoCo's arrays at so many states.
+    """Copies of MuJoCo's arrays at up to ``room`` states.
 
     Attributes:
-        used: How many there are.
+        used: Number of samples in the buffer.
         h: Generalised momenta, (room, nv).
         rates: Generalised velocities, (room, nv).
         jacp: Jacobians of the frame of the robot's base, (room, 3, nv).
         jacr: Their angular parts, (room, 3, nv).
         position: Positions of that frame, (room, 3), m.
-        accounts: What was booked, and what is carried, (room, numbers of both).
+        accounts: Balance terms, then the values of the grasped object, (room, number of both).
     """
 
     def __init__(self, system: System, data: Any, room: int, momentum: FloatArray, accounts: FloatArray) -> None:
-        """Bind to live arrays; nothing is kept yet.
+        """Bind to live arrays; the buffer is empty.
 
         Args:
             system: Robot and objects.
             data: Their state.
-            room: For so many notes.
-            momentum: M qdot, kept current by others, (nv,).
-            accounts: The accounts, and what is carried, (numbers of both,).
+            room: Capacity in samples.
+            momentum: M qdot, kept current by the caller, (nv,).
+            accounts: Balance terms, then the values of the grasped object, (number of both,).
         """
         model, root = system.mj, system.robot.root
         self.used, self._mass = 0, model.body_subtreemass
@@ -50,11 +50,11 @@ class SampleBuffer:
         self._take = sampler.take
 
     def take(self) -> None:
-        """Keep the state."""
+        """Append the current state."""
         self._take(self.used)
         self.used += 1
 
     def momenta(self, root: int, used: slice) -> FloatArray:
-        """Momenta of the subtree of a body at the states noted, (n, 6)."""
+        """Momenta of the subtree of a body at the sampled states, (n, 6)."""
         at = (used, root)
         return subtree_momenta(float(self._mass[root]), self._velocity[at], self._centre[at], self._spin[at])

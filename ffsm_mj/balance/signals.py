@@ -1,4 +1,4 @@
-"""What the balance says of samples: balances, and the signals that they fill."""
+"""Terms of the balance, its values at samples, and the signals that log them."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Signal, unit_of
 
 ACCOUNTS = 43
-"""How many numbers all accounts have."""
+"""Number of scalar terms in a balance."""
 
 
 @dataclass(frozen=True)
 class BalanceTerms:
-    """What was booked since t = 0, now or at n samples.
+    """Terms of the balance accumulated since t = 0, now or at n samples.
 
     Attributes:
-        work: Of the actuators, J, (..., 1).
+        work: Work of the actuators, J, (..., 1).
         gained: Kinetic energy gained in impacts by (total, robot, objects), J, (..., 3).
         external: Impulse (P, L about the origin) of base actuators on the robot, (..., 6).
         contact: Impulse of the robot on the objects, (..., 6).
@@ -39,24 +39,24 @@ class BalanceTerms:
 
     @classmethod
     def of(cls, numbers: FloatArray) -> BalanceTerms:
-        """Views of the numbers of all accounts, (..., ACCOUNTS)."""
+        """Views of an array of all terms, (..., ACCOUNTS)."""
         return cls(*np.split(numbers, (1, 4, 10, 16, 28, 31), axis=-1))
 
     def take(self, other: BalanceTerms) -> None:
-        """Take over the numbers of other accounts."""
+        """Copy the values of another set of terms."""
         for account in fields(BalanceTerms):
             getattr(self, account.name)[:] = getattr(other, account.name)
 
 
 @dataclass(frozen=True)
 class BalanceValues:
-    """What the balance says of n samples; see the signals below.
+    """Energies, momenta, balance terms and residuals of n samples; see the signals below.
 
     Attributes:
         energy: By subsystem, (n, 3).
         momentum: By subsystem, (n, 3, 6).
-        by_mass_matrix: Of the robot, (n, 6).
-        accounts: What was booked.
+        by_mass_matrix: Momentum of the robot from the base rows of M qdot, (n, 6).
+        accounts: Terms of the balance.
         energy_residual: By subsystem, (n, 3).
         momentum_residual: By subsystem, (n, 3, 6).
     """
@@ -71,13 +71,13 @@ class BalanceValues:
 
 @dataclass(frozen=True)
 class _SignalGroup:
-    """Signals of the balance, and what of a balance fills them, (n, number of signals) once it is flat."""
+    """Signals of the balance, and the function that selects their values, (n, number of signals) when flattened."""
 
     signals: tuple[Signal, ...]
     of: Callable[[BalanceValues], FloatArray]
 
 
-def _by_party(group: str, name: str, meaning: str) -> tuple[Signal, ...]:
+def _by_subsystem(group: str, name: str, meaning: str) -> tuple[Signal, ...]:
     return tuple(Signal(group, name.format(subsystem), "J", f"{meaning}, {subsystem}") for subsystem in SUBSYSTEMS)
 
 
@@ -86,14 +86,14 @@ def _components(group: str, name: str, meaning: str) -> tuple[Signal, ...]:
 
 
 _BY_MATRIX = "momentum of the robot from the base rows of M qdot, paper (8)-(9); zero where the base joints are not free"
-_LEFT = "momentum - momentum(0) - impulses, {}; zero where the base joints are not free"
+_RESIDUAL = "momentum - momentum(0) - impulses, {}; zero where the base joints are not free"
 
 _FIXED = "impulse of fixed bodies on the {}"
 _GRAVITY = "impulse of gravity on the {}"
 _OPTIONAL = {"fixed": 12, "fallen": 3, "gravity": 12}
 
 _ENTRIES = {
-    "energy": _SignalGroup(_by_party("energy", "{}_J", "kinetic energy"), lambda b: b.energy),
+    "energy": _SignalGroup(_by_subsystem("energy", "{}_J", "kinetic energy"), lambda b: b.energy),
     "momentum": _SignalGroup(
         tuple(
             s
@@ -105,7 +105,7 @@ _ENTRIES = {
     "by_mass_matrix": _SignalGroup(_components("momentum", "robot_by_mass_matrix", _BY_MATRIX), lambda b: b.by_mass_matrix),
     "work": _SignalGroup((Signal("balance", "work_J", "J", "work of the actuators"),), lambda b: b.accounts.work),
     "gained": _SignalGroup(
-        _by_party("balance", "{}_impact_energy_J", "kinetic energy gained in impacts"), lambda b: b.accounts.gained
+        _by_subsystem("balance", "{}_impact_energy_J", "kinetic energy gained in impacts"), lambda b: b.accounts.gained
     ),
     "external": _SignalGroup(
         _components("balance", "external", "impulse of base actuators on the robot"), lambda b: b.accounts.external
@@ -121,7 +121,7 @@ _ENTRIES = {
         ),
         lambda b: b.accounts.fixed,
     ),
-    "fallen": _SignalGroup(_by_party("balance", "{}_gravity_work_J", "work of gravity"), lambda b: b.accounts.fallen),
+    "fallen": _SignalGroup(_by_subsystem("balance", "{}_gravity_work_J", "work of gravity"), lambda b: b.accounts.fallen),
     "gravity": _SignalGroup(
         tuple(
             s
@@ -131,11 +131,13 @@ _ENTRIES = {
         lambda b: b.accounts.gravity,
     ),
     "energy_residual": _SignalGroup(
-        _by_party("balance", "{}_energy_residual_J", "T - T(0) - work - impact energy"), lambda b: b.energy_residual
+        _by_subsystem("balance", "{}_energy_residual_J", "T - T(0) - work - impact energy"), lambda b: b.energy_residual
     ),
     "momentum_residual": _SignalGroup(
         tuple(
-            s for subsystem in SUBSYSTEMS for s in _components("balance", f"{subsystem}_residual", _LEFT.format(subsystem))
+            s
+            for subsystem in SUBSYSTEMS
+            for s in _components("balance", f"{subsystem}_residual", _RESIDUAL.format(subsystem))
         ),
         lambda b: b.momentum_residual,
     ),
@@ -143,14 +145,14 @@ _ENTRIES = {
 
 
 class BalanceSignals:
-    """What the balance of a scene says, in columns.
+    """Columns of the balance of a scene.
 
     Attributes:
-        signals: The columns; those of fixed bodies and of gravity are there where the scene has them.
+        signals: The columns; those of fixed bodies and of gravity only if the scene has them.
     """
 
     def __init__(self, *, fixed: bool, gravity: bool) -> None:
-        """Say whether the scene has fixed bodies, and gravity."""
+        """Choose the columns for a scene with or without fixed bodies and gravity."""
         present = {"fixed": fixed, "fallen": gravity, "gravity": gravity}
         self._entries = {name: entry for name, entry in _ENTRIES.items() if present.get(name, True)}
         self.signals = tuple(signal for entry in self._entries.values() for signal in entry.signals)
@@ -161,17 +163,17 @@ class BalanceSignals:
         parts = (entry.of(balance) for entry in self._entries.values())
         return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
 
-    def balance(self, told: FloatArray) -> BalanceValues:
-        """The balance of samples whose signals have these values, (n, number of signals)."""
-        parts = dict(zip(self._entries, np.split(told, self._ends[:-1], axis=1), strict=True))
-        parts = {name: np.zeros((len(told), size)) for name, size in _OPTIONAL.items()} | parts
+    def balance(self, logged: FloatArray) -> BalanceValues:
+        """The balance of samples from the values of their signals, (n, number of signals)."""
+        parts = dict(zip(self._entries, np.split(logged, self._ends[:-1], axis=1), strict=True))
+        parts = {name: np.zeros((len(logged), size)) for name, size in _OPTIONAL.items()} | parts
         accounts = BalanceTerms(*(parts[account.name] for account in fields(BalanceTerms)))
-        by_party = {name: parts[name].reshape(-1, 3, 6) for name in ("momentum", "momentum_residual")}
+        by_subsystem = {name: parts[name].reshape(-1, 3, 6) for name in ("momentum", "momentum_residual")}
         return BalanceValues(
             parts["energy"],
-            by_party["momentum"],
+            by_subsystem["momentum"],
             parts["by_mass_matrix"],
             accounts,
             parts["energy_residual"],
-            by_party["momentum_residual"],
+            by_subsystem["momentum_residual"],
         )

@@ -10,8 +10,8 @@ def simpson(start: FloatArray, middle: FloatArray, end: FloatArray, duration_s: 
 
     Args:
         start: Rate at the start.
-        middle: Half-way, by :func:`ffsm_mj.balance.midpoint.hermite_midpoint`.
-        end: At the end.
+        middle: Rate at the middle, at the state of :func:`ffsm_mj.balance.midpoint.hermite_midpoint`.
+        end: Rate at the end.
         duration_s: Length of the step.
     """
     return duration_s / 6.0 * (start + 4.0 * middle + end)

@@ -1,4 +1,4 @@
-"""Energies, momenta and their residuals by subsystem: the whole, the robot, the objects."""
+"""Energies, momenta and their residuals by subsystem: total, robot and objects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def subsystem_energies(powers: FloatArray, robot: slice) -> FloatArray:
 
     Args:
         powers: Generalised momentum times rate by dof, (n, nv).
-        robot: The dofs of the robot.
+        robot: Degrees of freedom of the robot.
     """
     total, own = 0.5 * powers.sum(axis=1), 0.5 * powers[:, robot].sum(axis=1)
     return np.stack((total, own, total - own), axis=1)
@@ -24,13 +24,13 @@ def subsystem_momenta(robot: FloatArray, objects: FloatArray) -> FloatArray:
 
 
 def energy_balance_residual(subsystem: str, energy: FloatArray, work: FloatArray, gained: FloatArray) -> FloatArray:
-    """Energy of a subsystem less work of the actuators, all of which act on the robot, and other energy gained, J, (n,).
+    """Energy of a subsystem less the work of the actuators, which act on the robot, and other energy gained, J, (n,).
 
     Args:
         subsystem: ``total``, ``robot`` or ``objects``.
-        energy: Kinetic, of the subsystem, J, (n,).
-        work: Of the actuators, J, (n,).
-        gained: By the subsystem in impacts and contacts, and from gravity, J, (n,).
+        energy: Kinetic energy of the subsystem, J, (n,).
+        work: Work of the actuators, J, (n,).
+        gained: Energy gained by the subsystem in impacts and contacts and from gravity, J, (n,).
     """
     return (energy if subsystem == "objects" else energy - work) - gained
 
@@ -38,12 +38,12 @@ def energy_balance_residual(subsystem: str, energy: FloatArray, work: FloatArray
 def momentum_balance_residual(
     subsystem: str, momentum: FloatArray, external: FloatArray, contact: FloatArray, outside: FloatArray, free: FloatArray
 ) -> FloatArray:
-    """Momentum (P, L about the origin) of a subsystem less impulses, N s and N m s, (n, 6); zero where its joints bear it.
+    """Momentum (P, L about the origin) of a subsystem less impulses, N s and N m s, (n, 6); zero on constrained components.
 
     Args:
         subsystem: ``total``, ``robot`` or ``objects``.
-        momentum: Of the subsystem, (n, 6).
-        external: Impulse of base actuators, from outside on the robot, (n, 6).
+        momentum: Momentum of the subsystem, (n, 6).
+        external: External impulse of base actuators on the robot, (n, 6).
         contact: Impulse of the robot on the objects, the opposite of that on the robot, (n, 6).
         outside: Impulse of fixed bodies and of gravity on robot and objects, (n, 12).
         free: 1 for each component that the subsystem's base joints leave free, else 0, (6,).

@@ -1,8 +1,8 @@
-"""Impulse and work of thrusters: actuators that push at a site, with a wrench that is constant in the frame of its body.
+"""Impulse and work of thrusters: actuators that act at a site, with a wrench that is constant in the body's frame.
 
-All of one body are one wrench about the origin of its frame. What it does over a (sub-)step follows from pose and twist of
-the body at both ends: Simpson's rule, the middle by cubic Hermite interpolation of position and quaternion. In plain
-floats: an array of three costs more than its numbers.
+All thrusters of one body form one wrench about the origin of its frame. Its impulse and work over a (sub-)step follow from
+the body's pose and twist at both ends: Simpson's rule, with the midpoint by cubic Hermite interpolation of position and
+quaternion. The arithmetic is in Python floats, which are faster than numpy arrays of three elements.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 
 
 class _BodyState(NamedTuple):
-    """Position and quaternion (of any length) of a body, their rates, and its spin, in world axes."""
+    """Position and quaternion (of any norm) of a body, their rates, and its angular velocity, in world axes."""
 
     pose: list[float]
     rate: list[float]
@@ -28,10 +28,10 @@ class _BodyState(NamedTuple):
 
 
 class Thrusters:
-    """Those of one body; adds what they do in each (sub-)step to accounts.
+    """Thrusters of one body; integrates their impulse and work over each (sub-)step.
 
     Attributes:
-        actuators: Ids of them, (n,).
+        actuators: Ids of the thrusters, (n,).
     """
 
     def __init__(
@@ -53,9 +53,9 @@ class Thrusters:
             body: Id of the body.
             actuators: Ids of its thrusters, (n,).
             wrenches: Wrench per unit of the force of each, about the origin of the body's frame in its axes, (6, n).
-            felt: What is booked of an impulse (P, L about the world origin), (6, 6).
-            work: Takes the work, J, (1,).
-            impulse: Takes the impulse, (6,).
+            felt: Map from an impulse (P, L about the world origin) to the part that is entered in the balance, (6, 6).
+            work: Receives the work, J, (1,).
+            impulse: Receives the impulse, (6,).
         """
         self._model, self._data, self._body = model, data, body
         self.actuators, self._wrenches, self._felt = actuators, wrenches, felt
@@ -65,11 +65,11 @@ class Thrusters:
         self._start: _BodyState | None = None
 
     def open(self) -> None:
-        """Begin a (sub-)step with the efforts in ``data``; poses and velocities are current."""
+        """Begin a (sub-)step with the efforts in ``data``; poses and velocities must be current."""
         self._start = self._look() if any(self._held[self.actuators].tolist()) else None
 
     def close(self, duration_s: float) -> None:
-        """End the step; all derived quantities are current, the efforts are those it began with."""
+        """End the step; derived quantities must be current, and the efforts those at its start."""
         if self._start is None:
             return
         wrench = self._wrenches.dot(self._force[self.actuators]).tolist()
@@ -81,7 +81,7 @@ class Thrusters:
         self._impulse += self._felt.dot(done[:6])
 
     def _look(self) -> _BodyState:
-        """How the body moves now."""
+        """Current pose and twist of the body."""
         mujoco.mj_objectVelocity(self._model, self._data, _BODY, self._body, self._twist, 0)
         x, y, z, *velocity = self._twist.tolist()
         quaternion = a, b, c, d = self._quaternion.tolist()
@@ -95,10 +95,10 @@ class Thrusters:
 
 
 def _middle(start: _BodyState, end: _BodyState, duration_s: float) -> _BodyState:
-    """Half-way through a step; pose and rates are fourth-order accurate in the duration."""
+    """State at the middle of a step; pose and rates are fourth-order accurate in the duration."""
     first, last, first_rate, last_rate = start.pose, end.pose, start.rate, end.rate
     (*_, a, b, c, d), (*_, e, f, g, h) = first, last
-    if a * e + b * f + c * g + d * h < 0.0:  # the same turn under the other sign
+    if a * e + b * f + c * g + d * h < 0.0:  # q and -q are the same rotation
         last, last_rate = ([*full[:3], *(-part for part in full[3:])] for full in (last, last_rate))
     eighth, chord = 0.125 * duration_s, 1.5 / duration_s
     pose, rate = [], []
@@ -131,14 +131,14 @@ def _rates(at: _BodyState, wrench: list[float]) -> tuple[float, ...]:
 
 
 def thrusters(system: System, data: Any, work: FloatArray, impulse: FloatArray) -> list[Thrusters]:
-    """Books of the actuators at sites, one for each body that has some.
+    """Thrusters of a system, grouped by body.
 
-    Those with a reference site are left out, and all are where what the base joints bear of a wrench turns or is limited:
-    what they do to the robot does not follow from the pose of their body.
+    Actuators with a reference site are left out, and all are if the constraint directions of the base joints rotate or are
+    limited: the impulse on the robot then does not follow from the pose of the body alone.
 
     Args:
-        system: What moves.
-        data: Its state.
+        system: Robot and objects.
+        data: Their state.
         work: Takes their work, J, (1,).
         impulse: Takes their impulse on the robot (P, L about the world origin), (6,).
     """

@@ -1,4 +1,4 @@
-"""What wrenches on bodies do to the subsystems: the whole, the robot, the objects."""
+"""Power and resultants of wrenches on bodies, by subsystem: total, robot and objects."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 def rates_by_subsystem(
     system: System, data: Any, wrenches: Sequence[Wrench], carried: frozenset[int] = frozenset()
 ) -> FloatArray:
-    """Powers, and what passes between the subsystems and from outside, (21,).
+    """Power by subsystem, and resultant wrenches between subsystems and from fixed bodies, (21,).
 
     Power to (total, robot, objects) in W, then wrenches (force, moment about the world origin): of the robot on the objects,
     of fixed bodies on the robot, of fixed bodies on the objects.
 
     Args:
-        system: Says whose the bodies are.
-        data: Its state, positions and velocities current.
-        wrenches: What acts; equal and opposite ones within one subsystem leave nothing of it. One on a fixed body stands
-            next to the one that it answers: first and second, third and fourth.
-        carried: Bodies of objects that count as the robot's; what fixed bodies put on them stays outside, on the objects,
-            and is taken off what the robot puts on those.
+        system: Robot and objects.
+        data: Their state, positions and velocities current.
+        wrenches: Wrenches on bodies; equal and opposite ones within one subsystem cancel. A wrench on a fixed body is
+            adjacent to its reaction: first and second, third and fourth.
+        carried: Bodies of a grasped object, which count as the robot's; wrenches of fixed bodies on them stay external, on
+            the objects, and are subtracted from the robot's.
     """
     rates, twist, fixed = np.zeros(21), np.empty(6), system.fixed_bodies
     robot = carried.union(system.robot.bodies)
     for i, (body, point, force, torque) in enumerate(wrenches):
         if body in fixed:
-            continue  # nothing moves it
+            continue  # a fixed body takes no power
         mujoco.mj_objectVelocity(system.mj, data, _BODY, body, twist, 0)
         power = force @ (twist[3:] + cross(twist[:3], point - data.xpos[body])) + torque @ twist[:3]
         rates[0] += power
@@ -58,6 +58,6 @@ def rates_by_subsystem(
 
 
 def _answers(wrenches: Sequence[Wrench], i: int, fixed: frozenset[int]) -> bool:
-    """Whether a wrench is the answer to one on a fixed body."""
+    """Whether a wrench is the reaction to one on a fixed body."""
     other = i + 1 if i % 2 == 0 else i - 1
     return other < len(wrenches) and wrenches[other].body in fixed
