@@ -1,4 +1,4 @@
-"""What ``ffsm campaign`` does."""
+"""Implementation of ``ffsm campaign``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LINE_EVERY_S = 30.0
 
 
 def campaign(options: argparse.Namespace, say: Say, stage: Stage) -> int:
-    """Do what is asked; returns the exit code."""
+    """Perform the action; return the exit code."""
     with working_on(options.folder if "folder" in options else options.campaign or "campaign"):
         return _ACTIONS[options.action](options, say, stage)
 
@@ -31,7 +31,7 @@ def _run(options: argparse.Namespace, say: Say, stage: Stage) -> int:
         raise InputError("ffsm campaign run: name a campaign file; 'ffsm campaign run --list' shows the shipped ones")
     from ffsm_mj.campaign.plan.loading import load_campaign
 
-    stage("draw and check the runs", "")
+    stage("sample and validate the runs", "")
     plan = load_campaign(options.campaign, options.overrides)
     out = Path(options.out) if options.out else Path("logs") / f"campaign-{plan.config.campaign}"
     return _make(Campaign.begin(plan, out), options, say, stage)
@@ -59,7 +59,7 @@ def _extend(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 
 
 def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) -> int:
-    """Make the runs that are left, then the logs that the file asks for."""
+    """Execute the remaining runs, then write the logs that the campaign file asks for."""
     name, folder = found.config.campaign, found.folder.path
     report = stage(name, "runs") or _Lines(name)
     try:
@@ -71,22 +71,22 @@ def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) 
         return RUN_FAILED
     except KeyboardInterrupt:
         _say_status(found.status(), say)
-        say(f"go on: ffsm campaign resume {folder}")
+        say(f"continue: ffsm campaign resume {folder}")
         raise
     _say_status(status, say)
     if status.stopped:
-        complain(f"{status.stopped}; go on all the same with a greater one: ffsm campaign run -s limits.max_failed=1 ...")
+        complain(f"{status.stopped}; to continue anyway, raise the limit: ffsm campaign run -s limits.max_failed=1 ...")
         return RUN_FAILED
     if status.enough:
         say(f"ended early: {status.enough}")
     _keep(found, say, stage)
-    say(f"look at it: ffsm campaign report {folder}   make a run again, with its log: ffsm campaign rerun {folder} 0")
+    say(f"report: ffsm campaign report {folder}   repeat a run and write its log: ffsm campaign rerun {folder} 0")
     return OK
 
 
 def _keep(found: Campaign, say: Say, stage: Stage) -> None:
     wanted = [index for index in found.kept() if not found.folder.has_rerun(index)]
-    report = stage("logs of the runs that are kept", "runs")
+    report = stage("write the logs to keep", "runs")
     for done, index in enumerate(wanted):
         say(found.rerun(index).verdict)
         if report is not None:
@@ -134,7 +134,7 @@ def _report(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 
 
 class _Lines:
-    """Progress as lines, where nobody watches a terminal."""
+    """Progress as lines on stderr, if it is not a terminal."""
 
     def __init__(self, name: str) -> None:
         self._name, self._begun, self._first = name, time.monotonic(), -1.0

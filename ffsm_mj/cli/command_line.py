@@ -1,4 +1,4 @@
-"""The command line as words: what each command takes, and which options have an effect together."""
+"""The argument parser: options of each command, and which options depend on others."""
 
 from __future__ import annotations
 
@@ -16,65 +16,65 @@ from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND
 COMMANDS = {
     "run": "simulate a scenario and write its run folder",
     "check": "validate a scenario or a campaign without running it",
-    "analyze": "verify conservation from the logs of runs alone",
-    "export": "write a run's tables or an animation of its motion for other tools",
+    "analyze": "replay logs and recompute the checks of their runs",
+    "export": "export a run's tables, or an animation of its motion",
     "view": "open a run in the Rerun viewer",
-    "campaign": "run a scenario many times with dispersed values, and report what came of it",
-    "reproduce": "run the paper's case study and write every printed number beside ours",
-    "schema": "print the JSON Schema of scenario files, or of campaign files",
-    "new": "write a scenario, and a model around a robot's file, to start from",
-    "new-law": "write a package with a control law of your own to start from",
-    "completion": "print the script by which a shell completes commands, options and scenarios",
+    "campaign": "run a scenario many times with dispersed parameters, and report the results",
+    "reproduce": "run the paper's case study and compare every printed number with ours",
+    "schema": "print the JSON Schema of scenario or campaign files",
+    "new": "generate a scenario and a scene model from a robot's MJCF or URDF file",
+    "new-law": "generate a Python package with a control law of your own",
+    "completion": "print a shell completion script for commands, options and scenarios",
 }
 SHELLS = ("bash", "zsh", "fish")
 _EXPORTS = {
-    "csv": "a table as CSV, units in the column names",
-    "parquet": "a table as Parquet, units and descriptions as metadata of the columns",
-    "gif": "the motion as an animated GIF",
-    "mp4": "the motion as a film (needs the extra 'mp4')",
-    "html": "one page for a browser: scene, plots, verdicts (needs the extra 'html')",
+    "csv": "export a table as CSV, with units in the column names",
+    "parquet": "export a table as Parquet, with units and descriptions as column metadata",
+    "gif": "export the motion as an animated GIF",
+    "mp4": "export the motion as a video (needs the extra 'mp4')",
+    "html": "export a page for a browser: scene, plots, checks (needs the extra 'html')",
 }
 _WORKS_WITH: dict[str, dict[str, tuple[str, ...]]] = {
     "run": {"--viewer": ("--live",), "--force": ("--out",)},
     "export": {"--table": ("--csv", "--parquet"), "--fps": ("--gif", "--mp4"), "--speed": ("--gif", "--mp4")},
 }
-"""By command and option: it does something only where one of these is given."""
+"""Options by command and option of which at least one must be given for the option to have an effect."""
 
 
 class HelpRequest(Exception):
-    """Help is what was asked for; carries its text."""
+    """Help was requested; carries its text."""
 
 
 class _Parser(argparse.ArgumentParser):
     def print_help(self, _: object = None) -> NoReturn:
-        """Leave it to the caller to print: argparse does not tell that it could not."""
+        """Raise ``HelpRequest``: the caller prints, since argparse does not report a failure to print."""
         raise HelpRequest(self.format_help().rstrip())
 
     def error(self, message: str) -> NoReturn:
-        """One line like every other fault of the input."""
+        """Report the error in one line, as for any other invalid input."""
         raise InputError(f"{self.prog}: {message}")
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
-    """What is asked for; ``command`` is the name of the command, or None.
+    """Parse the arguments; ``command`` is the name of the command, or None.
 
     Raises:
-        InputError: An unknown command or option, a value that is none, or an option that has no effect here.
-        HelpAsked: Help was asked for.
+        InputError: An unknown command or option, an invalid value, or an option that has no effect here.
+        HelpRequest: Help was requested.
     """
     if arguments and not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
         raise InputError(f"ffsm: {unknown_name('command', arguments[0], COMMANDS)}")
     options, extra = parser().parse_known_args(arguments)
     if extra:
         command = f"ffsm {options.command}" if options.command else "ffsm"
-        raise InputError(f"{command}: unexpected {extra[0]!r}; '{command} --help' says what it takes")
+        raise InputError(f"{command}: unexpected argument {extra[0]!r}; see '{command} --help'")
     _refuse_idle(options)
     return options
 
 
 @cache
 def parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line, built once in a process."""
+    """Parser of the whole command line, built once per process."""
     root = _Parser(
         prog="ffsm", description="Exact impacts for free-floating space manipulators, on MuJoCo.", epilog=EXIT_CODES
     )
@@ -95,17 +95,19 @@ def parser() -> argparse.ArgumentParser:
     _describe_new(parsers["new"])
     describe_campaign(parsers["campaign"], _add_overrides)
     law = parsers["new-law"]
-    law.add_argument("name", help="its kind, and the name of its folder and module: lower-case letters, digits, underscores")
-    law.add_argument("--out", metavar="DIR", default=".", help="folder to make it in (default: here)")
+    law.add_argument(
+        "name", help="kind of the law, also name of the folder and module: lower-case letters, digits, underscores"
+    )
+    law.add_argument("--out", metavar="DIR", default=".", help="parent folder of the package (default: current folder)")
     again = parsers["reproduce"]
-    again.add_argument("--out", metavar="DIR", default="docs", help="folder of the pages (default: docs)")
+    again.add_argument("--out", metavar="DIR", default="docs", help="folder of the report pages (default: docs)")
     again.add_argument(
-        "--check", action="store_true", help="write nothing; run each scenario once, exit 1 if the pages in DIR are stale"
+        "--check", action="store_true", help="write nothing; run each scenario once and exit 1 if the pages in DIR are stale"
     )
     again.add_argument(
-        "--long", action="store_true", help="with --check: every run of the report, step sizes and long ones too"
+        "--long", action="store_true", help="with --check: all runs of the report, including step-size studies and long runs"
     )
-    parsers["schema"].add_argument("--campaign", action="store_true", help="of campaign files")
+    parsers["schema"].add_argument("--campaign", action="store_true", help="print the schema of campaign files")
     parsers["completion"].add_argument(
         "shell", choices=SHELLS, help='e.g. eval "$(ffsm completion bash)"; fish: ffsm completion fish | source'
     )
@@ -118,10 +120,10 @@ def _describe_run(run: argparse.ArgumentParser) -> None:
     _add_overrides(run)
     run.add_argument("--out", metavar="DIR", help="run folder (default: logs/<scenario>-<UTC time>)")
     run.add_argument("--force", action="store_true", help="replace a run that DIR already holds")
-    run.add_argument("--no-rerun", action="store_true", help="write no recording for the Rerun viewer")
-    run.add_argument("--allow-failed-checks", action="store_true", help="exit 0 also where a check fails")
-    run.add_argument("--live", action="store_true", help="show the run while it goes, in a Rerun viewer (opened if need be)")
-    run.add_argument("--viewer", metavar="HOST:PORT", help="where --live finds the viewer (default: 127.0.0.1:9876)")
+    run.add_argument("--no-rerun", action="store_true", help="do not write a recording for the Rerun viewer")
+    run.add_argument("--allow-failed-checks", action="store_true", help="exit 0 even if a check fails")
+    run.add_argument("--live", action="store_true", help="stream the run to a Rerun viewer, which is opened if necessary")
+    run.add_argument("--viewer", metavar="HOST:PORT", help="address of the viewer for --live (default: 127.0.0.1:9876)")
 
 
 def _describe_analyze(analyze: argparse.ArgumentParser) -> None:
@@ -131,16 +133,19 @@ def _describe_analyze(analyze: argparse.ArgumentParser) -> None:
         type=_tolerance,
         action="append",
         default=[],
-        metavar="[LAW=]TOL",
-        help="a check passes while its residual is at most TOL * (1 + scale), SI units (default: 1e-9); for all "
-        "checks, or for "
-        "one, e.g. --tolerance 'linear momentum=1e-10'",
+        metavar="[CHECK=]TOL",
+        help="a check passes if its residual is at most TOL * (1 + scale) in SI units (default: 1e-9); for all "
+        "checks, or for one, e.g. --tolerance 'linear momentum=1e-10'",
     )
     analyze.add_argument("--json", action="store_true", help="print summary and checks as JSON; a list for several runs")
-    analyze.add_argument("--compare", action="store_true", help="say what differs between the first run and each other one")
-    analyze.add_argument("--plots", metavar="DIR", help="write figures as SVG and PNG; a folder for each of several runs")
     analyze.add_argument(
-        "--traceback", action="store_true", help="print the traceback of a run that ended by internal_error"
+        "--compare", action="store_true", help="print the differences between the first run and each other run"
+    )
+    analyze.add_argument(
+        "--plots", metavar="DIR", help="write figures as SVG and PNG, with one subfolder per run if several are given"
+    )
+    analyze.add_argument(
+        "--traceback", action="store_true", help="print the traceback of a run that ended with internal_error"
     )
 
 
@@ -152,36 +157,40 @@ def _describe_export(export: argparse.ArgumentParser) -> None:
     export.add_argument(
         "--table",
         metavar="TABLE",
-        help="samples (default), checks, or a kind of record (impacts, phases, ...), for --csv and --parquet",
+        help="table for --csv or --parquet: samples (default), checks, or records of a kind (impacts, phases, ...)",
     )
     export.add_argument("--fps", type=_frame_rate, help="frames per second, up to 50 (default: 20)")
     export.add_argument(
-        "--speed", type=_positive, metavar="X", help="times real time (default: so that it lasts 12 s at most)"
+        "--speed", type=_positive, metavar="X", help="playback speed relative to real time (default: at most 12 s of video)"
     )
-    export.add_argument("--out", metavar="FILE", help="where to write (default: beside the log)")
+    export.add_argument("--out", metavar="FILE", help="output file (default: beside the log)")
 
 
 def _describe_new(new: argparse.ArgumentParser) -> None:
-    new.add_argument("name", metavar="scenario", help="its name, and that of its files: letters, digits, '.', '_' and '-'")
-    new.add_argument("--robot", metavar="FILE", required=True, help="MJCF or URDF of an arm, or of a robot that floats")
+    new.add_argument(
+        "name", metavar="scenario", help="name of the scenario and of its files: letters, digits, '.', '_' and '-'"
+    )
+    new.add_argument(
+        "--robot", metavar="FILE", required=True, help="MJCF or URDF file of a manipulator or of a floating robot"
+    )
     new.add_argument(
         "--base-mass",
         type=_positive,
         metavar="KG",
-        help="mass of the base that an arm is put on (default: five times its own)",
+        help="mass of the base to mount a manipulator on (default: five times the mass of the manipulator)",
     )
+    new.add_argument("--root", metavar="BODY", default="", help="root body of the robot, if the file has several trees")
     new.add_argument(
-        "--root", metavar="BODY", default="", help="body that the robot hangs on, where the file has several trees"
+        "--tip", metavar="NAME", default="", help="site or body at the end of the arm (default: found automatically)"
     )
-    new.add_argument("--tip", metavar="NAME", default="", help="site or body at the arm's end (default: found)")
     new.add_argument(
         "--package-path",
         metavar="DIR",
         action="append",
         default=[],
-        help="folder of the packages of a URDF's package://NAME/..., after those above it; may be repeated",
+        help="folder to search for package://NAME/... of a URDF, after the parent folders of the file; may be repeated",
     )
-    new.add_argument("--out", metavar="DIR", default=".", help="folder to write to (default: here)")
+    new.add_argument("--out", metavar="DIR", default=".", help="output folder (default: current folder)")
 
 
 def _describe_view(view: argparse.ArgumentParser) -> None:
@@ -191,7 +200,7 @@ def _describe_view(view: argparse.ArgumentParser) -> None:
         type=_address,
         metavar="ADDRESS",
         default="127.0.0.1",
-        help="address that the viewer takes data of other programs on (default: 127.0.0.1, this machine only)",
+        help="address on which the viewer accepts data of other programs (default: 127.0.0.1, this machine only)",
     )
 
 
@@ -199,7 +208,7 @@ def _address(text: str) -> str:
     try:
         return str(ip_address(text))
     except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text} is no IP address, e.g. 192.168.0.5, or 0.0.0.0 for all") from error
+        raise argparse.ArgumentTypeError(f"{text} is not an IP address, e.g. 192.168.0.5, or 0.0.0.0 for all") from error
 
 
 def _add_overrides(to: argparse.ArgumentParser) -> None:
@@ -209,7 +218,7 @@ def _add_overrides(to: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="override a key, value in YAML, e.g. -s duration_s=5 -s task.target_m='[3, 0.5]' -s phases.1.for_s=4.6",
+        help="override a key by a YAML value, e.g. -s duration_s=5 -s task.target_m='[3, 0.5]' -s phases.1.for_s=4.6",
     )
 
 
@@ -222,10 +231,10 @@ def _add_run(to: argparse.ArgumentParser, *, several: bool = False) -> None:
 
 
 def _refuse_idle(options: argparse.Namespace) -> None:
-    """Refuse what would be ignored.
+    """Refuse options that would be ignored.
 
     Raises:
-        InputError: An option has no effect beside the others.
+        InputError: An option has no effect in combination with the others.
     """
     given = {name: value for name, value in vars(options).items() if value not in (None, False, [])}
     if options.version and options.command:
@@ -242,12 +251,12 @@ def _refuse_idle(options: argparse.Namespace) -> None:
 
 
 def _as_written(name: str, value: Any) -> str:
-    """An argument as it stands on the command line."""
+    """An argument as written on the command line."""
     return {"form": f"--{value}", "overrides": "-s", "scenario": str(value)}.get(name, f"--{name.replace('_', '-')}")
 
 
 def _tolerance(text: str) -> tuple[str, float]:
-    """A law's name, empty for all laws, and its tolerance."""
+    """Name of a check, empty for all checks, and its tolerance."""
     name, _, value = text.rpartition("=")
     return name.replace("_", " ").strip(), _positive(value)
 

@@ -1,4 +1,4 @@
-"""What ``ffsm analyze`` and ``ffsm export`` do, given their options; the command line only parses."""
+"""Implementation of ``ffsm analyze`` and ``ffsm export``."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ from ffsm_mj.verification.replay_result import ReplayResult
 
 Say = Callable[[str], None]
 Stage = Callable[[str, str], Report | None]
-"""Begins a part of the work, given its name and the unit of what it reports; see :class:`ffsm_mj.cli.progress.Progress`."""
+"""Begins a stage, given its name and the unit of its progress; see :class:`ffsm_mj.cli.progress.Progress`."""
 _EXPORT_SUFFIX = {"csv": ".csv", "parquet": ".parquet", "gif": ".gif", "mp4": ".mp4", "html": ".html"}
 _FILE_NAMES = {"gif": "motion", "mp4": "motion", "html": "run"}
 """Of what is no table."""
 
 
-# A log may hold any double. What is not finite is no small residual and says so itself; numpy's warnings would say it twice.
+# A log may hold any double. A value that is not finite fails its check; numpy's warnings would only repeat that.
 _any_double = np.errstate(all="ignore")
 
 
 @_any_double
 def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
-    """Verify each run, print, draw and compare as asked.
+    """Replay each run and evaluate its checks; print, plot and compare as requested.
 
     Returns:
-        The exit code: FAILED where a check does not hold or a log does not agree with its states, else DAMAGED where one is
-        damaged, incomplete or without models to verify it with, else TRUNCATED where a check fails by the step alone.
+        The exit code: CHECK_FAILED if a check fails or a log disagrees with its states, else DAMAGED if a log is damaged,
+        incomplete or has no models to replay it with, else TRUNCATED if checks fail by truncation of the step alone.
 
     Raises:
-        InputError: A run cannot be read or holds no sample, a tolerance names no check, options exclude each other, or
-            figures cannot be written where they should be.
-        OutputLostError: A figure could not be written to its end.
+        InputError: A run cannot be read or has no samples, a tolerance names an unknown check, options are exclusive, or
+            figures cannot be written to the given folder.
+        OutputLostError: A figure could not be written completely.
     """
     _refuse_impossible(options)
     tolerance = _tolerance(options.tolerance)
@@ -62,7 +62,7 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     shown = {name: f"{name} ({number} of {len(names)})" if several else name for number, name in enumerate(names, 1)}
     for path, name, run in _load_all(options.runs, shown, stage):
         with working_on(path):
-            again = replay_log(run.log, stage(f"recompute {shown[name]}", "samples"))
+            again = replay_log(run.log, stage(f"replay {shown[name]}", "samples"))
             found[_judge(run, again, tolerance)].append(name)
             if options.json:
                 data.append(verification_data(run, again, tolerance))
@@ -94,13 +94,13 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 
 
 def _internal_errors(run: Run, named: Sequence[str], *, shown: bool) -> Iterator[str]:
-    """The traceback of each exception that ended a run, or how to see it."""
+    """Traceback of each exception that ended a run, or the command that prints it."""
     for record in run.records["internal_errors"]:
         yield f"\n{record.traceback.rstrip()}" if shown else f"\ntraceback: ffsm analyze {' '.join(named)} --traceback"
 
 
 def _judge(run: Run, again: ReplayResult, tolerance: Tolerance) -> int:
-    """Exit code of one run; what is violated is worse than what is missing, and that than a step that is too long."""
+    """Exit code of one run: a failed check outranks a damaged log, which outranks truncation of the step."""
     checks = again.checks(tolerance)
     truncated = fail_by_truncation(checks)
     if not (truncated or all(check.passes for check in checks)) or not (again.agrees or again.obstacle):
@@ -116,7 +116,7 @@ def _tolerance(given: Sequence[tuple[str, float]]) -> Tolerance:
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"--tolerance: given twice for {name or 'all checks'}")
-    for name, value in sorted(given, key=lambda pair: pair[0] != ""):  # those for one check have the last word
+    for name, value in sorted(given, key=lambda pair: pair[0] != ""):  # a tolerance for one check overrides that for all
         if name and name not in CHECK_NAMES:
             raise InputError(f"--tolerance: {unknown_name('check', name, CHECK_NAMES)}")
         tolerances |= dict.fromkeys([name] if name else RELATIVE_CHECKS, value)
@@ -124,7 +124,7 @@ def _tolerance(given: Sequence[tuple[str, float]]) -> Tolerance:
 
 
 def run_names(paths: Sequence[str]) -> list[str]:
-    """A short name for each run: its folder's, numbered where two have the same."""
+    """A short name for each run: that of its folder, numbered if it is not unique."""
     names: list[str] = []
     for text in paths:
         path = Path(text).resolve()
@@ -135,22 +135,22 @@ def run_names(paths: Sequence[str]) -> list[str]:
 
 
 def _load_all(paths: Sequence[str], names: Mapping[str, str], stage: Stage) -> Iterator[tuple[Path, str, Run]]:
-    """Each run with its path and name; what is shown for a name stands behind it."""
+    """Each run with its path and name; ``names`` maps a name to its displayed form."""
     for path, (name, shown) in zip(paths, names.items(), strict=True):
         stage(f"read {shown}", "")
         with working_on(path):
             run = load_run(path)
         if not len(run.log.rows):
             ended = f" ({run.outcome}: {run.message})" if run.complete else ""
-            raise InputError(f"{path}: the log holds no sample, there is nothing to verify{ended}")
+            raise InputError(f"{path}: the log has no samples, there is nothing to verify{ended}")
         yield Path(path), name, run
 
 
 def _refuse_impossible(options: argparse.Namespace) -> None:
     if options.json and options.compare:
-        raise InputError("--compare prints text: leave --json out, or call ffsm_mj.compare(a, b) in Python")
+        raise InputError("--compare prints text: omit --json, or call ffsm_mj.compare(a, b) in Python")
     if options.json and options.traceback:
-        raise InputError("--traceback prints text: leave --json out, or read records['internal_errors'] in Python")
+        raise InputError("--traceback prints text: omit --json, or read records['internal_errors'] in Python")
     if options.compare and len(options.runs) < 2:
         raise InputError("--compare: name two runs or more")
     if options.plots:
@@ -165,7 +165,7 @@ def _compare(runs: Sequence[tuple[str, Run]], say: Say, stage: Stage) -> None:
 
 
 def _plot(run: Run, folder: Path, say: Say | None, report: Report | None) -> None:
-    from ffsm_mj.report.plots import save  # matplotlib: for those who want figures
+    from ffsm_mj.report.plots import save  # matplotlib is slow to import
 
     files = save(run, folder, report=report)
     if say is not None:
@@ -185,22 +185,22 @@ def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | N
 
 @_any_double
 def export(options: argparse.Namespace, say: Say, stage: Stage) -> str:
-    """Write a table, an animation or a page of a run.
+    """Export a table, an animation or a page of a run.
 
     Returns:
-        What of the run the log does not tell, in a line; empty where it is whole.
+        What is missing from the log, in one line; empty if it is complete.
 
     Raises:
-        InputError: The run cannot be read, there is no such table, or the file cannot be written to.
-        MissingPackageError: A package that only this needs is not installed.
-        OutputLostError: The file could not be written to its end.
+        InputError: The run cannot be read, there is no such table, or the file cannot be written.
+        MissingPackageError: An optional package is not installed.
+        OutputLostError: The file could not be written completely.
     """
     table = options.table or "samples"
     log = find_log(Path(options.run))
     suffix = _EXPORT_SUFFIX[options.form]
     out = Path(options.out) if options.out else log.with_name(_FILE_NAMES.get(options.form, table) + suffix)
     if out.suffix.lower() != suffix and (options.form in _FILE_NAMES or out.suffix.lower() in _EXPORT_SUFFIX.values()):
-        raise InputError(f"--{options.form} writes {suffix}, --out {out} ends otherwise")
+        raise InputError(f"--{options.form} writes {suffix}, but --out {out} has another suffix")
     usable_file(out)
     with working_on(log):
         run = _export(log, table, out, options, say, stage)

@@ -1,4 +1,4 @@
-"""The script by which a shell completes ``ffsm``: commands and options from the parser, scenarios, files."""
+"""Shell completion scripts for ``ffsm``: commands, options, shipped scenarios and files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ffsm_mj.cli.command_line import parser
 from ffsm_mj.scenario.shipped import scenario_names
 
 _PLACES = ("--out", "--plots", "--robot", "--package-path")
-# shtab lets bash treat as file names what a function with "file" in its name offers: folders get their slash.
+# shtab treats the output of a function with "file" in its name as file names, so bash appends a slash to folders.
 _SCENARIO = {"bash": "_ffsm_scenario_or_file", "zsh": "_ffsm_scenario_or_file", "fish": "(_ffsm_scenario_or_file)"}
 _FUNCTIONS = {
     "bash": """
@@ -32,16 +32,16 @@ end""",
 
 
 def completion(shell: str) -> str:
-    """A script for ``bash``, ``zsh`` or ``fish``; the scenarios in it are those that are shipped now."""
+    """Completion script for ``bash``, ``zsh`` or ``fish``; it lists the scenarios of the installed version."""
     whole = parser()
     for option in _options(whole):
-        _say_what_it_takes(option)
+        _set_completion(option)
     function = _FUNCTIONS[shell].format(names=" ".join(scenario_names()))
     return shtab.complete(whole, shell=shell, preamble=function).rstrip()
 
 
 def _options(of: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    for action in of._actions:  # argparse tells of them nowhere else
+    for action in of._actions:  # argparse has no public access to them
         if isinstance(action, argparse._SubParsersAction):
             for command in action.choices.values():
                 yield from _options(command)
@@ -49,8 +49,8 @@ def _options(of: argparse.ArgumentParser) -> Iterator[argparse.Action]:
             yield action
 
 
-def _say_what_it_takes(option: argparse.Action) -> None:
-    """Scenarios, runs and places to write are completed; other values are the user's own."""
+def _set_completion(option: argparse.Action) -> None:
+    """Complete scenarios, runs and output paths; other values cannot be completed."""
     if option.dest == "scenario":
         option.complete = _SCENARIO  # type: ignore[attr-defined]
     elif option.dest in ("run", "runs"):

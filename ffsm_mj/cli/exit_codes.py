@@ -6,7 +6,7 @@ OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, DAMAGED, TRUNCATED, INTERRUPTED = 0, 1,
 OUTPUT_LOST = RUN_FAILED
 
 EXIT_CODES = (
-    f"exit codes: {OK} done; {CHECK_FAILED} a check fails (run, analyze), a log does not agree with its states (analyze), "
+    f"exit codes: {OK} done; {CHECK_FAILED} a check fails (run, analyze), a log disagrees with its states (analyze), "
     "or a page is stale (reproduce --check); "
     f"{BAD_INPUT} bad input; {RUN_FAILED} the run failed (log kept), or output was lost (full disk); "
     f"{DAMAGED} analyze, export: the log is damaged or incomplete; "

@@ -1,4 +1,4 @@
-"""``ffsm``: what each command does, and its exit code. Every import that costs is made where it is needed."""
+"""Entry point of ``ffsm``: dispatch of commands and their exit codes. Slow imports are deferred to where they are used."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from ffsm_mj.cli.standard_streams import Output, complain, secure
 
 _VIEWER = "127.0.0.1:9876"
 _SHOW_TRACEBACK = "FFSM_TRACEBACK"
-"""Environment variable: an exception that nothing else handles is raised."""
+"""Environment variable: unhandled exceptions are raised instead of reported in one line."""
 _READERS = ("analyze", "export", "view", "campaign", "new")
-"""Commands that work on files which may be somebody else's."""
+"""Commands that read files of unknown origin."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _internal_error(error: Exception) -> int:
-    """One line for an exception that nothing else handles; Python's exit code for it, 1, says here that a check fails."""
+    """Report an unhandled exception in one line; Python's own exit code for it, 1, would mean a failed check here."""
     from ffsm_mj.errors import described, raised_at
 
     complain(f"internal_error: {described(error)}{raised_at(error)}; {_SHOW_TRACEBACK}=1 shows the traceback")
@@ -49,16 +49,16 @@ def _internal_error(error: Exception) -> int:
 
 
 def one_blas_thread() -> None:
-    """Start no second thread for BLAS in this process and its children; to be called before numpy is imported.
+    """Limit BLAS to one thread in this process and its children; must be called before numpy is imported.
 
-    What a run in somebody else's process does instead: :mod:`ffsm_mj.assembly.blas_threads`.
+    For runs from a user's own process see :mod:`ffsm_mj.assembly.blas_threads`.
     """
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
 
 
 def _perform(arguments: Sequence[str], output: Output) -> int:
-    """Do what is asked; whatever is wrong is told in one line per fault."""
+    """Perform the command; report errors in one line per fault."""
     from ffsm_mj.errors import FfsmError, InputError, LogWriteError, OutputLostError
 
     one_blas_thread()
@@ -111,7 +111,7 @@ def _run(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.log.run_folder import RunFolder
 
     if is_campaign(options.scenario):
-        raise InputError(f"{options.scenario}: is a campaign, no scenario; 'ffsm campaign run {options.scenario}' runs it")
+        raise InputError(f"{options.scenario}: is a campaign, not a scenario; use 'ffsm campaign run {options.scenario}'")
     prepared = prepare(options.scenario, options.overrides)
     scenario = prepared.scenario
     if options.out == "":
@@ -129,7 +129,7 @@ def _run(options: argparse.Namespace, output: Output) -> int:
 
     output.say(run_report(run))
     output.say(f"\nfiles in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
-    output.say(f"look at it: ffsm view {folder.path}   verify the log: ffsm analyze {folder.path}")
+    output.say(f"view: ffsm view {folder.path}   verify: ffsm analyze {folder.path}")
     if run.outcome != "completed":
         complain(f"{run.outcome}: {run.message}")
         return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
@@ -190,7 +190,7 @@ def _export(options: argparse.Namespace, output: Output) -> int:
 
 @contextmanager
 def _showing(output: Output) -> Iterator[tuple[Callable[[str], None], Progress]]:
-    """Progress, and how to print while it is shown."""
+    """Progress, and a function that prints while progress is displayed."""
     with progress() as shown:
 
         def say(text: str) -> None:
@@ -216,7 +216,7 @@ def _view(options: argparse.Namespace, _: Output) -> int:
     log = find_log(Path(options.run))
     recording = finished_recording(Path(options.run))
     if not has_display():
-        complain(f"no display to open the Rerun viewer on; {recording or log} shows on any machine that has one")
+        complain(f"no display for the Rerun viewer; open {recording or log} on a machine that has one")
         return RUN_FAILED
     if recording is not None:
         return _open_viewer(recording, options.listen)
@@ -239,7 +239,7 @@ def _open_viewer(recording: Path, listen: str) -> int:
 
     if subprocess.call(viewer_command(str(recording.absolute()), listen=listen)) == 0:
         return OK
-    complain("the Rerun viewer did not open; its own message is above")
+    complain("the Rerun viewer did not open; see its message above")
     return RUN_FAILED
 
 
@@ -266,7 +266,7 @@ def _reproduce(options: argparse.Namespace, output: Output) -> int:
 
 
 def _judged(folder: Path, stale: Sequence[str], output: Output) -> int:
-    """Say which lines of the pages are stale."""
+    """Print the stale lines of the pages."""
     for line in stale:
         complain(line)
     output.say(f"\n{folder}: {f'{len(stale)} lines are not current' if stale else 'every page is current'}")
@@ -313,7 +313,7 @@ def _new_law(options: argparse.Namespace, output: Output) -> int:
     written = write_law(options.name, Path(options.out), controller_kinds())
     home = Path(options.out) / options.name
     output.say(f"files in {home}: {', '.join(written)}")
-    output.say(f"use it: cd {home} && pip install -e . && ffsm run {options.name}.yaml && pytest")
+    output.say(f"try it: cd {home} && pip install -e . && ffsm run {options.name}.yaml && pytest")
     return OK
 
 

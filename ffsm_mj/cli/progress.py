@@ -1,4 +1,4 @@
-"""Progress of a command on its terminal; silence where nobody watches."""
+"""Progress display of a command on a terminal; nothing is displayed elsewhere."""
 
 from __future__ import annotations
 
@@ -9,47 +9,47 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol
 
 Report = Callable[[float, float], None]
-"""Told (how much is done, of how much), as often as the work likes."""
+"""Callback (amount done, total amount), called as often as convenient."""
 
 
 class Progress(Protocol):
-    """What a command is doing, part by part."""
+    """Progress of a command, in stages."""
 
     def stage(self, name: str, unit: str = "", total: float | None = None) -> Report | None:
-        """The next part of the work begins.
+        """Begin the next stage.
 
         Args:
-            name: What is being done.
-            unit: Of the numbers that will be reported: ``s``, or what is counted.
-            total: How much there is to do, where it is known now.
+            name: Name of the stage.
+            unit: Unit of the reported amounts: ``s``, or what is counted.
+            total: Total amount, if it is known in advance.
 
         Returns:
-            What the work is to tell how far it is; None where nobody watches.
+            Callback for the progress of the stage; None if progress is not displayed.
         """
 
     def hidden(self) -> AbstractContextManager[None]:
-        """The terminal is free for something else to be printed."""
+        """Hide the display while something else is printed."""
 
 
 class Silence:
-    """Progress that nobody watches."""
+    """Progress that is not displayed."""
 
     def stage(self, name: str, unit: str = "", total: float | None = None) -> Report | None:  # noqa: ARG002
-        """Nobody is to be told."""
+        """Return None: no progress is reported."""
         return None
 
     def hidden(self) -> AbstractContextManager[None]:
-        """The terminal is always free."""
+        """Do nothing: there is no display."""
         return nullcontext()
 
 
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """Show what is done within, on the last line of the terminal; the line is gone when it ends."""
+    """Display progress on the last line of the terminal; the line is removed at exit of the context."""
     if not _watched():
         yield Silence()
         return
-    from ffsm_mj.cli.progress_line import ProgressLine  # rich: for those who watch
+    from ffsm_mj.cli.progress_line import ProgressLine  # rich is slow to import
 
     line = ProgressLine()
     try:
@@ -59,7 +59,7 @@ def progress() -> Iterator[Progress]:
 
 
 def _watched() -> bool:
-    """Whether standard error is a terminal on which a line can be painted again."""
+    """Whether standard error is a terminal that can redraw a line."""
     if sys.stderr is None or not sys.stderr.isatty():
         return False
     return os.name == "nt" or os.environ.get("TERM", "").lower() not in ("", "dumb", "unknown")

@@ -1,4 +1,4 @@
-"""One line at the foot of a terminal: what is being done, a bar, how much of how much, how long to go."""
+"""Progress line at the bottom of a terminal: stage, bar, amount done and remaining time."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from rich.segment import Segment
 from ffsm_mj.errors import one_line
 
 _PATIENCE_S = 0.4
-"""What is done sooner needs no line."""
+"""A stage that takes less time than this shows no line."""
 _BAR_CELLS = (8, 40)
 _TRUST_S = 1.0
-"""After this time the speed so far tells how long it takes."""
+"""Remaining time is estimated from the speed so far after this time."""
 
 
 class ProgressLine:
-    """The line. It looks at the numbers when it is painted, ten times a second: telling them costs nothing.
+    """Progress line, redrawn ten times a second from the last reported amounts, so that reporting is cheap.
 
-    A terminal that goes away costs the line and nothing else.
+    If the terminal goes away, only the line is lost.
     """
 
     def __init__(self) -> None:
-        """Nothing is shown before the first stage."""
+        """Start without a stage; nothing is displayed yet."""
         self._console = Console(stderr=True)
         self._live: Live | None = None
         self._name, self._unit, self._start = "", "", time.monotonic()
@@ -55,26 +55,26 @@ class ProgressLine:
             self._show()
 
     def hide(self) -> None:
-        """Take the line away."""
+        """Remove the line."""
         live, self._live = self._live, None
         if live is not None:
             with suppress(OSError):
                 live.stop()
 
     def _show(self) -> None:
-        # What is printed to stdout is the command's result and goes there, not above the line.
+        # stdout carries the command's result: rich must not redirect it to print above the line.
         live = Live(self, console=self._console, refresh_per_second=10, transient=True, redirect_stdout=False)
         with suppress(OSError):
             live.start()
             self._live = live
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """The line as wide as the terminal is now: where there is no room for the bar, the numbers alone."""
+        """Render the line at the current width of the terminal, without the bar if it does not fit."""
         (done, total), elapsed = self._state, time.monotonic() - self._start
         if elapsed < _PATIENCE_S:
             return
         if total is not None and done >= total:
-            total = None  # the work that was counted is done, the part is not over
+            total = None  # all counted work is done, but the stage has not ended
         numbers = f"{self._amount(done, total)}{_clock(done, total, elapsed)}"
         room = min(options.max_width - len(self._name) - len(numbers) - 4, _BAR_CELLS[1])
         if room >= _BAR_CELLS[0]:
@@ -88,14 +88,14 @@ class ProgressLine:
         yield from Segment.adjust_line_length(line, options.max_width, pad=False)
 
     def _amount(self, done: float, total: float | None) -> str:
-        """``12.3 of 30 s  ``; nothing where the amount is not known."""
+        """``12.3 of 30 s  ``; empty if the amount is unknown."""
         if total is None:
             return ""
         return f"{done:.{1 if self._unit == 's' else 0}f} of {total:g} {self._unit}".rstrip() + "  "
 
 
 def _clock(done: float, total: float | None, elapsed_s: float) -> str:
-    """Time to go where it can be told, else time since the start."""
+    """Remaining time if it can be estimated, else time since the start."""
     if total is None or done <= 0.0 or elapsed_s < _TRUST_S:
         return _minutes(elapsed_s)
     return f"{_minutes(elapsed_s * max(0.0, total / done - 1.0))} left"

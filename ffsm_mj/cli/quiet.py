@@ -1,4 +1,4 @@
-"""Silence of libraries while a command works on somebody else's file: what is wrong with it is told in lines of our own."""
+"""Suppress warnings of libraries while a command reads a file of unknown origin; its faults have messages of our own."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from contextlib import contextmanager
 
 @contextmanager
 def quiet_libraries() -> Iterator[None]:
-    """Let no warning of NumPy, Matplotlib, MuJoCo or another library reach stderr."""
+    """Keep warnings of NumPy, Matplotlib, MuJoCo and other libraries from stderr."""
     import numpy as np
 
     from ffsm_mj.model.mujoco_warnings import collected_warnings
 
-    nobody = logging.NullHandler()  # without any, logging writes to stderr itself
+    nobody = logging.NullHandler()  # without a handler, logging writes to stderr itself
     logging.getLogger().addHandler(nobody)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"), collected_warnings([]):

@@ -1,6 +1,6 @@
-"""stdout and stderr of a command: a reader who has gone away ends nothing, output that is lost is told.
+"""stdout and stderr of a command: a closed pipe does not end the command; lost output is reported.
 
-All that a command prints passes here, and nothing of it steers the terminal, whoever wrote the files that it speaks of.
+Everything a command prints passes through here; control characters from files are escaped.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ import sys
 from ffsm_mj.errors import one_line, printable
 
 _GONE = {errno.EPIPE, errno.EBADF}
-"""The reader of a pipe has closed it (``| head``), or stdout was closed from the start: nobody wants the output."""
+"""Errors of a pipe that its reader has closed (``| head``), or of a stdout that was closed from the start."""
 
 
 def secure() -> None:
-    """Give every standard stream a file, and every text a way out, whatever the shell and the locale are.
+    """Open closed standard streams on the null device, and let every stream encode any text.
 
-    A log that is opened while descriptor 1 or 2 is free would get that number, and with it what any library prints.
+    A log that is opened while descriptor 1 or 2 is free would get that number, and receive what libraries print.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:
             os.fstat(number)
         except OSError:
-            nowhere = os.open(os.devnull, os.O_RDWR)  # the lowest free number, which is this one
+            nowhere = os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is this one
             os.set_inheritable(nowhere, True)
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115 (as long as the process)
@@ -35,18 +35,18 @@ def secure() -> None:
 
 
 class Output:
-    """Standard output. The first failure is kept; what comes after it is not tried.
+    """Standard output. After the first failure nothing more is written.
 
     Attributes:
-        lost: Why output was lost; empty where all was written, or nobody wanted it.
+        lost: Why output was lost; empty if all was written or the reader closed the pipe.
     """
 
     def __init__(self) -> None:
-        """Nothing is lost yet."""
+        """Start without lost output."""
         self.lost, self._open = "", True
 
     def say(self, text: str) -> None:
-        """Print a line, or several; what a file may hold besides text (colours, bidirectional marks) is escaped."""
+        """Print one or more lines; control characters (colours, bidirectional marks) are escaped."""
         if not self._open:
             return
         try:
@@ -59,7 +59,7 @@ class Output:
 
 
 def complain(text: str) -> None:
-    """Print a line to stderr, what is no text in it escaped; there is nowhere to tell that this fails."""
+    """Print a line to stderr with control characters escaped; a failure to print is ignored."""
     try:
         print(one_line(text), file=sys.stderr, flush=True)
     except OSError:
@@ -67,7 +67,7 @@ def complain(text: str) -> None:
 
 
 def _silence(number: int) -> None:
-    """Let a descriptor lead nowhere: Python would complain of it again when it flushes at exit."""
+    """Redirect a descriptor to the null device: Python would report the error again when it flushes at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, number)
     os.close(nowhere)

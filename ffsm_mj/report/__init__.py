@@ -1,1 +1,1 @@
-"""A finished run for people: figures, text, exports, films."""
+"""Reports of a finished run: figures, text, tables, videos."""

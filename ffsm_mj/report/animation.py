@@ -1,4 +1,4 @@
-"""The motion as a film for slides, as GIF or MP4. No screen, no GPU."""
+"""Animations of a run as GIF or MP4, drawn without a display or GPU."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ def write_animation(
     speed: float | None = None,
     report: Callable[[float, float], None] | None = None,
 ) -> str:
-    """Write the motion of a run as ``.gif`` or ``.mp4``.
+    """Write an animation of a run as ``.gif`` or ``.mp4``.
 
     Args:
         run: A run with at least one sample.
-        path: The file; its suffix says which.
-        frames_per_second: Pictures per second of the film.
-        speed: Times real time; None: so that the film lasts 12 s at most.
-        report: Told how many pictures of how many are drawn.
+        path: The file; its suffix selects the format.
+        frames_per_second: Frame rate.
+        speed: Playback speed relative to real time; None: at most 12 s of video.
+        report: Callback (frames drawn, frames in all).
 
     Returns:
-        What was written, for a person.
+        One line that describes the output.
 
     Raises:
-        InputError: No sample, models that do not compile any more, an unknown suffix, or a file that cannot be written to.
-        OutputLostError: The film could not be written to its end.
+        InputError: No samples, models that no longer compile, an unknown suffix, or a file that cannot be written.
+        OutputLostError: The file could not be written completely.
         MissingPackageError: MP4 without imageio-ffmpeg.
     """
     writers = {".gif": _write_gif, ".mp4": _write_mp4}
     if path.suffix.lower() not in writers:
-        raise InputError(f"{path}: an animation is a .gif or an .mp4")
+        raise InputError(f"{path}: animations are .gif or .mp4 files")
     usable_file(path)
     cut = _cut(run, frames_per_second, speed, f"{path}: ", "raise --speed or lower --fps")
     with publication():
@@ -63,15 +63,15 @@ def write_animation(
 
 
 def gif(run: Run, *, frames_per_second: float = 20.0, speed: float | None = None) -> tuple[bytes, str]:
-    """The motion of a run as the bytes of an animated GIF, and what it is, for a person.
+    """An animation of a run as the bytes of a GIF, and one line that describes it.
 
     Args:
         run: A run with at least one sample.
-        frames_per_second: Pictures per second of the film.
-        speed: Times real time; None: so that the film lasts 12 s at most.
+        frames_per_second: Frame rate.
+        speed: Playback speed relative to real time; None: at most 12 s of video.
 
     Raises:
-        InputError: No sample, models that do not compile any more, or too many pictures.
+        InputError: No samples, models that no longer compile, or too many frames.
     """
     cut = _cut(run, frames_per_second, speed, "", "raise speed or lower frames_per_second")
     held = BytesIO()
@@ -82,13 +82,13 @@ def gif(run: Run, *, frames_per_second: float = 20.0, speed: float | None = None
 
 @dataclass(frozen=True)
 class _Cut:
-    """When in a run the pictures of a film are taken.
+    """Frames of an animation and their times.
 
     Attributes:
         subject: The run.
-        times: Of the pictures, s.
-        speed: Times real time.
-        said: What the film is, for a person.
+        times: Simulation time of each frame, s.
+        speed: Playback speed relative to real time.
+        said: One line that describes the animation.
     """
 
     subject: Subject
@@ -97,7 +97,7 @@ class _Cut:
     said: str
 
     def pictures(self, report: Callable[[float, float], None] | None = None) -> Iterator[Any]:
-        """The pictures, drawn as they are asked for."""
+        """The frames, drawn lazily."""
         return _counted(pictures(self.subject, self.times, self.speed), len(self.times), report)
 
 
@@ -106,16 +106,16 @@ def _cut(run: Run, frames_per_second: float, speed: float | None, place: str, wa
     fast = speed or next((s for s in _SPEEDS if end / s <= _LONGEST_S), end / _LONGEST_S)
     wanted = end / fast * frames_per_second
     if not wanted < _MOST_PICTURES:
-        amount = f"{end:g} s at {fast:g} times real time are {wanted:.3g} pictures"
+        amount = f"{end:g} s at {fast:g} times real time need {wanted:.3g} frames"
         raise InputError(f"{place}{amount}, more than {_MOST_PICTURES}; {way_on}")
     count = max(2, 1 + math.ceil(wanted))
     times = np.linspace(0.0, end, count)
-    said = f"{count} pictures, {count / frames_per_second:.1f} s at {fast:g} times real time"
+    said = f"{count} frames, {count / frames_per_second:.1f} s at {fast:g} times real time"
     return _Cut(Subject(run, times.tolist()), times, fast, said)
 
 
 def _counted(pictures: Iterator[Any], count: int, report: Callable[[float, float], None] | None) -> Iterator[Any]:
-    """The same pictures; each that is done is told."""
+    """The same frames, with progress reported after each."""
     for done, picture in enumerate(pictures, 1):
         if report is not None:
             report(done, count)
@@ -131,7 +131,7 @@ def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) ->
 
 def _save_gif(to: BinaryIO, pictures: Iterator[Any], frames_per_second: float) -> None:
     images = [Image.fromarray(picture).quantize(64, Image.Quantize.FASTOCTREE) for picture in pictures]
-    step = max(20, round(1000 / frames_per_second / 10) * 10)  # GIF counts hundredths of a second
+    step = max(20, round(1000 / frames_per_second / 10) * 10)  # frame durations in GIF are in hundredths of a second
     durations = [step] * (len(images) - 1) + [round(1000 * _LAST_PICTURE_S)]
     images[0].save(to, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
 
@@ -146,7 +146,7 @@ def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) ->
 
 
 def _film(ffmpeg: Any, path: Path, place: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
-    """Write a film at a place; errors name the path that was asked for."""
+    """Write the video to ``place``; errors name ``path``, which the user gave."""
     first = next(pictures)
     size = first.shape[1], first.shape[0]
     writer = ffmpeg.write_frames(
@@ -159,16 +159,16 @@ def _film(ffmpeg: Any, path: Path, place: Path, pictures: Iterator[Any], frames_
         for picture in pictures:
             writer.send(picture.tobytes())
             count += 1
-    except OSError as error:  # several lines of ffmpeg's
+    except OSError as error:  # its text is several lines of ffmpeg output
         raise OutputLostError(path, "ffmpeg stopped") from error
     finally:
         writer.close()
     if not _holds(ffmpeg, place, count):
-        raise OutputLostError(path, "ffmpeg did not write it to its end")
+        raise OutputLostError(path, "ffmpeg did not write the whole file")
 
 
 def _holds(ffmpeg: Any, path: Path, count: int) -> bool:
-    """Whether a film can be read and has so many pictures: ffmpeg's exit code is not to be had."""
+    """Whether a video can be read and has the expected number of frames: ffmpeg's exit code is not accessible."""
     try:
         return int(ffmpeg.count_frames_and_secs(str(path))[0]) == count
     except RuntimeError:

@@ -1,4 +1,4 @@
-"""What differs between two runs, as text for a terminal."""
+"""Differences between two runs, as text for a terminal."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ffsm_mj.report.text_table import table
 
 
 def comparison_report(labels: tuple[str, str], found: Comparison) -> str:
-    """What differs between two runs, as text."""
+    """Text report of the differences between two runs."""
     head = f"{labels[1]} against {labels[0]}"
     if found.same:
-        return f"{head}: the same, number by number, at all {found.samples} common times"
+        return f"{head}: identical at all {found.samples} common times"
     parts = [f"{head}: {found.samples} common times up to {found.end_s:g} s", _scenario_lines(found)]
     parts.append(_record_lines(found))
     if any(pair.a != pair.b for pair in found.impacts):
@@ -28,7 +28,7 @@ def comparison_report(labels: tuple[str, str], found: Comparison) -> str:
 def _scenario_lines(found: Comparison) -> str:
     lines = [f"  {one_line(f'{key}: {_brief(a)} -> {_brief(b)}')}" for key, a, b in found.scenario]
     lines += [f"  model {one_line(name)} differs" for name in found.models]
-    return "\n".join(["scenario:", *lines]) if lines else "scenario and models are the same"
+    return "\n".join(["scenario:", *lines]) if lines else "scenario and models are identical"
 
 
 def _brief(value: Any) -> str:
@@ -37,14 +37,14 @@ def _brief(value: Any) -> str:
 
 
 def _record_lines(found: Comparison) -> str:
-    """One line for each kind of record that either run has: how many, and the first that differ."""
+    """One line per kind of record: numbers of records, and the first difference."""
     return "\n".join(["records:", *(f"  {one_line(_compared(each))}" for each in found.records if each.a or each.b)])
 
 
 def _compared(each: RecordsDifference) -> str:
     name = each.kind.plural.replace("_", " ")
     if each.first is None:
-        return f"{name}: {each.a}, the same in both"
+        return f"{name}: {each.a}, identical"
     a, b = (sentence or "none" for sentence in each.sentences)
     return f"{name}: {each.a} -> {each.b}, number {each.first + 1} differs: {a} -> {b}"
 
@@ -58,11 +58,11 @@ def _impact_row(i: int, pair: ImpactDifference) -> tuple[str, ...]:
 
 
 def _motion_lines(found: Comparison) -> str:
-    """When the motions part, and the largest differences of coordinates, tip, energies and momenta."""
+    """When the motions diverge, and the largest differences of coordinates, tip, energies and momenta."""
     shown = [d for d in found.signals if d.key.startswith(("state.", "energy.", "momentum.total_"))]
-    lines = [] if found.first_s is None else [f"the motions part at {found.first_s:.3f} s"]
+    lines = [] if found.first_s is None else [f"the motions differ from {found.first_s:.3f} s on"]
     if found.first_s is None:
-        lines.append("the motions are the same, number by number")
+        lines.append("the motions are identical")
     if shown:
         rows = ((d.key, f"{d.largest:.3e}", d.unit, f"{d.time_s:.3f}") for d in shown)
         lines.append(table(("largest difference of", "is", "unit", "at s"), rows))

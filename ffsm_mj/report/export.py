@@ -1,4 +1,4 @@
-"""Tables of a run as files for other tools."""
+"""Export of a run's tables as CSV or Parquet."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ROWS_AT_ONCE = 50_000
 
 
 def to_arrow(table: Table, facts: dict[str, str] | None = None) -> Any:
-    """A ``pyarrow.Table``; each field's metadata holds ``unit`` and ``description``, the schema's the facts of the run."""
+    """Arrow table with ``unit`` and ``description`` in each field's metadata, and the run's facts in that of the schema."""
     fields, arrays = [], []
     for name, values in table.columns.items():
         array = pa.array(np.ascontiguousarray(values)) if len(values) else pa.array([], type=pa.float64())
@@ -35,14 +35,14 @@ def to_arrow(table: Table, facts: dict[str, str] | None = None) -> Any:
 def write_table(run: Run, name: str, path: Path, form: str) -> str:
     """Write one table of a run as ``csv`` or ``parquet``.
 
-    CSV: one header line of names that end in the unit, then shortest decimals that give the same doubles again.
+    CSV has one header line of names that end in the unit; numbers are the shortest decimals that round-trip.
 
     Returns:
-        What was written, for a person.
+        One line that describes the output.
 
     Raises:
-        InputError: No such table, or the file cannot be written to.
-        OutputLostError: It could not be written to its end.
+        InputError: No such table, or the file cannot be written.
+        OutputLostError: The file could not be written completely.
     """
     if name not in table_names(run.log):
         raise InputError(f"--table: {unknown_name('table', name, table_names(run.log))}")
@@ -51,13 +51,13 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
     with (
         new_file(path) as place,
         place.open("wb") as stream,
-    ):  # pyarrow would remove a path where writing fails, be it a device
+    ):  # pyarrow would remove the path if writing fails, even a device
         rows, columns = write(_parts(run, name), stream)
     return f"{rows} rows of {columns} columns"
 
 
 def _parts(run: Run, name: str) -> Iterator[Any]:
-    """One table of a run in parts, at least one: samples come some ten thousand at a time."""
+    """One table of a run in one or more parts; samples in blocks of some ten thousand."""
     facts, held = {"scenario": run.name, **run.log.header.facts}, list[FloatArray]()
     if name != "samples" or not len(run.log.rows):
         yield to_arrow(run.table(name), facts)

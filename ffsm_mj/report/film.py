@@ -1,4 +1,4 @@
-"""A film of a run's motion that a notebook's cell shows."""
+"""Animation of a run for display in a notebook."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Film:
     """An animated GIF.
 
     Attributes:
-        name: Of the scenario.
-        said: What it is: pictures, seconds, times real time.
-        gif: The file's bytes.
+        name: Name of the scenario.
+        said: One line that describes it: frames, duration, playback speed.
+        gif: Bytes of the file.
     """
 
     name: str
@@ -32,12 +32,12 @@ class Film:
         """Write the file.
 
         Raises:
-            InputError: The name does not end in ``.gif``, or it cannot be written to.
-            OutputLostError: It could not be written to its end.
+            InputError: The name does not end in ``.gif``, or the file cannot be written.
+            OutputLostError: The file could not be written completely.
         """
         target = Path(path)
         if target.suffix.lower() != ".gif":
-            raise InputError(f"{target}: the film is a .gif; 'ffsm export --mp4' makes an .mp4")
+            raise InputError(f"{target}: must end in .gif; for .mp4 use 'ffsm export --mp4'")
         usable_file(target)
         with new_file(target) as place:
             place.write_bytes(self.gif)
@@ -49,7 +49,7 @@ class Film:
 
 
 def film(run: Run, frames_per_second: float, speed: float | None) -> Film:
-    """The motion of a run; see :meth:`ffsm_mj.report.run.Run.animate`."""
+    """Animation of a run; see :meth:`ffsm_mj.report.run.Run.animate`."""
     if not 0.0 < frames_per_second <= MOST_FRAMES_PER_SECOND:
         raise ValueError(f"frames_per_second is {frames_per_second!r}; allowed: above 0, up to {MOST_FRAMES_PER_SECOND}")
     if speed is not None and not 0.0 < speed < float("inf"):

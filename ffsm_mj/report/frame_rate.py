@@ -1,4 +1,4 @@
-"""How fast films may be; apart from what draws them, so that the command line can ask before that is imported."""
+"""Limit on the frame rate of animations; a module of its own, so that the command line need not import Matplotlib."""
 
 MOST_FRAMES_PER_SECOND = 50
-"""GIF counts hundredths of a second, and viewers slow down what is faster than 50 pictures a second."""
+"""Frame durations in GIF are in hundredths of a second, and viewers slow down animations above 50 frames per second."""

@@ -1,4 +1,4 @@
-"""JSON that every reader takes: it has no word for a number that is not finite, so such a number is null."""
+"""Standard JSON: numbers that are not finite become null."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def json_text(data: Any) -> str:
-    """Text of plain data, indented."""
+    """Indented JSON text of plain data."""
     return json.dumps(_finite(data), indent=2, allow_nan=False)
 
 

@@ -1,7 +1,7 @@
-"""Where a command is to write: whether it can is asked before the work, and a loss while writing is told.
+"""Output files and folders: checked for writability before the work, and written atomically.
 
-A folder may be somebody else's. So a file is written under a new name and then takes its place at once: what was there stays
-whole until then, and a symbolic link that has the name is replaced, never followed.
+A folder may belong to another user. A file is therefore written under a temporary name and then renamed: an existing file
+stays intact until then, and a symbolic link of that name is replaced, never followed.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ _LONGEST_SUFFIX = 8
 
 
 def usable_folder(path: Path) -> None:
-    """Make a folder where there is none, and see whether a file can be made in it.
+    """Create a folder if it does not exist, and check that files can be created in it.
 
     Raises:
-        InputError: It cannot be made (a file is in the way, the name is too long), or takes no file.
+        InputError: It cannot be created (a file has its name, the name is too long), or is not writable.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -33,10 +33,10 @@ def usable_folder(path: Path) -> None:
 
 
 def folder_below(folder: Path, *names: str) -> Path:
-    """A usable folder below one that may be somebody else's: none of these names may be a symbolic link.
+    """A writable folder below one of unknown owner: none of these path components may be a symbolic link.
 
     Raises:
-        InputError: One is, or :func:`usable_folder` refuses the folder.
+        InputError: One is a symbolic link, or :func:`usable_folder` refuses the folder.
     """
     path = folder
     for name in names:
@@ -50,14 +50,14 @@ def refuse_link(path: Path) -> None:
     """Refuse to write through a symbolic link.
 
     Raises:
-        InputError: The path is one.
+        InputError: The path is a symbolic link.
     """
     if path.is_symlink():
         raise InputError(f"{path}: is a symbolic link; nothing is written through it")
 
 
 def usable_file(path: Path) -> None:
-    """See whether a file can be written, or made in its folder, which is made where there is none; devices are files.
+    """Check that a file can be written or created; its folder is created if it does not exist. Devices count as files.
 
     Raises:
         InputError: It is a folder, its name is too long, or it cannot be written.
@@ -79,18 +79,18 @@ def usable_file(path: Path) -> None:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Where to write a file: an empty one beside its place, which takes the place when it is whole.
+    """Context with a temporary file in the same folder, renamed to the path at a successful exit.
 
-    An interruption or a full disk leaves what was there before. Devices and pipes are written to directly.
+    An interruption or a full disk leaves an existing file as it was. Devices and pipes are written to directly.
 
     Raises:
-        OutputLostError: It could not be written to its end.
+        OutputLostError: The file could not be written completely.
     """
     with writing(path):
         if _is_device(path):
             yield path
             return
-        # ffmpeg goes by the suffix; the final name may be as long as a name can be.
+        # ffmpeg selects the format by suffix; the final name may already have the greatest length that the system allows.
         unfinished = path.with_name(f".{token_hex(8)}{path.suffix if len(path.suffix) <= _LONGEST_SUFFIX else ''}")
         os.close(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         try:
@@ -102,7 +102,7 @@ def new_file(path: Path) -> Iterator[Path]:
 
 
 def _is_device(path: Path) -> bool:
-    """Whether a path is a device or a pipe, by itself or as one of the links that a system keeps (``/dev/stdout``)."""
+    """Whether a path is a device or a pipe, directly or through a link of the system (``/dev/stdout``)."""
     if os.path.abspath(path).startswith("/dev/"):
         return True
     try:
@@ -114,10 +114,10 @@ def _is_device(path: Path) -> bool:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Writing to a place that was found usable: what fails now (a full disk) is a loss.
+    """Context for writing to a path that was checked: errors (a full disk) become ``OutputLostError``.
 
     Raises:
-        OutputLostError: Something could not be written.
+        OutputLostError: A write failed.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""The pictures of a film: robot and objects at one time after the other, in their plane or, in space, from three sides."""
+"""Frames of an animation: robot and objects in their plane of motion or, for motion in space, in three views."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ _SIZE_PX = (960, 720)
 _DPI = 120
 _FLASH_S = 0.5
 _ARROW = 0.12
-"""Length of the arrow of a force, of the height of the picture."""
+"""Length of force arrows as a fraction of the height of the frame."""
 _TOP, _FRONT, _SIDE = Plane(0, 1), Plane(0, 2), Plane(1, 2)
 
 Box = tuple[float, float, float, float]
 
 
 def pictures(subject: Subject, times: FloatArray, speed: float) -> Iterator[Any]:
-    """RGB pictures, (height, width, 3) uint8, at some simulation times in s; speed times real time."""
+    """RGB frames, (height, width, 3) uint8, at some simulation times in s; ``speed`` is displayed in the caption."""
     run = subject.run
     rows = [min(int(np.searchsorted(run.time, time - 1e-9)), len(run.time) - 1) for time in times]
     some = rows[:: max(1, len(rows) // 40)]
     figure, views = _from_one_side(subject, some) if len(subject.planes) == 1 else _from_three_sides(subject, some)
     canvas: Any = FigureCanvasAgg(figure)
     title = figure.suptitle(_caption(run, 0.0, speed), x=0.03, ha="left", fontsize=9.0)
-    figure.draw_without_rendering()  # the layout is made once and kept
+    figure.draw_without_rendering()  # compute the layout once
     figure.set_layout_engine("none")
     for row in rows:
         time = float(run.time[row])
@@ -51,10 +51,10 @@ def pictures(subject: Subject, times: FloatArray, speed: float) -> Iterator[Any]
 
 
 class _View:
-    """Axes of a picture that look at one plane."""
+    """Axes with the projection onto one plane."""
 
     def __init__(self, axes: Axes, subject: Subject, plane: Plane, box: Box) -> None:
-        """Empty axes, with trails to come."""
+        """Set up empty axes with trails."""
         self._axes, self._subject, self._plane, self._box = axes, subject, plane, box
         draw_plane(axes, subject, plane, box)
         self._trails = {
@@ -66,7 +66,7 @@ class _View:
         self._marks, self._forces = subject.run.log.marks(), force_columns(subject.run.log.header.layout)
 
     def show(self, row: int, speed: float) -> list[Any]:
-        """Draw the moment of a row; gives what is to be taken away again."""
+        """Draw the state of a row; return the artists to remove before the next frame."""
         subject, plane, time = self._subject, self._plane, float(self._subject.run.time[row])
         shapes = polygons(subject.silhouette.outlines(subject.run.qpos[row], plane), subject, 0.8, 5)
         past = subject.chosen <= row
@@ -81,7 +81,7 @@ class _View:
 
 
 def _from_one_side(subject: Subject, rows: Sequence[int]) -> tuple[Figure, list[_View]]:
-    """A picture of the plane of the motion, the legend below it."""
+    """Figure with one view of the plane of motion, and the legend below it."""
     plane = subject.planes[0]
     box = view_box(subject, plane, rows)
     handles = _legend(subject)
@@ -93,7 +93,7 @@ def _from_one_side(subject: Subject, rows: Sequence[int]) -> tuple[Figure, list[
 
 
 def _from_three_sides(subject: Subject, rows: Sequence[int]) -> tuple[Figure, list[_View]]:
-    """Seen from the top, below it from the front, beside that from the side, all to one scale; the legend in the corner."""
+    """Figure with top, front and side views to one scale, and the legend in the corner."""
     ranges: dict[int, tuple[float, float]] = {}
     for plane in (_TOP, _FRONT, _SIDE):
         box = view_box(subject, plane, rows)
@@ -120,7 +120,7 @@ def _legend(subject: Subject) -> list[Line2D]:
 
 
 def _arrows(forces: list[ForceColumns], row: FloatArray, plane: Plane, box: Box) -> Any:
-    """Lines that end with a head where contacts press and grasps hold, along the force; all of one length."""
+    """Arrows of equal length along contact forces and loads on grasped objects, ending where they act."""
     length, drawn = _ARROW * (box[3] - box[2]), []
     for pair in forces:
         if not pair.turns and pair.pressing(row)[0]:
@@ -132,12 +132,12 @@ def _arrows(forces: list[ForceColumns], row: FloatArray, plane: Plane, box: Box)
 
 
 def _figure_size(wide: float, high: float, words_px: float) -> tuple[float, float]:
-    """Inches, so that what is drawn fits the greatest size in pixels and both are even, as films need.
+    """Figure size in inches within the maximum size in pixels; both are even, as video codecs require.
 
     Args:
-        wide: Width of what is drawn, in any unit.
-        high: Its height, in the same.
-        words_px: Height of the words above and below it.
+        wide: Width of the drawing, in any unit.
+        high: Height of the drawing, in the same unit.
+        words_px: Height of the text above and below it.
     """
     shape = wide / high
     width = min(_SIZE_PX[0], _SIZE_PX[1] * shape)

@@ -358,7 +358,7 @@ def test_a_campaign_is_told_from_a_scenario(tmp_path, capsys):
     assert main(["run", str(campaign)]) == 2
     assert main(["campaign", "run", str(scenario), "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.splitlines() == [
-        f"{campaign}: is a campaign, no scenario; 'ffsm campaign run {campaign}' runs it",
+        f"{campaign}: is a campaign, not a scenario; use 'ffsm campaign run {campaign}'",
         f"{scenario}: is a scenario, no campaign; 'ffsm run' takes it",
     ]
     assert is_campaign(campaign_file(tmp_path, GOOD))

@@ -65,7 +65,7 @@ def test_analyze_several_runs(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "2 of 2 runs verified" in out
     assert "impact_pairs.0.restitution: 1.0 -> 0.5" in out
-    assert "the motions part at 0.082 s" in out  # 0.3 m at 3.7 m/s
+    assert "the motions differ from 0.082 s on" in out  # 0.3 m at 3.7 m/s
     assert main(["analyze", "a", "b", "--json"]) == 0
     assert [len(report["checks"]) for report in json.loads(capsys.readouterr().out)] == [13, 13]
     assert main(["analyze", "a", "b", "--tolerance", "impact_restitution=1e-30", "--tolerance", "1e-6"]) == 1
@@ -145,8 +145,8 @@ def test_bad_input_exits_2_without_a_traceback(arguments, capsys):
     [
         ("analyze --tolerance -1", "ffsm analyze: argument --tolerance: -1 is not a positive number"),
         ("analyse", "ffsm: unknown command 'analyse' (did you mean 'analyze'?); allowed: analyze, campaign, check, "),
-        ("run --what", "ffsm run: unexpected '--what'; 'ffsm run --help' says what it takes"),
-        ("check baseline twice", "ffsm check: unexpected 'twice'; 'ffsm check --help' says what it takes"),
+        ("run --what", "ffsm run: unexpected argument '--what'; see 'ffsm run --help'"),
+        ("check baseline twice", "ffsm check: unexpected argument 'twice'; see 'ffsm check --help'"),
         ("export", "ffsm export: one of the arguments --csv --parquet --gif --mp4 --html is required"),
         ("export --csv --gif", "ffsm export: argument --gif: not allowed with argument --csv"),
         ("--version schema", "ffsm: --version has no effect with the command schema"),
@@ -163,7 +163,7 @@ def test_bad_input_exits_2_without_a_traceback(arguments, capsys):
         ("export --gif --table laws", "ffsm export: --table has no effect without --csv or --parquet"),
         ("analyze --tolerance 1e-9 --tolerance 1e-8", "--tolerance: given twice for all checks"),
         ("analyze --compare", "--compare: name two runs or more"),
-        ("analyze a b --compare --json", "--compare prints text: leave --json out"),
+        ("analyze a b --compare --json", "--compare prints text: omit --json"),
     ],
 )
 def test_options_that_are_wrong_or_have_no_effect_are_one_line(arguments, message, capsys):
@@ -187,7 +187,7 @@ def test_a_film_is_of_the_form_that_its_name_says(tmp_path, capsys):
     assert main(["run", str(two_balls(tmp_path, duration_s=0.1)), "--no-rerun", "--out", "a"]) == 0
     for form, name in (("--gif", "a.mp4"), ("--gif", "a"), ("--html", "a.htm"), ("--csv", "a.parquet")):
         assert main(["export", "a", form, "--out", name]) == 2
-        assert f"{form} writes .{form[2:]}, --out {name} ends otherwise" in capsys.readouterr().err
+        assert f"{form} writes .{form[2:]}, but --out {name} has another suffix" in capsys.readouterr().err
     assert main(["export", "a", "--csv", "--out", "a.txt"]) == 0
 
 
@@ -256,7 +256,7 @@ def test_a_run_folder_runs_again(tmp_path, capsys):
     assert main(["run", "a", "--no-rerun", "--out", "b"]) == 0
     capsys.readouterr()
     assert main(["analyze", "a", "b", "--compare"]) == 0
-    assert "b against a: the same, number by number" in capsys.readouterr().out
+    assert "b against a: identical" in capsys.readouterr().out
     (tmp_path / "cwd" / "none").mkdir()
     assert main(["run", "none"]) == 2
     assert capsys.readouterr().err == "none: is a folder without a scenario.yaml; name a scenario file or a run folder\n"

@@ -46,7 +46,7 @@ def test_a_run_shows_how_far_it_is_and_leaves_its_report_alone(tmp_path, monkeyp
     assert shown.code == 0, shown.written
     monkeypatch.setattr("ffsm_mj.report.text_table.terminal_width", lambda: columns if columns > 20 else None)
     expected = run_report(load_run("a"))
-    rest = "files in a: mjcf, run.mcap, scenario.yaml, summary.json look at it: ffsm view a verify the log: ffsm analyze a"
+    rest = "files in a: mjcf, run.mcap, scenario.yaml, summary.json view: ffsm view a verify: ffsm analyze a"
     assert squeezed("".join(shown.screen)) == squeezed(expected + rest)
     assert shown.cursor
     if painted:
@@ -97,7 +97,7 @@ def test_figures_are_counted():
 def test_pictures_of_a_film_are_counted():
     shown = on_terminal(ffsm("export", "a", "--gif", "--fps", "10"))
     assert shown.code == 0, shown.written
-    assert shown.screen == ["a/motion.gif: 41 pictures, 4.1 s at 1 times real time"]
+    assert shown.screen == ["a/motion.gif: 41 frames, 4.1 s at 1 times real time"]
     assert " of 41 pictures" in shown.written
 
 

@@ -73,7 +73,7 @@ def test_view_says_where_to_listen(tmp_path, called, capsys, given, address, rec
 
 def test_an_address_that_is_none_is_refused(called, capsys):
     assert main(["view", "--listen", "everywhere"]) == 2
-    assert "everywhere is no IP address" in capsys.readouterr().err
+    assert "everywhere is not an IP address" in capsys.readouterr().err
     assert called == []
 
 

@@ -318,4 +318,4 @@ def test_films_of_too_many_pictures_are_refused(tmp_path, capsys):
     capsys.readouterr()
     assert main(["export", str(tmp_path / "out"), "--gif", "--speed", "1e-9"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.endswith("1 s at 1e-09 times real time are 2e+10 pictures, more than 6000; raise --speed or lower --fps")
+    assert line.endswith("1 s at 1e-09 times real time need 2e+10 frames, more than 6000; raise --speed or lower --fps")

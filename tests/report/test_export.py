@@ -44,7 +44,7 @@ def test_parquet_says_units_and_what_run_it_is(hit, tmp_path):
 def test_gif_shows_the_motion(hit, tmp_path):
     """0.5 s at 10 pictures a second are 6; the object is drawn to the right of its first place in the last of them."""
     said = write_animation(hit, tmp_path / "x.gif", frames_per_second=10.0)
-    assert said == "6 pictures, 0.6 s at 1 times real time"
+    assert said == "6 frames, 0.6 s at 1 times real time"
     with Image.open(tmp_path / "x.gif") as film:
         assert film.n_frames == 6
         pictures = []

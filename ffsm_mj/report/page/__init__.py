@@ -1,4 +1,4 @@
-"""A run as one page for a browser: scene with a slider, plots, verdicts; all of it in one file that asks no network."""
+"""A run as a self-contained HTML page: 3D scene with a time slider, plots and checks; it needs no network."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def write_page(run: Run, path: Path) -> str:
         path: The file.
 
     Returns:
-        What was written, for a person.
+        One line that describes the output.
 
     Raises:
-        InputError: No sample, models that do not compile any more, or a file that cannot be written to.
+        InputError: No samples, models that no longer compile, or a file that cannot be written.
         MissingPackageError: K3D, which draws the scene, is not installed.
-        OutputLostError: The page could not be written to its end.
+        OutputLostError: The file could not be written completely.
     """
     try:
         import k3d  # noqa: F401

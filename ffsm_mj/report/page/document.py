@@ -1,4 +1,4 @@
-"""The page itself: HTML around the scene and the figures. Whatever a log says is text in it, never markup."""
+"""HTML of the page around the scene and the figures. Text from the log is always escaped."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ _TITLES = {
     "contacts": "Forces of contacts",
     "torques": "Torques",
     "inputs": "Thrusters and wheels",
-    "conservation": "What the accounts leave unexplained",
+    "conservation": "Residuals of the balances",
 }
 _MOST_EVENTS = 200
 
 
 def document(run: Run, drawn: PageScene, poses: Poses) -> str:
-    """The page of a run whose scene is drawn."""
+    """HTML page of a run with its scene."""
     script = _part("page.js")
     checks = run.checks()
     return Template(_part("page.html")).substitute(
@@ -58,7 +58,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         figures="\n".join(
             f"<figure><figcaption>{_TITLES[name]}</figcaption>{svg}</figure>" for name, svg in inline_figures(run).items()
         ),
-        told=json.dumps(_told(run, drawn, poses)).replace("<", "\\u003c"),
+        told=json.dumps(_script_data(run, drawn, poses)).replace("<", "\\u003c"),
         library=_library(),
         snapshot=b64encode(drawn.snapshot).decode("ascii"),
         script=script,
@@ -71,14 +71,14 @@ def _part(name: str) -> str:
 
 @cache
 def _library() -> str:
-    """K3D's viewer, packed; of its fonts the forms that it carries itself, for others it would ask elsewhere."""
+    """K3D's viewer, compressed; only with its embedded fonts, since others would be fetched from the network."""
     viewer = (Path(k3d.__file__).parent / "static" / "standalone.js").read_bytes()
     viewer = re.sub(rb',url\(fonts/[^)]*\) format\("(?:woff|truetype)"\)', b"", viewer)
     return b64encode(zlib.compress(viewer, 9)).decode("ascii")
 
 
 def _policy(script: str) -> str:
-    """What a browser may do for the page: run its own script and what that loads; ask nobody for anything."""
+    """Content security policy: the page may run its own script and what that loads, without network access."""
     digest = b64encode(sha256(script.encode()).digest()).decode("ascii")
     return (
         f"default-src 'none'; script-src 'sha256-{digest}' 'strict-dynamic' 'wasm-unsafe-eval'; style-src 'unsafe-inline'; "
@@ -96,7 +96,7 @@ def _headline(run: Run) -> str:
 
 
 def _events(run: Run) -> list[str]:
-    """A button for each event that leads to its time."""
+    """A button per event that moves the slider to its time."""
     found = run.log.events()
     lines = []
     for record in found[:_MOST_EVENTS]:
@@ -105,7 +105,7 @@ def _events(run: Run) -> list[str]:
         time, said = kind.time(record), _escaped(kind.sentence(record))
         lines.append(f'<li{marked}><button type="button" data-time="{time!r}"><b>{time:.3f} s</b> {said}</button></li>')
     if len(found) > _MOST_EVENTS:
-        lines.append(f"<li>and {len(found) - _MOST_EVENTS} more: ffsm analyze lists them</li>")
+        lines.append(f"<li>and {len(found) - _MOST_EVENTS} more, see ffsm analyze</li>")
     return lines
 
 
@@ -115,15 +115,15 @@ def _note(run: Run, drawn: PageScene, poses: Poses) -> str:
 
 
 def _key(run: Run, drawn: PageScene) -> list[str]:
-    """What the colours of the scene mean, of those that are in it."""
-    way = "way of the tip" if "state.tip_x_m" in run.keys else "way of the base"
+    """Legend of the colours that occur in the scene."""
+    path = "path of the tip" if "state.tip_x_m" in run.keys else "path of the base"
     words = {
-        scene.BEFORE: f"{way} before the first event" if scene.AFTER in drawn.colours else way,
-        scene.AFTER: "after it",
-        scene.MARK: "what records mark",
-        moving.FORCE: "force of a contact" if not run.captures else "force on what is held, or of a contact",
-        moving.TORQUE: "torque on what is held",
-        moving.PLUME: "a thruster fires",
+        scene.BEFORE: f"{path} before the first event" if scene.AFTER in drawn.colours else path,
+        scene.AFTER: "after the first event",
+        scene.MARK: "events",
+        moving.FORCE: "contact force" if not run.captures else "force on the grasped object, or of a contact",
+        moving.TORQUE: "torque on the grasped object",
+        moving.PLUME: "firing thruster",
         scene.TARGET: "target",
     }
     return [
@@ -134,9 +134,9 @@ def _key(run: Run, drawn: PageScene) -> list[str]:
 
 
 def _verdict(run: Run, checks: tuple[Check, ...]) -> str:
-    parts = [verdict(run, checks) if checks else "no check to judge"]
+    parts = [verdict(run, checks) if checks else "no checks"]
     if not run.conservative:
-        parts.append(f"energy and momenta are not judged, the run is not conservative: {run.why_not_conservative}")
+        parts.append(f"energy and momenta are not checked, the run is not conservative: {run.why_not_conservative}")
     return "; ".join(parts)
 
 
@@ -155,8 +155,8 @@ def _check(check: Check) -> str:
     return f'<tr class="{state}"><td>{state}</td>{cells}</tr>'
 
 
-def _told(run: Run, drawn: PageScene, poses: Poses) -> dict[str, Any]:
-    """What the script must know."""
+def _script_data(run: Run, drawn: PageScene, poses: Poses) -> dict[str, Any]:
+    """Data for the script."""
     times = sorted({time for _, time, _ in run.log.marks() if np.isfinite(time)})
     return {
         "start": times[0] if times else 0.0,

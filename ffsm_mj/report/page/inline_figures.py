@@ -1,4 +1,4 @@
-"""The figures of a run as drawings inside a page: its colours, light or dark, and a line at the time that is shown."""
+"""Figures of a run as inline SVG: in the page's light or dark colours, with a cursor at the displayed time."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ffsm_mj.report.plots.style import publication
 
 _SHOWN = ("tip", "energies", "momenta", "contacts", "torques", "inputs", "conservation")
 _THEMED = {"000000": "ink", "ffffff": "paper", "d5d5d5": "grid", "f1f1f1": "shade", "0072b2": "blue", "444444": "faint"}
-"""Colours that the style of the page decides, by name."""
+"""Colours that are replaced by CSS variables of the page."""
 _COLOUR = re.compile("#(" + "|".join(_THEMED) + ")", re.IGNORECASE)
 _NOISE = re.compile(r'<metadata>.*?</metadata>|<!--.*?-->| id="[a-z0-9]+_\d+"', re.DOTALL)
-"""What a drawing in a page does not need: names of parts are those of every other drawing too."""
+"""Parts of an SVG to remove: metadata, comments, and ids that are not unique in the page."""
 
 
 def inline_figures(run: Run) -> dict[str, str]:
-    """SVG elements by the names of the figures, the most telling ones that the run has."""
+    """SVG elements by figure name, for the most important figures that the run has."""
     drawn = figures(run, _SHOWN)
     return {name: _inline(drawn[name], name) for name in _SHOWN if name in drawn}
 
@@ -38,7 +38,7 @@ def _inline(figure: Figure, name: str) -> str:
 
 
 def _cursors(figure: Figure) -> list[str]:
-    """A line in each axes over time; the page moves it."""
+    """A time cursor for each axes, moved by the script of the page."""
     width, height = (72.0 * inches for inches in figure.get_size_inches())
     lines = []
     for axes in figure.axes:

@@ -1,4 +1,4 @@
-"""What comes and goes in the scene of a page: forces and torques while they act, plumes of thrusters that fire."""
+"""Time-dependent parts of the scene: arrows of forces and torques while they act, plumes of firing thrusters."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from ffsm_mj.report.page.solids import Triangles, arrow, plume
 FORCE, TORQUE, PLUME = 0x009E73, 0xF0E442, 0xFFAA3C
 """Colours of forces, of torques and of plumes."""
 ARROW_M = (0.4, 1.5)
-"""Drawn lengths of an arrow, m; between them 1 m is 1 N s of an impulse, or 1 N."""
+"""Least and greatest length of an arrow, m; in between, 1 m is 1 N s of an impulse, or 1 N."""
 TICKS_PER_S = 1000.0
-"""K3D's time is in ms: it takes times less than 0.001 apart, whatever their unit, for the same."""
+"""K3D's time in ms: it merges times that differ by less than 0.001, whatever their unit."""
 FAR_M = 1e6
-"""What is farther away is not drawn at its place: it comes from a run that diverged."""
+"""Positions beyond this are clipped: they come from a run that diverged."""
 SWITCH_S = 1e-5
-"""How long it takes to appear or go: values between two times of a drawing change half-way."""
+"""Transition time to appear or disappear: K3D switches values half-way between two times."""
 
 
 def forces(layout: Layout, poses: Poses) -> Iterator[Any]:
-    """An arrow along the force on the second geom of each pair, or a load, that ends where it acts, while it does."""
+    """An arrow along each contact force on the second geom of a pair, or load, that ends at its point of application."""
     for pair in force_columns(layout):
         pressing = pair.pressing(poses.rows) & (pair.sizes(poses.rows) > 0.0)
         pushes, ends = (poses.rows[:, columns] for columns in (pair.vector, pair.centre))
@@ -41,7 +41,7 @@ def forces(layout: Layout, poses: Poses) -> Iterator[Any]:
 
 
 def plumes(layout: Layout, system: System, poses: Poses) -> Iterator[Any]:
-    """A cone along the exhaust of each thruster while it fires, as long as its share of its greatest force."""
+    """A cone along the exhaust of each firing thruster, with length proportional to force over maximum force."""
     for thruster in thrusters(layout, system).values():
         efforts, bounds = poses.rows[:, thruster.applied], poses.rows[0, thruster.bounds]
         full = max(abs(bounds[np.isfinite(bounds)]), default=0.0) or max(np.abs(efforts).max(), 1.0)
@@ -53,7 +53,7 @@ def plumes(layout: Layout, system: System, poses: Poses) -> Iterator[Any]:
 def _while(
     on: npt.NDArray[np.bool_], made: Triangles, colour: int, times: FloatArray, starts: FloatArray, vectors: FloatArray
 ) -> Iterator[Any]:
-    """A solid along vectors at the times at which it is there, (n,); nothing where it never is."""
+    """A solid along vectors, visible while the mask is set, (n,); nothing if it never is."""
     if on.any():
         matrices = map(along_z, starts[on], vectors[on])
         moving = dict(zip(map(tick, times[on].tolist()), matrices, strict=True))
@@ -61,7 +61,7 @@ def _while(
 
 
 def solid(made: Triangles, colour: int, matrix: Any, shown: dict[str, bool]) -> Any:
-    """A mesh of one colour at a place, or at places by time, that is shown some of the time."""
+    """A mesh of one colour with a constant or time-dependent pose and visibility."""
     corners, faces = made
     mesh = k3d.mesh(single(corners), faces.astype(np.uint32), color=colour, flat_shading=False, visible=shown)
     mesh.model_matrix = matrix
@@ -69,7 +69,7 @@ def solid(made: Triangles, colour: int, matrix: Any, shown: dict[str, bool]) -> 
 
 
 def along_z(start: FloatArray, vector: FloatArray) -> Any:
-    """The matrix that puts a solid of 1 m up the z axis between a start and the end of a vector; only its length changes."""
+    """Transform of a solid of 1 m along the z axis to a start point and a vector; it is scaled along its axis only."""
     length = np.linalg.norm(vector)
     across = np.cross(vector, np.eye(3)[np.argmin(np.abs(vector))])
     across /= np.linalg.norm(across)
@@ -79,13 +79,13 @@ def along_z(start: FloatArray, vector: FloatArray) -> Any:
 
 
 def _spans(times: FloatArray, on: npt.NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """From the first to the last time of each stretch that is on."""
+    """First and last time of each interval in which the mask is set."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
     return [(float(times[first]), float(times[end - 1])) for first, end in edges.reshape(-1, 2)]
 
 
 def during(spans: Iterable[tuple[float, float]]) -> dict[str, bool]:
-    """Visible in some spans of time only; the ends belong to them."""
+    """Visibility by time for some closed intervals."""
     found = {0.0: False}
     for start, end in spans:
         found |= {max(start - SWITCH_S, 0.0): False, start: True, end: True, end + SWITCH_S: False}
@@ -93,10 +93,10 @@ def during(spans: Iterable[tuple[float, float]]) -> dict[str, bool]:
 
 
 def tick(time: float) -> str:
-    """A time in s as K3D has it."""
+    """K3D's key of a time in s."""
     return repr(TICKS_PER_S * time)
 
 
 def single(values: Any) -> Any:
-    """Numbers in single precision, all finite."""
+    """Finite numbers in single precision."""
     return np.nan_to_num(np.clip(values, -FAR_M, FAR_M)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""When in a run a page knows where the bodies are: evenly spaced times, and every event at its very instant."""
+"""Keyframes of a page: poses of the bodies at evenly spaced times and at the exact time of each event."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.report.plots.subject import Subject
 
 _MOST, _PER_SECOND = 600, 50.0
-"""Poses besides those at events, in all and of a short run; a browser turns and moves evenly between them."""
+"""Greatest and, for a short run, least number of poses besides events; a browser interpolates between them."""
 
 
 @dataclass(frozen=True)
 class Poses(Frames):
-    """Poses of all bodies at some times of a run, in order; each row is the one at or after the time.
+    """Poses of all bodies at increasing times of a run, each from the first row at or after the time.
 
     Attributes:
-        events: How many of the times are events.
+        events: Number of the times that are events.
     """
 
     events: int
 
     @property
     def said(self) -> str:
-        """How many there are, for a person."""
+        """One line with the number of poses."""
         at = f", {self.events} of them at events" if self.events else ""
         return f"{len(self.times)} poses over {self.times[-1]:g} s{at}"
 
     def nearest(self, time: float) -> int:
-        """Number of the pose nearest to a time."""
+        """Index of the pose nearest to a time."""
         return int(np.argmin(np.abs(self.times - time)))
 
 
@@ -45,11 +45,11 @@ def picked_times(run: Run) -> FloatArray:
 
 
 def poses(subject: Subject) -> Poses:
-    """Poses at evenly spaced times, and at each event those that its record tells."""
+    """Poses at evenly spaced times, and at each event from its record."""
     run = subject.run
     rows = np.unique(np.clip(np.searchsorted(run.time, picked_times(run) - 1e-9), 0, len(run.time) - 1))
     found = dict(zip(run.time[rows].tolist(), run.qpos[rows], strict=True))
-    # A log may hold any numbers: a record draws what its models have coordinates for.
+    # A log may hold any numbers: use a record only if its number of coordinates is that of the models.
     held = {kind_of(record).time(record): np.array(record.qpos) for record in run.log.events() if hasattr(record, "qpos")}
     told = {time: qpos for time, qpos in held.items() if qpos.shape == (subject.system.mj.nq,) and np.isfinite(qpos).all()}
     found |= told

@@ -29,14 +29,14 @@ MOST_MARKS = 200
 
 @dataclass(frozen=True)
 class PageScene:
-    """What the page's script shows.
+    """Scene for the script of the page.
 
     Attributes:
-        snapshot: For K3D's viewer, compressed.
-        centre: What the camera looks at, (3,), m.
-        radius: Of a ball around it that is to be in view, m.
-        undrawn: How many marks are beyond those that are drawn.
-        colours: Of all that is no body.
+        snapshot: Compressed snapshot for K3D's viewer.
+        centre: Target of the camera, (3,), m.
+        radius: Radius of the sphere around it that must be in view, m.
+        undrawn: Number of marks that are not drawn.
+        colours: Colours of everything except bodies.
     """
 
     snapshot: bytes
@@ -47,7 +47,7 @@ class PageScene:
 
 
 def scene(subject: Subject, poses: Poses) -> PageScene:
-    """Draw a run."""
+    """Draw the scene of a run."""
     found = [(time, mark) for _, time, mark in subject.marks if np.isfinite((time, *mark.point_m, *mark.direction)).all()]
     marks = sorted(found, key=lambda drawn: drawn[0])
     low, high = _box(subject, poses, marks)
@@ -64,7 +64,7 @@ def scene(subject: Subject, poses: Poses) -> PageScene:
 
 
 def _box(subject: Subject, poses: Poses, marks: list[tuple[float, Mark]]) -> tuple[FloatArray, FloatArray]:
-    """Corners of a box around what is worth looking at first: bodies at the start and the first mark, marks, the target."""
+    """Corners of the initial view box: bodies at the start and at the first mark, marks, the target."""
     moments = [0, *(poses.nearest(marks[0][0]) for _ in marks[:1])]
     points = [poses.positions[moments, 1:].reshape(-1, 3), *(np.array([mark.point_m]) for _, mark in marks[:MOST_MARKS])]
     task = logged_task(subject.run.log.header.facts)
@@ -91,7 +91,7 @@ def _others(subject: Subject, poses: Poses, marks: list[tuple[float, Mark]]) -> 
 
 
 def _bodies(subject: Subject, poses: Poses) -> Iterator[Any]:
-    """One mesh for all shapes of a body that are equally opaque and shaded alike."""
+    """One mesh for all shapes of a body with the same opacity and shading."""
     groups: dict[tuple[int, float, bool], list[DrawnShape]] = {}
     for shape in shapes(subject.system):
         groups.setdefault((shape.body, shape.rgba[3], shape.kind == "mesh"), []).append(shape)
@@ -106,7 +106,7 @@ def _bodies(subject: Subject, poses: Poses) -> Iterator[Any]:
 
 
 def _matrices(poses: Poses, body: int) -> Any:
-    """Where a body is over time, or for good where it never moves."""
+    """Pose of a body over time, or one constant pose if it never moves."""
     matrices = np.tile(np.eye(4), (len(poses.times), 1, 1))
     turn = np.empty(9)
     for matrix, quaternion in zip(matrices, poses.quaternions[:, body], strict=True):
@@ -120,7 +120,7 @@ def _matrices(poses: Poses, body: int) -> Any:
 
 
 def _paths(subject: Subject, marks: list[tuple[float, Mark]]) -> Iterator[Any]:
-    """The way of the tip, or of the root of the robot where there is no tip, in another colour from the first mark on."""
+    """Path of the tip, or of the robot's base without a tip; it changes colour at the first mark."""
     robot = subject.system.robot
     path = subject.tip if subject.tip is not None else subject.roots[robot.name]
     times = subject.run.time[subject.chosen]
@@ -131,7 +131,7 @@ def _paths(subject: Subject, marks: list[tuple[float, Mark]]) -> Iterator[Any]:
 
 
 def _mark(time: float, mark: Mark, told_until: float) -> Iterator[Any]:
-    """An arrow that ends at its point, where nothing hides it, or a dot; the text beside it until the next one's."""
+    """An arrow that ends at its point and is never occluded, or a dot; its text is shown until that of the next mark."""
     shown, point = during([(time, time + SHOWN_S)]), np.array(mark.point_m)
     push = np.array(mark.direction) * float(np.clip(mark.magnitude, *ARROW_M))
     if push.any():

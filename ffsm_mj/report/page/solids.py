@@ -1,4 +1,4 @@
-"""Drawn shapes as triangles: all but boxes and meshes are surfaces of revolution about their z axis."""
+"""Triangle meshes of drawn shapes; all but boxes and meshes are surfaces of revolution about their z axis."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.drawing import DrawnShape
 
 _AROUND, _ALONG = 40, 12
-"""Edges of a full turn, and of a quarter of a meridian."""
+"""Number of edges per turn, and per quarter of a meridian."""
 _ARROW = (
     [(0.0, 0.0), (0.035, 0.0)],
     [(0.035, 0.0), (0.035, 0.75)],
     [(0.035, 0.75), (0.09, 0.75)],
     [(0.09, 0.75), (0.0, 1.0)],
 )
-"""Meridians of an arrow of 1 m: its end, shaft, the back of its head and its head."""
+"""Meridians of an arrow of 1 m: end cap, shaft, back of the head, head."""
 
 Triangles = tuple[FloatArray, npt.NDArray[np.int32]]
-"""Corners (n, 3) in m, and which three of them make each triangle, (m, 3), anticlockwise from outside."""
+"""Vertices (n, 3) in m, and vertex indices of triangles, (m, 3), anticlockwise from outside."""
 
 
 def triangles(shape: DrawnShape) -> Triangles:
-    """The surface of a shape in the frame of its body; a corner belongs to one smooth face, so edges stay sharp."""
+    """Surface of a shape in the frame of its body; smooth faces share no vertices, so edges stay sharp."""
     if shape.kind == "mesh":
         corners, faces = shape.vertices, shape.triangles
     elif shape.kind == "box":
@@ -49,7 +49,7 @@ def plume() -> Triangles:
 
 
 def joined(parts: list[Triangles]) -> Triangles:
-    """Several surfaces as one."""
+    """Concatenate several surfaces."""
     firsts = np.cumsum([0, *(len(corners) for corners, _ in parts)])
     faces = [faces + first for (_, faces), first in zip(parts, firsts, strict=False)]
     return np.concatenate([corners for corners, _ in parts]), np.concatenate(faces).astype(np.int32)
