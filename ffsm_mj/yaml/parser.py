@@ -1,27 +1,23 @@
-"""YAML text to a tree of nodes: one document, keys that are texts, no tags but the plain ones, and no more than was written.
+"""YAML text to a tree of nodes: one document, text keys, no tags beyond those of the core schema, bounded depth and size.
 
-The tree is built from the parser's events rather than by its constructors: they make objects out of tags, follow aliases of
-aliases until the memory is full, and recurse as deep as the file likes.
+ruamel.yaml composes the text into its own nodes, which have positions; they are converted here. Its constructors are not
+used: they make objects out of tags, lose positions, and expand aliases of aliases until memory is exhausted.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer, ComposerError
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.events import (
-    AliasEvent,
-    CollectionEndEvent,
-    CollectionStartEvent,
-    DocumentStartEvent,
-    MappingStartEvent,
-    ScalarEvent,
-)
+from ruamel.yaml.events import AliasEvent, CollectionStartEvent, ScalarEvent
+from ruamel.yaml.nodes import MappingNode, ScalarNode
 from ruamel.yaml.reader import ReaderError
+from ruamel.yaml.tag import Tag
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.yaml.node import Node, Place
@@ -93,10 +89,13 @@ def parse(text: str, path: Path) -> Node:
     """
     if len(text) > MAX_CHARACTERS:
         raise YamlFault(Place(path), f"{len(text)} characters; at most {MAX_CHARACTERS} are read")
-    builder = _Builder(path)
+    reader = YAML(typ="safe", pure=True)
+    reader.Composer = _LimitedComposer
+    reader.composer.place = Place(path)
     try:
-        for event in YAML(typ="safe", pure=True).parse(text):
-            builder.take(event)
+        composed = reader.compose(text)
+    except ComposerError as error:  # the one that is left: undefined aliases are found before
+        raise YamlFault(_place(path, error.problem_mark), "a second document begins here; a file holds one") from error
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         problem = " ".join((error.problem or error.context or "not YAML").split())
@@ -105,8 +104,8 @@ def parse(text: str, path: Path) -> Node:
         raise YamlFault(_at(path, text[: error.position]), _unreadable(error.character)) from error
     except (YAMLError, ValueError, OverflowError) as error:  # the number of a character, of a version
         problem = " ".join(str(error).split())
-        raise YamlFault(builder.place, f"malformed YAML behind this place: {problem}") from error
-    return builder.root
+        raise YamlFault(reader.composer.place, f"malformed YAML behind this place: {problem}") from error
+    return Node(None, Place(path)) if composed is None else _Converter(path).node(composed)
 
 
 def _decoded(content: bytes, path: Path) -> str:
@@ -133,60 +132,131 @@ def _place(path: Path, mark: Any) -> Place:
     return Place(path, mark.line + 1, mark.column + 1) if mark is not None else Place(path)
 
 
-@dataclass
-class _Open:
-    """A mapping or list that has begun.
+@dataclass(frozen=True)
+class _Alias:
+    """Stands in ruamel's tree for an alias, whose position would be lost otherwise."""
+
+    target: Any
+    place: Place
+
+
+_UNTAGGED = Tag(suffix="?")  # YAML's name for it; compared by identity, since a file can write any tag
+_TEXT = Tag(suffix="tag:yaml.org,2002:str")
+
+
+class _LimitedComposer(Composer):
+    """ruamel's composer with limits; it keeps the positions of aliases and tells a written tag from a resolved one.
 
     Attributes:
-        place: Where it begins.
-        anchor: Its name for aliases.
-        mapping: Values by key; None of a list.
-        items: Values of a list.
-        key: A key whose value is still to come, and where it stands; a key of None is a merge, ``<<``.
-        merged: Mappings that were merged in; the first has the last word, and what stands in the mapping itself before all.
+        place: Where the last node begins; set to the file before the first.
     """
 
     place: Place
-    anchor: str | None
-    mapping: dict[str, Node] | None
-    items: list[Node] = field(default_factory=list)
-    key: tuple[str | None, Place] | None = None
-    merged: list[Node] = field(default_factory=list)
+    _nodes = 0
 
-    def add(self, node: Node) -> None:
-        """A key, the value of the last key, or an item."""
-        if self.mapping is None:
-            self.items.append(node)
-        elif self.key is None:
-            self.key = _key(node, self.mapping), node.place
+    def __init__(self, loader: Any = None) -> None:
+        super().__init__(loader)
+        self.warn_double_anchors = False  # YAML lets an anchor be defined again
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose the next node; called by ruamel for the root, each key, value and item."""
+        event = self.parser.peek_event()
+        self.place = place = _place(self.place.path, event.start_mark)
+        self._nodes += 1
+        if self._nodes > 2 * MAX_VALUES:  # keys are counted here, they are no values
+            raise YamlFault(self.place, f"more than {MAX_VALUES} values")
+        if isinstance(event, AliasEvent):
+            self._check_alias(event.anchor)
+            return _Alias(super().compose_node(parent, index), place)
+        if isinstance(event, CollectionStartEvent) and self.depth >= MAX_DEPTH:
+            raise YamlFault(self.place, f"more than {MAX_DEPTH} lists and mappings inside one another")
+        # ruamel resolves what has no tag by another schema than ours, and "!" like no tag where it means a text.
+        if event.ctag is None:
+            event.ctag = _UNTAGGED
+        elif isinstance(event, ScalarEvent) and str(event.ctag) == "!":
+            event.ctag = _TEXT
+        return super().compose_node(parent, index)
+
+    def _check_alias(self, anchor: str) -> None:
+        if anchor not in self.anchors:
+            raise YamlFault(self.place, f"the alias *{anchor} stands for nothing: there is no &{anchor} before it")
+        if self.anchors[anchor].end_mark is None:  # a collection that has not ended
+            raise YamlFault(self.place, f"the alias *{anchor} stands inside of what it stands for")
+
+
+class _Converter:
+    """Converts ruamel's nodes; what an alias stands for is converted once, before the alias."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._converted: dict[int, Node] = {}
+
+    def node(self, composed: Any, depth: int = 0) -> Node:
+        """Convert a node that lies inside of so many mappings and lists.
+
+        Raises:
+            YamlFault: It has a tag or a key that is not allowed, or is too large.
+        """
+        place = composed.place if isinstance(composed, _Alias) else _place(self._path, composed.start_mark)
+        if isinstance(composed, _Alias):
+            target = self._converted[id(composed.target)]
+            node = Node(target.value, place, target.size, target.depth)
+        elif isinstance(composed, ScalarNode):
+            node = Node(_scalar(composed, place), place)
         else:
-            (name, place), self.key = self.key, None
-            if name is None:
-                self.merged += _mappings(node, place)
-            else:
-                self.mapping[name] = Node(node.value, place, node.size, node.depth)
+            node = self._collection(composed, place, depth)
+        if node.size > MAX_VALUES:
+            raise YamlFault(place, f"{node.size} values, aliases counted each time; at most {MAX_VALUES} are read")
+        if node.depth + depth > MAX_DEPTH:
+            raise YamlFault(place, f"more than {MAX_DEPTH} lists and mappings inside one another, aliases followed")
+        self._converted[id(composed)] = node
+        return node
 
-    def node(self) -> Node:
-        """The whole, once it has ended."""
-        value: dict[str, Node] | list[Node] = self.items
-        if self.mapping is not None:
-            value = self.mapping
-            for merged in self.merged:
-                value = {
-                    key: Node(node.value, self.place, node.size, node.depth) for key, node in merged.value.items()
-                } | value
+    def _collection(self, composed: Any, place: Place, depth: int) -> Node:
+        is_mapping, tag = isinstance(composed, MappingNode), str(composed.ctag)
+        if composed.ctag is not _UNTAGGED and core_tag(tag) != ("map" if is_mapping else "seq"):
+            raise YamlFault(place, f"the tag {shown_tag(tag)} means nothing here; leave it out")
+        value: dict[str, Node] | list[Node]
+        if is_mapping:
+            value = self._mapping(composed, place, depth + 1)
+        else:
+            value = [self.node(item, depth + 1) for item in composed.value]
         inside = value.values() if isinstance(value, dict) else value
         size = 1 + sum(node.size for node in inside)
-        return Node(value, self.place, size, 1 + max((node.depth for node in inside), default=0))
+        return Node(value, place, size, 1 + max((node.depth for node in inside), default=0))
+
+    def _mapping(self, composed: Any, place: Place, depth: int) -> dict[str, Node]:
+        """Values by key, with the place of the key; a merged key yields to one written here and to one merged before."""
+        own: dict[str, Node] = {}
+        merged: list[Node] = []
+        for composed_key, composed_value in composed.value:
+            key = self.node(composed_key, depth)
+            is_merge = _is_merge(composed_key)
+            name = "<<" if is_merge else _key(key, own)
+            node = self.node(composed_value, depth)
+            if is_merge:
+                merged += _mappings(node, key.place)
+            else:
+                own[name] = Node(node.value, key.place, node.size, node.depth)
+        for mapping in merged:
+            own = {key: Node(node.value, place, node.size, node.depth) for key, node in mapping.value.items()} | own
+        return own
 
 
-class _Merge:
-    """Stands for the plain key ``<<``."""
+def _scalar(composed: Any, place: Place) -> Any:
+    tag = None if composed.ctag is _UNTAGGED else str(composed.ctag)
+    try:
+        return scalar(composed.value, quoted=composed.style is not None, tag=tag)
+    except ValueError as error:
+        raise YamlFault(place, str(error)) from error
 
 
-def _key(node: Node, mapping: dict[str, Node]) -> str | None:
-    if isinstance(node.value, _Merge):
-        return None
+def _is_merge(key: Any) -> bool:
+    """Whether a key is a plain ``<<``."""
+    return isinstance(key, ScalarNode) and key.value == "<<" and key.style is None and key.ctag is _UNTAGGED
+
+
+def _key(node: Node, mapping: dict[str, Node]) -> str:
     if not isinstance(node.value, str):
         what = {dict: "a mapping", list: "a list", type(None): "nothing"}.get(type(node.value), str(node.value))
         raise YamlFault(node.place, f"a key must be a text, this is {what}; write it in quotes")
@@ -201,82 +271,3 @@ def _mappings(node: Node, place: Place) -> list[Node]:
     if not all(isinstance(item.value, dict) for item in found):
         raise YamlFault(place, "'<<' takes a mapping, or a list of mappings, to merge in")
     return [Node(item.value, place) for item in found]
-
-
-class _Builder:
-    """Puts events together.
-
-    Attributes:
-        root: The tree; null of an empty text.
-        place: Of the last event.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._anchors: dict[str, Node | None] = {}
-        self._open: list[_Open] = []
-        self._documents = self._values = 0
-        self.place = Place(path)
-        self.root = Node(None, self.place)
-
-    def take(self, event: Any) -> None:
-        """The next event of the parser."""
-        self.place = _place(self._path, event.start_mark)
-        self._values += 1
-        if self._values > 2 * MAX_VALUES:  # a mapping's keys are no values, and the end of a list is an event
-            raise YamlFault(self.place, f"more than {MAX_VALUES} values")
-        if isinstance(event, AliasEvent):
-            self._add(self._known(event.anchor))
-        elif isinstance(event, ScalarEvent):
-            self._anchored(event.anchor, Node(self._scalar(event), self.place))
-        elif isinstance(event, CollectionStartEvent):
-            self._begin(event)
-        elif isinstance(event, CollectionEndEvent):
-            ended = self._open.pop()
-            self._anchored(ended.anchor, ended.node())
-        elif isinstance(event, DocumentStartEvent):
-            self._documents += 1
-            if self._documents > 1:
-                raise YamlFault(self.place, "a second document begins here; a file holds one")
-
-    def _scalar(self, event: Any) -> Any:
-        is_key = bool(self._open) and self._open[-1].mapping is not None and self._open[-1].key is None
-        if is_key and event.value == "<<" and event.style is None and event.ctag is None:
-            return _Merge()
-        try:
-            return scalar(event.value, quoted=event.style is not None, tag=None if event.ctag is None else str(event.ctag))
-        except ValueError as error:
-            raise YamlFault(self.place, str(error)) from error
-
-    def _begin(self, event: Any) -> None:
-        mapping = isinstance(event, MappingStartEvent)
-        if event.ctag is not None and str(event.ctag) != "!" and core_tag(str(event.ctag)) != ("map" if mapping else "seq"):
-            raise YamlFault(self.place, f"the tag {shown_tag(str(event.ctag))} means nothing here; leave it out")
-        if len(self._open) >= MAX_DEPTH:
-            raise YamlFault(self.place, f"more than {MAX_DEPTH} lists and mappings inside one another")
-        if event.anchor is not None:
-            self._anchors[event.anchor] = None  # not whole yet
-        self._open.append(_Open(self.place, event.anchor, {} if mapping else None))
-
-    def _known(self, anchor: str) -> Node:
-        if anchor not in self._anchors:
-            raise YamlFault(self.place, f"the alias *{anchor} stands for nothing: there is no &{anchor} before it")
-        node = self._anchors[anchor]
-        if node is None:
-            raise YamlFault(self.place, f"the alias *{anchor} stands inside of what it stands for")
-        return Node(node.value, self.place, node.size, node.depth)
-
-    def _anchored(self, anchor: str | None, node: Node) -> None:
-        if anchor is not None:
-            self._anchors[anchor] = node
-        self._add(node)
-
-    def _add(self, node: Node) -> None:
-        if node.size > MAX_VALUES:
-            raise YamlFault(node.place, f"{node.size} values, aliases counted each time; at most {MAX_VALUES} are read")
-        if node.depth + len(self._open) > MAX_DEPTH:
-            raise YamlFault(self.place, f"more than {MAX_DEPTH} lists and mappings inside one another, aliases followed")
-        if self._open:
-            self._open[-1].add(node)
-        else:
-            self.root = node
