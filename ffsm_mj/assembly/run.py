@@ -27,7 +27,7 @@ from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.sink import Sink
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.records.events import Outcome, OutcomeRecord
-from ffsm_mj.records.facts import conservative_facts, free_facts, gravity_facts, model_facts, task_facts
+from ffsm_mj.records.facts import FORMAT_VERSION, conservative_facts, free_facts, gravity_facts, model_facts, task_facts
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.scenario import Scenario
@@ -138,7 +138,7 @@ def versions() -> dict[str, str]:
 def _facts(assembly: Assembly) -> dict[str, str]:
     config = assembly.scenario
     facts = {
-        "format_version": "2",
+        "format_version": FORMAT_VERSION,
         "scenario": config.name,
         "created_utc": (source_date() or datetime.now(UTC)).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "duration_s": repr(config.duration_s),

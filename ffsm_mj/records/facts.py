@@ -18,6 +18,8 @@ from ffsm_mj.errors import one_line
 from ffsm_mj.model.properties import PropertyChange, Value, shown
 from ffsm_mj.records.signals import SUBSYSTEMS
 
+FORMAT_VERSION = "3"
+"""Version of the log format: names of topics, columns and record fields. A log of another version is refused by it."""
 _ALL_FREE = "1 1 1 1 1 1"
 _MODELS = ("model", "controller_model")
 _TIMES = ("time_step_s", "control_period_s")
@@ -130,6 +132,14 @@ def _leaves(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, 
             yield from _leaves(value, (*path, key))
     else:
         yield path, node
+
+
+def fault_of_version(facts: Mapping[str, str]) -> str:
+    """Why a log of another format version cannot be read; empty for the current version."""
+    version = facts.get("format_version", "")
+    if version == FORMAT_VERSION:
+        return ""
+    return f"log format {one_line(version) or 'unknown'}; this version of ffsm-mj reads format {FORMAT_VERSION}"
 
 
 def fault_of_facts(facts: Mapping[str, str]) -> str:

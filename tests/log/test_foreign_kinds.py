@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from mcap.records import Message, Schema
+from mcap.records import Channel, Message, Schema
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
@@ -93,6 +93,21 @@ def test_impacts_of_another_version_are_refused(plain_run, tmp_path):
     ]
     (tmp_path / "x.mcap").write_bytes(log(found))
     with pytest.raises(LogError, match=r"not of this version's format .the schema of /ffsm/impact is another"):
+        ffsm_mj.load_run(tmp_path / "x.mcap")
+
+
+@pytest.mark.parametrize(("facts", "told"), [({"format_version": "2"}, "log format 2"), ({}, "log format unknown")])
+def test_a_log_of_another_format_is_refused_by_its_version(plain_run, tmp_path, facts, told):
+    """Its columns have other names: the version says so before anything of them is looked for."""
+    recorded(plain_run, tmp_path / "out", kinds=())
+    found = []
+    for record in records((tmp_path / "out" / "run.mcap").read_bytes()):
+        if isinstance(record, Channel) and record.topic == "/ffsm/sample":
+            kept = {key: value for key, value in record.metadata.items() if key != "format_version"}
+            record = replace(record, metadata=kept | facts)  # noqa: PLW2901
+        found.append(record)
+    (tmp_path / "x.mcap").write_bytes(log(found))
+    with pytest.raises(LogError, match=rf"x.mcap: {told}; this version of ffsm-mj reads format 3$"):
         ffsm_mj.load_run(tmp_path / "x.mcap")
 
 

@@ -24,7 +24,7 @@ from ffsm_mj.log.mcap.salvage import MAGIC, Salvage
 from ffsm_mj.log.mcap.stored_rows import StoredRows
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.facts import fault_of_facts
+from ffsm_mj.records.facts import fault_of_facts, fault_of_version
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds
 from ffsm_mj.records.run_log import RunLog, run_log
@@ -157,6 +157,8 @@ class _Contents:
             if form.FACTS_METADATA in self.metadata:
                 raise LogError(path, "the log breaks off, or is damaged, before its first sample")
             raise LogError(path, "not a log of ffsm-mj, or it breaks off before it begins")
+        if fault := fault_of_version(channel.metadata):
+            raise LogError(path, fault)
         try:
             layout = form.layout_of_schema(self.schemas[channel.schema_id], self.metadata.get(form.SIGNALS_METADATA, {}))
             size = MESSAGE_HEAD + form.SampleCodec(layout).message_size
