@@ -23,7 +23,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.friction import impact_with_friction, tangents
-from ffsm_mj.contact_models.impact.laws import LAWS
+from ffsm_mj.contact_models.impact.laws import FRICTIONLESS
 
 CONTACTS = (1, 2, 3, 4, 6)
 FRICTION = ("blend", "poisson")
@@ -70,7 +70,7 @@ def with_friction(one: Scene, law: str) -> str:
 
 def without_friction(one: Scene, law: str) -> str:
     """The same for the law of the normals alone."""
-    return "jammed" if LAWS[law](one.A[::3], one.w, one.e).jammed else "ok"
+    return "jammed" if FRICTIONLESS[law](one.A[::3], one.w, one.e).jammed else "ok"
 
 
 def cost(count: int, solve: Callable[[Scene], str], impacts: int) -> Cost:

@@ -1,22 +1,34 @@
-"""Exact impacts, usable alone on any MuJoCo model: ``resolve``, ``reflect`` and the paper's own system as the oracle."""
+"""Exact impacts, usable alone on any MuJoCo model: ``resolve``, ``reflect`` and the paper's own system as the oracle.
+
+:class:`ImpactLaw` is the interface of impact laws, ``register_law`` makes one known; see ``docs/impact-laws.md``.
+"""
 
 from __future__ import annotations
 
 from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
+from ffsm_mj.contact_models.impact.installed_laws import register as register_law
+from ffsm_mj.contact_models.impact.law import Coverage, ImpactLaw, ImpactProblem, ImpactSolution
 from ffsm_mj.contact_models.impact.laws import reflect
 from ffsm_mj.contact_models.impact.paper import PaperSolution, solve_paper_system
 from ffsm_mj.contact_models.impact.resolution import Impact, ImpactState, compare_laws, resolve
 from ffsm_mj.contact_models.impact.with_friction import Friction
+from ffsm_mj.records.events import ImpactRecord
 
 __all__ = [
     "Contact",
+    "Coverage",
     "Friction",
     "Impact",
+    "ImpactLaw",
+    "ImpactProblem",
+    "ImpactRecord",
+    "ImpactSolution",
     "ImpactState",
     "PaperSolution",
     "compare_laws",
     "contact_jacobian",
     "reflect",
+    "register_law",
     "resolve",
     "solve_paper_system",
 ]

@@ -18,6 +18,7 @@ from ffsm_mj.log.model import compile_log
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.scenario.impact_law import UNUSABLE_LAW
 from ffsm_mj.scenario.scenario import Scenario, timing_faults, with_contact_models
 
 _NO_LAW = [{"name": "any", "until": "end", "controller": {"kind": "off"}}]
@@ -67,6 +68,9 @@ def _scenario(log: RunLog) -> Scenario:
             Scenario.model_validate(scenario_data(log) | {"phases": _NO_LAW, "controller_model": {}})
         )
     except ValidationError as error:
+        for item in error.errors():
+            if item["type"] == UNUSABLE_LAW:
+                raise InputError(f"the impact law {item['input']!r} of the log is not installed") from error
         keys = ", ".join(sorted({".".join(map(str, fault["loc"])) for fault in error.errors()}))
         raise InputError(f"the scenario in the log is not of this version ({keys})") from error
     except ScenarioFaults as error:

@@ -11,6 +11,7 @@ from ffsm_controllers import kinds
 from pydantic import ValidationError
 
 from ffsm_mj.actuation.actuator_config import ACTUATOR_KINDS
+from ffsm_mj.contact_models.impact.installed_laws import impact_law
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.scenario.contact_models import fault_of_ending
 from ffsm_mj.scenario.faults import KindNames, plain_faults
@@ -94,7 +95,7 @@ def _with_script_laws(scenario: Scenario, laws: Mapping[str, Any]) -> Scenario:
 
 
 def _other_faults(scenario: Scenario) -> list[Fault]:
-    faults = timing_faults(scenario) + _friction_faults(scenario)
+    faults = timing_faults(scenario) + _impact_law_faults(scenario)
     frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
     if frames > _MOST_FRAMES and not faults:
         faults.append(Fault(f"makes {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", ("log", "view_rate_hz")))
@@ -123,9 +124,14 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
     return faults
 
 
-def _friction_faults(scenario: Scenario) -> list[Fault]:
-    """What is wrong with friction and the law of impact together."""
-    if scenario.impact.law != "newton":
-        return []
-    message = "friction under 'impact.law: newton' can gain energy; let mu be 0, or the law 'blend' or 'poisson'"
-    return [Fault(message, ("impact_pairs", i, "mu")) for i, pair in enumerate(scenario.impact_pairs) if pair.mu > 0.0]
+def _impact_law_faults(scenario: Scenario) -> list[Fault]:
+    """Friction and restitution of pairs that the impact law does not cover; several contacts are known at an impact only."""
+    law, faults = impact_law(scenario.impact.law), []
+    friction = f"'impact.law: {law.name}' does not cover friction; let mu be 0, or the law 'blend' or 'poisson'"
+    super_elastic = f"'impact.law: {law.name}' does not cover super-elastic impacts (e > 1)"
+    for i, pair in enumerate(scenario.impact_pairs):
+        if pair.mu > 0.0 and not law.covers.friction:
+            faults.append(Fault(friction, ("impact_pairs", i, "mu")))
+        if pair.restitution > 1.0 and not law.covers.super_elastic:
+            faults.append(Fault(super_elastic, ("impact_pairs", i, "restitution")))
+    return faults

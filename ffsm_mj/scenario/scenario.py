@@ -20,21 +20,19 @@ from pydantic import (
 from ffsm_mj.actuation.actuator_config import ActuatorConfig
 from ffsm_mj.config import StrictModel
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
-from ffsm_mj.contact_models.impact.laws import LAWS
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.pose import Pose
 from ffsm_mj.model.properties import Trees
 from ffsm_mj.model.strip import Strippable
 from ffsm_mj.scenario.contact_models import REGIME_SCHEMA, validated_contact_models
 from ffsm_mj.scenario.element_names import element_name
+from ffsm_mj.scenario.impact_law import LawName
 from ffsm_mj.scenario.source import YamlSource
 
 _KINDS = kinds()
 if TYPE_CHECKING:
     ControllerConfig: TypeAlias = Any
-    LawName: TypeAlias = str
 else:
-    LawName = Literal[tuple(LAWS)]
     ControllerConfig = Annotated[
         Union[tuple(cls.Config for cls in _KINDS.classes.values())],  # noqa: UP007 (a union of unknown length)
         Field(discriminator="kind"),
@@ -219,7 +217,7 @@ class ImpactConfig(StrictModel):
     """Law and limits of impact resolution."""
 
     law: LawName = "blend"
-    """What rules where several contacts meet at one instant; one alone is the same under all. No ``newton`` with mu."""
+    """An installed impact law; the built-in ones differ where several contacts meet at once. No ``newton`` with mu."""
     rest_interval_s: Annotated[float, Field(ge=0.0)] | None = None
     """A contact with e < 1 lasts once its next flight, as it is pressed, would be shorter, s; left out: time_step_s."""
     rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 0.0

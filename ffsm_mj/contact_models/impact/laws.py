@@ -112,11 +112,12 @@ def newton(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
     return _result(A, w, (1.0 + e) * project(A, w))
 
 
-LAWS: dict[str, Callable[[FloatArray, FloatArray, FloatArray], LawResult]] = {
+FRICTIONLESS: dict[str, Callable[[FloatArray, FloatArray, FloatArray], LawResult]] = {
     "blend": blend,
     "poisson": poisson,
     "newton": newton,
 }
+"""Solutions of (A, w, e) by the name of the built-in law that uses them for several contacts."""
 
 
 def project(A: FloatArray, w: FloatArray) -> FloatArray:

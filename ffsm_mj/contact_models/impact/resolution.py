@@ -2,9 +2,8 @@
 
 One contact with normal n and common point p, J_n = n^T (J_b(p) - J_a(p)), u = J_n qdot < 0: the impulse is
 -(1 + e) u / (J_n M^-1 J_n^T) and qdot+ = qdot- + M^-1 J_n^T impulse. For e = 1 this is the solution of the paper's
-momentum equations (17) and energy equation (18). Several contacts at one instant go by a law of
-:mod:`ffsm_mj.contact_models.impact.laws`;
-contacts with friction by those of :mod:`ffsm_mj.contact_models.impact.friction`, others never get near them.
+momentum equations (17) and energy equation (18). This is what the built-in laws answer for one contact; the impulses of any
+impact come from an impact law, see :mod:`ffsm_mj.contact_models.impact.law`.
 """
 
 from __future__ import annotations
@@ -18,7 +17,9 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
-from ffsm_mj.contact_models.impact.laws import IMMOVABLE, LAWS, reflect
+from ffsm_mj.contact_models.impact.installed_laws import impact_law, impact_laws
+from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, solve_impact
+from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.contact_models.impact.with_friction import Answer, Friction, resolve_with_friction
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
@@ -87,16 +88,17 @@ def resolve(model: Any, data: Any, contacts: Sequence[Contact], law: str = "blen
         model: Any MuJoCo model, composed by this package or not.
         data: Its state at the instant of impact.
         contacts: All touching points.
-        law: What rules where several contacts meet: ``blend``, ``poisson`` or ``newton``; see
-            :mod:`ffsm_mj.contact_models.impact.laws`.
-            With friction one contact goes by ``stronge``, and several by ``coulomb`` in place of ``blend``.
+        law: Name of the impact law: ``blend``, ``poisson``, ``newton`` or an installed one. The built-in laws agree for one
+            contact without friction; with friction one is solved by ``stronge``, and several by ``coulomb`` for ``blend``.
 
     Raises:
         UnsupportedContactError: The law does not cover these contacts.
         ValueError: No contacts, an unknown law, a negative mu, or bodies that cannot move along their normal.
     """
-    if law not in LAWS:
-        raise ValueError(f"unknown impact law {law!r}; allowed: {', '.join(LAWS)}")
+    try:
+        named = impact_law(law)
+    except LookupError as error:
+        raise ValueError(str(error.args[0])) from None
     if not contacts:
         raise ValueError("an impact needs at least one contact")
     if not all(contact.mu >= 0.0 for contact in contacts):
@@ -107,9 +109,9 @@ def resolve(model: Any, data: Any, contacts: Sequence[Contact], law: str = "blen
     before = np.array(data.qvel)
     J = np.stack([contact_jacobian(model, data, contact) for contact in contacts])
     if any(contact.mu > 0.0 for contact in contacts):
-        answer = resolve_with_friction(model, data, M, contacts, before, law)
+        answer = resolve_with_friction(model, data, M, contacts, before, named)
     else:
-        answer = _frictionless(M, J, before, np.array([contact.restitution for contact in contacts]), law)
+        answer = _frictionless(M, J, before, np.array([contact.restitution for contact in contacts]), named)
     return Impact(
         contacts=tuple(contacts),
         impulses=answer.impulses,
@@ -123,23 +125,24 @@ def resolve(model: Any, data: Any, contacts: Sequence[Contact], law: str = "blen
     )
 
 
-def _frictionless(M: FloatArray, J: FloatArray, qvel: FloatArray, e: FloatArray, law: str) -> Answer:
-    """What a law without friction makes of the rows of the normals, (k, nv)."""
+def _frictionless(M: FloatArray, J: FloatArray, qvel: FloatArray, e: FloatArray, law: ImpactLaw) -> Answer:
+    """Velocities and impulses by a law, from the rows of the normals, (k, nv)."""
+    problem = ImpactProblem(M, J, qvel, e, np.zeros(len(e)))
     if len(J) == 1:
-        if J[0] @ qvel >= 0.0:
-            return Answer(qvel, np.zeros(1), law, "ok", None)
-        after, impulse = reflect(M, J[0], qvel, float(e[0]))
-        return Answer(after, np.array([impulse]), law, "ok", None)
-    if e.max() > 1.0:
-        raise UnsupportedContactError("super-elastic impacts (e > 1) are for one contact at a time")
-    L = np.linalg.cholesky(M)
-    A = np.linalg.solve(L, J.T).T
-    if np.any(np.linalg.norm(A, axis=1) == 0.0):
+        if problem.speeds[0] >= 0.0:  # nothing collides, so no law is asked
+            return Answer(qvel, np.zeros(1), law.name, "ok", None)
+        if problem.inverse_masses[0] <= 0.0:
+            raise ValueError(IMMOVABLE)
+    elif np.any(np.linalg.norm(problem.A, axis=1) == 0.0):
         raise ValueError(IMMOVABLE)
-    result = LAWS[law](A, L.T @ qvel, e)
+    solution = solve_impact(law, problem)
     # The change, not the state, is brought back from mass-weighted velocities: what nothing pushes stays as it was.
-    change = np.linalg.solve(L.T, A.T @ result.impulses)
-    return Answer(qvel + change, result.impulses, law, "jammed" if result.jammed else "ok", None)
+    # One contact needs no factor of M: its response to a unit impulse is known.
+    if len(J) == 1:
+        change = problem.responses[0] * float(solution.impulses[0])
+    else:
+        change = np.linalg.solve(problem.L.T, problem.A.T @ solution.impulses)
+    return Answer(qvel + change, solution.impulses, solution.rule or law.name, solution.status, None)
 
 
 def compare_laws(model: Any, data: Any, contacts: Sequence[Contact]) -> dict[str, Impact | str]:
@@ -148,7 +151,7 @@ def compare_laws(model: Any, data: Any, contacts: Sequence[Contact]) -> dict[str
     Where the answers differ the outcome is a modelling choice, which the laws make differently.
     """
     out: dict[str, Impact | str] = {}
-    for law in LAWS:
+    for law in impact_laws():
         try:
             out[law] = resolve(model, data, contacts, law)
         except UnsupportedContactError as error:

@@ -1,4 +1,4 @@
-"""An impact with friction: normal and tangents of every contact go to a law of :mod:`.friction`."""
+"""An impact with friction: normal and tangents of every contact go to an impact law that covers friction."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.contact import Contact, contact_rows
+from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, friction_of, solve_impact
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Answer(NamedTuple):
 
 
 def resolve_with_friction(
-    model: Any, data: Any, M: FloatArray, contacts: Sequence[Contact], qvel: FloatArray, law: str
+    model: Any, data: Any, M: FloatArray, contacts: Sequence[Contact], qvel: FloatArray, law: ImpactLaw
 ) -> Answer:
     """Velocities and impulses after an impact in which at least one contact has mu > 0.
 
@@ -63,27 +64,24 @@ def resolve_with_friction(
         M: Mass matrix, (nv, nv).
         contacts: All touching points.
         qvel: Velocities before, (nv,).
-        law: What rules where several contacts meet: ``blend`` or ``poisson``.
+        law: The impact law.
 
     Raises:
-        UnsupportedContactError: The law is ``newton``, or a restitution is above 1.
+        UnsupportedContactError: The law does not cover friction, or a restitution is above 1.
         ValueError: A contact between bodies that cannot move along its normal.
     """
-    from ffsm_mj.contact_models.impact.friction import (
-        impact_with_friction,
-        tangents,
-    )  # nobody pays for it where nothing rubs
+    from ffsm_mj.contact_models.impact.friction import tangents  # loaded where a contact has friction only
 
     order = sorted(range(len(contacts)), key=lambda i: _place(contacts[i]))
     placed = [contacts[i] for i in order]
     e, mu = (np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu"))
     axes = np.array([tangents(np.asarray(contact.normal)) for contact in placed])
     J = np.concatenate([contact_rows(model, data, each, across) for each, across in zip(placed, axes, strict=True)])
-    L = np.linalg.cholesky(M)
-    A = np.linalg.solve(L, J.T).T
-    found = impact_with_friction(A, L.T @ qvel, mu, e, law)
+    problem = ImpactProblem(M, J, qvel, e, mu)
+    solution = solve_impact(law, problem)
+    found = friction_of(law, solution)
     # The change, not the state, is brought back from mass-weighted velocities: what nothing pushes stays as it was.
-    after = qvel + np.linalg.solve(L.T, A.T @ found.impulses.ravel())
+    after = qvel + np.linalg.solve(problem.L.T, problem.A.T @ found.impulses.ravel())
     back = np.argsort(order)
 
     def in_world(across: FloatArray) -> FloatArray:
@@ -101,7 +99,7 @@ def resolve_with_friction(
         friction_work=found.friction_work[back],
         compression_work=found.compression_work[back],
     )
-    return Answer(after, found.impulses[back, 0], found.law, found.status, friction)
+    return Answer(after, found.impulses[back, 0], solution.rule or law.name, solution.status, friction)
 
 
 def _place(contact: Contact) -> tuple[float, ...]:

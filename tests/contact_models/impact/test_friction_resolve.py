@@ -130,7 +130,7 @@ def test_laws_side_by_side():
     """All that there are; why one is not. A single contact is the same under the two that remain."""
     model, data = moving(SPHERE, (0.72, 0.96, -1, 0, 0, 0))
     found = compare_laws(model, data, [Contact(0, 1, -UP, UP, 0.5, 0.2)])
-    assert "energy" in found.pop("newton")
+    assert "does not cover friction" in found.pop("newton")
     assert {name: impact.law for name, impact in found.items()} == {"blend": "stronge", "poisson": "stronge"}
     assert np.array_equal(found["blend"].after.qvel, found["poisson"].after.qvel)
 

@@ -462,7 +462,7 @@ def test_laws_that_would_gain_energy_are_refused_as_they_are_read(tmp_path):
     path = off_centre(tmp_path, impact={"law": "newton"})
     (line,) = refused(path)
     assert line.startswith(f"{path}:1:")
-    assert "impact_pairs.0.mu: friction under 'impact.law: newton' can gain energy; let mu be 0, or the law" in line
+    assert "impact_pairs.0.mu: 'impact.law: newton' does not cover friction; let mu be 0, or the law" in line
     assert prepare(path, ["impact_pairs.0.mu=0"])
     (line,) = refused(off_centre(tmp_path, e=1.2), "impact_pairs.0.super_elastic=true")
     assert "restitution above 1" in line

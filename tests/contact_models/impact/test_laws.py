@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import linprog
 
 import ffsm_mj
-from ffsm_mj.contact_models.impact.laws import LAWS, blend, least_norm, newton, project
+from ffsm_mj.contact_models.impact.laws import FRICTIONLESS, blend, least_norm, newton, project
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact import Contact, compare_laws, resolve
 from tests.scenes import ball, box, scene
@@ -26,7 +26,7 @@ def chain(count, *, wall=False):
 
 def velocities(law, A, v, e):
     """Velocities after with unit masses."""
-    return LAWS[law](A, np.array(v, dtype=float), np.full(len(A), float(e))).w
+    return FRICTIONLESS[law](A, np.array(v, dtype=float), np.full(len(A), float(e))).w
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def flat_box(velocity, e=1.0, *, law="blend"):
     corners = [np.array([x, y, -0.2]) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
     J = np.array([np.concatenate(([0, 0, 1.0], np.cross(c, [0, 0, 1.0]))) for c in corners])
     root = np.sqrt(np.diag(M))
-    result = LAWS[law](J / root, root * np.array(velocity, dtype=float), np.full(4, e))
+    result = FRICTIONLESS[law](J / root, root * np.array(velocity, dtype=float), np.full(4, e))
     return result.w / root, result
 
 
@@ -91,7 +91,7 @@ def test_one_contact_is_the_closed_form(law, e, rng):
         A, w = rng.normal(size=(1, 4)), rng.normal(size=4)
         u = float((A @ w)[0])
         expected = max(0.0, -(1 + e) * u / float((A @ A.T)[0, 0]))
-        assert LAWS[law](A, w, np.array([e])).impulses[0] == pytest.approx(expected, abs=1e-13 * (1 + expected))
+        assert FRICTIONLESS[law](A, w, np.array([e])).impulses[0] == pytest.approx(expected, abs=1e-13 * (1 + expected))
 
 
 def random_problem(rng):
@@ -107,7 +107,7 @@ def random_problem(rng):
 
 def checked(law, A, w, e):
     """Result of a law after the inequalities that all laws must satisfy; tolerances relative to the velocities."""
-    result = LAWS[law](A, w, e)
+    result = FRICTIONLESS[law](A, w, e)
     T, after = 0.5 * w @ w, 0.5 * result.w @ result.w
     # Energy never grows. Where NNLS gives up, Hildreth's sweeps stop at 1e-9 of the approach speed.
     assert after <= T * (1 + 1e-12)

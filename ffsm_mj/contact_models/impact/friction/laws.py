@@ -16,7 +16,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact_models.impact.friction.coulomb import ACCEPTED, CoulombProblem, coulomb
-from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Law, Status, on_cone
+from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, on_cone
 from ffsm_mj.contact_models.impact.friction.routh import stronge
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.errors import UnsupportedContactError
@@ -29,7 +29,7 @@ _BISECTIONS = 20
 _APPROACHES = 1e-9
 """Of the largest contact speed: nothing may approach faster after the impact."""
 _STICKS = 1e-9
-_LAWS: dict[str, Law] = {"blend": "coulomb", "poisson": "poisson"}
+_LAWS: dict[str, str] = {"blend": "coulomb", "poisson": "poisson"}
 
 
 def impact_with_friction(A: FloatArray, w: FloatArray, mu: FloatArray, e: FloatArray, law: str) -> FrictionResult:
@@ -139,7 +139,7 @@ class _Impact:
         return impulses + self.solve(np.arange(len(self.mu)), u, np.zeros(len(self.mu))), True
 
 
-def _several(impact: _Impact, e: FloatArray, law: Law) -> FrictionResult:
+def _several(impact: _Impact, e: FloatArray, law: str) -> FrictionResult:
     every = np.arange(len(e))
     if impact.u[::3].min() >= 0.0:  # nothing approaches, perhaps nothing moves at all
         nothing = np.zeros((len(e), 3))
@@ -157,7 +157,7 @@ def _several(impact: _Impact, e: FloatArray, law: Law) -> FrictionResult:
 
 
 def _answer(
-    impact: _Impact, law: Law, plastic: FloatArray, expansion: FloatArray, theta: float, jammed: bool
+    impact: _Impact, law: str, plastic: FloatArray, expansion: FloatArray, theta: float, jammed: bool
 ) -> FrictionResult:
     impulses = np.stack([on_cone(p, mu) for p, mu in zip(plastic + expansion, impact.mu, strict=True)])
     w = impact.w + impact.A.T @ impulses.ravel()

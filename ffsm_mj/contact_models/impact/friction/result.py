@@ -1,4 +1,4 @@
-"""What a law of impact with friction answers."""
+"""What an impact law answers where contacts have friction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 
-Law = Literal["stronge", "coulomb", "poisson"]
 Status = Literal["ok", "energy_guard", "jammed", "wedged", "unconverged"]
 
 WITHIN = 1.0 - 4e-16
@@ -23,7 +22,7 @@ class FrictionResult:
     Attributes:
         impulses: Impulse on the second body of each contact along (normal, t1, t2), (k, 3); inside its cone exactly.
         w: Mass-weighted velocity after, (n,).
-        law: ``stronge`` for one contact; ``coulomb`` or ``poisson`` for several.
+        law: Rule that made it; of the built-in laws ``stronge`` for one contact, ``coulomb`` or ``poisson`` for several.
         status: ``ok``; ``energy_guard``: restitution was lowered by ``theta`` so that no energy is gained; ``jammed``: no
             elastic way out, energy was lost; ``wedged``: one contact that locks itself and comes to rest;
             ``unconverged``: no solution was found, and the velocity after is not to be used.
@@ -40,7 +39,7 @@ class FrictionResult:
 
     impulses: FloatArray
     w: FloatArray
-    law: Law
+    law: str
     status: Status
     theta: float
     residual: float

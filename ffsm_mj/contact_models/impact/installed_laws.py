@@ -1,0 +1,81 @@
+"""Impact laws by name: the built-in ones, those registered, and those of installed packages.
+
+A package brings one by the entry-point group ``ffsm_mj.impact_laws``: the entry point has the name of the law, its object is
+a subclass of :class:`~ffsm_mj.contact_models.impact.law.ImpactLaw` that is built without arguments.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+
+from ffsm_mj.contact_models.impact.builtin_laws import Blend, Newton, Poisson
+from ffsm_mj.contact_models.impact.law import ImpactLaw
+from ffsm_mj.errors import described
+
+GROUP = "ffsm_mj.impact_laws"
+_REGISTERED: dict[str, ImpactLaw] = {law.name: law for law in (Blend(), Poisson(), Newton())}
+
+
+def register(law: ImpactLaw) -> None:
+    """Make a law known in this process, as a script or a test does that is no installed package.
+
+    Raises:
+        ValueError: Another law has that name.
+    """
+    if _REGISTERED.setdefault(law.name, law) is not law:
+        raise ValueError(f"another impact law has the name {law.name!r}")
+
+
+def impact_laws() -> dict[str, ImpactLaw]:
+    """All laws by name, the built-in ones first."""
+    plugins, _ = _plugins()
+    return _REGISTERED | {name: law for name, law in plugins.items() if name not in _REGISTERED}
+
+
+def impact_law(name: str) -> ImpactLaw:
+    """The law of a name.
+
+    Raises:
+        LookupError: There is none, or that of an installed package cannot be used; the message says which.
+    """
+    if law := _REGISTERED.get(name) or _plugins()[0].get(name):
+        return law
+    if broken := _plugins()[1].get(name):
+        raise LookupError(f"the impact law {name!r} of an installed package cannot be used ({broken})")
+    raise LookupError(f"unknown impact law {name!r}; allowed: {', '.join(impact_laws())}")
+
+
+def law_of_record(name: str) -> ImpactLaw:
+    """The law that checks records of a name: the law of that name, or one that has a rule of that name.
+
+    A name that is not known here is checked as the default law is: a log cannot escape a check by naming another law.
+    """
+    laws = impact_laws()
+    by_rule = (law for law in laws.values() if name in law.rules)
+    return laws.get(name) or next(by_rule, laws["blend"])
+
+
+@cache
+def _plugins() -> tuple[dict[str, ImpactLaw], dict[str, str]]:
+    """Laws of installed packages, and why others cannot be used; looked up once per process.
+
+    A broken package affects only the scenarios that name its law.
+    """
+    laws, broken = dict[str, ImpactLaw](), dict[str, str]()
+    for entry_point in entry_points(group=GROUP):
+        try:
+            laws[entry_point.name] = _loaded(entry_point)
+        except Exception as error:  # noqa: BLE001 (a package may fail in any way)
+            broken[entry_point.name] = described(error)
+    return laws, broken
+
+
+def _loaded(entry_point: EntryPoint) -> ImpactLaw:
+    cls = entry_point.load()
+    if not (isinstance(cls, type) and ImpactLaw in cls.__mro__):
+        raise TypeError(f"{entry_point.value} is no subclass of ffsm_mj.impact.ImpactLaw")
+    law: ImpactLaw = cls()
+    if law.name != entry_point.name:
+        raise TypeError(f"{entry_point.value}: the name of the entry point must be that of the law, {law.name!r}")
+    return law

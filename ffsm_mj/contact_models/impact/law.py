@@ -1,0 +1,232 @@
+"""The interface of impact laws: which problem a law is given, what it answers, what it covers, how its records are checked.
+
+See ``docs/impact-laws.md``; :mod:`ffsm_mj.contact_models.impact.installed_laws` finds the laws by name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.records.events import ImpactRecord
+
+if TYPE_CHECKING:  # its package takes time to load, and most impacts have no friction
+    from ffsm_mj.contact_models.impact.friction.result import FrictionResult
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Which impacts a law has an answer for; the others are refused before the law is asked.
+
+    Attributes:
+        several: More than one contact at one instant.
+        friction: Contacts with mu > 0.
+        super_elastic: e > 1, at one contact without friction.
+    """
+
+    several: bool = True
+    friction: bool = False
+    super_elastic: bool = False
+
+
+@dataclass(frozen=True)
+class ImpactProblem:
+    """k closed contacts at one instant.
+
+    With M = L L^T, w = L^T qvel and A = J L^-T the kinetic energy is |w|^2 / 2, the contact velocities are A w, and impulses
+    p along the rows of J give w+ = w + A^T p.
+
+    Attributes:
+        M: Mass matrix, (n, n).
+        J: Contact Jacobian. Without friction one row per contact, the normal velocity, (k, n); where any contact has
+            friction three rows per contact, (normal, t1, t2), (3k, n).
+        qvel: Velocities before the impact, (n,).
+        restitution: Coefficients e, (k,). 0 demands a plastic impact: the contact is to stay closed.
+        mu: Coefficients of Coulomb friction, (k,).
+    """
+
+    M: FloatArray
+    J: FloatArray
+    qvel: FloatArray
+    restitution: FloatArray
+    mu: FloatArray
+
+    @classmethod
+    def mass_weighted(cls, A: FloatArray, w: FloatArray, restitution: FloatArray, mu: FloatArray) -> ImpactProblem:
+        """The problem in coordinates in which the mass matrix is the identity."""
+        return cls(np.eye(len(w)), A, w, restitution, mu)
+
+    @property
+    def with_friction(self) -> bool:
+        """Whether any contact has friction."""
+        return bool(np.any(self.mu > 0.0))
+
+    @property
+    def normals(self) -> FloatArray:
+        """Rows of J along the normals, (k, n)."""
+        return self.J[::3] if self.with_friction else self.J
+
+    @cached_property
+    def speeds(self) -> FloatArray:
+        """Normal velocities before, (k,), m/s; negative where a contact approaches."""
+        return np.array([row @ self.qvel for row in self.normals])
+
+    @cached_property
+    def responses(self) -> FloatArray:
+        """Change of velocity per unit normal impulse at each contact, M^-1 J^T transposed, (k, n)."""
+        return np.stack([np.linalg.solve(self.M, row) for row in self.normals])
+
+    @cached_property
+    def inverse_masses(self) -> FloatArray:
+        """J M^-1 J^T of each contact alone, (k,), 1/kg."""
+        return np.array([row @ response for row, response in zip(self.normals, self.responses, strict=True)])
+
+    @cached_property
+    def L(self) -> FloatArray:
+        """Lower Cholesky factor of M."""
+        return np.asarray(np.linalg.cholesky(self.M), dtype=np.float64)
+
+    @cached_property
+    def A(self) -> FloatArray:
+        """J L^-T."""
+        return np.asarray(np.linalg.solve(self.L, self.J.T).T)
+
+    @cached_property
+    def w(self) -> FloatArray:
+        """L^T qvel."""
+        return np.asarray(self.L.T @ self.qvel)
+
+
+@dataclass(frozen=True)
+class ImpactSolution:
+    """What a law answers; the velocities after follow from the impulses.
+
+    Attributes:
+        impulses: Normal impulses, (k,), N s, >= 0.
+        status: ``ok``; ``jammed``: energy was lost because bodies are squeezed without clearance; other words with friction.
+        rule: Name that the record bears, where a law has several rules; else the name of the law.
+        friction: Of a problem with friction: impulses along the rows of J, and their works.
+    """
+
+    impulses: FloatArray
+    status: str = "ok"
+    rule: str = ""
+    friction: FrictionResult | None = None
+
+
+class ImpactLaw(Protocol):
+    """An impact law; subclass it, and a name, a coverage and :meth:`solve` are enough.
+
+    Attributes:
+        name: Name in ``impact.law`` of a scenario and in the records.
+        covers: Which impacts it has an answer for.
+        rules: Names, beside its own, that its solutions bear in records.
+    """
+
+    name: ClassVar[str]
+    covers: ClassVar[Coverage]
+    rules: ClassVar[tuple[str, ...]] = ()
+
+    def solve(self, problem: ImpactProblem) -> ImpactSolution:
+        """Impulses of an impact that the law covers; one contact alone approaches.
+
+        Raises:
+            UnsupportedContactError: It has no answer; the run ends with this message.
+        """
+        ...
+
+    def restitution_residual(self, event: Sequence[ImpactRecord]) -> float | None:
+        """Check ``impact restitution``: by how much recorded speeds of an impact without friction miss this law, m/s.
+
+        By default one contact separates at e times its approach, with the e that the record says was used, and several
+        are not judged: the energy balance of the impact is, under any law.
+
+        Returns:
+            The residual, or None where the law says nothing of these contacts.
+        """
+        if len(event) > 1:
+            return None
+        (contact,) = event
+        return abs(contact.separation_speed_m_s - contact.restitution_used * contact.approach_speed_m_s)
+
+    def friction_residuals(
+        self, event: Sequence[ImpactRecord], problem: ImpactProblem, impulses: FloatArray
+    ) -> Iterator[float]:
+        """Check ``impact energy`` with friction: by how much records miss what the law makes of the logged state, J.
+
+        By default one contact is solved again. That impulses explain the change of velocity, lie in their friction cones
+        and create no energy is checked under any law.
+
+        Args:
+            event: Records of the impact.
+            problem: The impact at the logged state before it, with the restitution that was used.
+            impulses: Recorded impulses along the rows of ``problem.J``, (3k,).
+        """
+        if len(event) > 1:
+            return
+        (contact,) = event
+        solution = solve_impact(self, problem)
+        again = friction_of(self, solution)
+        yield float(np.abs(impulses - again.impulses[0]).max() * np.abs(problem.J @ problem.qvel).max())
+        for logged, found in (
+            (contact.normal_work_J, again.normal_work),
+            (contact.friction_work_J, again.friction_work),
+            (contact.compression_work_J, again.compression_work),
+        ):
+            yield abs(logged - float(found[0]))
+        if (contact.status, contact.path, contact.law, contact.theta) != (
+            solution.status,
+            again.paths[0],
+            solution.rule or self.name,
+            again.theta,
+        ):
+            yield math.inf
+
+
+def solve_impact(law: ImpactLaw, problem: ImpactProblem) -> ImpactSolution:
+    """The solution of a law, one contact or many.
+
+    Raises:
+        UnsupportedContactError: The law does not cover the problem, or its answer is none.
+    """
+    if reason := uncovered(law, problem):
+        raise UnsupportedContactError(reason)
+    solution = law.solve(problem)
+    # A pulling impulse or a missing one would enter the balance as if it were physics.
+    if solution.impulses.shape != problem.mu.shape or np.any(solution.impulses < 0.0):
+        raise UnsupportedContactError(f"impact law {law.name!r} does not return one impulse >= 0 per contact")
+    return solution
+
+
+def uncovered(law: ImpactLaw, problem: ImpactProblem) -> str:
+    """Why a law does not cover a problem; empty where it does."""
+    several, super_elastic = len(problem.mu) > 1, problem.restitution.max() > 1.0
+    if problem.with_friction and not law.covers.friction:
+        return f"impact law {law.name!r} does not cover friction; with mu > 0 use 'blend' or 'poisson'"
+    if problem.with_friction and super_elastic:
+        return "super-elastic impacts (e > 1) are without friction: mu > 0 needs e <= 1"
+    if several and super_elastic:
+        return "super-elastic impacts (e > 1) are for one contact at a time"
+    if several and not law.covers.several:
+        return f"impact law {law.name!r} does not cover several contacts at one instant"
+    if super_elastic and not law.covers.super_elastic:
+        return f"impact law {law.name!r} does not cover super-elastic impacts (e > 1)"
+    return ""
+
+
+def friction_of(law: ImpactLaw, solution: ImpactSolution) -> FrictionResult:
+    """What a solution says of friction.
+
+    Raises:
+        UnsupportedContactError: Nothing, although its problem has friction.
+    """
+    if solution.friction is None:
+        raise UnsupportedContactError(f"impact law {law.name!r} returns no friction impulses")
+    return solution.friction
