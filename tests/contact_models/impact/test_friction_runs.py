@@ -134,7 +134,7 @@ def test_one_falsified_number_is_noticed(which, field, request):
     run = request.getfixturevalue(which)
     (hit, *_) = run.impacts
     value = getattr(hit, field)
-    assert judged(run).holds
+    assert judged(run).passes
     if isinstance(value, str):
         wrong = [value + "x"]
     elif isinstance(value, float):
@@ -146,7 +146,7 @@ def test_one_falsified_number_is_noticed(which, field, request):
         wrong = [(*value[:i], changed(value[i]), *value[i + 1 :]) for i in range(len(value))]
         wrong = wrong[: len(wrong) if field != "qpos" else 0] or [tuple(changed(x) for x in value)]
     for each in wrong:
-        assert judged(run, **{field: each}).holds is (which == "several" and field in OF_ONE)
+        assert judged(run, **{field: each}).passes is (which == "several" and field in OF_ONE)
 
 
 def test_energy_that_grows_is_noticed(several):
@@ -377,7 +377,7 @@ def test_a_regime_that_nobody_knows_holds_what_is_struck(tmp_path):
     )
     run = good(ffsm_mj.run(path))
     assert run.impacts[0].time_s > run.records["welds"][0].time_s
-    assert not judged(run, friction_work_J=changed(run.impacts[0].friction_work_J)).holds
+    assert not judged(run, friction_work_J=changed(run.impacts[0].friction_work_J)).passes
 
 
 def test_friction_is_an_arrow_of_its_own_in_the_log(one):

@@ -48,7 +48,7 @@ def test_a_ball_that_locks_itself_is_wedged(tmp_path, capsys, e):
     assert "wedged" in IMPACT.sentence(hit)
     assert main(["analyze", str(tmp_path / "run")]) == 0
     assert "wedged" in capsys.readouterr().out
-    assert not judged(run, status="ok").holds
+    assert not judged(run, status="ok").passes
 
 
 def test_what_is_wedged_and_pressed_would_last(tmp_path):
