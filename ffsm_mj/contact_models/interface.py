@@ -1,9 +1,9 @@
-"""What can happen at a contact: contact models, behind one interface; see ``docs/contact-models.md``.
+"""Interface of contact models; see ``docs/contact-models.md``.
 
-A contact model watches steps and says when it acts, takes part in the smooth motion while it is active, changes the state
-at its
-events, and says what that did: records, and wrenches for the balances. The impact is one; others are registered by their
-kind, or by the entry-point group ``ffsm_mj.contact_models``, and declared in a scenario's ``contact_models``.
+A contact model locates its events within a step, adds its forces to the smooth motion while it is active, changes the state
+at its events, and reports the effect: records for the log and wrenches for the balances. Impacts are one contact model.
+Others are registered by kind, or through the entry-point group ``ffsm_mj.contact_models``, and are declared in the
+``contact_models`` of a scenario.
 """
 
 from __future__ import annotations
@@ -33,54 +33,55 @@ GROUP = "ffsm_mj.contact_models"
 
 
 class EventCounter:
-    """Numbers of the events of a run that share one count: at one instant nothing else tells which came first."""
+    """Counter shared by the contact models of a run: it orders events that happen at the same time."""
 
     def __init__(self) -> None:
-        """From 0."""
+        """Start at 0."""
         self._next: int | None = 0
 
-    def take(self) -> int:
-        """The number of an event that happens now."""
+    def next_number(self) -> int:
+        """Return the number of the next event, and advance the counter."""
         number = self._next or 0
         self._next = number + 1
         return number
 
-    def forget(self) -> None:
-        """``analyze`` goes on behind a hole in a log: how many events there were in it is not known."""
+    def mark_unknown(self) -> None:
+        """Mark the count as unknown: a log replay continues after a gap in the log, which may have contained events."""
         self._next = None
 
-    def believe(self, number: int) -> None:
-        """``analyze`` is where a log has an event of this number: where the count is not known it goes on from there."""
+    def continue_from(self, number: int) -> None:
+        """Continue from the number of a logged event if the count is unknown; else do nothing."""
         if self._next is None:
             self._next = number
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What a contact model is built for: the system that is logged, and its data, which every motion keeps current."""
+    """The logged system and its data, which every motion keeps current; what a contact model is constructed with."""
 
     system: System
     data: Any
     numbers: EventCounter = field(default_factory=EventCounter)
-    """Of what happens to contacts that last and to grasps."""
+    """Event numbers of persistent contacts and grasps."""
 
 
 class EventTime(NamedTuple):
-    """When a contact model acts: simulation time in s, and the integration step that it falls in, from 0."""
+    """Simulation time of an event in s, and the index of the integration step that contains it, from 0."""
 
     time_s: float
     step: int
 
 
 class EventEffect(NamedTuple):
-    """What an event did.
+    """The effect of an event.
 
     Attributes:
-        records: For the log, the controller and the phases.
-        booking: For the balance; None where nothing was exchanged.
-        motion: What moves from here on; None: as before.
-        end: The run ends here, and how; the controller is asked once more only where it is completed.
-        asks: The controller is asked at once; else it hears of the records when it is asked next.
+        records: Event records for the log, the controller and the phases.
+        exchange: Energy and momentum exchanged, to be entered in the balance; None if nothing was exchanged.
+        motion: The motion to integrate from now on; None if it does not change.
+        end: How the run ends at this event; None if it continues. The controller is evaluated once more only if the run
+            completes.
+        triggers_control: Whether the controller is evaluated immediately; else it receives the records at its next tick.
     """
 
     records: tuple[Any, ...]
@@ -91,26 +92,27 @@ class EventEffect(NamedTuple):
 
 
 class ContactModel:
-    """Base of all contact_models: watches nothing, does nothing. An instance serves one run.
+    """Base class of all contact models: has no events and exerts no forces. An instance serves one run.
 
-    Times in a step count from its start. ``scene.data`` is always at the state that is asked about: at the stages of a step,
-    and while a search moves along the path.
+    Times within a step are measured from its start. ``scene.data`` always holds the state of the current query: at each
+    stage of a step, and during event localisation along the path.
 
     Attributes:
         kind: Name by which a scenario declares it.
-        Config: What a scenario may say of it; has a field ``kind``. The contact model is made as ``cls(config, scene)``.
-        records: Kinds of record that it leaves. Each has the fields ``step``, ``time_s``, ``qpos``, ``qvel_before``,
+        Config: Configuration model, with a field ``kind``. The contact model is constructed as ``cls(config, scene)``.
+        records: Kinds of event records it produces. Each has the fields ``step``, ``time_s``, ``qpos``, ``qvel_before``,
             ``qvel_after`` and ``efforts_after``, as :class:`~ffsm_mj.records.events.ImpactRecord` has.
-        requests: Names in a command that it hears.
+        requests: Request names in a controller command that it handles.
         columns: Columns of the log that it owns.
-        watched: Pairs of geom ids that it takes care of; others are reported when they overlap.
-        active: It acts on the motion: its steps are booked.
-        pushes: While it is active, its wrenches take part in the stages of each step.
-        answers: Its push depends on the forces of the others: it is asked after them.
-        horizon: Way (:class:`~ffsm_mj.dynamics.free_stepper.FreeStepper`) since the last restart before which nothing can
-            happen.
-        scene: What it was built for.
-        motion: What moves now.
+        watched: Pairs of geom ids that it handles; overlaps of other pairs are reported as unhandled.
+        active: Whether it exerts forces: the exchange of each step is then entered in the balance.
+        pushes: Whether its wrenches are evaluated in the stages of each step while it is active.
+        is_reactive: Whether its forces depend on those of the other contact models: it is evaluated after them.
+        horizon: Bound on the motion since the last restart (``way`` of
+            :class:`~ffsm_mj.dynamics.free_stepper.FreeStepper`) below which no event is possible: event detection is
+            skipped until the motion exceeds it.
+        scene: The logged system and its data.
+        motion: The current motion.
     """
 
     kind: ClassVar[str]
@@ -126,71 +128,72 @@ class ContactModel:
     motion: Motion
 
     def __init__(self, config: Any, scene: Scene) -> None:
-        """Watch a scene from its state on.
+        """Initialise the model at the current state of a scene.
 
         Args:
-            config: What the scenario says of it.
-            scene: What it is built for.
+            config: Its configuration in the scenario.
+            scene: The logged system and its data.
 
         Raises:
-            ScenarioFaults: The scene has not what the scenario names; paths are those of ``config``.
+            ScenarioFaults: The scene lacks something that the configuration names; paths are relative to ``config``.
             LookupError: The same, without a path.
         """
         self.scene = scene
 
     def bind(self, motion: Motion) -> None:
-        """This moves from here on; the others that come before it know that already. A restart follows."""
+        """Use another motion from now on; contact models earlier in the order are already bound. A restart follows."""
         self.motion = motion
 
     def restart(self) -> None:
-        """Something changed at one instant: look anew from the state in ``data``."""
+        """Discard everything cached: the state or the efforts changed discontinuously. Start from the state in ``data``."""
 
     def due(self) -> bool:
-        """Whether it acts right now, before the next step."""
+        """Whether an event is due at the current state, before the next step."""
         return False
 
     def is_clear(self) -> bool:
-        """Whether nothing can have happened in the last step; asked once the way is beyond the horizon."""
+        """Whether the last step certainly contains no event; called only when the motion exceeds ``horizon``."""
         return True
 
     def first_event(self, duration_s: float) -> float | None:
-        """When it first acts within so much of the last step, found along ``motion.path``; None where it does not."""
+        """Locate the first event in the first ``duration_s`` of the last step, along ``motion.path``, or None."""
         return None
 
     def on_event_located(self, time_s: float) -> None:
-        """The search is over, and the state is that of this time in the step."""
+        """Called after event localisation; the state is that at ``time_s`` in the step."""
 
     def after_event(self, time_s: float) -> None:
-        """An event was told of at this time, anybody's; what acts from here on is decided, and a step begins."""
+        """Called after an event of any contact model: the efforts for the next step are set, and a step begins."""
 
     def after_substep(self, duration_s: float) -> None:
-        """A (sub-)step is over, ``data`` at its end; ``motion.path`` leads back into it. Not where none looks."""
+        """Called at the end of a (sub-)step, while ``motion.path`` still covers it; skipped if no model needs detection."""
 
     def act(self, instant: EventTime) -> EventEffect | None:
-        """Change the state at an event, derived quantities current after; None where nothing happened after all.
+        """Apply the event due at the current state, and update derived quantities; None if there is no event after all.
 
         Raises:
-            RunEnded: What comes now is not modelled.
+            RunEnded: The motion that follows is not modelled.
         """
         return None
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:
-        """What it puts on which bodies of the system while it pushes; positions and velocities in ``data`` are current.
+        """Wrenches that it exerts on bodies of the system; positions and velocities in ``data`` are current.
 
-        One that pushes in generalised forces of its own, and may touch what is held, says here what they are on bodies.
+        A model that overrides :meth:`push` with generalised forces of its own, and may act on a grasped object, must return
+        the equivalent wrenches here: the balance separates robot and object by body.
         """
         return ()
 
     def begin_step(self) -> None:
-        """A (sub-)step begins, while it is active."""
+        """Called at the start of a (sub-)step while it is active."""
         self._exchange.begin(self.motion.carried_bodies)
 
     def end_step(self, duration_s: float) -> Exchange | None:
-        """It has ended: what its wrenches did."""
+        """Called at the end of a (sub-)step: energy and momentum exchanged by its wrenches."""
         return self._exchange.end(duration_s)
 
     def exchanged(self, duration_s: float) -> Exchange | None:
-        """The same for a step that may yet be taken back, and a shorter one made: nothing is kept of it."""
+        """The same for a trial step that step-size control may reject: must not accumulate anything."""
         return self.end_step(duration_s)
 
     @cached_property
@@ -198,33 +201,33 @@ class ContactModel:
         return ExchangeIntegrator(self.scene.system, self.scene.data, self.wrenches)
 
     def handle_request(self, request: str) -> None:
-        """A controller asked for something that it knows of; it may be due at once."""
+        """Handle a request of the controller, one of ``requests``; an event may be due immediately after."""
 
     def restore_state(self) -> Motion | None:
-        """Be as its columns say, at the state in ``data``: ``analyze`` flies on from here.
+        """Restore the internal state from its columns and the state in ``data``: a log replay continues from here.
 
         Returns:
-            What moves from here on; None: the system itself.
+            The motion from now on; None for that of the system itself.
         """
         return None
 
     def finish(self, instant: EventTime) -> Sequence[Any]:
-        """The run is over: records that are still to be left; they change nothing."""
+        """Records to write at the end of the run; they do not change the state."""
         return ()
 
     def prepare_replay(self, records: Sequence[Any]) -> None:
-        """``analyze`` is where a log has these records of its: be about to leave them."""
+        """Prepare to reproduce these records of its own: a log replay has reached their event and calls :meth:`act` next."""
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:
-        """What it holds closed, with the forces under the efforts in ``data``: control laws see them; asked while active."""
+        """Closed contacts and their forces under the efforts in ``data``, for control laws; called only while active."""
         return ()
 
     def names(self) -> str:
-        """The contacts that it acts on now, for a person."""
+        """The contacts it acts on now, for messages."""
         return self.kind
 
     def push(self, data: Any) -> None:
-        """Add its wrenches to ``data.qfrc_applied``, ``data`` being that of what moves; all others have been added."""
+        """Add its wrenches to ``data.qfrc_applied`` (``data`` of the motion), after those of the non-reactive models."""
         motion = self.motion
         for body, point, force, torque in self.wrenches(self.scene.data):
             mujoco.mj_applyFT(motion.model, data, force, torque, point, motion.bodies[body], data.qfrc_applied)
@@ -235,10 +238,10 @@ _BROKEN: dict[str, str] = {}
 
 
 def register(contact_model: type[ContactModel]) -> type[ContactModel]:
-    """Make a contact model known by its kind.
+    """Register a contact model by its kind.
 
     Raises:
-        ValueError: Another one has that kind.
+        ValueError: Another contact model has the same kind.
     """
     if _REGISTERED.setdefault(contact_model.kind, contact_model) is not contact_model:
         raise ValueError(f"another contact model has the kind {contact_model.kind!r}")
@@ -248,27 +251,27 @@ def register(contact_model: type[ContactModel]) -> type[ContactModel]:
 
 
 def contact_models() -> dict[str, type[ContactModel]]:
-    """Contact models that a scenario may declare, by kind: those registered, and those of installed packages."""
+    """Contact models that a scenario may declare, by kind: registered ones and those of installed packages."""
     for entry_point in entry_points(group=GROUP):
         if entry_point.name not in _REGISTERED:
             try:
                 register(entry_point.load())
-            except Exception as error:  # noqa: BLE001 (a package may fail in any way: its contact model alone is not there)
+            except Exception as error:  # noqa: BLE001 (a package may fail in any way: only its contact model is unavailable)
                 _BROKEN[entry_point.name] = described(error)
     return dict(_REGISTERED)
 
 
 def contact_model_of(kind: str) -> type[ContactModel]:
-    """Contact model of a kind.
+    """Look up a contact model by kind.
 
     Raises:
-        LookupError: There is none; the message lists those that are known.
+        LookupError: There is none; the message lists the known kinds.
     """
     known = contact_models()
     if kind in _BROKEN:
         raise LookupError(f"the contact model {kind!r} of an installed package cannot be used ({_BROKEN[kind]})")
     if not known:
-        raise LookupError(f"unknown contact model {kind!r}: no package is installed that brings one")
+        raise LookupError(f"unknown contact model {kind!r}: no installed package provides one")
     if kind not in known:
         raise LookupError(unknown_name("contact model", kind, known))
     return known[kind]

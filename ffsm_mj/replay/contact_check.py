@@ -24,7 +24,7 @@ from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.active_set import LANDS_M, closed_and_still, held_rate_tolerance
+from ffsm_mj.contact_models.persistent.active_set import LANDING_DEPTH_M, closed_and_still, held_rate_tolerance
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.contact_models.persistent.report import force_keys, mode_key
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
@@ -55,10 +55,10 @@ class ContactCheck:
             course: What moves there, and who else pushes; pairs of geoms on one rigid body exert no contact forces.
         """
         logged = row[self._forces].reshape(-1, 3)
-        told = row[self._modes] > 0.0
+        logged_pairs = row[self._modes] > 0.0
         touching = [
             (pair, near)
-            for pair, lasts in zip(self._pairs, told, strict=True)
+            for pair, lasts in zip(self._pairs, logged_pairs, strict=True)
             if pair.geom_ids not in course.motion.rigid and (near := self._closed(pair, lasts))
         ]
         if not touching and not np.any(logged):
@@ -79,7 +79,7 @@ class ContactCheck:
         self, touching: Sequence[tuple[ContactPair, Proximity]], course: EventDrivenIntegrator
     ) -> dict[ContactPair, FloatArray]:
         """Force on the second geom of each pair, N."""
-        held = self._lasting.held_points()
+        held = self._lasting.closed_points()
         points = [(pair, near, point) for pair, near in touching for point in _closed_points(near, held.get(pair, []))]
         if not points:
             return {}
@@ -131,7 +131,7 @@ def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArr
         point for point, rate in zip(near.points, near.rates.tolist(), strict=True) if abs(rate) <= held_rate_tolerance(near)
     ]
     closed = [point for point in still if any(math.dist(point, each) <= _SAME_POINT_M for each in held)]
-    return closed if closed and near.gap >= -LANDS_M else still
+    return closed if closed and near.gap >= -LANDING_DEPTH_M else still
 
 
 def _push(course: EventDrivenIntegrator, model: Any, data: Any) -> None:

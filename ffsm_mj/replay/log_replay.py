@@ -199,7 +199,7 @@ class LogReplay:
         if not tick:
             self._decide(line, time_s)
             return
-        self._scene.numbers.forget()
+        self._scene.numbers.mark_unknown()
         self._actuation.hold(lines.applied[line], self._data, time_s)
         self._actuation.table[:, 0] = lines.asked[line]
 

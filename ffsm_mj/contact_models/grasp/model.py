@@ -183,7 +183,7 @@ class GraspModel(ContactModel):
         if grip.armed:
             return []
         grip.arm(instant.time_s)
-        who = self.scene.numbers.take(), grip.grasp.name
+        who = self.scene.numbers.next_number(), grip.grasp.name
         return [ArmingRecord(*who, instant.time_s, instant.step, **self._state(self.scene.data.qvel))]
 
     def finish(self, instant: EventTime) -> Sequence[Any]:
@@ -211,7 +211,7 @@ class GraspModel(ContactModel):
         grip.disarm()
         force, moment = found.impulse[:3], found.impulse[3:]
         record = CaptureRecord(
-            event=self.scene.numbers.take(),
+            event=self.scene.numbers.next_number(),
             grasp=grip.grasp.name,
             time_s=instant.time_s,
             step=instant.step,
@@ -241,7 +241,7 @@ class GraspModel(ContactModel):
         self._holding = None
         mujoco.mj_forward(self.scene.system.mj, self.scene.data)
         point = _plain(grip.sites.point(self.scene.data))
-        who = self.scene.numbers.take(), grip.grasp.name
+        who = self.scene.numbers.next_number(), grip.grasp.name
         return ReleaseRecord(*who, instant.time_s, instant.step, point, **self._state(self.scene.data.qvel))
 
     def _disarm(self, grip: Latch, instant: EventTime) -> list[Any]:
@@ -256,7 +256,7 @@ class GraspModel(ContactModel):
         failed = max(bounds, key=lambda name: getattr(near, name) / bounds[name])
         return [
             NearMissRecord(
-                event=self.scene.numbers.take(),
+                event=self.scene.numbers.next_number(),
                 grasp=grip.grasp.name,
                 time_s=instant.time_s,
                 step=instant.step,
@@ -321,7 +321,7 @@ class GraspModel(ContactModel):
         Raises:
             ValueError: They are of a grasp that there is not.
         """
-        self.scene.numbers.believe(records[0].event)
+        self.scene.numbers.continue_from(records[0].event)
         for record in records:
             if record.grasp not in self._grips:
                 raise ValueError(f"no grasp {record.grasp!r}")

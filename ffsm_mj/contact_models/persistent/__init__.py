@@ -1,1 +1,1 @@
-"""Contact that lasts: pushing, resting, sliding, held exactly by the accelerations of its gaps."""
+"""Persistent contact: pushing, resting and frictionless sliding, as exact constraints at the acceleration level."""

@@ -1,4 +1,4 @@
-"""The contacts that are closed: which of them press, with what force, and for how long that stays so."""
+"""Closed contacts and the active set: which contact points carry force, how much, and until when the choice is valid."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ffsm_mj.contact.pairs import REST_RATE, ContactPair, Proximity
 from ffsm_mj.contact.shape import PARALLEL
 from ffsm_mj.contact_models.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.acceleration import Acceleration
+from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, rows
@@ -23,215 +23,229 @@ from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 
-_STILL = 1e-9
-"""What an impact leaves separating slower than this share of its approach is still; so much of an impact is rounding."""
-_DRIFTING = 1e-6
-"""What is held changes its gap slower than this share of (1 m/s + the speeds of its bodies)."""
+_REST_SHARE = 1e-9
+"""Post-impact normal velocities below this share of the approach velocity are rounding: the contact is at rest."""
+_CLOSED_RATE_SHARE = 1e-6
+"""A closed contact has a gap rate below this share of (1 m/s + the speeds of its bodies)."""
 _LEAST_RADIUS_M = 1e-4
-"""Of what is round and slides over an edge, m."""
+"""Smallest radius of curvature assumed where a rounded geom slides over an edge, m."""
 _DRIFT_M = 5e-10
-"""A step that lets a closed gap drift further than this is cut there, and the drift taken out."""
+"""A step ends early where a closed gap has drifted this far; the drift is then projected out."""
 _OTHER_POINT_M = 2e-10
-"""A pair that is so much deeper than what is held of it touches at another point."""
-LANDS_M = _OTHER_POINT_M + _DRIFT_M
-"""No point of a closed pair overlaps by more before it lands: what is held of the pair may have drifted."""
-_LIFT_M, _SLOW_M_S = 1e-11, 1e-3
-"""What would not lift off further than this counts as closed; nothing that separates faster is asked."""
+"""A pair whose gap is this much below that of its active contact points touches at another point."""
+LANDING_DEPTH_M = _OTHER_POINT_M + _DRIFT_M
+"""Largest overlap of any point of a closed pair before it is detected, given that active points may have drifted."""
+_LIFT_OFF_M, _SLOW_M_S = 1e-11, 1e-3
+"""Contacts that would lift off by less than this height are closed; only separation below this speed is considered."""
 _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
-"""Geoms that touch anything convex at one point only."""
+"""Strictly convex geoms: they touch any convex geom at one point only."""
 
 
 class ActiveContactSet:
-    """Closed contacts of a motion.
+    """Closed contacts of a motion, and the active set among them.
 
     Attributes:
-        motion: What moves.
-        by_pair: Touches of each closed pair; :meth:`hold` and :meth:`let_go` change them.
-        touches: All of them, pair by pair.
-        pressing: Those that are held in the stages of a step.
-        stages: What was asked in the stages since the step began.
+        motion: The current motion.
+        by_pair: Contact points of each closed pair; changed by :meth:`set_points` and :meth:`remove`.
+        contact_points: All of them, pair by pair.
+        pressing: The active set: contact points constrained in the stages of a step.
+        stages: Contact forces of the stages since the start of the step.
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Nothing is closed."""
+        """Initialise with no closed contacts."""
         self._scene, self._model = scene, scene.system.mj
         self.motion: Motion
         self.by_pair: dict[ContactPair, tuple[ContactPoint, ...]] = {}
-        self.touches: tuple[ContactPoint, ...] = ()
+        self.contact_points: tuple[ContactPoint, ...] = ()
         self.pressing: tuple[ContactPoint, ...] = ()
         self.stages: list[Stage] = []
-        self._spread: list[ContactPair] = []
-        self._others = np.zeros(self._model.nv)
-        self._looked: tuple[tuple[Any, ...], ContactRows] | None = None
-        self._asked: tuple[tuple[Any, ...], Acceleration] | None = None
-        self._decided: Decision | None = None
-        self._deepest: tuple[tuple[Any, ...], float] | None = None
+        self._multi_point_pairs: list[ContactPair] = []
+        self._other_forces = np.zeros(self._model.nv)
+        self._rows_cache: tuple[tuple[Any, ...], ContactRows] | None = None
+        self._problem_cache: tuple[tuple[Any, ...], ContactAcceleration] | None = None
+        self._decision_cache: Decision | None = None
+        self._gap_cache: tuple[tuple[Any, ...], float] | None = None
 
     def bind(self, motion: Motion) -> None:
-        """Move with this from here on; nothing was asked of it yet, nor was anything pushed by others."""
+        """Use another motion, with all caches cleared."""
         self.motion, self._smooth = motion, Smooth(motion, self._scene.data)
-        self._others = np.zeros(motion.model.nv)
-        self._looked = self._asked = self._decided = self._deepest = None
-        self.forget()
+        self._other_forces = np.zeros(motion.model.nv)
+        self._rows_cache = self._problem_cache = self._decision_cache = self._gap_cache = None
+        self.clear_stages()
 
-    def forget(self) -> None:
-        """Something changed at one instant: forces of before are none of what comes."""
+    def clear_stages(self) -> None:
+        """Discard the stages of the last step: the state or the efforts changed discontinuously."""
         self.stages.clear()
 
-    def hold(self, pair: ContactPair, touches: Sequence[ContactPoint]) -> None:
-        """Hold a pair by some features; by none where it is about to be let go."""
-        self.by_pair[pair] = tuple(touches)
+    def set_points(self, pair: ContactPair, contact_points: Sequence[ContactPoint]) -> None:
+        """Set the contact points of a pair; none if it is about to open."""
+        self.by_pair[pair] = tuple(contact_points)
         self._count()
 
-    def let_go(self, pair: ContactPair) -> None:
-        """Hold a pair no more."""
+    def remove(self, pair: ContactPair) -> None:
+        """Remove a pair."""
         del self.by_pair[pair]
         self._count()
 
     def _count(self) -> None:
-        self.touches = tuple(touch for touches in self.by_pair.values() for touch in touches)
-        self._spread = [pair for pair in self.by_pair if many_points(pair)]
+        self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
+        self._multi_point_pairs = [pair for pair in self.by_pair if may_touch_at_several_points(pair)]
 
-    def take(self, pair: ContactPair, near: Proximity, still: float) -> None:
-        """Hold a pair by all that is found; see :meth:`found`."""
-        self.hold(pair, self.found(pair, near, still))
+    def add_closed(self, pair: ContactPair, near: Proximity, still: float) -> None:
+        """Set the contact points of a pair to those found at the current state; see :meth:`found`."""
+        self.set_points(pair, self.found(pair, near, still))
 
     def found(self, pair: ContactPair, near: Proximity, still: float) -> tuple[ContactPoint, ...]:
-        """All features by which a pair is closed and whose gap changes no faster than ``still`` in m/s.
+        """Features of a pair with gap 0 and a gap rate of at most ``still`` in m/s.
 
         Args:
             pair: Two geoms.
-            near: How they are at the state in ``data``.
-            still: Slower rates than this are none.
+            near: Their proximity at the state in ``data``.
+            still: Gap rates within this of zero are rounding.
         """
         data = self._scene.data
 
         def is_still(at: FeatureState) -> bool:
             if abs(at.rate) <= still:
                 return True
-            # An edge that lies on a cap is parallel to it to some 1e-10 rad, and the normals of its ends differ by as much.
-            # Impacts act along the normal of the pair: at 0.3 m/s of slip they leave gaps with rates of 3e-11 m/s.
+            # An edge that lies on a cap is parallel to it only to about 1e-10 rad, and the normals at its ends differ by as
+            # much. Impacts act along the normal of the pair: at a slip of 0.3 m/s they leave gap rates of 3e-11 m/s.
             parallel = math.dist(at.normal, near.normal) <= PARALLEL
             return parallel and abs(pair.rate_along(data, near.normal, at.point)) <= still
 
         found = (feature for feature in features(pair, self._model, data, near) if is_still(feature.at(data)))
         return tuple(ContactPoint(pair, feature) for feature in found)
 
-    def keep_down(self, pairs: Sequence[tuple[ContactPair, Proximity]]) -> None:
-        """Hold too what of some pairs separates so slowly, pressed as it is, that its gap would not become ``_LIFT_M``.
+    def keep_slow_points(self, pairs: Sequence[tuple[ContactPair, Proximity]]) -> None:
+        """Also close contact points that separate so slowly that the pressing forces would stop them below ``_LIFT_OFF_M``.
 
-        A block that rocks from corner to corner would do so for ever, at heights that no number tells from zero.
+        Otherwise a block that rocks from corner to corner would do so for ever, at heights below rounding (Zeno behaviour).
         """
-        model, data, held = self._model, self._scene.data, self.touches
+        model, data, held = self._model, self._scene.data, self.contact_points
         found = [ContactPoint(pair, feature) for pair, near in pairs for feature in features(pair, model, data, near)]
         slow = [
-            (touch, at) for touch in found if 0.0 < (at := touch.feature.at(data)).rate <= _SLOW_M_S and not self._has(at)
+            (contact, at)
+            for contact in found
+            if 0.0 < (at := contact.feature.at(data)).rate <= _SLOW_M_S and not self._has_point_at(at)
         ]
         if not slow:
             return
-        problem = self._problem((*held, *(touch for touch, _ in slow)))
-        pressing = problem.eased(problem.pushed())[len(held) :]
-        for (touch, at), b in zip(slow, pressing.tolist(), strict=True):
-            if at.rate**2 <= 2.0 * b * _LIFT_M:
-                self.hold(touch.pair, (*self.by_pair.get(touch.pair, ()), touch))
+        problem = self._problem((*held, *(contact for contact, _ in slow)))
+        pressing = problem.own_acceleration(problem.unilateral_forces())[len(held) :]
+        for (contact, at), b in zip(slow, pressing.tolist(), strict=True):
+            # Under a constant deceleration b the gap peaks at rate^2 / (2 b).
+            if at.rate**2 <= 2.0 * b * _LIFT_OFF_M:
+                self.set_points(contact.pair, (*self.by_pair.get(contact.pair, ()), contact))
 
-    def _has(self, at: FeatureState) -> bool:
-        """Whether a touch at this place is held already."""
+    def _has_point_at(self, at: FeatureState) -> bool:
+        """Whether the set already has a contact point at this position."""
         data = self._scene.data
-        return any(math.dist(touch.feature.at(data).point, at.point) < EDGE_M for touch in self.touches)
+        return any(math.dist(contact.feature.at(data).point, at.point) < EDGE_M for contact in self.contact_points)
 
     def push(self, data: Any) -> None:
-        """Add the forces of the pressing contacts to ``data.qfrc_applied``, which holds all other pushes."""
+        """Add the forces of the active set to ``data.qfrc_applied``, which already holds all other applied forces."""
         applied = data.qfrc_applied
-        self._others = applied.copy()
+        self._other_forces = applied.copy()
         if not self.pressing:
             return
         problem = self._problem(self.pressing)
-        forces = problem.held(range(len(self.pressing)))
+        forces = problem.bilateral_forces(range(len(self.pressing)))
         generalised = forces.dot(problem.rows.J)
         applied += generalised
         self.stages.append(Stage(problem.rows, forces, generalised * data.qvel))
 
-    def _problem(self, touches: tuple[ContactPoint, ...]) -> Acceleration:
-        """Accelerations at the state in ``data``, under the efforts in it: the last ones where both are still the same.
+    def _problem(self, contact_points: tuple[ContactPoint, ...]) -> ContactAcceleration:
+        """Gap accelerations of some contact points at the state and efforts in ``data``, cached bit by bit.
 
-        The rows stay where the efforts alone have changed.
+        The rows (Jacobians) are kept if only the efforts have changed.
         """
         motion, smooth = self.motion, self._smooth
-        place = touches, smooth.state()
-        key = place, smooth.efforts(), self._others.tobytes()
-        if self._asked is None or self._asked[0] != key:
-            if self._looked is None or self._looked[0] != place:
-                self._looked = place, rows(motion, self._scene.data, touches)
+        place = contact_points, smooth.state()
+        key = place, smooth.efforts(), self._other_forces.tobytes()
+        if self._problem_cache is None or self._problem_cache[0] != key:
+            if self._rows_cache is None or self._rows_cache[0] != place:
+                self._rows_cache = place, rows(motion, self._scene.data, contact_points)
             M = partial(mass_matrix, motion.model, motion.data)
-            self._asked = key, Acceleration(M, self._looked[1], smooth.force(self._others))
-        return self._asked[1]
+            self._problem_cache = key, ContactAcceleration(M, self._rows_cache[1], smooth.force(self._other_forces))
+        return self._problem_cache[1]
 
     def decide(self) -> Decision:
-        """Which press at the state in ``data`` under the efforts in it."""
-        touches = self.touches
-        problem = self._problem(touches)
-        if self._decided is None or self._decided.problem is not problem:
-            self._decided = Decision(touches, problem)
-        return self._decided
+        """Solve for the contact points that carry force at the state in ``data`` under its efforts."""
+        contact_points = self.contact_points
+        problem = self._problem(contact_points)
+        if self._decision_cache is None or self._decision_cache.problem is not problem:
+            self._decision_cache = Decision(contact_points, problem)
+        return self._decision_cache
 
     def leaving(self) -> tuple[ContactPoint, ...]:
-        """Those whose gap opens."""
-        return self.decide().leaving() if self.touches else ()
+        """Contact points whose gap acceleration is positive: they open."""
+        return self.decide().leaving() if self.contact_points else ()
 
-    def press(self) -> None:
-        """From here on hold those that press at the state in ``data``."""
-        decision = self.decide() if self.touches else None
-        self.pressing = tuple(decision.touches[i] for i in decision.pressing) if decision else ()
+    def update_pressing(self) -> None:
+        """Set the active set to the contact points that carry force at the state in ``data``."""
+        decision = self.decide() if self.contact_points else None
+        self.pressing = tuple(decision.contact_points[i] for i in decision.pressing) if decision else ()
 
-    def slack(self) -> float:
-        """How far the state in ``data`` is from where something changes; below zero where something has.
+    def witness_value(self) -> float:
+        """Witness function of the active set: positive while it is valid at the state in ``data``, negative after a change.
 
-        What presses still pushes and the rest stays at rest, every contact is within its feature, no gap has drifted off,
-        and no pair touches at another point.
+        Valid means: active contact points push, the others do not accelerate into contact, every contact point is within
+        its feature, no gap has drifted too far, and no pair touches at another point.
         """
-        if not self.touches:
+        if not self.contact_points:
             return math.inf
         decision = self.decide()
-        held = decision.rows.held
+        held = decision.rows.states
         inside, drift = min([here.inside for here in held]) + EDGE_M, max([abs(here.gap) for here in held])
-        return min(inside, _DRIFT_M - drift, self._others_clear(), decision.holds_for(self.pressing))
+        # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
+        return min(inside, _DRIFT_M - drift, self._clearance_elsewhere(), decision.validity_margin(self.pressing))
 
-    def _others_clear(self) -> float:
-        """The least gap of any point of the closed pairs over how far what is held of the pair has drifted, and a little."""
-        if not self._spread:
+    def _clearance_elsewhere(self) -> float:
+        """Least clearance of closed pairs outside their active contact points: gap less drift, plus the threshold, m."""
+        if not self._multi_point_pairs:
             return math.inf
-        key = self._smooth.state(), self.touches
-        if self._deepest is None or self._deepest[0] != key:
-            gaps = [self._gap_of_all_points(pair) - self._drifted(pair) for pair in self._spread]
-            self._deepest = key, min(gaps) + _OTHER_POINT_M
-        return self._deepest[1]
+        key = self._smooth.state(), self.contact_points
+        if self._gap_cache is None or self._gap_cache[0] != key:
+            gaps = [self._pair_gap(pair) - self._deepest_gap(pair) for pair in self._multi_point_pairs]
+            self._gap_cache = key, min(gaps) + _OTHER_POINT_M
+        return self._gap_cache[1]
 
-    def _drifted(self, pair: ContactPair) -> float:
-        """The deepest gap of what is held of a pair, m, at most 0."""
+    def _deepest_gap(self, pair: ContactPair) -> float:
+        """Deepest gap of the contact points of a pair, m, at most 0."""
         if not self.by_pair[pair]:
             return 0.0
         decision = self.decide()
         return min(
-            [0.0, *(at.gap for touch, at in zip(decision.touches, decision.rows.held, strict=True) if touch.pair is pair)]
+            [
+                0.0,
+                *(
+                    at.gap
+                    for contact, at in zip(decision.contact_points, decision.rows.states, strict=True)
+                    if contact.pair is pair
+                ),
+            ]
         )
 
-    def deeper(self) -> bool:
-        """Whether a closed pair touches at another point than those that are held."""
-        return self._others_clear() < 0.0
+    def touches_elsewhere(self) -> bool:
+        """Whether a closed pair touches at a point other than its contact points."""
+        return self._clearance_elsewhere() < 0.0
 
-    def landed(self) -> list[Feature]:
-        """The features, at other points than those that are held, by which closed pairs overlap."""
+    def overlapping_features(self) -> list[Feature]:
+        """Features other than the contact points, by which closed pairs overlap."""
         model, data = self._model, self._scene.data
         return [
             feature
-            for pair in self._spread
+            for pair in self._multi_point_pairs
             for feature in features(pair, model, data, pair.proximity(model, data))
-            if feature.at(data).gap < self._drifted(pair) - 0.5 * _OTHER_POINT_M
+            if feature.at(data).gap < self._deepest_gap(pair) - 0.5 * _OTHER_POINT_M
         ]
 
-    def _gap_of_all_points(self, pair: ContactPair) -> float:
-        """Gap of a pair, m; exact where it is below zero by more than MuJoCo's rounding, zero where it opens from there."""
+    def _pair_gap(self, pair: ContactPair) -> float:
+        """Gap of a pair, m.
+
+        MuJoCo's distance is used unless it shows an overlap: then the polished gap, or zero if the pair already separates.
+        """
         data = self._scene.data
         gap = pair.gap(self._model, data, 1.0)
         if gap > -0.5 * _OTHER_POINT_M:
@@ -239,42 +253,42 @@ class ActiveContactSet:
         near = pair.proximity(self._model, data)
         return near.gap if near.approaches else max(near.gap, 0.0)
 
-    def beyond_an_edge(self) -> list[ContactPair]:
-        """Pairs of which a contact is outside its feature."""
+    def pairs_outside_feature(self) -> list[ContactPair]:
+        """Pairs with a contact point outside its feature."""
         return self._pairs_where(lambda at: at.inside < -EDGE_M)
 
-    def adrift(self) -> list[ContactPair]:
-        """Pairs of which a gap has drifted as far as a step may let it."""
+    def pairs_with_drift(self) -> list[ContactPair]:
+        """Pairs with a gap that has drifted to the limit of a step."""
         return self._pairs_where(lambda at: abs(at.gap) > 0.99 * _DRIFT_M)
 
     def _pairs_where(self, holds: Callable[[FeatureState], bool]) -> list[ContactPair]:
-        if not self.touches:
+        if not self.contact_points:
             return []
         here = self.decide()
-        beyond = [touch.pair for touch, at in zip(here.touches, here.rows.held, strict=True) if holds(at)]
+        beyond = [contact.pair for contact, at in zip(here.contact_points, here.rows.states, strict=True) if holds(at)]
         return list(dict.fromkeys(beyond))
 
 
-def many_points(pair: ContactPair) -> bool:
+def may_touch_at_several_points(pair: ContactPair) -> bool:
     """Whether a pair may touch at several points."""
     return not any(pair.is_of(kind) for kind in _ONE_POINT)
 
 
 def rate_tolerance(near: Proximity, approach: float) -> float:
-    """Rates slower than this are rounding after an impact at some speed of approach, m/s."""
-    return near.still + _STILL * approach
+    """Gap rates below this are rounding after an impact with a given approach speed, m/s."""
+    return near.still + _REST_SHARE * approach
 
 
 def held_rate_tolerance(near: Proximity) -> float:
-    """The same for a pair that has been held: at the end of a long step its gap drifts until the next one begins."""
-    return _DRIFTING / REST_RATE * near.still
+    """The same for a closed pair: its gap rate drifts by the truncation error of a step until the next projection."""
+    return _CLOSED_RATE_SHARE / REST_RATE * near.still
 
 
 def switched_rate_tolerance(near: Proximity) -> float:
-    """The same for a pair that has left a feature by EDGE_M: a normal that turns there has turned by EDGE_M / radius."""
+    """The same for a pair that left a feature by EDGE_M: on a rounded geom the normal has turned by EDGE_M / radius."""
     return EDGE_M / _LEAST_RADIUS_M / REST_RATE * near.still
 
 
 def closed_and_still(near: Proximity, still: float) -> bool:
-    """Whether a pair that is looked at is in contact, and some point of it neither approaches nor separates."""
+    """Whether a pair is in contact and one of its points neither approaches nor separates."""
     return near.gap <= GAP_TOLERANCE and bool(np.abs(near.rates).min() <= still)

@@ -1,65 +1,69 @@
-"""Which of the closed contacts press, at one state and under some efforts, and what follows from that."""
+"""Choice of the active set at one state under given efforts, and the range in which it stays valid."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.acceleration import Acceleration
+from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 
 _OPENS = 10.0
-"""A gap opens, or a force ceases to push, where a second rate is so many times its rounding."""
+"""A gap opens, or a force stops pushing, where a gap'' exceeds its rounding by this factor."""
 
 
 class Decision:
-    """All closed contacts at one state; most of it is worked out only where it is asked for.
+    """Contact forces and active set at one state; computed on demand.
 
     Attributes:
-        touches: The contacts.
-        problem: Their accelerations.
-        rows: They themselves, at the state.
+        contact_points: All closed contact points.
+        problem: Their complementarity problem.
+        rows: Their states and Jacobians.
     """
 
-    def __init__(self, touches: tuple[ContactPoint, ...], problem: Acceleration) -> None:
-        """Of contacts and their accelerations."""
-        self.touches, self.problem, self.rows = touches, problem, problem.rows
+    def __init__(self, contact_points: tuple[ContactPoint, ...], problem: ContactAcceleration) -> None:
+        """Store the contact points and their problem."""
+        self.contact_points, self.problem, self.rows = contact_points, problem, problem.rows
         self._forces: FloatArray | None = None
         self._pressing: list[int] | None = None
 
     @property
     def forces(self) -> FloatArray:
-        """Forces that only push, shared evenly by redundant contacts, N, (k,)."""
+        """Non-negative contact forces, shared by redundant contacts by least norm, N, (k,)."""
         if self._forces is None:
-            self._forces = self.problem.pushed()
+            self._forces = self.problem.unilateral_forces()
         return self._forces
 
     @property
     def pressing(self) -> list[int]:
-        """Indices of those that press."""
+        """Indices of the contact points that carry force: the active set."""
         if self._pressing is None:
-            eased = zip(self.problem.eased(self.forces).tolist(), self.problem.rounding, strict=True)
-            self._pressing = [i for i, (rate, rounding) in enumerate(eased) if rate > rounding]
+            own_acceleration = zip(self.problem.own_acceleration(self.forces).tolist(), self.problem.rounding, strict=True)
+            self._pressing = [i for i, (rate, rounding) in enumerate(own_acceleration) if rate > rounding]
         return self._pressing
 
     def leaving(self) -> tuple[ContactPoint, ...]:
-        """Those whose gap opens, in the order of the contacts: a set of objects has another one in every process."""
-        rates = zip(self.touches, self._opening(self.forces), self.problem.rounding, strict=True)
-        return tuple(touch for touch, rate, rounding in rates if rate > _OPENS * rounding)
+        """Contact points whose gap opens, in the order of ``contact_points``: a ``set`` would order them by address."""
+        rates = zip(self.contact_points, self._gap_accelerations(self.forces), self.problem.rounding, strict=True)
+        return tuple(contact for contact, rate, rounding in rates if rate > _OPENS * rounding)
 
-    def holds_for(self, held: Sequence[ContactPoint]) -> float:
-        """Below zero where others are held than those that press, up to forces that redundant contacts may share anew."""
+    def validity_margin(self, held: Sequence[ContactPoint]) -> float:
+        """Margin by which an active set still solves the complementarity problem, m/s^2; negative where it does not.
+
+        With redundant contacts an active force may become negative although the motion is unchanged, because the load can be
+        redistributed: the set then counts as valid if it gives the same gap'' as the solution of the problem.
+        """
         problem = self.problem
-        forces = problem.held([self.touches.index(touch) for touch in held])
+        forces = problem.bilateral_forces([self.contact_points.index(contact) for contact in held])
         allowed = [_OPENS * rounding for rounding in problem.rounding]
-        eased, opening = problem.eased(forces).tolist(), self._opening(forces)
-        least = min([min(push + a, a - abs(rate)) for push, rate, a in zip(eased, opening, allowed, strict=True)])
+        own_acceleration, opening = problem.own_acceleration(forces).tolist(), self._gap_accelerations(forces)
+        least = min([min(push + a, a - abs(rate)) for push, rate, a in zip(own_acceleration, opening, allowed, strict=True)])
         if least >= 0.0:
             return float(least)
-        others = zip(opening, self._opening(self.forces), allowed, strict=True)
+        others = zip(opening, self._gap_accelerations(self.forces), allowed, strict=True)
         return float(min([a - max(abs(rate - other), other) for rate, other, a in others]))
 
-    def _opening(self, forces: FloatArray) -> list[float]:
-        """Gap'' under some forces, m/s^2, (k,)."""
-        rates: list[float] = self.problem.opening(forces).tolist()
+    def _gap_accelerations(self, forces: FloatArray) -> list[float]:
+        """Gap'' under given forces, m/s^2, (k,)."""
+        rates: list[float] = self.problem.gap_accelerations(forces).tolist()
         return rates

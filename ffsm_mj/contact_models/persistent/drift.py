@@ -1,4 +1,8 @@
-"""Keeps closed gaps closed against what rounding and the order of the integrator leave, and books what that costs."""
+"""Drift projection: returns closed contacts to gap 0, and accounts for the energy and momentum this changes.
+
+Constraints are enforced at the acceleration level, so rounding and truncation error make gaps drift; projection onto the
+position and velocity constraints is the standard remedy (Hairer & Wanner, *Solving ODEs II*, sec. VII.2).
+"""
 
 from __future__ import annotations
 
@@ -15,50 +19,50 @@ from ffsm_mj.contact_models.persistent.rows import rows
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
 
 
-def added(one: Exchange | None, other: Exchange) -> Exchange:
-    """What two bookings come to."""
+def sum_exchanges(one: Exchange | None, other: Exchange) -> Exchange:
+    """Sum of two exchanges."""
     return other if one is None else Exchange(*(a + b for a, b in zip(one, other, strict=True)))
 
 
-class Drift:
-    """Takes drift out of the closed contacts of a scene."""
+class DriftProjection:
+    """Projects out the drift of the closed contacts of a scene."""
 
     def __init__(self, scene: Scene, closed: ActiveContactSet) -> None:
-        """Find what the joints leave free."""
-        self._scene, self._closed = scene, closed
+        """Determine the momentum components that the joints leave free."""
+        self._scene, self._active_set = scene, closed
         self._free = np.all([free_components(scene.system, tree) for tree in scene.system.trees], axis=0)
 
-    def taken_out(self) -> Exchange | None:
-        """Project the state in ``data`` where that is needed, as a step begins; says what that gave to the subsystems."""
-        closed, system, data = self._closed, self._scene.system, self._scene.data
-        here = closed.decide().rows if closed.touches else None
+    def remove_drift(self) -> Exchange | None:
+        """Project the state in ``data`` at the start of a step if needed; returns the energy and momentum this changed."""
+        closed, system, data = self._active_set, self._scene.system, self._scene.data
+        here = closed.decide().rows if closed.contact_points else None
         if here is None or not needs_projection(here):
             return None
-        touches, motion = closed.touches, closed.motion
-        outside = Shares.of(system, touches, motion.carried_bodies).outside != 0.0
-        taken = np.array(wrenches(here, np.ones(len(touches))))[outside.any(axis=0)]
-        before, qpos = self._accounts(), data.qpos.copy()
-        project(motion, lambda: rows(motion, data, touches), self._free, taken)
+        contact_points, motion = closed.contact_points, closed.motion
+        outside = Shares.of(system, contact_points, motion.carried_bodies).outside != 0.0
+        taken = np.array(wrenches(here, np.ones(len(contact_points))))[outside.any(axis=0)]
+        before, qpos = self._energy_and_momenta(), data.qpos.copy()
+        project(motion, lambda: rows(motion, data, contact_points), self._free, taken)
         motion.path.on_event_located()
         motion.flight.account(0.0)  # its energy and momentum are those of other velocities
-        energy, impulse, total = (after - then for after, then in zip(self._accounts(), before, strict=True))
-        # What fixed bodies take is one sum: it is booked to the robot where they touch it, else to the objects. What is
-        # carried counts as the robot's here, and its gains are booked by the balance.
+        energy, impulse, total = (after - then for after, then in zip(self._energy_and_momenta(), before, strict=True))
+        # Only the sum of what fixed bodies absorb is known: it is entered for the robot if they touch it, else for the
+        # objects. A grasped object counts as part of the robot here; the balance separates the two.
         from_outside = np.zeros((2, 6))
         if outside[0].any():
             from_outside[0] = total
         elif outside[1].any():
             from_outside[1] = total
             impulse = impulse - total
-        # The books of the joints take the way for work: it is none.
-        way = np.empty(system.mj.nv)
-        mujoco.mj_differentiatePos(system.mj, way, 1.0, qpos, data.qpos)
-        energy[:2] -= float(data.qfrc_actuator @ way)
+        # The balance computes actuator work from joint displacements; the displacement of a projection is not work.
+        displacement = np.empty(system.mj.nv)
+        mujoco.mj_differentiatePos(system.mj, displacement, 1.0, qpos, data.qpos)
+        energy[:2] -= float(data.qfrc_actuator @ displacement)
         return Exchange(energy, impulse, from_outside)
 
-    def _accounts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Kinetic energies of (total, robot with what it carries, other objects), and the momenta of those and of all."""
-        system, data, carried = self._scene.system, self._scene.data, self._closed.motion.carried
+    def _energy_and_momenta(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Kinetic energy of (total, robot with grasped object, other objects), momentum of other objects, total momentum."""
+        system, data, carried = self._scene.system, self._scene.data, self._active_set.motion.carried
         momentum = np.empty(system.mj.nv)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
         total = 0.5 * float(momentum @ data.qvel)

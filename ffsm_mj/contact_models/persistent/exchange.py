@@ -1,7 +1,7 @@
-"""What lasting contacts move between the subsystems in a (sub-)step, by the stages of the step itself.
+"""Energy and momentum exchanged between subsystems by persistent contacts in a (sub-)step, from its Runge-Kutta stages.
 
-The work and impulse of forces that are known in each stage of a Runge-Kutta step are integrals of the same order as the
-motion, with its own weights; nothing has to be asked at a midpoint.
+Work and impulse are quadratures of the stage forces with the weights of the method: they have the order of the motion, and
+need no evaluation at a midpoint.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 
 Wrench = tuple[float, float, float, float, float, float]
-"""Force and moment about the world origin."""
+"""Force, and moment about the world origin."""
 
 
 class Stage(NamedTuple):
-    """What was asked in one stage.
+    """Contact forces in one stage of a step.
 
     Attributes:
-        rows: Where the contacts are.
-        forces: Theirs, N, (k,).
-        power: What they give to each dof, W, (nv,).
+        rows: States and Jacobians of the contact points.
+        forces: Normal forces, N, (k,).
+        power: Power of the contact forces by degree of freedom, W, (nv,).
     """
 
     rows: ContactRows
@@ -39,12 +39,12 @@ class Stage(NamedTuple):
 
 
 class Shares(NamedTuple):
-    """How the forces on b of some contacts count.
+    """Signs with which contact forces on geom b enter the balance of each subsystem.
 
     Attributes:
         from_robot: As forces of the robot on the objects, (k,).
-        outside: As forces from outside, on the robot and on the objects, (2, k).
-        of_pairs: Which of them are whose.
+        outside: As external forces on the robot and on the objects, (2, k).
+        of_pairs: Indices of the contact points of each pair.
     """
 
     from_robot: FloatArray
@@ -52,21 +52,23 @@ class Shares(NamedTuple):
     of_pairs: dict[ContactPair, list[int]]
 
     @classmethod
-    def of(cls, system: System, touches: Sequence[ContactPoint], carried: frozenset[int]) -> Shares:
-        """Those of some touches, with some bodies of objects carried as parts of the robot (see ``balance/exchange.py``)."""
+    def of(cls, system: System, contact_points: Sequence[ContactPoint], carried: frozenset[int]) -> Shares:
+        """Signs for some contact points; bodies in ``carried`` count as parts of the robot (see ``balance/exchange.py``)."""
         robot = carried.union(system.robot.bodies)
         objects = {body for tree in system.objects for body in tree.bodies} - carried
-        from_robot, outside = np.zeros(len(touches)), np.zeros((2, len(touches)))
+        from_robot, outside = np.zeros(len(contact_points)), np.zeros((2, len(contact_points)))
         of_pairs: dict[ContactPair, list[int]] = {}
-        for i, touch in enumerate(touches):
-            of_pairs.setdefault(touch.pair, []).append(i)
-            a, b = touch.pair.body_a, touch.pair.body_b
+        for i, contact in enumerate(contact_points):
+            of_pairs.setdefault(contact.pair, []).append(i)
+            a, b = contact.pair.body_a, contact.pair.body_b
             ours = [subsystem for subsystem, bodies in enumerate((robot, objects)) if (a in bodies) != (b in bodies)]
-            if len(ours) == 2:  # of the robot and an object
+            if len(ours) == 2:  # contact between the robot and an object
                 from_robot[i] = 1.0 if a in robot else -1.0
-            elif ours:  # the other is fixed
+            elif ours:  # the other body is fixed: an external force
                 bodies = (robot, objects)[ours[0]]
                 sign = 1.0 if b in bodies else -1.0
+                # The force acts on an object although it is integrated with the robot: enter it for the object, and
+                # subtract the reaction that the robot's balance would otherwise see.
                 if a in carried or b in carried:
                     outside[1, i], from_robot[i] = sign, -sign
                 else:
@@ -75,7 +77,7 @@ class Shares(NamedTuple):
 
 
 def robot_dofs(system: System, motion: Motion) -> slice:
-    """Dofs of the robot in what moves, with all that it carries there."""
+    """Degrees of freedom of the robot in a motion, including a grasped object."""
     model = motion.model
     root = model.body_rootid[motion.bodies[system.robot.root]]
     own = np.flatnonzero(model.body_rootid[model.dof_bodyid] == root)
@@ -85,13 +87,13 @@ def robot_dofs(system: System, motion: Motion) -> slice:
 def exchanged(
     stages: Sequence[Stage], parts: FloatArray, shares: Shares, robot: slice
 ) -> tuple[Exchange, dict[ContactPair, float]]:
-    """What the contacts of the stages of a step exchanged, and the integral of the size of each pair's force, N s.
+    """Energy and momentum exchanged in a step, and the time integral of the force magnitude of each pair, N s.
 
     Args:
-        stages: In their order.
-        parts: Time that each counts for, s.
-        shares: Of the contacts.
-        robot: The robot's dofs in what moves.
+        stages: Contact forces by stage.
+        parts: Quadrature weight of each stage, s.
+        shares: Signs of the contact forces.
+        robot: Degrees of freedom of the robot in the motion.
     """
     on_b = [wrenches(stage.rows, stage.forces) for stage in stages]
     work = parts.dot(np.array([stage.power for stage in stages])).tolist()
@@ -100,17 +102,17 @@ def exchanged(
     for part, pushed in zip(weights, on_b, strict=True):
         for pair, mine in shares.of_pairs.items():
             sizes[pair] += part * _size([pushed[i] for i in mine])
-    # Plain sums: arrays of a few numbers cost more.
-    columns = [zip(*of_touch, strict=True) for of_touch in zip(*on_b, strict=True)]
+    # Plain Python sums: for a few numbers, numpy's call overhead costs more.
+    columns = [zip(*of_contact, strict=True) for of_contact in zip(*on_b, strict=True)]
     impulses = np.array([[sum(map(mul, weights, column)) for column in six] for six in columns])
     energy = np.array((total, own, total - own))
     return Exchange(energy, shares.from_robot.dot(impulses), shares.outside.dot(impulses)), sizes
 
 
 def wrenches(rows: ContactRows, forces: FloatArray) -> list[Wrench]:
-    """Force and moment about the world origin on b of each contact."""
+    """Force, and moment about the world origin, on geom b of each contact."""
     out = []
-    for here, force in zip(rows.held, forces.tolist(), strict=True):
+    for here, force in zip(rows.states, forces.tolist(), strict=True):
         (x, y, z), (a, b, c) = here.normal.tolist(), here.point.tolist()
         x, y, z = force * x, force * y, force * z
         out.append((x, y, z, b * z - c * y, c * x - a * z, a * y - b * x))
@@ -118,6 +120,6 @@ def wrenches(rows: ContactRows, forces: FloatArray) -> list[Wrench]:
 
 
 def _size(wrenches: Sequence[Wrench]) -> float:
-    """Of the sum of the forces of some wrenches."""
+    """Magnitude of the sum of the forces of some wrenches."""
     total = wrenches[0] if len(wrenches) == 1 else [*map(sum, zip(*wrenches, strict=True))]
     return math.hypot(*total[:3])

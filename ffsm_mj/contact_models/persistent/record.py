@@ -1,4 +1,4 @@
-"""What begins, ends and changes at contacts that last, as kinds of records."""
+"""Event records of persistent contact: a contact begins, ends or changes its features."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from ffsm_mj.records.kinds import Mark, RecordKind
 
 @dataclass(frozen=True)
 class ContactRecord:
-    """What happened to a pair that lasts.
+    """An event of a pair in persistent contact.
 
     Attributes:
-        event: Number of what happened to lasting contacts and to grasps, from 0; pairs that share an instant share it.
-        time_s: When.
-        step: Integration step in which it happened, from 0.
+        event: Event number, counted over persistent contacts and grasps from 0; pairs that change together share it.
+        time_s: Simulation time.
+        step: Index of the integration step, from 0.
         pair: Name of the pair of geoms.
-        geoms: The two, a and b.
-        mode: By which features they touch from here on, as ``sphere on face``; empty where they do not.
-        points: By how many.
-        point_m: Centre of pressure, or of the points where nothing presses, in world axes.
+        geoms: Its geoms a and b.
+        mode: Contact features after the event, such as ``sphere on face``; empty if the pair is open.
+        points: Number of contact points after the event.
+        point_m: Centre of pressure in world axes; mean of the contact points if none carries force.
         normal: Mean unit normal in world axes, from a to b.
-        force_before_N: Resultant force just before, N; 0 where there was none.
-        force_after_N: Resultant force just after, under the efforts that acted until here, N.
-        impulse_N_s: Integral of the resultant force of this pair since t = 0, N s.
+        force_before_N: Resultant force just before, N; 0 if there was none.
+        force_after_N: Resultant force just after, under the efforts up to the event, N.
+        impulse_N_s: Time integral of the resultant force of this pair since t = 0, N s.
         qpos: Configuration.
         qvel_before: Generalised velocity before, by joint.
-        qvel_after: Generalised velocity after, by joint: the same but for what rounding had left of the gaps' rates.
-        efforts_after: Effort by actuator that acts here; no controller is asked.
+        qvel_after: Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.
+        efforts_after: Effort by actuator at the event; the controller is not evaluated.
     """
 
     event: int
@@ -52,17 +52,17 @@ class ContactRecord:
 
 @dataclass(frozen=True)
 class ContactBegins(ContactRecord):
-    """A pair stays closed from here on; fields as those of :class:`ContactRecord`."""
+    """A pair enters persistent contact; fields as in :class:`ContactRecord`."""
 
 
 @dataclass(frozen=True)
 class ContactEnds(ContactRecord):
-    """A pair opens; fields as those of :class:`ContactRecord`."""
+    """A pair opens; fields as in :class:`ContactRecord`."""
 
 
 @dataclass(frozen=True)
 class ContactChanges(ContactRecord):
-    """A pair stays closed and touches by other features, or begins to press; fields as those of :class:`ContactRecord`."""
+    """A closed pair changes its contact features or starts to carry force; fields as in :class:`ContactRecord`."""
 
 
 def _marks(record: Any) -> list[Mark]:
@@ -73,11 +73,11 @@ def _marks(record: Any) -> list[Mark]:
 
 _COLUMNS = {
     "time_s": ("s", "simulation time"),
-    "event": ("", "number of what happened to lasting contacts, from 0"),
+    "event": ("", "event number, counted over persistent contacts and grasps from 0"),
     "pair": ("", "name of the pair of geoms"),
     "geoms_{ab}": ("", "geom of the pair; the normal points from a to b"),
-    "mode": ("", "features by which they touch from here on"),
-    "points": ("", "by how many"),
+    "mode": ("", "contact features after the event"),
+    "points": ("", "number of contact points after the event"),
     "point_{xyz}_m": ("m", "centre of pressure, world frame"),
     "normal_{xyz}": ("", "mean normal from a to b, world frame"),
     "force_before_N": ("N", "resultant force just before"),
@@ -89,9 +89,9 @@ _LENGTHS = {"geoms": 2, "point_m": 3, "normal": 3}
 
 def _kind(record: type, name: str, plural: str, when: str, says: str) -> RecordKind:
     def sentence(record: Any) -> str:
-        touching = f", {record.mode}" if record.mode else ""
-        force = f"{record.force_after_N:.4g} N after {record.force_before_N:.4g} N"
-        return f"{force}, {' on '.join(record.geoms)}{touching}: contact of {record.pair} {says}"
+        features = f", {record.mode}" if record.mode else ""
+        force = f"force {record.force_before_N:.4g} N before, {record.force_after_N:.4g} N after"
+        return f"contact {record.pair} {says}: {force}, {' and '.join(record.geoms)}{features}"
 
     return RecordKind(
         record=record,
@@ -100,7 +100,7 @@ def _kind(record: type, name: str, plural: str, when: str, says: str) -> RecordK
         when=when,
         time=lambda record: record.time_s,
         sentence=sentence,
-        summarised=False,  # a contact is summed up from its beginning to its end
+        summarised=False,  # the summary lists contact intervals instead
         columns=_COLUMNS,
         lengths=_LENGTHS,
         marks=_marks,
@@ -108,8 +108,10 @@ def _kind(record: type, name: str, plural: str, when: str, says: str) -> RecordK
     )
 
 
-CONTACT_BEGINS = _kind(ContactBegins, "contact_begins", "contact_beginnings", "when a pair begins to stay closed", "begins")
+CONTACT_BEGINS = _kind(
+    ContactBegins, "contact_begins", "contact_beginnings", "when a pair enters persistent contact", "begins"
+)
 CONTACT_ENDS = _kind(ContactEnds, "contact_ends", "contact_endings", "when it opens", "ends")
 CONTACT_CHANGES = _kind(
-    ContactChanges, "contact_changes", "contact_changes", "when it touches by other features or begins to press", "changes"
+    ContactChanges, "contact_changes", "contact_changes", "when its features change or it starts to carry force", "changes"
 )

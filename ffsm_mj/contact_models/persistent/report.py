@@ -1,4 +1,4 @@
-"""What rows and records say of closed contacts: by pair the resultant force, its centre, and how the two touch."""
+"""Log columns and event records of closed contacts: resultant force, centre of pressure and features by pair."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from ffsm_mj.records.signals import FORCE_RESIDUAL, Signal, identifier
 from ffsm_mj.records.wrench import Wrench
 
 FREE, CLOSED, PRESSING = 0.0, 1.0, 2.0
-"""Modes of a pair in the log."""
+"""Contact modes of a pair in the log."""
 
 _SIGNALS = (
-    ("mode", "", "how {} touches: 0 not, 1 closed without force, 2 pressing"),
-    ("points", "", "at how many points {} touches"),
-    ("force_N", "N", "resultant force of {}, under the efforts of this row; 0 when free"),
+    ("mode", "", "contact state of {}: 0 open, 1 closed without force, 2 closed with force"),
+    ("points", "", "number of contact points of {}"),
+    ("force_N", "N", "resultant force of {}, under the efforts of this row; 0 if open"),
     *((f"force_{x}_N", "N", "resultant force of {} on its second geom, world axes") for x in "xyz"),
-    *((f"centre_{x}_m", "m", "centre of pressure of {}, world axes; NaN where nothing presses") for x in "xyz"),
-    ("impulse_N_s", "N s", "integral of the resultant force of {} since t = 0"),
+    *((f"centre_{x}_m", "m", "centre of pressure of {}, world axes; NaN if no contact point carries force") for x in "xyz"),
+    ("impulse_N_s", "N s", "time integral of the resultant force of {} since t = 0"),
 )
 _RESIDUAL = (
-    "largest difference between the resultant force of a pair that holds it and the one that only pushes; recomputed by "
-    "ffsm analyze from the states in the log, by other functions"
+    "largest difference between the resultant force of a pair in the step and the non-negative one; ffsm analyze recomputes "
+    "it from the states in the log, with other functions"
 )
 _NOTHING = np.array([FREE, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan, 0.0])
 _IMPULSE = len(_NOTHING) - 1
@@ -40,23 +40,23 @@ _NOWHERE = [math.nan] * 3
 
 
 def force_keys(pair: ContactPair) -> tuple[str, ...]:
-    """Columns of the resultant force of a pair on its second geom."""
+    """Columns of the resultant force of a pair on geom b."""
     return tuple(f"contact.{identifier(pair.name)}_force_{x}_N" for x in "xyz")
 
 
 def mode_key(pair: ContactPair) -> str:
-    """Column that says whether a pair is closed and presses."""
+    """Column of the contact mode of a pair."""
     return f"contact.{identifier(pair.name)}_mode"
 
 
 class Resultant(NamedTuple):
-    """What a pair exchanges at one state.
+    """Resultant contact force of a pair at one state.
 
     Attributes:
-        force: On its second geom, N, (3,).
-        centre: Of pressure; of the points where nothing presses, m, (3,).
-        normal: Mean normal, (3,).
-        points: How many.
+        force: Force on geom b, N, (3,).
+        centre: Centre of pressure; mean of the contact points if none carries force, m, (3,).
+        normal: Mean unit normal, (3,).
+        points: Number of contact points.
         mode: Their features.
     """
 
@@ -72,35 +72,37 @@ class Resultant(NamedTuple):
         return math.hypot(*self.force.tolist())
 
 
-def resultant(touches: Sequence[ContactPoint], rows: ContactRows, forces: FloatArray, pair: ContactPair) -> Resultant:
-    """Sum over the touches of one pair."""
-    mine = [i for i, touch in enumerate(touches) if touch.pair is pair]
-    if len(mine) == 1:  # by far the most, and asked in every stage
-        only, here = mine[0], rows.held[mine[0]]
-        return Resultant(forces[only] * here.normal, here.point, here.normal, 1, touches[only].feature.name)
-    normals, points = (np.array([getattr(rows.held[i], name) for i in mine]).reshape(-1, 3) for name in ("normal", "point"))
+def resultant(contact_points: Sequence[ContactPoint], rows: ContactRows, forces: FloatArray, pair: ContactPair) -> Resultant:
+    """Resultant over the contact points of one pair."""
+    mine = [i for i, contact in enumerate(contact_points) if contact.pair is pair]
+    if len(mine) == 1:  # the usual case, evaluated in every stage
+        only, here = mine[0], rows.states[mine[0]]
+        return Resultant(forces[only] * here.normal, here.point, here.normal, 1, contact_points[only].feature.name)
+    normals, points = (
+        np.array([getattr(rows.states[i], name) for i in mine]).reshape(-1, 3) for name in ("normal", "point")
+    )
     pushed = forces[mine]
     total = float(pushed.sum())
     weights = pushed / total if total > 0.0 else np.full(len(mine), 1.0 / max(1, len(mine)))
     normal = weights @ normals
     length = math.hypot(*normal.tolist())
-    names = " + ".join(dict.fromkeys(touches[i].feature.name for i in mine))
+    names = " + ".join(dict.fromkeys(contact_points[i].feature.name for i in mine))
     return Resultant(pushed @ normals, weights @ points, normal / length if length else normal, len(mine), names)
 
 
 class ContactReport:
-    """Columns of the closed contacts of a run, and their records.
+    """Writes the columns and event records of the closed contacts of a run.
 
     Attributes:
-        columns: Of every pair that may last.
+        columns: Columns of every pair that persistent contact supports.
     """
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair], closed: ActiveContactSet) -> None:
-        """Nothing is closed yet."""
-        self._scene, self._closed = scene, closed
+        """Initialise with no closed contacts."""
+        self._scene, self._active_set = scene, closed
         self._values = np.tile(_NOTHING, (len(pairs), 1))
         self._row = {pair: i for i, pair in enumerate(pairs)}
-        self._blank = True
+        self._is_blank = True
         signals = tuple(
             Signal("contact", f"{identifier(pair.name)}_{name}", unit, meaning.format(pair.name))
             for pair in pairs
@@ -108,79 +110,79 @@ class ContactReport:
         )
         flat, self._residual = self._values.reshape(-1), np.zeros(1)
         self.columns = (
-            Columns(signals, live=flat, note=lambda _: self._note(), resume=self._resume),
+            Columns(signals, live=flat, note=lambda _: self._write_values(), resume=self._restore_values),
             Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=self._residual),
         )
 
-    def told(self) -> list[ContactPair]:
-        """Pairs that the columns say are closed."""
+    def logged_pairs(self) -> list[ContactPair]:
+        """Pairs that are closed according to the columns."""
         return [pair for pair, row in self._row.items() if self._values[row, 0] != FREE]
 
-    def _resume(self, told: FloatArray) -> None:
-        self._values[:] = told.reshape(self._values.shape)
-        self._blank = False
+    def _restore_values(self, logged_pairs: FloatArray) -> None:
+        self._values[:] = logged_pairs.reshape(self._values.shape)
+        self._is_blank = False
 
-    def _note(self) -> None:
-        """Say what is at the state in ``data`` under the efforts in it."""
-        closed = self._closed
-        if not closed.by_pair and self._blank:
+    def _write_values(self) -> None:
+        """Write the columns for the state in ``data`` under its efforts."""
+        closed = self._active_set
+        if not closed.by_pair and self._is_blank:
             return
         self._values[:, :_IMPULSE], self._residual[0] = _NOTHING[:_IMPULSE], 0.0
-        self._blank = not closed.by_pair
-        if not closed.touches:
+        self._is_blank = not closed.by_pair
+        if not closed.contact_points:
             return
         decision = closed.decide()
-        forces, touches = decision.forces, decision.touches
-        pressing = {touches[i].pair for i in decision.pressing}
-        held = decision.problem.held(decision.pressing)
+        forces, contact_points = decision.forces, decision.contact_points
+        pressing = {contact_points[i].pair for i in decision.pressing}
+        held = decision.problem.bilateral_forces(decision.pressing)
         differ = held.tolist() != forces.tolist()
         for pair, own in closed.by_pair.items():
             if own:
-                found = resultant(touches, decision.rows, forces, pair)
+                found = resultant(contact_points, decision.rows, forces, pair)
                 mode, centre = (PRESSING, found.centre.tolist()) if pair in pressing else (CLOSED, _NOWHERE)
                 row = mode, found.points, found.size, *found.force.tolist(), *centre
                 self._values[self._row[pair], :_IMPULSE] = row
                 if pair in pressing and differ:
-                    again = resultant(touches, decision.rows, held, pair).force
+                    again = resultant(contact_points, decision.rows, held, pair).force
                     self._residual[0] = max(self._residual[0], math.dist(found.force, again))
 
     def active(self) -> tuple[ActiveContact, ...]:
-        """The closed pairs at the state in ``data`` under the efforts in it, as control laws see them."""
-        found = self.places([pair for pair, touches in self._closed.by_pair.items() if touches])
+        """The closed pairs and their forces at the state in ``data`` under its efforts, for control laws."""
+        found = self.places([pair for pair, contact_points in self._active_set.by_pair.items() if contact_points])
         return tuple(ActiveContact(pair.name, at.force, at.centre.copy(), at.normal.copy()) for pair, at in found.items())
 
     def wrenches(self) -> list[Wrench]:
-        """What the closed contacts put on their bodies at the state in ``data`` under the efforts in it."""
-        closed = self._closed
-        if not closed.touches:
+        """Contact forces on both bodies of each closed contact at the state in ``data`` under its efforts."""
+        closed = self._active_set
+        if not closed.contact_points:
             return []
         decision, out = closed.decide(), []
-        for touch, here, size in zip(decision.touches, decision.rows.held, decision.forces.tolist(), strict=True):
+        for contact, here, size in zip(decision.contact_points, decision.rows.states, decision.forces.tolist(), strict=True):
             if size:
                 force = size * here.normal
-                out += [Wrench(touch.pair.body_a, here.point, -force), Wrench(touch.pair.body_b, here.point, force)]
+                out += [Wrench(contact.pair.body_a, here.point, -force), Wrench(contact.pair.body_b, here.point, force)]
         return out
 
-    def book(self, impulses: Mapping[ContactPair, float]) -> None:
-        """Add what the resultant forces of some pairs came to in a step, N s."""
+    def add_impulses(self, impulses: Mapping[ContactPair, float]) -> None:
+        """Add the impulses of pairs in a step, N s."""
         for pair, impulse in impulses.items():
             self._values[self._row[pair], _IMPULSE] += impulse
 
-    def before(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, float]:
-        """Resultant forces at the end of the step that has ended, N; 0 where none was made since the last event."""
-        stage = self._closed.stages[-1] if self._closed.stages else None
+    def forces_before(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, float]:
+        """Resultant forces at the end of the last step, N; 0 if there was no step since the last event."""
+        stage = self._active_set.stages[-1] if self._active_set.stages else None
         if stage is None:
             return dict.fromkeys(pairs, 0.0)
-        return {pair: resultant(self._closed.pressing, stage.rows, stage.forces, pair).size for pair in pairs}
+        return {pair: resultant(self._active_set.pressing, stage.rows, stage.forces, pair).size for pair in pairs}
 
     def places(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, Resultant]:
-        """Where and with what force pairs touch at the state in ``data`` under the efforts in it."""
-        closed, found = self._closed, {}
-        decision = closed.decide() if closed.touches else None
+        """Resultant force and centre of pairs at the state in ``data`` under its efforts."""
+        closed, found = self._active_set, {}
+        decision = closed.decide() if closed.contact_points else None
         forces = decision.forces if decision else np.zeros(0)
         for pair in pairs:
             if decision and closed.by_pair.get(pair):
-                found[pair] = resultant(decision.touches, decision.rows, forces, pair)
+                found[pair] = resultant(decision.contact_points, decision.rows, forces, pair)
             else:
                 near = pair.proximity(self._scene.system.mj, self._scene.data)
                 found[pair] = Resultant(np.zeros(3), near.points.mean(axis=0), near.normal, 0, "")
@@ -195,18 +197,18 @@ class ContactReport:
         event: int,
         qvel_before: Mapping[str, tuple[float, ...]],
     ) -> tuple[Any, ...]:
-        """What the log says of something that happened to some pairs at the state in ``data``.
+        """Event records of pairs at the state in ``data``.
 
         Args:
-            kind: What.
-            places: Where each of the pairs touches after it; before it where it ends.
-            before: Their forces just before, N.
-            instant: When.
-            event: Its number.
+            kind: Kind of record.
+            places: Resultant of each pair after the event; before it for a pair that opens.
+            before: Resultant forces just before, N.
+            instant: Time and step of the event.
+            event: Event number.
             qvel_before: Generalised velocity before, by joint.
         """
         data = self._scene.data
-        ended = {pair: pair not in self._closed.by_pair for pair in places}
+        ended = {pair: pair not in self._active_set.by_pair for pair in places}
         return tuple(
             kind.record(
                 event=event,

@@ -1,4 +1,4 @@
-"""The gaps of touching features as functions of the motion: gap' = J qdot and gap'' = J qddot + gamma, at one state."""
+"""Contact Jacobians: gap' = J qdot and gap'' = J qddot + gamma for each contact point, at one state."""
 
 from __future__ import annotations
 
@@ -17,45 +17,45 @@ from ffsm_mj.dynamics.motion import Motion
 
 @dataclass(frozen=True, eq=False)
 class ContactPoint:
-    """A pair, and one feature by which it touches."""
+    """One contact feature of a pair."""
 
     pair: ContactPair
     feature: Feature
 
 
 class ContactRows(NamedTuple):
-    """Touches at one state, in the coordinates of what moves.
+    """Contact points at one state, in the coordinates of a motion.
 
     Attributes:
-        held: Where they are.
-        J: Rate of each gap by generalised velocity, (k, nv).
-        gamma: What of each gap'' is not J qddot, m/s^2, (k,).
+        states: Gap, rate, normal and contact points of each contact point.
+        J: Derivative of each gap rate with respect to the generalised velocity, (k, nv).
+        gamma: Part of each gap'' that does not depend on accelerations, m/s^2, (k,).
         response: J M^-1, (k, nv).
-        G: What a force at one contact does to the gap'' of another, J M^-1 J^T, 1/kg, (k, k).
+        G: Delassus matrix J M^-1 J^T, 1/kg, (k, k): gap'' at one contact per unit force at another.
     """
 
-    held: tuple[FeatureState, ...]
+    states: tuple[FeatureState, ...]
     J: FloatArray
     gamma: FloatArray
     response: FloatArray
     G: FloatArray
 
 
-def rows(motion: Motion, data: Any, touches: Sequence[ContactPoint]) -> ContactRows:
-    """Rows of some touches.
+def rows(motion: Motion, data: Any, contact_points: Sequence[ContactPoint]) -> ContactRows:
+    """Compute the rows of some contact points.
 
     Args:
-        motion: What moves; positions and velocities current, the mass matrix factored.
-        data: The data of the system that is logged, at the same state.
-        touches: Pairs and features.
+        motion: The current motion; positions and velocities current, mass matrix factored.
+        data: Data of the logged system, at the same state.
+        contact_points: Pairs and features.
     """
     model, moving, bodies = motion.model, motion.data, motion.bodies
-    k, nv, qvel = len(touches), model.nv, moving.qvel
+    k, nv, qvel = len(contact_points), model.nv, moving.qvel
     J, gamma = np.empty((k, nv)), np.empty(k)
     of_b, of_a, rate_b, rate_a = motion.room
-    held = tuple([touch.feature.at(data) for touch in touches])
-    for i, (touch, here) in enumerate(zip(touches, held, strict=True)):
-        a, b = bodies[touch.pair.body_a], bodies[touch.pair.body_b]
+    states = tuple([contact.feature.at(data) for contact in contact_points])
+    for i, (contact, here) in enumerate(zip(contact_points, states, strict=True)):
+        a, b = bodies[contact.pair.body_a], bodies[contact.pair.body_b]
         mujoco.mj_jac(model, moving, of_b, None, here.point, b)
         mujoco.mj_jac(model, moving, of_a, None, here.point, a)
         mujoco.mj_jacDot(model, moving, rate_b, None, here.point_b, b)
@@ -63,7 +63,8 @@ def rows(motion: Motion, data: Any, touches: Sequence[ContactPoint]) -> ContactR
         of_b -= of_a
         rate_b -= rate_a
         J[i] = here.normal.dot(of_b)
+        # n . (Jdot qdot) of the material points, and the curvature terms of the moving contact point.
         gamma[i] = here.normal.dot(rate_b).dot(qvel) + here.bend
     response = np.empty((k, nv))
     mujoco.mj_solveM(model, moving, response, J)
-    return ContactRows(held, J, gamma, response, response.dot(J.T))
+    return ContactRows(states, J, gamma, response, response.dot(J.T))

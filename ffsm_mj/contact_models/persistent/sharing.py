@@ -1,9 +1,9 @@
-"""Impulses over a step in which pairs that bear together share their load anew.
+"""Impulses over a step in which redundant contacts redistribute their load.
 
-In the stages of a step the contacts that pressed as it began are held, and where they are redundant their shares are of
-least norm, even where one of them would pull by then: the motion is the same. The share of a pair is of least norm among
-those that only push, which has a kink where a contact ceases to have one, or gets one. A quadrature over a kink is good to
-the second order only, so the step is cut there: each piece is integrated by Simpson's rule, along the path of the step.
+The stages of a step constrain the active set chosen at its start. If contacts are redundant, their forces are of least norm,
+and one of them may become negative without changing the motion. The logged force of a pair is of least norm among the
+non-negative ones; as a function of time it has a kink where a contact enters or leaves that distribution. Quadrature over a
+kink is only second order, so the step is split there, and each piece is integrated by Simpson's rule along its path.
 """
 
 from __future__ import annotations
@@ -21,35 +21,35 @@ from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.dynamics.motion import Motion
 
-_SHARED_ANEW = 1e-9
-"""Of the forces: a share that differs by less at the end of a step has had its kink so late that its impulse is rounding."""
+_SHARE_CHANGE = 1e-9
+"""Relative change of a force at the end of a step below which its kink came so late that the impulse error is rounding."""
 _SHARP = 1e-6
-"""Of a step: a kink is known this well, and the impulse is good to the square of it."""
+"""Accuracy of a kink as a fraction of the step; the error of the impulse is of the order of its square."""
 
 
 class Pieces(NamedTuple):
-    """Forces along a step, and how they add up to impulses.
+    """Quadrature nodes and weights for impulses along a step.
 
     Attributes:
-        touches: Whose forces they are.
-        stages: What they are at some instants.
-        weights_s: Time that each of them counts for.
+        contact_points: The contact points.
+        stages: Their forces at each node.
+        weights_s: Weight of each node, s.
     """
 
-    touches: tuple[ContactPoint, ...]
+    contact_points: tuple[ContactPoint, ...]
     stages: list[Stage]
     weights_s: list[float]
 
 
 def pieces(closed: ActiveContactSet, motion: Motion, duration_s: float) -> Pieces | None:
-    """The forces in a step that has just been made, cut where shares have kinks; None where they have none.
+    """Quadrature of the last step, split at the kinks of the forces; None if there are none.
 
     Args:
-        closed: The contacts, at the end of the step.
-        motion: What has moved; it is left where it is.
+        closed: The closed contacts, at the end of the step.
+        motion: The current motion; its state is restored.
         duration_s: Length of the step.
     """
-    if sum(map(bool, closed.by_pair.values())) < 2 or not _shared_anew(closed):
+    if sum(map(bool, closed.by_pair.values())) < 2 or not _shares_change(closed):
         return None
     path, data = motion.path, motion.data
     kept = path.at_s, data.qpos.copy(), data.qvel.copy(), list(closed.stages)
@@ -63,30 +63,32 @@ def pieces(closed: ActiveContactSet, motion: Motion, duration_s: float) -> Piece
             weights.append((end - start) * part / 6.0)
     path.at_s, qpos, qvel, closed.stages[:] = kept
     if not (np.array_equal(qpos, data.qpos) and np.array_equal(qvel, data.qvel)):
-        motion.go_to(qpos, qvel)  # ``analyze`` goes on from the state of the log
-    return Pieces(closed.touches, stages, weights)
+        motion.go_to(qpos, qvel)  # a log replay continues from the logged state, which the path reproduces only to rounding
+    return Pieces(closed.contact_points, stages, weights)
 
 
-def _shared_anew(closed: ActiveContactSet) -> bool:
-    """Whether some pair has another share at the end of a step than what was held in it would give it."""
+def _shares_change(closed: ActiveContactSet) -> bool:
+    """Whether the force of a pair at the end of a step differs between the active set and the non-negative distribution."""
     decision = closed.decide()
-    held = decision.problem.held([decision.touches.index(touch) for touch in closed.pressing])
+    held = decision.problem.bilateral_forces([decision.contact_points.index(contact) for contact in closed.pressing])
     apart = np.abs(decision.forces - held)
-    allowed = _SHARED_ANEW * (1.0 + float(np.abs(decision.forces).max(initial=0.0)))
+    allowed = _SHARE_CHANGE * (1.0 + float(np.abs(decision.forces).max(initial=0.0)))
     if apart.max(initial=0.0) <= allowed:
         return False
-    # Points of one pair may share anew among themselves: that is no matter of the pair's.
+    # Redistribution among the points of one pair does not change its resultant, which alone is logged.
     changes: dict[object, FloatArray] = {}
-    for touch, here, change in zip(decision.touches, decision.rows.held, (decision.forces - held).tolist(), strict=True):
-        changes[touch.pair] = changes.get(touch.pair, np.zeros(3)) + change * here.normal
+    for contact, here, change in zip(
+        decision.contact_points, decision.rows.states, (decision.forces - held).tolist(), strict=True
+    ):
+        changes[contact.pair] = changes.get(contact.pair, np.zeros(3)) + change * here.normal
     return any(math.hypot(*change.tolist()) > allowed for change in changes.values())
 
 
 def _kinks(closed: ActiveContactSet, motion: Motion, duration_s: float) -> list[float]:
-    """When other contacts begin to press, s since the start of the step."""
+    """Times at which the set of contacts with force changes, s since the start of the step."""
     last, found = _pressing(closed, motion, duration_s), list[float]()
     here = _pressing(closed, motion, 0.0)
-    while here != last and len(found) <= len(closed.touches):
+    while here != last and len(found) <= len(closed.contact_points):
         low, high = (found or [0.0])[-1], duration_s
         while high - low > _SHARP * duration_s:
             middle = 0.5 * (low + high)
@@ -102,6 +104,6 @@ def _pressing(closed: ActiveContactSet, motion: Motion, time_s: float) -> Sequen
 
 
 def _stage(closed: ActiveContactSet, rates: FloatArray) -> Stage:
-    """Forces that only push, at the state of what moves."""
+    """Non-negative contact forces at the current state of the motion."""
     decision = closed.decide()
     return Stage(decision.rows, decision.forces, decision.forces.dot(decision.rows.J) * rates)

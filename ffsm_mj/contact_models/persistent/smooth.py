@@ -1,4 +1,4 @@
-"""What acts on a motion besides the contacts that last."""
+"""Smooth forces on a motion: all forces except those of persistent contacts."""
 
 from __future__ import annotations
 
@@ -11,32 +11,33 @@ from ffsm_mj.dynamics.motion import Motion
 
 
 class Smooth:
-    """State and forces of a motion; MuJoCo's arrays stay where they are, and are looked up once.
+    """State and smooth forces of a motion; views of MuJoCo's arrays are created once, as their addresses do not change.
 
-    The efforts are those in the system's data: another model takes them over as a step begins, and is asked before.
+    The efforts are read from the data of the logged system: a motion with another model copies them only when a step begins,
+    and its forces are needed before that.
 
     Attributes:
-        motion: What moves.
+        motion: The motion.
     """
 
     def __init__(self, motion: Motion, seen: Any) -> None:
-        """Find the arrays; ``seen`` is the data of the system that is logged."""
+        """Create the views; ``seen`` is the data of the logged system."""
         self.motion, data = motion, motion.data
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, seen.ctrl
         self._own_ctrl = data.ctrl if data is not seen else None
         self._passive, self._bias, self._actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
 
     def state(self) -> tuple[bytes, bytes]:
-        """Positions and velocities now, bit by bit."""
+        """Current positions and velocities as bytes, for exact comparison."""
         return self._qpos.tobytes(), self._qvel.tobytes()
 
     def efforts(self) -> bytes:
-        """What is held of efforts now, bit by bit."""
+        """Current efforts as bytes, for exact comparison."""
         efforts: bytes = self._ctrl.tobytes()
         return efforts
 
     def force(self, pushes: FloatArray) -> FloatArray:
-        """Generalised forces less the bias, with those of whoever else pushes, (nv,); positions and velocities current."""
+        """Generalised forces less the bias, including applied forces ``pushes``, (nv,); positions and velocities current."""
         if self._own_ctrl is not None:
             self._own_ctrl[:] = self._ctrl
         mujoco.mj_fwdActuation(self.motion.model, self.motion.data)

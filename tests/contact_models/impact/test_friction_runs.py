@@ -276,7 +276,7 @@ def test_contact_that_would_last_ends_the_run(tmp_path, mu, kind):
     assert run.outcome == "unsupported_contact"
     assert run.message.startswith("robot/ball - target/target would stay in contact from t = 0.18")
     assert f", {kind}" in run.message
-    assert run.message.endswith(f"with mu = {mu:g}: friction in contact that lasts is not modelled")
+    assert run.message.endswith(f"with mu = {mu:g}: friction in persistent contact is not modelled")
     assert len(run.impacts) == 1
 
 
@@ -472,7 +472,7 @@ def test_laws_that_would_gain_energy_are_refused_as_they_are_read(tmp_path):
 def test_check_tells_mu_and_where_the_run_would_end(tmp_path):
     lines = prepare(off_centre(tmp_path, e=1.0)).describe()
     assert "  impact pairs: ball-box/box (e = 1, mu = 0.3: robot/ball - box/box)" in lines
-    assert any("comes to rest: friction in contact that lasts is not modelled" in line for line in lines)
+    assert any("comes to rest: friction in persistent contact is not modelled" in line for line in lines)
 
 
 def test_mujocos_own_friction_is_not_taken(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 
 from ffsm_mj.contact.feature import features
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.persistent.acceleration import Acceleration
+from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, rows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
@@ -67,11 +67,11 @@ def test_forces_and_accelerations_of_held_contacts(system, rng):
         # New ones: a pair remembers the last normal, and states that follow each other in a motion are close.
         pairs = [ContactPair(system, name, "robot/tip", name, 1.0) for name in ("ball/ball", "box/box")]
         found = [features(pair, model, data, pair.proximity(model, data)) for pair in pairs]
-        touches = [ContactPoint(pair, feature) for pair, (feature,) in zip(pairs, found, strict=True)]
+        contact_points = [ContactPoint(pair, feature) for pair, (feature,) in zip(pairs, found, strict=True)]
         force = rng.uniform(-5, 5, model.nv)
-        here = rows(motion, data, touches)
-        problem = Acceleration(lambda: mass_matrix(model, data), here, force - data.qfrc_bias)
-        held = problem.held(range(2))
+        here = rows(motion, data, contact_points)
+        problem = ContactAcceleration(lambda: mass_matrix(model, data), here, force - data.qfrc_bias)
+        held = problem.bilateral_forces(range(2))
         ours = np.linalg.solve(mass_matrix(model, data), force - data.qfrc_bias + here.J.T @ held)
 
         q, v, X = to_pinocchio(model, data.qpos, data.qvel)

@@ -29,7 +29,7 @@ def ran(name):
     return run
 
 
-def told(run, kind):
+def pairs_of(run, kind):
     """Names of the pairs of some records."""
     return [record.pair for record in run.records[kind]]
 
@@ -59,7 +59,7 @@ def test_tap():
     run = ran("tap")
     hits = [impact.pair for impact in run.impacts]
     assert hits.count("wall") == 4
-    assert told(run, "contact_beginnings") == told(run, "contact_endings") == ["paddle"] * 4
+    assert pairs_of(run, "contact_beginnings") == pairs_of(run, "contact_endings") == ["paddle"] * 4
     # Between two visits to the wall the paddle hits several times, less hard each time, and the last hit is the entry.
     for stroke in np.split(run.impacts, np.flatnonzero([pair == "wall" for pair in hits]))[:4]:
         bounces = [impact for impact in stroke if impact.pair == "paddle"]
@@ -85,7 +85,7 @@ def test_dock():
 def test_resting():
     """Under each body the weight of all above it, then what the press adds."""
     run = ran("resting")
-    assert len(set(told(run, "contact_beginnings"))) == 4
+    assert len(set(pairs_of(run, "contact_beginnings"))) == 4
     pairs = {"slab_crate": 16.0, "crate_block": 6.0, "block_ball": 2.0}
     settled = np.argmin(np.abs(run.time - 2.0))
     press = run["contact.press_ball_force_N"]

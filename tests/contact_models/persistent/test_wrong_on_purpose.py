@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.persistent.acceleration import Acceleration
+from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.replay import replay_log
 from ffsm_mj.simulation import loop
@@ -46,20 +46,20 @@ def test_right_code_is_good(tmp_path, scene):
 
 def test_a_force_of_the_wrong_sign_is_noticed(tmp_path, monkeypatch):
     """It pulls the two into each other, and the run says so itself; its states say that the forces are not theirs."""
-    held = Acceleration.held
+    held = ContactAcceleration.bilateral_forces
     with monkeypatch.context() as wrong:
         wrong.setattr(loop, "MOST_EVENTS_PER_STEP", 20)
-        wrong.setattr(Acceleration, "held", lambda self, which: -held(self, which))
+        wrong.setattr(ContactAcceleration, "bilateral_forces", lambda self, which: -held(self, which))
         run = ffsm_mj.run(pushed(tmp_path))
         assert faults(run)
     assert judged(run)
 
 
 def test_a_force_a_thousandth_too_large_is_noticed(tmp_path, monkeypatch):
-    held = Acceleration.held
+    held = ContactAcceleration.bilateral_forces
     with monkeypatch.context() as wrong:
         wrong.setattr(loop, "MOST_EVENTS_PER_STEP", 20)
-        wrong.setattr(Acceleration, "held", lambda self, which: 1.001 * held(self, which))
+        wrong.setattr(ContactAcceleration, "bilateral_forces", lambda self, which: 1.001 * held(self, which))
         run = ffsm_mj.run(pushed(tmp_path))
     assert faults(run) | judged(run)
 
@@ -69,14 +69,14 @@ def test_a_force_a_thousandth_too_large_is_noticed(tmp_path, monkeypatch):
 def test_a_forgotten_re_detection_is_noticed(tmp_path, monkeypatch):
     """The face goes on for ever: what is held beyond its edge touches nothing."""
     with monkeypatch.context() as wrong:
-        wrong.setattr(ActiveContactSet, "beyond_an_edge", lambda _: [])
-        slack = ActiveContactSet.slack
+        wrong.setattr(ActiveContactSet, "pairs_outside_feature", lambda _: [])
+        slack = ActiveContactSet.witness_value
 
         def blind(self):
-            rows = self.decide().rows if self.touches else None
-            return slack(self) if rows is None or min(at.inside for at in rows.held) > 0.0 else 1.0
+            rows = self.decide().rows if self.contact_points else None
+            return slack(self) if rows is None or min(at.inside for at in rows.states) > 0.0 else 1.0
 
-        wrong.setattr(ActiveContactSet, "slack", blind)
+        wrong.setattr(ActiveContactSet, "witness_value", blind)
         run = ffsm_mj.run(slid(tmp_path))
     assert not run.records["contact_changes"]
     assert "contact complementarity" in judged(run)
