@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ffsm_mj.contact_models.grasp.grasped_motion import refuse_unlike
+from ffsm_mj.contact_models.grasp.grasped_motion import check_grasped_system
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.impact.model import ImpactModel
 from ffsm_mj.contact_models.interface import ContactModel, Scene
@@ -112,7 +112,7 @@ def held_systems(
     for grasp in grasps_of(scenario, system):
         held = compiled(grasp, False)
         try:
-            refuse_unlike(system, held, grasp)
+            check_grasped_system(system, held, grasp)
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("captures", grasp.name, "object_site")))
         believed = compiled(grasp, True) if any(scenario.controller_model.values()) else None

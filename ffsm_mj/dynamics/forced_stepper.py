@@ -123,7 +123,7 @@ def _rate_of_chart(turned: list[float], spin: list[float]) -> tuple[float, float
     )
 
 
-def release(model: Any, data: Any) -> None:
+def clear_applied_forces(model: Any, data: Any) -> None:
     """Take all pushes away; derived quantities follow."""
     data.qfrc_applied.fill(0.0)
     mujoco.mj_forward(model, data)

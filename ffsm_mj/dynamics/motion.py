@@ -10,7 +10,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.compiled import fastest
-from ffsm_mj.dynamics.forced_stepper import ForcedStepper, Push, release
+from ffsm_mj.dynamics.forced_stepper import ForcedStepper, Push, clear_applied_forces
 from ffsm_mj.dynamics.free_stepper import FreeStepper
 from ffsm_mj.dynamics.step_path import StepPath, time_step
 from ffsm_mj.model.system import Tree
@@ -41,7 +41,7 @@ class Motion:
         """Begin at the state in ``data`` (all derived quantities current)."""
         self.model, self.data = model, data
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
-        self.room = tuple(np.empty((4, 3, model.nv)))
+        self.jacobian_buffers = tuple(np.empty((4, 3, model.nv)))
         self.bodies: Sequence[int] = range(model.nbody)
         self.pushes: Sequence[Push] = ()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
@@ -66,12 +66,12 @@ class Motion:
             pushed.refresh()
         elif self.flight is not self._unpushed:
             self.flight, self.path.integrate = self._unpushed, self._free_integrate
-            release(self.model, self.data)
+            clear_applied_forces(self.model, self.data)
 
     def follow(self) -> None:
         """Bring what this stands for to the state in ``data``, positions and velocities: nothing where it is that itself."""
 
-    def seat(self) -> None:
+    def sync_from_system(self) -> None:
         """Go on from the state of what this stands for, derived quantities current: nothing where it is that itself."""
 
     def go_to(self, qpos: FloatArray, qvel: FloatArray) -> None:

@@ -316,7 +316,7 @@ class LogReplay:
         if not np.isfinite(self._data.qacc_warmstart).all():  # a flight with absurd efforts leaves that behind
             self._data.qacc_warmstart.fill(0.0)
         mujoco.mj_forward(self._model, self._data)
-        self._course.motion.seat()
+        self._course.motion.sync_from_system()
         self._course.motion.flight.clear(math.inf)
 
     def _compare(self, block: FloatArray, again: FloatArray, predicted: FloatArray) -> None:

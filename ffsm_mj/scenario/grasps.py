@@ -56,7 +56,7 @@ def _second_grasps(scenario: Scenario) -> Iterator[Fault]:
         if holding is not None and phase.arm:
             names, since = holding
             message = f"{phase.arm[0]!r} cannot take hold while {' or '.join(map(repr, names))} holds"
-            told = f"since the end of phase {since!r}: one grasp holds at a time; release it first"
+            told = f"since the end of phase {since!r}: only one grasp can be closed at a time; release it first"
             yield Fault(f"{message}, {told}", ("phases", i, "arm", 0))
         if phase.until == "capture" and phase.for_s is None and phase.arm:
             holding = phase.arm, phase.name

@@ -1,1 +1,1 @@
-"""Capture: an object is grasped, held as a part of the robot, and let go."""
+"""Grasps: an object is captured, rigidly attached to a link of the robot, and released."""

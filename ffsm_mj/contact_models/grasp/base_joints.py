@@ -1,7 +1,7 @@
-"""The joints of an object's base as they must be where its base has a given pose and motion: the way back of (17).
+"""Inverse kinematics of an object's base joints: coordinates and rates for a given pose and twist of the base, (17).
 
-A free joint takes any of them. So do, within a plane or along a line, slides and then a hinge through the base's origin:
-their coordinates are read off. Any others are found by Newton's method from where they were, so that no hinge jumps.
+A free joint takes any pose. Slides followed by a hinge through the base's origin take those of a plane or line, and have a
+closed form. Other joints are solved by Newton's method from their last coordinates, so that hinge angles stay continuous.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.model.system import Joint, Tree
 
 _ROUNDING = 1e-15
-_MOST = 8
-_TURN = 2.0 * math.pi
+_MAX_ITERATIONS = 8
+_TWO_PI = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
 class PoseReader:
-    """How coordinates of slides, and of a hinge after them, are read off a pose.
+    """Closed form of the coordinates of slides, and of a hinge after them, as functions of a pose.
 
     Attributes:
-        slides: Of each its coordinate at the world's origin in m, then its axis in world axes, (number of slides, 4).
-        axis: Of the hinge, world axes, (3,); None where there is none.
+        slides: For each slide, its coordinate at the world origin in m, and its axis in world axes, (number of slides, 4).
+        axis: Axis of the hinge, world axes, (3,); None if there is no hinge.
         zero: Angle of the hinge where sine is 0 and cosine is 1, rad.
-        sine: What gives the sine of half its angle of a quaternion, by product, (4,).
-        cosine: Likewise the cosine, (4,).
+        sine: Coefficients of the sine of half the hinge angle as a linear function of the quaternion, (4,).
+        cosine: Coefficients of its cosine, (4,).
     """
 
     slides: FloatArray
@@ -41,7 +41,7 @@ class PoseReader:
 
     @classmethod
     def of(cls, model: Any, root: int, joints: list[Joint]) -> PoseReader | None:
-        """Of the joints of a base; None where they are others, or not along orthonormal axes and through its origin."""
+        """Closed form for the joints of a base; None unless their axes are orthonormal and the hinge is at its origin."""
         kinds, first = [joint.kind for joint in joints], int(model.body_jntadr[root])
         slides = len(kinds) - kinds.count("hinge")
         if kinds != ["slide"] * slides + ["hinge"] * (len(kinds) - slides) or len(kinds) > slides + 1:
@@ -64,11 +64,11 @@ class PoseReader:
 
 
 class BaseJointSolver:
-    """Writes coordinates, rates and accelerations of the base of one object.
+    """Writes coordinates, rates and accelerations of the base joints of one object.
 
     Attributes:
-        free: Whether its only joint is a free one.
-        reading: How its joints are read off; None where they are not.
+        free: Whether its only joint is a free joint.
+        reading: Closed form for its joints; None if there is none.
         base: Its coordinates, its rates, and the axes of its frame row by row: live arrays.
     """
 
@@ -96,21 +96,21 @@ class BaseJointSolver:
             self._hinge: tuple[list[float], float, list[float], list[float]] | None = own
 
     def pose(self, position: FloatArray, quaternion: FloatArray) -> None:
-        """Give the base a pose; all other coordinates are current, derived quantities need not be after.
+        """Write the coordinates for a pose of the base; other coordinates must be current, derived quantities may be stale.
 
         Args:
-            position: Of its frame, world axes, m, (3,).
-            quaternion: Of its frame, (4,).
+            position: Position of its frame, world axes, m, (3,).
+            quaternion: Orientation of its frame, (4,).
         """
         if self.free:
             self._qpos[:3], self._qpos[3:] = position.data, quaternion.data
         elif self.reading is not None:
-            self._read_off(position, quaternion)
+            self._write_coordinates(position, quaternion)
         else:
-            self._search(position, quaternion)
+            self._solve(position, quaternion)
 
-    def _read_off(self, position: FloatArray, quaternion: FloatArray) -> None:
-        """Coordinates of slides and a hinge, from their own zero."""
+    def _write_coordinates(self, position: FloatArray, quaternion: FloatArray) -> None:
+        """Write the coordinates of slides and a hinge, in closed form."""
         x, y, z = position.tolist()
         for i, (o, a, b, c) in enumerate(self._slides):
             self._qpos[i] = o + a * x + b * y + c * z
@@ -118,26 +118,28 @@ class BaseJointSolver:
             _, zero, (a, b, c, d), (p, q, r, s) = self._hinge
             w, x, y, z = quaternion.tolist()
             angle = zero + 2.0 * math.atan2(a * w + b * x + c * y + d * z, p * w + q * x + r * y + s * z)
-            self._qpos[-1] = angle + _TURN * round((self._qpos[-1] - angle) / _TURN)
+            # Keep the turn of the last angle: a hinge coordinate counts full turns, a quaternion does not.
+            self._qpos[-1] = angle + _TWO_PI * round((self._qpos[-1] - angle) / _TWO_PI)
 
-    def _search(self, position: FloatArray, quaternion: FloatArray) -> None:
-        """Newton's method."""
+    def _solve(self, position: FloatArray, quaternion: FloatArray) -> None:
+        """Solve for the coordinates by Newton's method."""
         model, data = self._model, self._data
         scale, left = 1.0 + float(np.abs(position).max()), math.inf
-        for _ in range(_MOST):
+        for _ in range(_MAX_ITERATIONS):
             mujoco.mj_kinematics(model, data)
             mujoco.mju_subQuat(self._turn, quaternion, data.xquat[self._root])
             mujoco.mju_rotVecQuat(self._axis, self._turn, data.xquat[self._root])
             error = np.concatenate((self._axis, position - data.xpos[self._root]))
             before, left = left, float(np.abs(error).max())
+            # Quadratic convergence has ended, at rounding or because the joints cannot take the pose.
             if left <= _ROUNDING * scale or left > 0.5 * before:
                 break
             mujoco.mj_comPos(model, data)
-            self._step[self._dofs] = self._least(error)
+            self._step[self._dofs] = self._nearest_rates(error)
             mujoco.mj_integratePos(model, data.qpos, self._step, 1.0)
 
     def rates(self, twist: FloatArray) -> None:
-        """Give the base a twist; positions are current.
+        """Write the rates for a twist of the base; positions must be current.
 
         Args:
             twist: Angular velocity in rad/s, then velocity of its frame's origin in m/s, world axes, (6,).
@@ -145,7 +147,7 @@ class BaseJointSolver:
         self._write(twist, self._qvel)
 
     def accelerations(self, twist: FloatArray) -> None:
-        """Give the base accelerations, as :meth:`rates`, in rad/s^2 and m/s^2; positions and velocities are current."""
+        """Write the accelerations, as :meth:`rates`, in rad/s^2 and m/s^2; positions and velocities must be current."""
         if not self.free and self.reading is None:
             model, data = self._model, self._data
             mujoco.mj_jacDot(model, data, self._rate[3:], self._rate[:3], data.xpos[self._root], self._root)
@@ -153,9 +155,9 @@ class BaseJointSolver:
         self._write(twist, self._qacc)
 
     def _write(self, twist: FloatArray, own: memoryview[float]) -> None:
-        """Rates of the base's joints for a twist of its frame."""
+        """Write rates of the base joints for a twist of its frame."""
         if not self.free and self.reading is None:
-            own[:] = self._least(twist).data
+            own[:] = self._nearest_rates(twist).data
             return
         p, q, r, x, y, z = twist.tolist()
         if self.free:
@@ -169,7 +171,7 @@ class BaseJointSolver:
             a, b, c = self._hinge[0]
             own[-1] = a * p + b * q + c * r
 
-    def _least(self, twist: FloatArray) -> FloatArray:
-        """Rates of the base's joints nearest to a twist of its frame, angular part first, (6,)."""
+    def _nearest_rates(self, twist: FloatArray) -> FloatArray:
+        """Least-squares rates of the base joints for a twist of its frame, angular part first, (6,)."""
         mujoco.mj_jacBody(self._model, self._data, self._jacobian[3:], self._jacobian[:3], self._root)
         return np.asarray(np.linalg.lstsq(self._jacobian[:, self._dofs], twist, rcond=None)[0])

@@ -1,4 +1,4 @@
-"""When the bounds of an armed grasp first hold within a step: a root on its path, and no dip between its ends is missed."""
+"""Closing time of an armed grasp: first time within a step at which its bounds hold, including dips between its ends."""
 
 from __future__ import annotations
 
@@ -10,29 +10,30 @@ from ffsm_mj.contact_models.grasp.nearness import Nearness, Vectors
 _INSTANT_S = 1e-13
 _MARGIN = 1.1
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-_SHARE = 1e-6
-_LITTLE = 1e-6
-"""Of a step: at either end of it, this tells whether a ratio falls or rises there."""
-_LOOKS = (0.25, 0.5, 0.75)
+_GOLDEN_TOLERANCE = 1e-6
+_SLOPE_STEP = 1e-6
+"""Fraction of a step used to find the sign of the slope of a ratio at its ends."""
+_SAMPLES = (0.25, 0.5, 0.75)
 
 At = Callable[[float], Nearness]
 
 
 class Bounds:
-    """Of one grasp, None where one is not stated."""
+    """Bounds of the closing condition of a grasp; None for a value without bound."""
 
     def __init__(self, bounds: Sequence[float | None]) -> None:
-        """Take them in the order of :class:`~ffsm_mj.contact_models.grasp.nearness.Nearness`."""
+        """Store the bounds, in the order of :class:`~ffsm_mj.contact_models.grasp.nearness.Nearness`."""
         self._bounds = tuple(bounds)
 
     def ratio(self, near: Nearness) -> float:
-        """The largest value over its bound."""
+        """Largest ratio of a value to its bound."""
         return near.ratio(self._bounds)
 
     def may_dip(self, start: Nearness, end: Nearness, duration_s: float) -> bool:
-        """Whether all bounds may hold somewhere in a step at neither of whose ends they do.
+        """Whether all bounds may hold inside a step although they hold at neither end.
 
-        Distance and angle change no faster than the relative speeds; those may be lower by as much as they differ.
+        Distance and angle change no faster than the relative speeds, which gives a lower bound on each; a speed is assumed
+        to fall below its smaller end value by at most the difference of the two.
         """
         for i, bound in enumerate(self._bounds):
             if bound is None:
@@ -47,9 +48,10 @@ class Bounds:
         return True
 
     def lowest_between(self, start: Vectors, end: Vectors) -> float:
-        """About the lowest ratio within a step that begins with it falling and ends with it rising; infinite in any other.
+        """Estimate of the smallest ratio within a step where it first falls and then rises; infinite otherwise.
 
-        Of the chords of the vectors that the values are norms of: there the ratio is convex.
+        The vectors whose norms are bounded are interpolated linearly: norms are then convex in time, and so is the largest
+        of their ratios, so that golden-section search finds the minimum.
         """
         chords = [
             (one, [b - a for a, b in zip(one, other, strict=True)], bound)
@@ -58,24 +60,26 @@ class Bounds:
         ]
 
         def ratio(part: float) -> float:
-            return max(math.dist(one, [-part * x for x in way]) / bound for one, way, bound in chords)
+            return max(math.dist(one, [-part * x for x in change]) / bound for one, change, bound in chords)
 
-        if ratio(_LITTLE) >= ratio(0.0) or ratio(1.0 - _LITTLE) >= ratio(1.0):
+        if ratio(_SLOPE_STEP) >= ratio(0.0) or ratio(1.0 - _SLOPE_STEP) >= ratio(1.0):
             return math.inf
         return ratio(lowest(ratio, 0.0, 1.0))
 
     def first(self, at: At, duration_s: float) -> float | None:
-        """When they first hold in a step at whose start they do not, s; None where they do not.
+        """First time at which all bounds hold in a step, s; None if there is none.
+
+        The ratio is sampled at a few times; a local minimum among the samples is refined, in case it dips below 1.
 
         Args:
-            at: Goes to a time of the step, and looks.
+            at: Evaluates the relative pose and velocity of the sites at a time of the step.
             duration_s: Length of the step.
         """
 
         def excess(time_s: float) -> float:
             return self.ratio(at(time_s)) - 1.0
 
-        times = [0.0, *(share * duration_s for share in _LOOKS), duration_s]
+        times = [0.0, *(share * duration_s for share in _SAMPLES), duration_s]
         values = [excess(time) for time in times]
         if values[0] <= 0.0:
             return 0.0
@@ -90,8 +94,8 @@ class Bounds:
 
 
 def _root(f: Callable[[float], float], start_s: float, end_s: float) -> float:
-    """Where a function falls to zero, from the side where it has: it is above at the start, and not at the end."""
-    from scipy.optimize import brentq  # a second to import, for runs with a capture
+    """Root of a function that is positive at the start and not at the end, rounded up until it is not positive."""
+    from scipy.optimize import brentq  # takes a second to import: only runs with a grasp pay
 
     if f(end_s) == 0.0:
         return end_s
@@ -102,8 +106,8 @@ def _root(f: Callable[[float], float], start_s: float, end_s: float) -> float:
 
 
 def lowest(f: Callable[[float], float], start_s: float, end_s: float) -> float:
-    """Where a function that falls, then rises is lowest, by golden sections, to a millionth of the stretch."""
-    stretch = _SHARE * (end_s - start_s)
+    """Minimum of a unimodal function by golden-section search, to a millionth of the interval; stops at a value <= 0."""
+    stretch = _GOLDEN_TOLERANCE * (end_s - start_s)
     a, b = end_s - _GOLDEN * (end_s - start_s), start_s + _GOLDEN * (end_s - start_s)
     fa, fb = f(a), f(b)
     while end_s - start_s > stretch:

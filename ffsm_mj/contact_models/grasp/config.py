@@ -1,4 +1,4 @@
-"""What a scenario says of the captures that its phases may arm."""
+"""Configuration of the grasps of a scenario."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _Name = Annotated[str, Field(min_length=1)]
 
 
 class WithinConfig(StrictModel):
-    """Bounds on how the object's site is to the robot's: those that are stated must hold all at once."""
+    """Bounds on the relative pose and velocity of the two sites; all stated bounds must hold at the same time."""
 
     position_m: PositiveFloat | None = None
     """Distance of the sites, m."""
@@ -32,19 +32,19 @@ class WithinConfig(StrictModel):
 
     @property
     def bounds(self) -> tuple[float | None, ...]:
-        """The four in the order of :class:`ffsm_mj.contact_models.grasp.nearness.Nearness`; None where there is none."""
+        """The four bounds in the order of :class:`ffsm_mj.contact_models.grasp.nearness.Nearness`; None if not stated."""
         return self.position_m, self.angle_rad, self.speed_m_s, self.rate_rad_s
 
 
 class WhenConfig(StrictModel):
-    """When an armed grasp closes: at the impact of a pair, or once the sites are near and slow; one of the two."""
+    """Closing condition of an armed grasp: an impact of a pair, or bounds on the relative motion of the sites."""
 
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["touch"]}, {"required": ["within"]}]})
 
     touch: Annotated[tuple[_Name, ...], Field(min_length=1)] | None = None
-    """Names of impact pairs: at the instant of an impact of one of them."""
+    """Names of impact pairs: the grasp closes at the first impact of one of them."""
     within: WithinConfig | None = None
-    """At the first instant at which all of these bounds hold."""
+    """The grasp closes as soon as all of these bounds hold."""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> WhenConfig:
@@ -54,11 +54,11 @@ class WhenConfig(StrictModel):
 
 
 class CaptureConfig(StrictModel):
-    """A grasp: a site of the robot takes hold of a site of a floating object, at the pose that they have then."""
+    """A grasp: attaches a floating object to a link of the robot at the relative pose they have when it closes."""
 
     robot_site: _Name
-    """Site of the robot; the body that it is on holds the object."""
+    """Site of the robot, on the grasping link."""
     object_site: _Name
-    """Site of a floating object, on its base; the impulse and the loads are told at it."""
+    """Site of a floating object, on its base; impulse and loads are given at this site."""
     when: WhenConfig
-    """When it closes while a phase arms it."""
+    """Closing condition while a phase arms it."""

@@ -1,8 +1,8 @@
-"""What moves while an object is held: the robot with the object as a part of one of its links.
+"""Motion while a grasp is closed: the object is part of a link of the robot.
 
-The model was compiled when the scenario was prepared; where the link holds the object is written into the run's own copy.
-The system that is logged follows it: coordinates and rates of all joints that both have, and those of the object's base as
-its pose and motion as a part of the link ask for (17).
+The model is compiled when the scenario is prepared; the pose of the object on the link is written into the run's own copy.
+The logged system follows: coordinates and rates of shared joints are copied, and those of the object's base joints follow
+from its pose and twist as part of the link, (17).
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import Joint, System
 
-_SAME = 1e-12
-_TRIES = 4
+_POSE_TOLERANCE = 1e-12
+_CONFIGURATIONS = 4
 
 
 class GraspedMotion(Motion):
-    """Steps of the system in which a grasp holds its object; see :class:`~ffsm_mj.dynamics.motion.Motion`.
+    """Integrates the system with a grasped object; see :class:`~ffsm_mj.dynamics.motion.Motion`.
 
     Attributes:
-        system: What it is a motion of.
+        system: The system with the grasped object.
         root: Id of the object's base in it.
-        link: Id of the body that holds it.
-        placing: Writes what the object's own joints must be.
-        followed: Brings the system that is logged to the state here.
-        interface: Torque and force of the link on the object as MuJoCo has them, about ``centre``, (6,).
+        link: Id of the grasping link in it.
+        placing: Solver for the object's base joints.
+        followed: Transfers the state to the logged system.
+        interface: Torque and force of the link on the object (MuJoCo's ``cfrc_int``), about ``centre``, (6,).
         centre: Mass centre of robot and object, (3,).
     """
 
     def __init__(self, free: Motion, scene: Scene, system: System, grasp: Grasp) -> None:
-        """Prepare to hold; nothing is held yet.
+        """Prepare the motion; nothing is grasped yet.
 
         Args:
-            free: Motion of the system that is logged.
-            scene: That system, and its data.
-            system: The one in which the object is held, with a model of the run's own.
-            grasp: Who holds what.
+            free: Motion of the logged system.
+            scene: The logged system and its data.
+            system: The system with the grasped object, with a model owned by the run.
+            grasp: Bodies and sites of the grasp.
         """
         super().__init__(system.mj, mujoco.MjData(system.mj))
         self.system, self.grasp = system, grasp.name
@@ -60,15 +60,15 @@ class GraspedMotion(Motion):
         self.placing = BaseJointSolver(self._model, scene.data, tree)
         logged, moving = (self._model, scene.data, free.momentum), (self.model, self.data, self.root)
         self.followed = StateTransfer.of(logged, moving, both, self.placing)
-        self._ctrl, self._asked = numbers(self.data.ctrl), numbers(scene.data.ctrl)
+        self._ctrl, self._system_ctrl = numbers(self.data.ctrl), numbers(scene.data.ctrl)
         self._jacobian = np.empty((6, self.model.nv))
         self.interface = self.data.cfrc_int[self.root]
         self.centre = self.data.subtree_com[int(self.model.body_rootid[self.root])]
         self.rigid = frozenset(self._rigid_pairs())
-        self.path.on_event_located = self._arrived
+        self.path.on_event_located = self._follow_with_accelerations
 
     def _rigid_pairs(self) -> list[frozenset[int]]:
-        """Pairs of geoms that are on one rigid body here, and were not."""
+        """Pairs of geoms that are on one rigid body in this model but not in the logged system."""
         free, held = self._model, self.model
         geoms = range(free.ngeom)
         body = free.geom_bodyid
@@ -81,13 +81,13 @@ class GraspedMotion(Motion):
         ]
 
     def hold(self) -> None:
-        """Take hold of the object where it is in the system's data, and go on from the state there.
+        """Attach the object at its current pose in the system's data, and start from the state there.
 
-        Only the rates of what both have count: the object's are those of a part of the link from here on.
+        Only the rates of shared joints are used: the object moves as part of the link from now on.
         """
         free, model = self._free.data, self.model
-        self._take_shared()
-        link, root = self._of_free(self.link), self._of_free(self.root)
+        self._copy_shared_joints()
+        link, root = self._id_in_free_system(self.link), self._id_in_free_system(self.root)
         back, pose = np.empty(4), np.empty(4)
         mujoco.mju_negQuat(back, free.xquat[link])
         mujoco.mju_mulQuat(pose, back, free.xquat[root])
@@ -96,49 +96,49 @@ class GraspedMotion(Motion):
         model.body_quat[self.root] = pose
         self._refresh()
 
-    def seat(self) -> None:
-        """Go on from the state in the system's data, the object held where it was."""
-        self._take_shared()
+    def sync_from_system(self) -> None:
+        """Start from the state in the system's data, with the object attached as before."""
+        self._copy_shared_joints()
         self._refresh()
 
     def _refresh(self) -> None:
         self.data.qfrc_applied.fill(0.0)
         mujoco.mj_forward(self.model, self.data)
-        self._arrived()
+        self._follow_with_accelerations()
 
-    def _take_shared(self) -> None:
+    def _copy_shared_joints(self) -> None:
         free, data = self._free.data, self.data
         data.qpos[self._held_qpos], data.qvel[self._held_dofs] = free.qpos[self._qpos], free.qvel[self._dofs]
         data.ctrl[:], data.time = free.ctrl, free.time
 
-    def _of_free(self, body: int) -> int:
-        """Id of a body in the system that is logged."""
+    def _id_in_free_system(self, body: int) -> int:
+        """Id in the logged system of a body of this model."""
         return self.bodies.index(body)
 
-    def take_efforts(self) -> None:
-        """Let the efforts in the system's data act here."""
-        self._ctrl[:] = self._asked
+    def copy_efforts(self) -> None:
+        """Copy the efforts from the system's data."""
+        self._ctrl[:] = self._system_ctrl
 
     def step(self, duration_s: float) -> bool:
-        """Integrate for a time under the efforts in the system's data; it follows."""
-        self.take_efforts()
+        """Integrate for a time under the efforts in the system's data; the logged system follows."""
+        self.copy_efforts()
         clear = super().step(duration_s)
         self.followed.step()
         return clear
 
     def follow(self) -> None:
-        """Bring the system's data to the state here: positions, velocities and what derives from them."""
+        """Transfer positions and velocities to the system's data, and update what depends on them."""
         self.followed.state()
 
-    def _arrived(self) -> None:
-        """The same with accelerations: those under the forces that act here."""
+    def _follow_with_accelerations(self) -> None:
+        """The same, with the accelerations under the forces of this motion."""
         self.followed.step()
         data, free = self.data, self._free.data
         free.qacc[self._dofs] = data.qacc[self._held_dofs]
         self.placing.accelerations(self._acceleration_of_object())
 
     def _acceleration_of_object(self) -> FloatArray:
-        """Of its base: angular in rad/s^2, then of the origin in m/s^2, world axes, (6,); accelerations are current."""
+        """Acceleration of the object's base: angular in rad/s^2, then of the origin in m/s^2, world axes, (6,)."""
         data, rows = self.data, self._jacobian
         mujoco.mj_jacBody(self.model, data, rows[3:], rows[:3], self.root)
         total = rows @ data.qacc
@@ -146,20 +146,20 @@ class GraspedMotion(Motion):
         return np.asarray(total + rows @ data.qvel)
 
 
-def refuse_unlike(free: System, held: System, grasp: Grasp) -> None:
-    """Refuse what a held object would not be the same in, or could not follow.
+def check_grasped_system(free: System, held: System, grasp: Grasp) -> None:
+    """Check that the object can be grasped without changing its frame, and that its base joints can follow the link.
 
     Args:
-        free: The system that is logged.
-        held: The one in which the object is held.
-        grasp: Who holds what.
+        free: The logged system.
+        held: The system with the grasped object.
+        grasp: Bodies and sites of the grasp.
 
     Raises:
-        LookupError: The frame of the object's base is another one when it is held, its own joints cannot take the poses that
-            the link brings it to, or an actuator is lost.
+        LookupError: The frame of the object's base differs in the two systems, its base joints cannot take the poses that
+            the link brings it to, or an actuator is missing.
     """
     body, there = free.index("body", grasp.root), held.index("body", grasp.root)
-    if not np.allclose(free.mj.body_ipos[body], held.mj.body_ipos[there], rtol=0.0, atol=_SAME):
+    if not np.allclose(free.mj.body_ipos[body], held.mj.body_ipos[there], rtol=0.0, atol=_POSE_TOLERANCE):
         raise LookupError(
             f"the frame of {grasp.root!r} is moved to its mass centre while it is free (align): write align false"
         )
@@ -170,14 +170,14 @@ def refuse_unlike(free: System, held: System, grasp: Grasp) -> None:
     scene, model = Scene(free, data), held.copy()
     motion = GraspedMotion(Motion(free.mj, data), scene, model, grasp)
     motion.hold()
-    for k in range(1, _TRIES + 1):
-        # Nothing singles these configurations out.
+    for k in range(1, _CONFIGURATIONS + 1):
+        # Pseudo-random configurations, the same in every process: no symmetry makes the check pass by accident.
         mujoco.mj_integratePos(model.mj, motion.data.qpos, np.sin(k * math.e * np.arange(1.0, model.mj.nv + 1.0)), 1.0)
         mujoco.mj_forward(model.mj, motion.data)
         motion.follow()
         wanted = motion.data.xpos[motion.root], motion.data.xmat[motion.root]
         left = max(float(np.abs(b - a).max()) for a, b in zip(wanted, (data.xpos[body], data.xmat[body]), strict=True))
-        if left > _SAME * (1.0 + float(np.abs(wanted[0]).max())):
+        if left > _POSE_TOLERANCE * (1.0 + float(np.abs(wanted[0]).max())):
             raise LookupError(
                 f"the joints of {grasp.root!r} cannot take the poses that {grasp.link!r} would bring it to: "
                 f"{left:.2g} m or rad are left; give it a freejoint"
@@ -185,12 +185,12 @@ def refuse_unlike(free: System, held: System, grasp: Grasp) -> None:
 
 
 def _same_body(system: System, body: int, other: System) -> int:
-    """Id in another system of a body."""
+    """Id of a body in another system, by name."""
     return int(other.mj.body(system.mj.body(body).name).id)
 
 
 def _places(shared: list[tuple[Joint, Joint]], which: str) -> Shared:
-    """Entries of ``qpos`` or ``dofs`` of joints that two systems have, in each of them."""
+    """Indices in ``qpos`` or ``dofs`` of the shared joints of two systems, in each of them."""
     ours, theirs = (
         np.concatenate([np.arange(part.start, part.stop) for part in (getattr(pair[i], which) for pair in shared)])
         for i in (0, 1)

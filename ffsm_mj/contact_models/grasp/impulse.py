@@ -1,9 +1,9 @@
-"""The plastic impulse that joins two bodies at the pose they have: no relative twist is left.
+"""Plastic impulse that joins two bodies at their current pose: the relative twist after it is zero.
 
 With the rows J of the relative twist at one point of both bodies, u = J qdot, the impulse on the second is
-lambda = -(J M^-1 J^T)^+ u and qdot+ = qdot + M^-1 J^T lambda. In mass-weighted velocities w = L^T qdot, M = L L^T, that
-takes away the part of w in the row space of A = J L^-T, so that the loss is half the square of what is taken away. Joints
-that leave less than six relative motions, as those of a plane do, make rows dependent: they are solved with their rank.
+lambda = -(J M^-1 J^T)^+ u and qdot+ = qdot + M^-1 J^T lambda. In mass-weighted velocities w = L^T qdot, M = L L^T, this
+removes the component of w in the row space of A = J L^-T, so the energy loss is half the square of that component. Joints
+that allow fewer than six relative motions, such as planar ones, make the rows dependent: an SVD determines their rank.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 
 RANK = 1e-10
-"""Singular values below this share of the largest are none."""
+"""Singular values below this share of the largest count as zero."""
 
 
 @dataclass(frozen=True)
 class PlasticImpulse:
-    """What joins two bodies.
+    """Plastic impulse between two bodies.
 
     Attributes:
-        impulse: On the second body: force part in N s, moment about the point in N m s, world axes, of least norm, (6,).
-        change: Of the generalised velocity, (nv,).
-        loss_J: Kinetic energy that is lost.
-        rank: Number of relative motions that the joints left.
-        twist: Of the second body against the first at the point, before: linear in m/s, angular in rad/s, (6,).
+        impulse: Impulse on the second body in N s, and its moment about the point in N m s, world axes, least norm, (6,).
+        change: Change of the generalised velocity, (nv,).
+        loss_J: Kinetic energy lost.
+        rank: Number of relative motions that the joints allow.
+        twist: Twist of the second body relative to the first at the point, before: linear m/s, angular rad/s, (6,).
     """
 
     impulse: FloatArray
@@ -41,7 +41,7 @@ class PlasticImpulse:
 
 
 def relative_twist_rows(model: Any, data: Any, first: int, second: int, point: FloatArray) -> FloatArray:
-    """Rate of the second body's twist against the first's at one point of both by generalised velocity, (6, nv)."""
+    """Jacobian of the relative twist of two bodies at a common point, (6, nv)."""
     of_first, of_second = np.empty((6, model.nv)), np.empty((6, model.nv))
     for rows, body in ((of_first, first), (of_second, second)):
         mujoco.mj_jac(model, data, rows[:3], rows[3:], point, body)
@@ -49,14 +49,14 @@ def relative_twist_rows(model: Any, data: Any, first: int, second: int, point: F
 
 
 def plastic_impulse(model: Any, data: Any, first: int, second: int, point: FloatArray) -> PlasticImpulse:
-    """What joins two bodies at the state in ``data``, which stays as it is.
+    """Compute the impulse that joins two bodies at the state in ``data``, which is not changed.
 
     Args:
         model: MuJoCo model.
         data: Its data, positions and velocities current.
         first: Id of one body.
         second: Id of the other.
-        point: Where the impulse acts on both, world axes, m, (3,).
+        point: Point of application, world axes, m, (3,).
     """
     J = relative_twist_rows(model, data, first, second, point)
     L = np.linalg.cholesky(mass_matrix(model, data))

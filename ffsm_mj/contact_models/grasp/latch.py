@@ -1,4 +1,4 @@
-"""One grasp of a run: whether it is armed, how near its sites have come, and what moves while it holds."""
+"""One grasp of a run: arming, closing condition, closest approach, and the motion while it is closed."""
 
 from __future__ import annotations
 
@@ -16,24 +16,23 @@ from ffsm_mj.dynamics.step_path import StepPath
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 
-_PERHAPS = 1.01
-"""A step whose chords come so near to the least so far is looked into."""
+_SEARCH_MARGIN = 1.01
+"""A step is searched if the chord estimate is below this multiple of the smallest ratio so far."""
 
 
 class Latch:
     """One grasp.
 
     Attributes:
-        number: Its place among the grasps of the run, from 1.
+        number: Its number among the grasps of the run, from 1.
         grasp: Its bodies and sites.
-        sites: The same in the system that is logged.
-        pairs: Names of the pairs at whose impact it closes.
-        held: What moves while it holds.
-        load: What the link puts on the object then.
-        stated_bounds: Bounds under which it closes, by the name of the value in :class:`Nearness`; empty where it has none.
+        sites: The sites in the logged system.
+        pairs: Names of the pairs whose impact closes it.
+        held: The motion while it is closed.
+        load: Interface load between link and object while it is closed.
+        stated_bounds: Bounds of the closing condition, by the name of the value in :class:`Nearness`; may be empty.
         armed: Whether it may close.
-        least: Nearest that it has come to its bounds since it was armed, inside steps too, and when in s; None where it was
-            not looked at.
+        least: Closest approach to its bounds since it was armed, within steps too, and its time in s; None if not evaluated.
     """
 
     def __init__(
@@ -46,16 +45,16 @@ class Latch:
         system: System,
         others: Sequence[ContactModel] = (),
     ) -> None:
-        """It is not armed.
+        """Initialise it disarmed and open.
 
         Args:
-            number: Its place among the grasps of the run, from 1.
-            scene: The system that is logged.
+            number: Its number among the grasps of the run, from 1.
+            scene: The logged system and its data.
             free: Its motion.
             grasp: Its bodies and sites.
-            config: What the scenario says of it.
-            system: The one in which it holds, with a model of the run's own.
-            others: Who may push what is held.
+            config: Its configuration in the scenario.
+            system: The system in which it is closed, with a model owned by the run.
+            others: Contact models that may exert forces on the grasped object.
         """
         self.number, self.grasp, self._data = number, grasp, scene.data
         self.sites, self.held = Sites(scene.system, grasp), GraspedMotion(free, scene, system, grasp)
@@ -66,76 +65,78 @@ class Latch:
         self.stated_bounds = {
             name: bound for name, bound in zip(Nearness._fields, stated, strict=False) if bound is not None
         }
-        self._start: Vectors | None = None
-        self._ended: tuple[float, Vectors] = math.nan, []
+        self._step_start: Vectors | None = None
+        self._step_end: tuple[float, Vectors] = math.nan, []
         self._clock = 0.0
         self.armed = False
         self.least: tuple[Nearness, float] | None = None
 
     @property
     def watches(self) -> bool:
-        """Whether it may close anywhere on the way."""
+        """Whether it may close at any time in a step: it is armed and has bounds."""
         return self.armed and self._bounds is not None
 
     def arm(self, time_s: float) -> None:
-        """Let it close from here on."""
-        self.armed, self.least, self._start, self._clock = True, None, None, time_s
+        """Arm the latch: it may close from now on."""
+        self.armed, self.least, self._step_start, self._clock = True, None, None, time_s
 
     def disarm(self) -> None:
-        """Let it close no more."""
+        """Disarm the latch."""
         self.armed = False
 
-    def jumped(self) -> None:
-        """The state has changed at one instant."""
-        self._start = None
+    def clear_path(self) -> None:
+        """Discard the start of the step: the state changed discontinuously."""
+        self._step_start = None
 
     def near(self) -> Nearness:
-        """How near the sites are at the state in ``data``."""
+        """Relative pose and velocity of the sites at the state in ``data``, as norms."""
         return Nearness.of(self.sites.vectors(self._data))
 
     def ratio(self, near: Nearness) -> float:
-        """The largest value over its bound."""
+        """Largest ratio of a value to its bound; the condition holds at 1 or below."""
         return self._bounds.ratio(near) if self._bounds is not None else 0.0
 
     def is_within(self) -> bool:
-        """Whether its bounds hold at the state in ``data``, where a step begins."""
-        if self._start is None:
-            self._start = self.sites.vectors(self._data)
-        return self.ratio(Nearness.of(self._start)) <= 1.0
+        """Whether its bounds hold at the state in ``data``, at the start of a step."""
+        if self._step_start is None:
+            self._step_start = self.sites.vectors(self._data)
+        return self.ratio(Nearness.of(self._step_start)) <= 1.0
 
     def was_clear(self, longest_s: float) -> bool:
-        """Whether its bounds held nowhere in the step that ends at the state in ``data``; it is no longer than that."""
-        if self._bounds is None or self._start is None:
+        """Whether its bounds were certainly violated throughout the last step, of at most ``longest_s``."""
+        if self._bounds is None or self._step_start is None:
             return True
-        self._ended = float(self._data.time), self.sites.vectors(self._data)
-        start, end = Nearness.of(self._start), Nearness.of(self._ended[1])
+        self._step_end = float(self._data.time), self.sites.vectors(self._data)
+        start, end = Nearness.of(self._step_start), Nearness.of(self._step_end[1])
         return self.ratio(end) > 1.0 and not self._bounds.may_dip(start, end, longest_s)
 
     def first(self, path: StepPath, duration_s: float) -> float | None:
-        """When its bounds first hold within so much of the last step; None where they do not."""
+        """First time at which its bounds hold within ``duration_s`` of the last step; None if they do not."""
         return self._bounds.first(self._at(path), duration_s) if self._bounds is not None else None
 
     def after_substep(self, path: StepPath, duration_s: float) -> None:
-        """A (sub-)step is over, ``data`` at its end: keep in mind how near it came on the way."""
+        """Update the closest approach over a finished (sub-)step; ``data`` is at its end."""
         bounds, at = self._bounds, self._at(path)
         if bounds is None:
             return
-        # Looked at before, unless somebody has cut the step.
-        end = self._ended[1] if self._ended[0] == self._data.time else self.sites.vectors(self._data)
-        if self._start is None:
+        # was_clear() has evaluated the end of the step, unless an event of another model shortened it since.
+        end = self._step_end[1] if self._step_end[0] == self._data.time else self.sites.vectors(self._data)
+        if self._step_start is None:
             path.move_to(0.0)
-            self._start = self.sites.vectors(self._data)
-        self._keep(Nearness.of(self._start), 0.0)
-        self._keep(Nearness.of(end), duration_s)
-        if self.least is not None and bounds.lowest_between(self._start, end) < _PERHAPS * self.ratio(self.least[0]):
+            self._step_start = self.sites.vectors(self._data)
+        self._update_least(Nearness.of(self._step_start), 0.0)
+        self._update_least(Nearness.of(end), duration_s)
+        if self.least is not None and bounds.lowest_between(self._step_start, end) < _SEARCH_MARGIN * self.ratio(
+            self.least[0]
+        ):
             dip = lowest(lambda time_s: self.ratio(at(time_s)), 0.0, duration_s)
-            self._keep(at(dip), dip)
+            self._update_least(at(dip), dip)
         path.move_to(duration_s)
-        self._start, self._ended = end, (math.nan, [])
+        self._step_start, self._step_end = end, (math.nan, [])
         self._clock += duration_s
 
     def _at(self, path: StepPath) -> Callable[[float], Nearness]:
-        """Goes to a time of a step, and looks."""
+        """Return a function that evaluates :meth:`near` at a time of the step."""
 
         def at(time_s: float) -> Nearness:
             path.move_to(time_s)
@@ -143,6 +144,6 @@ class Latch:
 
         return at
 
-    def _keep(self, near: Nearness, after_s: float) -> None:
+    def _update_least(self, near: Nearness, after_s: float) -> None:
         if self.least is None or self.ratio(near) < self.ratio(self.least[0]):
             self.least = near, self._clock + after_s

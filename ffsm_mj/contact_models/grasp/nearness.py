@@ -1,4 +1,4 @@
-"""How near and how slow the object's site is to the robot's, and against what bounds."""
+"""Relative pose and velocity of the two sites of a grasp, as compared with its bounds."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 
 Vectors = list[list[float]]
-"""Of the two sites, world axes: offset in m, rotation vector in rad, velocity in m/s, angular velocity in rad/s, (4, 3)."""
+"""Relative vectors: offset in m, rotation vector in rad, velocity in m/s and rad/s, world axes, (4, 3)."""
 
 
 class Nearness(NamedTuple):
-    """The object's site against the robot's at one state.
+    """Relative pose and velocity of the object's site and the robot's at one state, as norms.
 
     Attributes:
         position_m: Distance of the sites.
@@ -35,37 +35,37 @@ class Nearness(NamedTuple):
 
     @classmethod
     def of(cls, vectors: Vectors) -> Nearness:
-        """The norms of these."""
+        """Norms of the relative vectors."""
         return cls(*(math.hypot(*vector) for vector in vectors))
 
     def ratio(self, bounds: Sequence[float | None]) -> float:
-        """The largest value over its bound; all hold where it is at most 1."""
+        """Largest ratio of a value to its bound; all bounds hold if it is at most 1."""
         return max(value / bound for value, bound in zip(self, bounds, strict=True) if bound is not None)
 
 
 class Sites:
-    """The two sites of a grasp in the system that is logged.
+    """The two sites of a grasp in the logged system.
 
     Attributes:
-        link: Id of the robot's body.
+        link: Id of the grasping link.
         root: Id of the object's base.
         robot: Id of the robot's site.
         object: Id of the object's site.
     """
 
     def __init__(self, system: System, grasp: Grasp) -> None:
-        """Find them."""
+        """Look up the sites and their bodies."""
         self._model = system.mj
         self.robot, self.object = system.index("site", grasp.robot_site), system.index("site", grasp.object_site)
         self.link, self.root = system.index("body", grasp.link), system.index("body", grasp.root)
         self._one, self._other = np.empty(6), np.empty(6)
 
     def point(self, data: Any) -> FloatArray:
-        """Where the object's site is, world axes, m, (3,)."""
+        """Position of the object's site, world axes, m, (3,)."""
         return np.array(data.site_xpos[self.object])
 
     def vectors(self, data: Any) -> Vectors:
-        """How the object's site is to the robot's at the state in ``data``, positions and velocities current."""
+        """Relative vectors of the sites at the state in ``data``; positions and velocities must be current."""
         here, there = data.site_xmat[self.robot].reshape(3, 3), data.site_xmat[self.object].reshape(3, 3)
         place, held = data.site_xpos[self.object], data.xpos[self.link]
         for twist, body in ((self._one, self.link), (self._other, self.root)):
@@ -78,7 +78,7 @@ class Sites:
 
 
 def _rotation(turn: FloatArray) -> list[float]:
-    """Rotation vector of a rotation matrix, rad; its length is exact to rounding near zero too."""
+    """Rotation vector of a rotation matrix, rad; atan2 keeps its length accurate near zero, where acos is not."""
     (_, d, g), (b, _, h), (c, f, _) = turn.T.tolist()
     x, y, z = h - f, c - g, d - b
     sine = math.hypot(x, y, z)

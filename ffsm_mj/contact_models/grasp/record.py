@@ -1,4 +1,4 @@
-"""What the log says of captures: that an object is held from here on, that it is let go, that an armed grasp missed it."""
+"""Event records of grasps: arming, capture, release and near miss."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ from ffsm_mj.records.kinds import Mark, RecordKind, all_fields
 
 @dataclass(frozen=True)
 class CaptureRecord:
-    """A grasp holds its object from here on.
+    """A grasp closes on its object.
 
     Attributes:
-        event: Number of what happened to grasps and to lasting contacts, from 0.
+        event: Event number, counted over grasps and persistent contacts from 0.
         grasp: Name of the grasp.
-        time_s: Instant of the capture.
-        step: Integration step in which it happened, from 0.
+        time_s: Time of the capture.
+        step: Index of the integration step, from 0.
         robot_site: Site of the robot.
         object_site: Site of the object.
-        point_m: Where the object's site is, world axes.
+        point_m: Position of the object's site, world axes.
         position_m: Distance of the sites.
         angle_rad: Angle between their frames.
         speed_m_s: Relative speed of the two bodies at the object's site, before.
         rate_rad_s: Relative angular speed, before.
-        held_position_m: Origin of the object's base in the frame of the link that holds it, from here on.
-        held_quaternion: Its attitude there, w, x, y, z.
-        rank: Number of relative motions that the joints leave, all of which are stopped: 3 in a plane, 6 in space.
+        held_position_m: Origin of the object's base in the frame of the grasping link, constant until release.
+        held_quaternion: Orientation of the object's base in that frame, w, x, y, z.
+        rank: Number of relative motions that the joints allow, all of which are stopped: 3 in a plane, 6 in space.
         impulse_N_s: Impulse on the object, world axes.
-        angular_impulse_N_m_s: Its moment on the object about the object's site, world axes.
-        loss_J: Kinetic energy lost, by the formula of the plastic impulse.
+        angular_impulse_N_m_s: Angular impulse on the object about the object's site, world axes.
+        loss_J: Kinetic energy lost, from the formula of the plastic impulse.
         energy_before_J: Kinetic energy before, by subsystem: total, robot, objects.
         energy_after_J: Kinetic energy after, by subsystem.
-        momentum_before: P and L about the world origin before, six numbers, in N s and N m s, of the total.
+        momentum_before: Total P and L about the world origin before, six numbers, in N s and N m s.
         momentum_after: The same after.
-        energy_change_J: Kinetic energy after less that before, as measured.
-        linear_momentum_change_N_s: Norm of the change of the total linear momentum: rounding.
-        angular_momentum_change_N_m_s: Norm of the change of the total angular momentum about the world origin; likewise.
+        energy_change_J: Kinetic energy after minus before, computed from the two states.
+        linear_momentum_change_N_s: Norm of the change of total linear momentum: zero up to rounding.
+        angular_momentum_change_N_m_s: Norm of the change of total angular momentum about the world origin; likewise.
         qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
         qvel_before: Generalised velocity before, by joint.
         qvel_after: Generalised velocity after, by joint.
-        efforts_after: Effort by actuator from here on, as the controller decided at the capture.
+        efforts_after: Effort by actuator after the capture, set by the controller at that time.
     """
 
     event: int
@@ -77,18 +77,18 @@ class CaptureRecord:
 
 @dataclass(frozen=True)
 class ReleaseRecord:
-    """A grasp lets its object go; no velocity changes.
+    """A grasp releases its object; no velocity changes.
 
     Attributes:
-        event: Number of what happened to grasps and to lasting contacts, from 0.
+        event: Event number, counted over grasps and persistent contacts from 0.
         grasp: Name of the grasp.
-        time_s: Instant of the release.
-        step: Integration step in which it happened, from 0.
-        point_m: Where the object's site is, world axes.
+        time_s: Time of the release.
+        step: Index of the integration step, from 0.
+        point_m: Position of the object's site, world axes.
         qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
         qvel_before: Generalised velocity before, by joint.
         qvel_after: Generalised velocity after, by joint.
-        efforts_after: Effort by actuator from here on, as the controller decided at the release.
+        efforts_after: Effort by actuator after the release, set by the controller at that time.
     """
 
     event: int
@@ -104,17 +104,17 @@ class ReleaseRecord:
 
 @dataclass(frozen=True)
 class ArmingRecord:
-    """A grasp may close from here on.
+    """A grasp is armed: it may close from now on.
 
     Attributes:
-        event: Number of what happened to grasps and to lasting contacts, from 0.
+        event: Event number, counted over grasps and persistent contacts from 0.
         grasp: Name of the grasp.
-        time_s: When it is armed.
-        step: Integration step in which that is, from 0.
-        qpos: Configuration then, in the order of the sample's ``q_`` fields.
-        qvel_before: Generalised velocity then, by joint.
-        qvel_after: The same.
-        efforts_after: Effort by actuator from here on.
+        time_s: Time of arming.
+        step: Index of the integration step, from 0.
+        qpos: Configuration, in the order of the sample's ``q_`` fields.
+        qvel_before: Generalised velocity, by joint.
+        qvel_after: Equal to ``qvel_before``.
+        efforts_after: Effort by actuator after the event.
     """
 
     event: int
@@ -129,27 +129,27 @@ class ArmingRecord:
 
 @dataclass(frozen=True)
 class NearMissRecord:
-    """A grasp is armed no more, and its bounds have never held.
+    """A grasp is disarmed without ever having satisfied its bounds.
 
     Attributes:
-        event: Number of what happened to grasps and to lasting contacts, from 0.
+        event: Event number, counted over grasps and persistent contacts from 0.
         grasp: Name of the grasp.
-        time_s: When it was disarmed.
-        step: Integration step in which that was, from 0.
-        least_ratio: Least of the largest value over its bound while it was armed, inside steps too.
-        least_s: When that was.
-        position_m: Distance of the sites then.
-        angle_rad: Angle between their frames then.
-        speed_m_s: Relative speed at the object's site then.
-        rate_rad_s: Relative angular speed then.
-        bounds: Bounds of the grasp by the name of the value that they bound.
-        failed: Name of the value that was furthest beyond its bound then, over that bound.
+        time_s: Time of disarming.
+        step: Index of the integration step, from 0.
+        least_ratio: Minimum over the armed time, within steps too, of the largest ratio of a value to its bound.
+        least_s: Time of that minimum.
+        position_m: Distance of the sites at that time.
+        angle_rad: Angle between their frames at that time.
+        speed_m_s: Relative speed at the object's site at that time.
+        rate_rad_s: Relative angular speed at that time.
+        bounds: Bounds of the grasp, by the name of the bounded value.
+        failed: Name of the value with the largest ratio to its bound at that time.
         failed_value: That value, in the unit of its name.
         failed_bound: Its bound.
         qpos: Configuration when it was disarmed, in the order of the sample's ``q_`` fields.
-        qvel_before: Generalised velocity then, by joint.
-        qvel_after: The same.
-        efforts_after: Effort by actuator from here on.
+        qvel_before: Generalised velocity at that time, by joint.
+        qvel_after: Equal to ``qvel_before``.
+        efforts_after: Effort by actuator after the event.
     """
 
     event: int
@@ -174,8 +174,8 @@ class NearMissRecord:
 
 def _captured(record: CaptureRecord) -> str:
     impulse, moment = math.hypot(*record.impulse_N_s), math.hypot(*record.angular_impulse_N_m_s)
-    sites = f"{record.robot_site} takes hold at {record.object_site}"
-    return f"{impulse:.5g} N s and {moment:.5g} N m s, {sites}, {record.loss_J:.5g} J lost: capture by {record.grasp}"
+    sites = f"{record.robot_site} on {record.object_site}"
+    return f"capture {record.grasp}: {sites}, impulse {impulse:.5g} N s and {moment:.5g} N m s, loss {record.loss_J:.5g} J"
 
 
 def _capture_marks(record: CaptureRecord) -> list[Mark]:
@@ -185,10 +185,10 @@ def _capture_marks(record: CaptureRecord) -> list[Mark]:
 
 
 def _missed(record: NearMissRecord) -> str:
-    """The values beyond their bounds where all were nearest to them, the worst first."""
+    """The violated bounds at the closest approach, the worst first."""
     beyond = [(getattr(record, name) / bound, name) for name, (bound,) in record.bounds.items()]
     failed = [f"{_beyond(record, name)} ({ratio:.4g} times)" for ratio, name in sorted(beyond, reverse=True) if ratio > 1.0]
-    return f"{record.grasp} missed: {'; '.join(failed)}; nearest at t = {record.least_s:.6g} s"
+    return f"near miss {record.grasp}: {'; '.join(failed)}; closest approach at t = {record.least_s:.6g} s"
 
 
 def _beyond(record: NearMissRecord, name: str) -> str:
@@ -201,7 +201,7 @@ def _of_near_miss(record: NearMissRecord) -> dict[str, Any]:
 
 
 _GRASP = {
-    "event": ("", "number of what happened to grasps and to lasting contacts, from 0"),
+    "event": ("", "event number, counted over grasps and persistent contacts from 0"),
     "grasp": ("", "name of the grasp"),
 }
 _SITES = {
@@ -221,10 +221,10 @@ CAPTURE = RecordKind(
     record=CaptureRecord,
     name="capture",
     plural="capture_impulses",
-    when="when a grasp takes hold of its object",
+    when="when a grasp closes on its object",
     time=lambda record: record.time_s,
     sentence=_captured,
-    summarised=False,  # a capture is summed up with its release
+    summarised=False,  # the summary lists grasp intervals instead
     columns={
         "time_s": ("s", "simulation time"),
         **_GRASP,
@@ -232,11 +232,11 @@ CAPTURE = RecordKind(
         "object_site": ("", "site of the object"),
         "point_{xyz}_m": ("m", "the object's site, world frame"),
         **_SITES,
-        "rank": ("", "relative motions that the joints leave"),
+        "rank": ("", "number of relative motions that the joints allow"),
         "impulse_{xyz}_N_s": ("N s", "impulse on the object, world frame"),
-        "angular_impulse_{xyz}_N_m_s": ("N m s", "its moment on the object about the object's site, world frame"),
-        "loss_J": ("J", "kinetic energy lost, by the formula"),
-        "energy_change_J": ("J", "kinetic energy gained by the whole system, as measured"),
+        "angular_impulse_{xyz}_N_m_s": ("N m s", "angular impulse on the object about the object's site, world frame"),
+        "loss_J": ("J", "kinetic energy lost, from the formula of the plastic impulse"),
+        "energy_change_J": ("J", "kinetic energy gained by the whole system, from the two states"),
         "linear_momentum_change_N_s": ("N s", "norm of the change of the whole system's linear momentum"),
         "angular_momentum_change_N_m_s": ("N m s", "norm of the change of its angular momentum about the origin"),
     },
@@ -258,9 +258,9 @@ RELEASE = RecordKind(
     record=ReleaseRecord,
     name="release",
     plural="releases",
-    when="when a grasp lets its object go",
+    when="when a grasp releases its object",
     time=lambda record: record.time_s,
-    sentence=lambda record: f"{record.grasp} lets go",
+    sentence=lambda record: f"release {record.grasp}",
     summarised=False,
     columns={
         "time_s": ("s", "simulation time"),
@@ -268,24 +268,24 @@ RELEASE = RecordKind(
         "point_{xyz}_m": ("m", "the object's site, world frame"),
     },
     lengths={"point_m": 3},
-    marks=lambda record: [Mark(record.point_m, text=f"{record.grasp} lets go", name=record.grasp)],
+    marks=lambda record: [Mark(record.point_m, text=f"{record.grasp} releases", name=record.grasp)],
 )
 
 NEAR_MISS = RecordKind(
     record=NearMissRecord,
     name="near_miss",
     plural="near_misses",
-    when="when a grasp is disarmed whose bounds have never held",
+    when="when a grasp is disarmed without ever satisfying its bounds",
     time=lambda record: record.time_s,
     sentence=_missed,
     summary=_of_near_miss,
     columns={
-        "time_s": ("s", "when it is disarmed"),
+        "time_s": ("s", "time of disarming"),
         **_GRASP,
-        "least_ratio": ("", "least of the largest value over its bound while it was armed"),
-        "least_s": ("s", "when that was"),
-        **{name: (unit, f"{meaning} then") for name, (unit, meaning) in _SITES.items()},
-        "failed": ("", "name of the value that was furthest beyond its bound then, over that bound"),
+        "least_ratio": ("", "minimum while armed of the largest ratio of a value to its bound"),
+        "least_s": ("s", "time of that minimum"),
+        **{name: (unit, f"{meaning} at that time") for name, (unit, meaning) in _SITES.items()},
+        "failed": ("", "name of the value with the largest ratio to its bound at that time"),
         "failed_value": ("", "that value, in the unit of its name"),
         "failed_bound": ("", "its bound, in the unit of its name"),
     },
@@ -298,7 +298,7 @@ ARMING = RecordKind(
     plural="armings",
     when="when a grasp is armed",
     time=lambda record: record.time_s,
-    sentence=lambda record: f"{record.grasp} may close",
+    sentence=lambda record: f"arming {record.grasp}",
     summarised=False,
     columns={"time_s": ("s", "simulation time"), **_GRASP},
 )

@@ -1,7 +1,7 @@
-"""How the system that is logged follows what moves while an object is held (17).
+"""State transfer from the motion with a grasped object to the logged system, (17).
 
-It takes coordinates and rates of all joints that both have, and those of the object's base as its pose and motion as a part
-of the link ask for.
+Coordinates and rates of shared joints are copied; those of the object's base joints follow from its pose and twist as part
+of the link.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from ffsm_mj.contact_models.grasp.base_joints import BaseJointSolver
 _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 
 Shared = tuple[IntArray, IntArray]
-"""Places in ``qpos`` or ``qvel`` of joints that both systems have: in the one that is logged, and in the other."""
+"""Indices in ``qpos`` or ``qvel`` of joints that both systems have: in the logged system, and in the other."""
 
 
 class StateTransfer:
-    """Brings the data of the system that is logged to the state of what moves."""
+    """Transfers the state of a motion with a grasped object to the data of the logged system."""
 
     def __init__(
         self,
@@ -31,13 +31,13 @@ class StateTransfer:
         shared: tuple[Shared, Shared],
         placing: BaseJointSolver,
     ) -> None:
-        """Bind to both.
+        """Bind to both systems.
 
         Args:
-            logged: Model and data of the system that is logged, and where its M qdot is kept, (nv,).
-            moving: Those of what moves, and the id of the object's base in it.
-            shared: Places of coordinates, and of rates.
-            placing: Writes what the object's own joints must be.
+            logged: Model and data of the logged system, and the array for its M qdot, (nv,).
+            moving: Model and data of the motion, and the id of the object's base in it.
+            shared: Indices of shared coordinates, and of shared rates.
+            placing: Solver for the object's base joints.
         """
         self._model, self._data, self._momentum = logged
         self._moving, self._state, self._root = moving
@@ -54,12 +54,12 @@ class StateTransfer:
     def of(
         cls, logged: tuple[Any, Any, FloatArray], moving: tuple[Any, Any, int], shared: Any, placing: BaseJointSolver
     ) -> StateTransfer:
-        """The compiled twin, where there is one and the object's joints need no search; this class else."""
+        """The compiled twin if it is installed and the base joints have a closed form; else this class."""
         kind = fastest(cls) if placing.free or placing.reading is not None else cls
         return kind(logged, moving, shared, placing)
 
     def state(self) -> None:
-        """Bring positions, velocities and what derives from them to those of what moves."""
+        """Transfer positions and velocities, and update what depends on them."""
         for own, other in self._copies:
             own[:] = other
         self._data.time = self._state.time
@@ -70,14 +70,14 @@ class StateTransfer:
         mujoco.mj_fwdVelocity(self._model, self._data)
 
     def step(self) -> None:
-        """The same with M qdot, and with forces of actuators under the efforts in the system's data."""
+        """The same, and update M qdot and the actuator forces under the efforts in the system's data."""
         self.state()
         mujoco.mj_mulM(self._model, self._data, self._momentum, self._rates)
         mujoco.mj_fwdActuation(self._model, self._data)
 
 
 def _stretches(ours: IntArray, theirs: IntArray) -> list[tuple[slice, slice]]:
-    """Places that are next to each other on both sides, as slices."""
+    """Runs of indices that are consecutive in both systems, as slices: slice copies are faster."""
     edges = np.flatnonzero((np.diff(ours) != 1) | (np.diff(theirs) != 1)) + 1
     both = (np.split(places, edges) for places in (ours, theirs))
     return [

@@ -1,9 +1,10 @@
 """Persistent contact model: unilateral constraints on closed contacts, integrated event by event with an active set.
 
 Each stage of a step computes the contact forces that keep gap'' = 0 at the contact points of the active set, given the other
-forces. The active set is chosen at the start of a step from the complementarity problem 0 <= gap'' _|_ force >= 0 (Brogliato,
-*Nonsmooth Mechanics*) and is frozen within it, so that every step integrates a smooth ODE at the full order of RK4. A step
-ends early when the active set would change, a contact point leaves its feature, or a pair touches at another point.
+forces. The active set is chosen at the start of a step from the complementarity problem 0 <= gap'' _|_ force >= 0
+(Brogliato, *Nonsmooth Mechanics*) and is frozen within it, so that every step integrates a smooth ODE at the full order of
+RK4. A step ends early when the active set would change, a contact point leaves its feature, or a pair touches at another
+point.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from ffsm_mj.records.wrench import Wrench
 
 _INSTANT_S = 1e-13
 """Tolerance of event localisation, s."""
-_OTHER_MODEL = "the motion uses a model other than the scenario's, and no grasp of the scenario is closed in it"
+_OTHER_MODEL = "the motion uses another model than the scenario's, and no grasp of the scenario is closed in it"
 _SEARCH_GAP_M = 1e-6
 _START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
 """Fractions of a step at which a positive gap is looked for: a point that lands may start the step at a gap of rounding."""

@@ -52,7 +52,7 @@ def rows(motion: Motion, data: Any, contact_points: Sequence[ContactPoint]) -> C
     model, moving, bodies = motion.model, motion.data, motion.bodies
     k, nv, qvel = len(contact_points), model.nv, moving.qvel
     J, gamma = np.empty((k, nv)), np.empty(k)
-    of_b, of_a, rate_b, rate_a = motion.room
+    of_b, of_a, rate_b, rate_a = motion.jacobian_buffers
     states = tuple([contact.feature.at(data) for contact in contact_points])
     for i, (contact, here) in enumerate(zip(contact_points, states, strict=True)):
         a, b = bodies[contact.pair.body_a], bodies[contact.pair.body_b]

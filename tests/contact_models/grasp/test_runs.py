@@ -129,7 +129,7 @@ def test_a_grasp_that_never_closes_is_told_of_once_per_arming(tmp_path):
     assert "qpos" not in run.summary()["near_misses"][0]
     assert run.summary()["near_misses"][0]["failed"] == "position_m"
     assert (first.failed_value, first.failed_bound) == (first.position_m, 0.05)
-    assert f"grasp missed: distance {first.position_m:.4g} m, bound 0.05 m ({first.least_ratio:.4g} times)" in run_report(
+    assert f"near miss grasp: distance {first.position_m:.4g} m, bound 0.05 m ({first.least_ratio:.4g} times)" in run_report(
         run
     )
     assert run.captures == ()
@@ -157,7 +157,7 @@ def test_a_miss_names_each_bound_that_failed(tmp_path):
     (told,) = run.summary()["near_misses"]
     assert (told["failed"], told["failed_value"], told["failed_bound"]) == ("speed_m_s", miss.speed_m_s, 0.4)
     (line,) = [line for line in run_report(run).splitlines() if "missed" in line]
-    assert "grasp missed: relative speed 1 m/s, bound 0.4 m/s (2.5 times); nearest at t = " in line
+    assert "near miss grasp: relative speed 1 m/s, bound 0.4 m/s (2.5 times); closest approach at t = " in line
     assert "distance" not in line
     asked = ["near_misses.0.failed", "near_misses.0.failed_value", "near_misses.0.failed_bound"]
     metrics = evaluated(run, {}, asked)
@@ -370,13 +370,13 @@ def test_a_second_grasp_is_refused_by_name(tmp_path):
     for k, (phases, does) in enumerate(
         (
             ([{**meet, "for_s": 5.0}, again], "is armed"),
-            ([{**meet, "until": "end", "arm": ["one", "two"]}], "would take hold"),
+            ([{**meet, "until": "end", "arm": ["one", "two"]}], "would close"),
         )
     ):
         run = ffsm_mj.run(grasping(tmp_path / str(k), captures=captures, phases=phases))
         assert run.outcome == "controller_failed"
         assert f"grasp 'two' {does} at t = " in run.message
-        assert "while 'one' holds 'target': one grasp holds at a time; release it first" in run.message
+        assert "while 'one' holds 'target': only one grasp can be closed at a time; release it first" in run.message
 
 
 def test_what_may_have_been_let_go_may_be_taken_again(tmp_path):
