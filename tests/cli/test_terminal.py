@@ -118,7 +118,7 @@ def run_case(case):
 
 cases.run_case = run_case
 printed_number = printed.PrintedNumber("4.2", "baseline", "x", "m", "1.23", "x", "")
-content = page.Report((judged.Judged(printed_number, 1.23, None, 0.0),), {}, {}, (), {})
+content = page.Report((judged.ComparedNumber(printed_number, 1.23, None, 0.0),), {}, {}, (), {})
 
 def reproduce(report):
     cases.run_cases([cases.Case(wait) for wait in ("2.0", "0.8", "1.4")], report)
@@ -155,3 +155,23 @@ def test_an_interrupted_command_leaves_a_clean_terminal(tmp_path):
     assert shown.screen[-1] == "interrupted: the run was interrupted"
     assert "of 200 s" not in "\n".join(shown.screen)
     assert shown.cursor
+
+
+NAMED = r"""
+import time
+from ffsm_mj.cli.progress import progress
+
+with progress() as shown:
+    report = shown.stage("[red]a\x1b[31m\nb[/red]:smile:", "s", 30.0)
+    report(12.3, 30.0)
+    time.sleep(0.8)
+"""
+
+
+@pytest.mark.parametrize(("columns", "painted"), [(120, "12.3 of 30 s"), (40, "41 %  ")])
+def test_names_of_files_neither_steer_the_terminal_nor_are_markup(columns, painted):
+    shown = on_terminal([sys.executable, "-c", NAMED], columns=columns)
+    assert (shown.code, shown.screen, shown.cursor) == (0, [], True)
+    assert painted in shown.written
+    assert r"[red]a\x1b[31m\nb[/red]:smile:" in shown.written
+    assert "\x1b[31m" not in shown.written
