@@ -1,4 +1,4 @@
-"""What a run tells once, in words."""
+"""Records of contact models, as text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MOST_LINES = 20
 
 
 def record_lines(run: Run) -> list[str]:
-    """What a run tells once of its contact models, kind by kind; impacts, phases and overlaps have words of their own."""
+    """Lines for the records of contact models, by kind; impacts, phases and unhandled contacts have their own tables."""
     return ["\n".join(_lines(kind, run.records.get(kind.plural, ()))) for kind in run.log.kinds if not kind.in_every_run]
 
 

@@ -1,4 +1,4 @@
-"""The run that users hold: its arrays, and how it shows itself in a terminal or a notebook."""
+"""The public run object: arrays, and representations for a terminal and a notebook."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ if TYPE_CHECKING:
 
 
 class Run(analysis.Run):
-    """A run that shows itself: as the last value of a notebook's cell a table, its figures, a film of its motion."""
+    """A run with a summary table for notebooks, figures and an animation."""
 
     def __repr__(self) -> str:
-        """Scenario, outcome, impacts, contacts that lasted, the check nearest to its limit, and the tip."""
+        """Scenario, outcome, impacts, persistent contacts, the check closest to its tolerance, and the tip."""
         return card_text(self)
 
     def _repr_html_(self) -> str:
         return card_html(self)
 
-    # What is not finite in a run says so in its figures; numpy's warnings would say it twice.
+    # Values that are not finite show in the figures; numpy's warnings would only repeat that.
     @np.errstate(all="ignore")
     def plot(self, *names: str) -> Figures:
-        """Figures of the run, those of ``ffsm analyze --plots``, by name; a notebook's cell shows them.
+        """Figures of the run by name, those of ``ffsm analyze --plots``; a notebook displays them.
 
         Args:
             names: Only these: ``motion``, ``base``, ``joints``, ``tip``, ``torques``, ``inputs``, ``contacts``, ``momenta``,
                 ``energies``, ``conservation``; all that the run has when empty.
 
         Raises:
-            InputError: The run has no samples, or its models do not compile any more.
+            InputError: The run has no samples, or its models no longer compile.
             KeyError: The run has no figure of that name; the message lists those it has.
         """
         from ffsm_mj.report.plots.shown import shown
@@ -46,15 +46,15 @@ class Run(analysis.Run):
 
     @np.errstate(all="ignore")
     def animate(self, *, frames_per_second: float = 20.0, speed: float | None = None) -> Film:
-        """A film of the motion, that of ``ffsm export --gif``: shown by a notebook's cell; its ``save(path)`` keeps it.
+        """Animation of the motion, that of ``ffsm export --gif``; a notebook displays it, ``save(path)`` writes it.
 
         Args:
-            frames_per_second: Pictures per second of the film, up to 50.
-            speed: Times real time; None: so that the film lasts 12 s at most.
+            frames_per_second: Frame rate, up to 50.
+            speed: Playback speed relative to real time; None: at most 12 s of video.
 
         Raises:
-            InputError: The run has no samples, its models do not compile any more, or the film would be too long.
-            ValueError: A rate or a speed that is none.
+            InputError: The run has no samples, its models no longer compile, or the animation would be too long.
+            ValueError: An invalid frame rate or speed.
         """
         from ffsm_mj.report.film import film
 
@@ -65,8 +65,8 @@ def load_run(path: str | Path) -> Run:
     """Read a run from its folder or its ``.mcap`` or ``.mcap.partial`` file.
 
     Raises:
-        InputError: There is no log at that place.
-        LogError: The file is no log of a run.
+        InputError: There is no log at that path.
+        LogError: The file is not the log of a run.
     """
     found = find_log(Path(path))
     return Run(read_log(found), found.absolute())

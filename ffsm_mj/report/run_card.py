@@ -1,7 +1,7 @@
-"""What a run came to at a glance: a line or two for a terminal, a small table for a notebook.
+"""Short summary of a run: one or two lines for a terminal, a small table for a notebook.
 
-It must be there at once. Laws, contacts and tip come from the run's digest, which a run has that was just simulated; of a
-log it is one pass over the rows, taken here only where they are few.
+It must be fast. Checks, contacts and tip come from the run's digest, which exists after a simulation; for a log it takes a
+pass over the rows, which is made here only if they are few.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ _LEFT = 'style="text-align:left"'
 
 
 def card_text(run: Run) -> str:
-    """One line, and a second one where there is a tip."""
+    """One line, and a second one with the tip if there is a task."""
     hits = len({record.event for record in run.impacts})
     lasting = _lasting(run)
-    counts = [_counted(hits, "impact"), *([_counted(len(lasting), "lasting contact")] if lasting else [])]
+    counts = [_counted(hits, "impact"), *([_counted(len(lasting), "persistent contact")] if lasting else [])]
     line = f"<Run {run.name}: {'; '.join((_outcome(run), *counts, _checks(run)))}"
     tip = _tip(run)
     return "\n  ".join(map(one_line, [line, f"tip {tip}"] if tip else [line])) + ">"
 
 
 def card_html(run: Run) -> str:
-    """A table of outcome, impacts, contacts, checks and tip; whatever a log says is text in it, never markup."""
+    """HTML table of outcome, impacts, contacts, checks and tip; text from the log is always escaped."""
     rows = {
         "outcome": [_outcome(run)],
         "impacts": _impacts(run.impacts),
@@ -90,29 +90,25 @@ def _contacts(contacts: tuple[ContactInterval, ...]) -> list[str]:
 
 
 def _quick(run: Run) -> bool:
-    """Whether checks, contacts and tip are known, or so few rows away that nobody waits for them."""
+    """Whether checks, contacts and tip are known, or quick to compute from few rows."""
     try:
         if run.digested or 8 * len(run.log.rows) * len(run.keys) <= KEPT_BYTES:
             with np.errstate(all="ignore"):  # a log may hold any double
                 return run.digest is not None
-    except (LogError, OSError):  # the file went away; a look at what is in memory must not fail for that
+    except (LogError, OSError):  # the file is gone; the summary of a run in memory must not fail
         return False
     return False
 
 
 def _checks(run: Run) -> str:
     if not _quick(run):
-        return "checks not judged yet: checks() reads the whole log"
+        return "checks not evaluated yet: checks() reads the whole log"
     checks = run.checks()
-    lax = "" if run.conservative else "energy and momenta not judged, as the models are not conservative"
+    lax = "" if run.conservative else "energy and momenta not checked, as the models are not conservative"
     if not checks:
-        return lax or "no samples to judge"
+        return lax or "no samples to check"
     worst, broken = max(checks, key=_used), [check for check in checks if not check.passes]
-    fate = (
-        "FAILED"
-        if not all(check.fails_by_truncation for check in broken)
-        else "too large by the truncation of the step alone"
-    )
+    fate = "FAILED" if not all(check.fails_by_truncation for check in broken) else "fail by the truncation of the step alone"
     of = _counted(len(checks), "check")
     verdict = f"{len(broken)} of {of} {fate}" if broken else f"{of}, all pass"
     near = f"worst {worst.name} of {worst.subsystem}: {worst.residual:.1e} of {worst.tolerance:.1e} {worst.unit}"
@@ -120,7 +116,7 @@ def _checks(run: Run) -> str:
 
 
 def _used(check: Check) -> float:
-    """How much of what is allowed a check takes; all and more where it is no number."""
+    """Residual over tolerance; infinite if it is not a number."""
     share = check.residual / check.tolerance
     return math.inf if math.isnan(share) else share
 
@@ -130,4 +126,4 @@ def _tip(run: Run) -> str:
     if tip is None:
         return ""
     best = f"{tip['min_error_m']:.4g} m at {tip['min_error_time_s']:.3f} s"
-    return f"{tip['final_error_m']:.4g} m from its target at the end, at best {best}"
+    return f"final error {tip['final_error_m']:.4g} m, smallest {best}"

@@ -1,4 +1,4 @@
-"""What a run came to, as text for a terminal."""
+"""Text reports of a run for a terminal."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from ffsm_mj.verification.replay_result import ReplayResult
 
 _MOST_CONTACTS = 20
 _STEP_HINT = (
-    "\n  these checks fail by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario, take a shorter"
-    " time_step_s, or state what you accept with 'ffsm analyze --tolerance'"
+    "\n  these checks fail by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario, use a shorter"
+    " time_step_s, or state an acceptable tolerance with 'ffsm analyze --tolerance'"
 )
 
 
@@ -53,7 +53,7 @@ def headline(run: Run) -> str:
         line += one_line(f" ({summary['message']})")
     if run.complete:
         line += f"; {summary['duration_s']:g} s simulated"
-        if summary["wall_s"]:  # not told where SOURCE_DATE_EPOCH is set
+        if summary["wall_s"]:  # zero if SOURCE_DATE_EPOCH is set
             line += f" in {summary['wall_s']:.1f} s ({summary['real_time_factor']:.1f} times real time)"
     else:
         line += f"; {summary['duration_s']:g} s logged"
@@ -61,30 +61,30 @@ def headline(run: Run) -> str:
 
 
 def _sub_steps(run: Run) -> str:
-    """How far accuracy cut the steps; empty where none is asked for."""
+    """Number and size of sub-steps; empty if the scenario gives no ``accuracy``."""
     summary = run.summary(checks=False)
     if not summary["sub_steps"]:
         return ""
-    cut = f"accuracy: {summary['steps']} steps taken in {summary['sub_steps']} sub-steps"
-    return f"{cut}, the smallest {summary['smallest_step_s']:.3g} s"
+    cut = f"accuracy: {summary['steps']} steps divided into {summary['sub_steps']} sub-steps"
+    return f"{cut}, smallest {summary['smallest_step_s']:.3g} s"
 
 
 def _models(run: Run) -> str:
-    """Properties of bodies and geoms that the scenario gave, as they were compiled; gravity."""
+    """Compiled values of body and geom properties that the scenario sets; gravity."""
     facts = run.log.header.facts
     return "\n".join([*told_models(facts), *filter(None, [told_gravity(facts)])])
 
 
 def what_is_missing(run: Run) -> str:
-    """What a log does not tell of its run, in a line; empty where it is whole."""
+    """Damage or incompleteness of a log in one line; empty if the log is complete."""
     broken_off = "" if run.complete else "incomplete: the log breaks off before the end of the run"
     return "; ".join(part for part in (f"damaged: {run.damage}" if run.damage else "", broken_off) if part)
 
 
 def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
-    """One row per contact of every impact; dT, |dP| and |dL| are of the whole system; what friction did, where it is."""
+    """One row per contact of every impact; dT, |dP| and |dL| are of the whole system; friction columns if any."""
     if not impacts:
-        return "no impact" if whole else "no impact in what can be read"
+        return "no impacts" if whole else "no impacts in the readable part"
     named = any(map(_has_own_name, impacts))
     rough, odd = any(record.mu for record in impacts), any(record.status != "ok" for record in impacts)
     head = (
@@ -131,7 +131,7 @@ def _status(record: ImpactRecord) -> str:
 
 
 def contact_table(contacts: Sequence[ContactInterval]) -> str:
-    """One row per contact that lasted, the first few; empty without any."""
+    """One row per persistent contact, for the first few; empty without any."""
     if not contacts:
         return ""
     named = any(map(_has_own_name, contacts))
@@ -155,13 +155,13 @@ def contact_table(contacts: Sequence[ContactInterval]) -> str:
 
 
 def _has_own_name(record: ImpactRecord | ContactInterval) -> bool:
-    """Whether its pair is called otherwise than by its geoms, which stand beside it."""
+    """Whether the pair has a name other than that of its geoms, which have columns of their own."""
     a, b = ({name, name.rsplit("/", 1)[-1]} for name in record.geoms)
     return record.pair not in {f"{one}-{other}" for one in a for other in b}
 
 
 def conservation_table(checks: Sequence[Check]) -> str:
-    """One row per law: worst residual, where and when, what is allowed, verdict."""
+    """One row per check: worst residual, component, time, tolerance and result."""
     if not checks:
         return "no samples: nothing to verify"
     return table(
@@ -184,7 +184,7 @@ def conservation_table(checks: Sequence[Check]) -> str:
 
 
 def _truncation_lines(checks: Sequence[Check]) -> str:
-    """What of each residual that is too large is truncation, and what to do about it; empty where none is."""
+    """Share of truncation in each residual that is too large, and a remedy; empty if there is none."""
     told = [
         f"\n  {check.name} of {check.subsystem}, {check.truncation.sentence(check.unit)}"
         for check in checks
@@ -194,7 +194,7 @@ def _truncation_lines(checks: Sequence[Check]) -> str:
 
 
 def _phase_lines(run: Run) -> list[str]:
-    """Phases that the scenario has and the run did not reach."""
+    """Phases of the scenario that the run did not reach."""
     reached = {phase.name for phase in run.phases}
     missed = [name for name in run.log.header.facts.get("phases", "").split("\n") if name and name not in reached]
     lost = "" if not run.damage else ", or lost with the damage"
@@ -219,11 +219,13 @@ def _unhandled_lines(run: Run) -> list[str]:
         (c.geoms[0], c.geoms[1], f"{c.start_s:.3f}", f"{c.end_s:.3f}", f"{c.max_depth_m:.2e}")
         for c in run.unhandled_contacts
     )
-    return [table(head, rows) + "\n  nothing pushed these apart: make them impact pairs, or list them in ignored_pairs"]
+    return [
+        table(head, rows) + "\n  these contacts had no forces: declare them in impact_pairs, or list them in ignored_pairs"
+    ]
 
 
 def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
-    """What ``ffsm analyze`` prints: everything recomputed from the states in the log."""
+    """Output of ``ffsm analyze``: checks recomputed from the states in the log."""
     damage = damage_of(run, again)
     impacts = impact_table(run.impacts, whole=run.complete and not damage)
     parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts]
@@ -234,9 +236,9 @@ def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
         parts.append(conservation_table(checks))
     if not run.conservative:
         fault = one_line(run.why_not_conservative)
-        parts.append(f"energy and momenta are not judged, the run is not conservative: {fault}")
+        parts.append(f"energy and momenta are not checked, the run is not conservative: {fault}")
     if checks:
-        left = " in what can be read" if damage else ""
+        left = " in the readable part" if damage else ""
         parts.append(verdict(run, checks) + left + _truncation_lines(checks))
     parts.append(agreement(again))
     if not run.complete:
@@ -249,10 +251,10 @@ def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
 
 
 def agreement(again: ReplayResult) -> str:
-    """One line: whether the columns of the log are what its states say; more where they are not."""
+    """One line: whether the columns of the log agree with its states; one more line per difference if not."""
     if again.obstacle:
         why = f"nothing can be recomputed ({one_line(again.obstacle)})"
-        return f"NOT VERIFIED: {why}; the checks are judged by what the log says of itself"
+        return f"NOT VERIFIED: {why}; the checks use the logged balances"
     worst = sorted(again.worst.values(), key=lambda one: -one.excess)
     if again.agrees:
         of = f"{again.numbers} numbers of {again.samples} samples"
@@ -266,7 +268,7 @@ def _difference(worst: Discrepancy) -> str:
 
 
 def damage_of(run: Run, again: ReplayResult) -> str:
-    """What is wrong with the log: with its bytes, and with the times of its samples."""
+    """Damage of the log: unreadable bytes, and gaps in the times of its samples."""
     return run.damage if again.gaps in run.damage else "; ".join(part for part in (run.damage, again.gaps) if part)
 
 
@@ -280,18 +282,18 @@ def verdict(run: Run, checks: Sequence[Check]) -> str:
 
 
 def any_check_failed(run: Run, tolerance: Tolerance) -> bool:
-    """Whether a check that the run should obey is violated."""
+    """Whether any check of the run fails."""
     return not all(check.passes for check in run.checks(tolerance))
 
 
 def fail_by_truncation(checks: Sequence[Check]) -> bool:
-    """Whether checks fail, all of them by the truncation of the step alone."""
+    """Whether checks fail, all of them by truncation of the step alone."""
     failing = [check for check in checks if not check.passes]
     return bool(failing) and all(check.fails_by_truncation for check in failing)
 
 
 def verification_data(run: Run, again: ReplayResult, tolerance: Tolerance) -> dict[str, Any]:
-    """The same for scripts, as plain data."""
+    """The content of :func:`verification` as plain data."""
     judged = again.checks(tolerance)
     checks = [
         {
@@ -339,5 +341,5 @@ def _finite(value: float) -> float | None:
 
 
 def as_json(data: Any) -> str:
-    """JSON for people and scripts."""
+    """Indented JSON."""
     return json_text(data)

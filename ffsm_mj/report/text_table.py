@@ -1,4 +1,4 @@
-"""Tables in plain text; where a terminal is too narrow for one, its columns go on below."""
+"""Plain-text tables; columns that do not fit the terminal continue below."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from collections.abc import Iterable, Iterator, Sequence
 from ffsm_mj.errors import one_line
 
 _LEAST = 40
-"""On a terminal of fewer letters nothing is laid out."""
+"""Narrower terminals are treated as if their width were unknown."""
 
 
 def terminal_width() -> int | None:
-    """Letters across the terminal that standard output is; None where it is none, or hardly one."""
+    """Width of the terminal in characters; None if standard output is not a terminal, or a very narrow one."""
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
     return width if width >= _LEAST else None
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, keys: int = 1) -> str:
-    """Aligned columns: text to the left, everything that starts like a number to the right.
+    """Table with aligned columns: text to the left, numbers to the right.
 
     Args:
         head: Names of the columns.
-        rows: As many cells each.
-        keys: Columns at the left that say which row it is; each part of a divided table has them.
+        rows: Rows with as many cells.
+        keys: Number of leading columns that identify a row; they are repeated in each part of a divided table.
     """
-    cells = [list(head), *(list(map(one_line, row)) for row in rows)]  # a line end in a name would make a row of its own
+    cells = [list(head), *(list(map(one_line, row)) for row in rows)]  # a line break in a name must not start a row
     columns = [_padded(column) for column in zip(*cells, strict=True)]
     parts = _parts([2 + len(column[0]) for column in columns], terminal_width(), keys)
     return "\n\n".join(
@@ -41,7 +41,7 @@ def _padded(column: Sequence[str]) -> list[str]:
 
 
 def _parts(widths: Sequence[int], room: int | None, keys: int) -> Iterator[list[int]]:
-    """Which columns stand beside each other; all of them where no room is given."""
+    """Columns of each part of a divided table; all of them if the width is unlimited."""
     part = first = list(range(min(keys, len(widths))))
     for i in range(len(first), len(widths)):
         if room is not None and len(part) > len(first) and sum(widths[k] for k in (*part, i)) > room:

@@ -62,7 +62,7 @@ def test_a_contact_moves_the_momentum_that_it_says_and_its_peak_is_that_of_the_s
     told = run_report(run)
     assert contact_table(run.contacts) in told
     assert f"{first.impulse_N_s:.6f}" in told
-    assert "2 lasting contacts" in repr(run)
+    assert "2 persistent contacts" in repr(run)
     assert "to the end: robot/ball on target/target" in run._repr_html_()
 
 

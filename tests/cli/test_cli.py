@@ -118,7 +118,7 @@ def test_a_run_that_dissipates_is_not_judged(tmp_path, capsys):
     assert main(["run", str(path), "--no-rerun", "--out", "mine"]) == 0
     assert "not conservative" in capsys.readouterr().out
     assert main(["analyze", "mine"]) == 0
-    assert "not judged, the run is not conservative" in capsys.readouterr().out
+    assert "not checked, the run is not conservative" in capsys.readouterr().out
 
 
 def test_check_list_schema_version(capsys):

@@ -243,4 +243,4 @@ def test_other_commands_tell_of_damage_too(finished, tmp_path, capsys):
     assert main(["analyze", str(file)]) == 4
     out = capsys.readouterr().out
     assert "DAMAGED LOG, see the end" in out
-    assert "in what can be read" in out
+    assert "in the readable part" in out

@@ -61,8 +61,8 @@ def test_the_tip_is_told(baseline):
     tip = baseline.summary()["tip"]
     second = repr(baseline).splitlines()[1]
     assert second == (
-        f"  tip {tip['final_error_m']:.4g} m from its target at the end, "
-        f"at best {tip['min_error_m']:.4g} m at {tip['min_error_time_s']:.3f} s>"
+        f"  tip final error {tip['final_error_m']:.4g} m, "
+        f"smallest {tip['min_error_m']:.4g} m at {tip['min_error_time_s']:.3f} s>"
     )
     assert second.strip().removeprefix("tip ").removesuffix(">") in Tags(baseline._repr_html_()).text
 
@@ -112,8 +112,8 @@ def test_a_long_log_is_not_read_for_a_look(hit, monkeypatch):
     monkeypatch.setattr(run_card, "KEPT_BYTES", 8 * len(hit.keys) * 500)  # hit has 501 rows
     fresh, known = ffsm_mj.load_run(hit.path), hit.digest
     monkeypatch.setattr(type(fresh.log), "blocks", lambda _: pytest.fail("the rows are read"))
-    assert "1 impact; checks not judged yet: checks() reads the whole log>" in repr(fresh)
-    assert "checks not judged yet" in fresh._repr_html_()
+    assert "1 impact; checks not evaluated yet: checks() reads the whole log>" in repr(fresh)
+    assert "checks not evaluated yet" in fresh._repr_html_()
     told = ffsm_mj.Run(fresh.log, fresh.path, known)
     assert "13 checks, all pass" in repr(told)
 

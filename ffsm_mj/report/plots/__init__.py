@@ -1,7 +1,7 @@
-"""Figures of a run, drawn from its log alone, ready for print.
+"""Publication-quality figures of a run, drawn from its log alone.
 
-``figures(run)`` gives them by name, ``save(run, folder)`` writes them as SVG and PNG; the same data give the same bytes.
-``comparison(runs)`` lays several runs over each other.
+``figures(run)`` returns them by name; ``save(run, folder)`` writes them as SVG and PNG, reproducible byte for byte.
+``comparison(runs)`` overlays several runs.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ __all__ = ["FORMATS", "MOST_RUNS", "comparison", "figure_names", "figures", "sav
 def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
     """Every figure that a run can have, by name.
 
-    ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (where a thruster or wheel
-    did anything), ``contacts`` (where any lasted), ``captures`` (where anything was held), ``momenta``, ``energies``,
-    ``conservation`` (where its checks are checked).
+    ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (if a thruster or wheel is
+    active), ``contacts`` (with persistent contacts), ``captures`` (with grasps), ``momenta``, ``energies``,
+    ``conservation`` (if energy and momenta are checked).
 
     Args:
         run: A run with at least one sample.
         names: Only these, where the run has them; all when empty.
 
     Raises:
-        InputError: The run has no samples, or its models do not compile any more.
+        InputError: The run has no samples, or its models no longer compile.
     """
     makers = _makers(run, names)
     with publication():
@@ -52,7 +52,7 @@ def figure_names(run: Run) -> list[str]:
 
 
 def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
-    """What draws each figure that a run can have, by name; see :func:`figures`."""
+    """Functions that draw the figures that a run can have, by name; see :func:`figures`."""
     subject = Subject(run)
     makers = {"motion": motion, "base": base}
     makers |= {"joints": joints} if subject.arm_joints else {}
@@ -77,17 +77,17 @@ def save(
 
     Args:
         run: A run with at least one sample.
-        folder: Where to write; made where there is none.
+        folder: Output folder; created if it does not exist.
         names: Only these, where the run has them; all when empty.
-        formats: Of the files.
-        report: Told how many figures of how many are written.
+        formats: File formats.
+        report: Callback (figures written, figures in all).
 
     Returns:
         The files written.
 
     Raises:
-        InputError: See :func:`figures`; or the folder cannot be written to.
-        OutputLostError: A file could not be written to its end.
+        InputError: See :func:`figures`; or the folder is not writable.
+        OutputLostError: A file could not be written completely.
     """
     target, makers = Path(folder), _makers(run, names)
     usable_folder(target)
@@ -103,14 +103,14 @@ def save(
 
 
 def save_comparison(runs: Sequence[tuple[str, Run]], folder: str | Path, formats: tuple[str, ...] = FORMATS) -> list[Path]:
-    """Write ``comparison.<format>``: several runs, each with a label, over each other.
+    """Write ``comparison.<format>``: an overlay of several labelled runs.
 
     Returns:
         The files written.
 
     Raises:
-        InputError: The folder cannot be written to.
-        OutputLostError: A file could not be written to its end.
+        InputError: The folder is not writable.
+        OutputLostError: A file could not be written completely.
     """
     target = Path(folder)
     usable_folder(target)

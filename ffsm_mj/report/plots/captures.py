@@ -1,4 +1,4 @@
-"""The figure of captures: the load that the link puts on the object, and when which grasp holds."""
+"""Figure of grasps: the load of the link on the grasped object, and the intervals in which grasps are closed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ffsm_mj.report.plots.subject import Subject
 
 
 def captures(subject: Subject) -> Figure:
-    """Force on the held object and torque about its site, their components and sizes, and who holds from when to when."""
+    """Components and norms of force and torque (about its site) on the grasped object, and the interval of each grasp."""
     run = subject.run
     loads = [np.where(run["contact.capture_grasp"] > 0.0, run[key], np.nan) for key in CAPTURE_LOADS]
     spells: dict[str, list[tuple[float, float]]] = {}
@@ -20,13 +20,13 @@ def captures(subject: Subject) -> Figure:
         spells.setdefault(capture.grasp, []).append((capture.time_s, release_s))
     holds = {name: np.array(spans) for name, spans in spells.items()}
     panels = [
-        Panel("force on the\nobject, N", _with_size(loads[:3], "F")),
-        Panel("torque about\nits site, N m", _with_size(loads[3:], "M")),
+        Panel("force on the\nobject, N", _with_norm(loads[:3], "F")),
+        Panel("torque about\nits site, N m", _with_norm(loads[3:], "M")),
         Panel("holds", bars=holds, height=0.25 + 0.12 * len(holds)),
     ]
     return stacked(run, panels, height_in=1.6)
 
 
-def _with_size(components: list[np.ndarray], letter: str) -> list[Curve]:
+def _with_norm(components: list[np.ndarray], letter: str) -> list[Curve]:
     lines = [Curve(f"${letter}_{axis}$", values) for axis, values in zip("xyz", components, strict=True)]
     return [*lines, Curve(f"$|{letter}|$", np.linalg.norm(components, axis=0))]

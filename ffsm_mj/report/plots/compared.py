@@ -1,4 +1,4 @@
-"""Several runs over each other: tip error, energy and momenta."""
+"""Overlay of several runs: tip error, energy and momenta."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ffsm_mj.report.plots.style import COLOURS, LINE_STYLES, WIDTH_IN, plain
 from ffsm_mj.report.plots.thinning import thinned
 
 MOST_RUNS = len(COLOURS)
-"""More curves than this cannot be told apart in one pair of axes."""
+"""More curves than this cannot be distinguished in one pair of axes."""
 
 
 def comparison(runs: Sequence[tuple[str, Run]]) -> Figure:
-    """Figure of several runs, each with a label; the first ``MOST_RUNS`` of them."""
+    """Figure of the first ``MOST_RUNS`` of several labelled runs."""
     shown = [(label, thinned(run)) for label, run in runs[:MOST_RUNS]]
     panels = ["kinetic energy, J", "FFSM $|P|$, N s", "object $|P|$, N s"]
     tipped = [(label, run) for label, run in shown if run.summary(checks=False)["tip"] is not None]

@@ -1,4 +1,4 @@
-"""The figure of contacts that last: forces, when which pair is closed, and what went through each."""
+"""Figure of persistent contacts: forces, intervals of contact and accumulated impulses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ffsm_mj.report.plots.subject import Subject
 
 
 def contacts(subject: Subject) -> Figure:
-    """Resultant force of each pair that lasted, from when to when it was closed, and the impulse since t = 0."""
+    """Resultant force of each pair, the intervals in which it was closed, and its impulse since t = 0."""
     run = subject.run
     spells: dict[str, list[tuple[float, float]]] = {}
     for contact in run.contacts:

@@ -1,4 +1,4 @@
-"""The motion as a picture: robot and objects at several times, paths, marks of records (paper, Figs 4, 11, 13 and 18)."""
+"""Figure of the motion: robot and objects at several times, paths, marks of events (paper, Figs 4, 11, 13 and 18)."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from ffsm_mj.report.plots.subject import Subject
 
 _POSES = 6
 _HANDLE_IN, _LETTER_IN = 0.5, 0.062
-"""Widths of what stands before a name in a legend, and of a letter of it."""
+"""Widths of the handle before a legend entry, and of a letter of it."""
 _OBJECT_COLOURS = (VERMILLION, ORANGE, GREEN, SKY, PURPLE)
 _TIP_STYLE, _BASE_STYLE, _OBJECT_STYLE = "-", (0, (5.0, 1.5)), (0, (6.0, 1.5, 1.2, 1.5))
 
 
 def motion(subject: Subject) -> Figure:
-    """Strobe picture in the plane of the motion, or in two planes for motion in space."""
+    """Stroboscopic figure in the plane of the motion, or in two planes for motion in space."""
     frames = strobe_rows(subject)
     boxes = [view_box(subject, plane, frames) for plane in subject.planes]
     width = WIDTH_IN - 0.7
@@ -46,7 +46,7 @@ def motion(subject: Subject) -> Figure:
 
 
 def strobe_rows(subject: Subject) -> list[int]:
-    """Rows to draw: start, first mark of a record, end, and others where the tip (or the base) has moved on the farthest."""
+    """Rows to draw: start, first mark, end, and others spaced by the path length of the tip (or the base)."""
     run = subject.run
     path = run.tip if subject.tip is not None else run.qpos[:, : min(3, run.qpos.shape[1])]
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
@@ -64,9 +64,9 @@ def strobe_rows(subject: Subject) -> list[int]:
 
 
 def view_box(subject: Subject, plane: Plane, rows: Sequence[int]) -> tuple[float, float, float, float]:
-    """Least and greatest coordinates of what moves, with a margin: (left, right, bottom, top) in m.
+    """Bounding box of everything that moves, with a margin: (left, right, bottom, top) in m.
 
-    What stands still is in it too, but a floor or a wall does not make it more than twice as large.
+    Fixed bodies are included, but enlarge the box at most by a factor of two, so that a floor or wall does not dominate.
     """
     shapes = [shape for row in rows for shape in subject.silhouette.outlines(subject.run.qpos[row], plane)]
     points = [shape.points for shape in shapes if shape.tree != WORLD]
@@ -84,7 +84,7 @@ def view_box(subject: Subject, plane: Plane, rows: Sequence[int]) -> tuple[float
 
 
 def draw_plane(axes: Axes, subject: Subject, plane: Plane, box: tuple[float, float, float, float]) -> None:
-    """Empty axes in m with equal scales, and the target."""
+    """Set up axes in m with equal scales, and draw the target."""
     axes.set_aspect("equal")
     axes.set_xlim(box[0], box[1])
     axes.set_ylim(box[2], box[3])
@@ -104,7 +104,7 @@ def draw_plane(axes: Axes, subject: Subject, plane: Plane, box: tuple[float, flo
 
 
 def polygons(outlines: Sequence[ProjectedOutline], subject: Subject, strength: float, zorder: float) -> PolyCollection:
-    """Outlines as filled polygons; strength from 0 (hardly there) to 1."""
+    """Outlines as filled polygons; strength from 0 (faint) to 1 (opaque)."""
     colours = tree_colours(subject)
     faces, edges = [], []
     for shape in outlines:
@@ -128,7 +128,7 @@ def tree_colours(subject: Subject) -> dict[str, str]:
 
 
 def _mix(colour: str, share: float) -> tuple[float, ...]:
-    """A colour on white paper."""
+    """Blend a colour with white."""
     return tuple(1.0 - share * (1.0 - channel) for channel in to_rgb(colour))
 
 
@@ -154,7 +154,7 @@ def draw_paths(axes: Axes, subject: Subject, plane: Plane) -> None:
 
 
 def _draw_marks(axes: Axes, subject: Subject, plane: Plane) -> None:
-    """A star for the records of a kind at one instant, where the last of them is."""
+    """Draw a star for simultaneous records of a kind, at the point of the last one."""
     shown = {(kind.name, time): mark for kind, time, mark in subject.marks}
     points: FloatArray = np.array([np.array(mark.point_m)[plane.axes] for mark in shown.values()]).reshape(-1, 2)
     axes.plot(
@@ -163,7 +163,7 @@ def _draw_marks(axes: Axes, subject: Subject, plane: Plane) -> None:
 
 
 def _draw_times(axes: Axes, subject: Subject, plane: Plane, rows: Sequence[int], inch_m: float) -> None:
-    """When each pose is, at its base and objects: first mark, start and end first, others where there is room.
+    """Label poses with their times at base and objects: first mark, start and end first, others if there is room.
 
     An inch of the figure is ``inch_m`` long.
     """
@@ -171,7 +171,7 @@ def _draw_times(axes: Axes, subject: Subject, plane: Plane, rows: Sequence[int],
     first_hit = subject.first_mark_s if subject.marks else run.time[0]
     hit = int(np.searchsorted(run.time, first_hit))
     ranked = sorted(rows, key=lambda row: (row not in (hit, rows[0], rows[-1]), abs(run.time[row] - first_hit)))
-    room = np.array((0.5, 0.25)) * inch_m  # a label is wider than high
+    room = np.array((0.5, 0.25)) * inch_m  # size of a label
     for row in ranked:
         nearest = int(np.argmin(np.abs(subject.chosen - row)))
         for path in subject.roots.values():
@@ -200,7 +200,7 @@ def _legend(subject: Subject) -> list[Line2D]:
 
 
 def mark_handles(subject: Subject) -> list[Line2D]:
-    """What a legend says of marks of records and of the target."""
+    """Legend entries for marks of events and for the target."""
     handles = []
     if subject.marks:
         label = ", ".join(dict.fromkeys(plain(kind.name).replace("_", " ") for kind, *_ in subject.marks))
@@ -214,7 +214,7 @@ def mark_handles(subject: Subject) -> list[Line2D]:
 
 
 def legend_columns(handles: Sequence[Line2D], width_in: float = WIDTH_IN) -> int:
-    """In how many columns a legend is no wider than a figure of a width in inches."""
+    """Greatest number of legend columns that fit the width of a figure in inches."""
     letters = [len(str(handle.get_label())) for handle in handles]
     most = range(len(handles), 0, -1)
     return next((n for n in most if n * (_HANDLE_IN + _LETTER_IN * max(letters)) < width_in), 1) if letters else 1

@@ -1,4 +1,4 @@
-"""Stacked time plots: lines over phases that are shaded and named, marks of records."""
+"""Stacked time plots: curves over shaded and named phases, with marks of events."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _SHADES = ("#F1F1F1", "#FFFFFF")
 _BUCKETS = 1200
 _FARTHEST = 1e100
 _AXES_IN = 4.0
-"""Width of axes beside a legend, about."""
+"""Approximate width of axes beside a legend."""
 _LETTER_IN = 0.075
-"""Width of a letter of a label, about."""
+"""Approximate width of a letter of a label."""
 _NAME_IN = 0.17
-"""Height of a name in a legend."""
+"""Height of a legend entry."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One curve: its name in the legend and its values; colour and style by its place unless given."""
+    """A curve: legend entry and values; colour and style follow from its position unless given."""
 
     label: str
     values: FloatArray
@@ -45,12 +45,12 @@ class Panel:
     """One pair of axes.
 
     Attributes:
-        label: What is on the y axis, with its unit.
+        label: Label of the y axis, with unit.
         lines: Curves.
         log: Logarithmic y axis.
-        marks: Points to mark: time, value, text.
-        bars: Instead of curves, rows of bars by name: from when to when, (n, 2).
-        height: Against the other panels.
+        marks: Annotated points: time, value, text.
+        bars: Rows of bars by name in place of curves: start and end, (n, 2).
+        height: Height relative to the other panels.
     """
 
     label: str
@@ -62,7 +62,7 @@ class Panel:
 
 
 def stacked(run: Run, panels: Sequence[Panel], *, columns: int = 1, height_in: float = 1.75) -> Figure:
-    """Panels above each other (or in columns) over one time axis, each of a height in which its legend has room."""
+    """Panels stacked (or in columns) over a common time axis, each high enough for its legend."""
     rows = -(-len(panels) // columns)
     needed = [max(panel.height * height_in, 0.2 + _NAME_IN * len(_named(panel))) for panel in panels]
     heights = [max(needed[row * columns : (row + 1) * columns]) for row in range(rows)]
@@ -110,22 +110,22 @@ def _draw(axes: Axes, time: FloatArray, panel: Panel) -> None:
 
 
 def _within_reach(values: FloatArray) -> FloatArray:
-    """Values with gaps where a log holds what no axis can: Matplotlib's margins and transformations overflow far out."""
+    """Values with NaN for numbers so large that Matplotlib's margins and transforms would overflow."""
     return np.where(np.abs(values) < _FARTHEST, values, np.nan)
 
 
 def _named(panel: Panel) -> list[Curve]:
-    """Curves that the legend names."""
+    """Curves with a legend entry."""
     return [line for line in panel.lines if not line.label.startswith("_")]
 
 
 def _style(i: int) -> Any:
-    """Style of a panel's i-th curve: where colours begin again, the styles go on, so that no two are alike."""
+    """Style of a panel's i-th curve: line styles do not repeat with the colours, so that no two curves look alike."""
     return LINE_STYLES[(i + i // len(COLOURS)) % len(LINE_STYLES)]
 
 
 def _in_lines(label: str, height_in: float) -> str:
-    """A label of a y axis in lines as long as its panel is high; its unit stays in one."""
+    """Wrap a y-axis label to the height of its panel; the unit is not broken."""
     name, comma, unit = label.rpartition(", ")
     whole = name + comma + unit.replace(" ", "\N{NO-BREAK SPACE}")
     lines = (fill(line, max(12, int(height_in / _LETTER_IN))) for line in whole.split("\n"))
@@ -142,7 +142,7 @@ def _draw_bars(axes: Axes, panel: Panel) -> None:
 
 
 def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A curve with far fewer points that looks the same: first, least, greatest and last value of each of many slices."""
+    """Decimate a curve without visible change: first, least, greatest and last value of each of many slices."""
     count = len(time)
     if count <= 4 * _BUCKETS:
         return time, values
@@ -157,7 +157,7 @@ def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None:
-    """Shade the phases, name them above the axes where wanted, and mark when records are drawn."""
+    """Shade the phases, optionally name them above the axes, and mark the times of events."""
     phases = run.summary(checks=False)["phases"]
     for i, phase in enumerate(phases):
         axes.axvspan(phase["start_s"], phase["end_s"], color=_SHADES[i % 2], zorder=-2, linewidth=0)
@@ -173,11 +173,11 @@ def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None
         axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
         words = dict.fromkeys(kind.name if len(times) == 1 else kind.plural for kind, *_ in marks)
         text = plain(", ".join(words)).replace("_", " ")
-        _tell_what(axes, text, times[-1])
+        _label_marks(axes, text, times[-1])
 
 
-def _tell_what(axes: Axes, text: str, time: float) -> None:
-    """Say what marks are, to the right of a time where there is room, else up to the right end."""
+def _label_marks(axes: Axes, text: str, time: float) -> None:
+    """Label marks to the right of a time if there is room, else right-aligned at the end of the axes."""
     across = blended_transform_factory(axes.transData, axes.transAxes)
     look: dict[str, Any] = {"xycoords": across, "textcoords": "offset points", "va": "top", "fontsize": 7.5}
     start, end = axes.get_xlim()
@@ -190,13 +190,13 @@ def _tell_what(axes: Axes, text: str, time: float) -> None:
 
 
 def _make_room_at_the_top(axes: Axes) -> None:
-    """For words that no curve crosses; in coordinates of the axes, for y may be logarithmic or upside down."""
+    """Extend the y range so that no curve crosses a label; in axes coordinates, as y may be logarithmic or inverted."""
     _, top = axes.transData.inverted().transform(axes.transAxes.transform((0.0, 1.1)))
     axes.set_ylim(top=top)
 
 
 def _name_phases(axes: Axes, phases: Sequence[dict[str, Any]], letter_s: float) -> None:
-    """Names centred above their phases, in a second line where the first is taken; letter_s is the width of a letter."""
+    """Centre names above their phases, on a second line if they would overlap; letter_s is the width of a letter."""
     across = blended_transform_factory(axes.transData, axes.transAxes)
     taken = [float("-inf")] * 2
     for phase in phases:
@@ -219,6 +219,6 @@ def _name_phases(axes: Axes, phases: Sequence[dict[str, Any]], letter_s: float) 
 
 
 def running_maximum(time: FloatArray, values: FloatArray, count: int = 400) -> tuple[FloatArray, FloatArray]:
-    """Greatest value in each of so many slices of a run, and the middle of each slice."""
+    """Greatest value in each of ``count`` slices of a run, and the middle of each slice."""
     edges = np.unique(np.linspace(0, len(time), min(count, len(time)) + 1).astype(np.intp))
     return 0.5 * (time[edges[:-1]] + time[edges[1:] - 1]), np.maximum.reduceat(values, edges[:-1])

@@ -1,4 +1,4 @@
-"""Figures of a run that a notebook's cell shows."""
+"""Figures of a run for display in a notebook."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _DPI = 110
 
 
 class Figures(Mapping[str, "Figure"]):
-    """Matplotlib figures by name, which no window and no pyplot knows of; ``figures["tip"].savefig(path)`` keeps one."""
+    """Matplotlib figures by name, not registered with pyplot; ``figures["tip"].savefig(path)`` saves one."""
 
     def __init__(self, by_name: Mapping[str, Figure]) -> None:
-        """Keep the figures in their order."""
+        """Take figures by name, in order."""
         self._by_name = dict(by_name)
 
     def __getitem__(self, name: str) -> Figure:
@@ -41,11 +41,11 @@ class Figures(Mapping[str, "Figure"]):
         return iter(self._by_name)
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Number of figures."""
         return len(self._by_name)
 
     def __repr__(self) -> str:
-        """The names, for where no pictures can be shown."""
+        """The names of the figures."""
         return f"<Figures {', '.join(self)}>"
 
     def _repr_html_(self) -> str:

@@ -1,4 +1,4 @@
-"""Outlines of all drawn geoms, projected onto a plane of the world. No drawing here: polygons in, picture elsewhere."""
+"""Outlines of all drawn geoms, projected onto a plane of the world, as polygons."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from ffsm_mj.model.system import System
 _TURN = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 _CIRCLE = np.stack((np.cos(_TURN), np.sin(_TURN)))
 _MOST_VERTICES = 2000
-"""Of a mesh with more vertices those that stick out farthest are drawn."""
+"""A mesh with more vertices is reduced to its extreme ones."""
 WORLD = "world"
-"""Whose the outlines of what stands still are."""
+"""Tree name of the outlines of fixed geoms."""
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane that two world axes span, looked at so that both run right and up."""
+    """A plane spanned by two world axes, viewed so that they point right and up."""
 
     right: int
     up: int
 
     @property
     def axes(self) -> list[int]:
-        """Numbers of the two axes."""
+        """Indices of the two axes."""
         return [self.right, self.up]
 
     @property
@@ -41,13 +41,13 @@ class Plane:
 
     @property
     def towards(self) -> FloatArray:
-        """Unit vector towards the eye, (3,)."""
+        """Unit vector towards the viewer, (3,)."""
         return np.asarray(np.cross(np.eye(3)[self.right], np.eye(3)[self.up]))
 
 
 @dataclass(frozen=True)
 class ProjectedOutline:
-    """Polygon of one geom, (n, 2) in m, its tree (``WORLD``: it stands still) and its own lightness from 0 to 1."""
+    """Polygon of one geom, (n, 2) in m, its tree (``WORLD`` if it is fixed) and its lightness from 0 to 1."""
 
     points: FloatArray
     tree: str
@@ -55,25 +55,25 @@ class ProjectedOutline:
 
 
 class Silhouette:
-    """A system's drawn geoms, to be projected at many configurations."""
+    """Drawn geoms of a system, for projection at many configurations."""
 
     def __init__(self, system: System) -> None:
-        """Find what is drawn; nothing moves."""
+        """Find the geoms to draw."""
         model = system.mj
         self._system, self._data = system, mujoco.MjData(model)
-        shown = geoms_to_draw(model) or list(range(model.ngeom))  # a bare model may have contact geoms only
+        shown = geoms_to_draw(model) or list(range(model.ngeom))  # a model without visual geoms shows its contact geoms
         self._geoms = [(g, system.tree_of_body(int(model.geom_bodyid[g]))) for g in shown]
         meshes = {int(model.geom_dataid[g]) for g in shown if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH}
         self._corners = {mesh: _corners(model, mesh) for mesh in meshes}
 
     def place(self, qpos: FloatArray) -> Any:
-        """MuJoCo's data with all poses at a configuration, (nq,)."""
+        """MuJoCo data with all poses at a configuration, (nq,)."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._system.mj, self._data)
         return self._data
 
     def outlines(self, qpos: FloatArray, plane: Plane) -> list[ProjectedOutline]:
-        """Polygons at a configuration, farthest first."""
+        """Polygons at a configuration, sorted from back to front."""
         data = self.place(qpos)
         found = []
         for geom, tree in self._geoms:
@@ -95,12 +95,12 @@ class Silhouette:
 
 
 def _corners(model: Any, mesh: int) -> FloatArray:
-    """Vertices of a mesh that its outline is made of, (n, 3), m; of many vertices the outermost in many directions."""
+    """Vertices of a mesh for its outline, (n, 3), m; of many vertices the extreme ones in many directions."""
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     vertices: FloatArray = model.mesh_vert[first : first + count].astype(np.float64)
     if count <= _MOST_VERTICES:
         return vertices
-    turn = np.arange(_MOST_VERTICES) * np.pi * (1.0 + np.sqrt(5.0))  # evenly over the sphere
+    turn = np.arange(_MOST_VERTICES) * np.pi * (1.0 + np.sqrt(5.0))  # golden-angle spiral: even over the sphere
     z = 1.0 - (2.0 * np.arange(_MOST_VERTICES) + 1.0) / _MOST_VERTICES
     flat = np.sqrt(1.0 - z**2)
     directions = np.column_stack((flat * np.cos(turn), flat * np.sin(turn), z))
@@ -109,7 +109,7 @@ def _corners(model: Any, mesh: int) -> FloatArray:
 
 
 def _outline(size: FloatArray, kind: Any, view: FloatArray) -> FloatArray | None:
-    """Convex outline of a geom that is no mesh."""
+    """Convex outline of a geom other than a mesh."""
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return hull((_CORNERS * size) @ view.T)
     if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID):

@@ -1,4 +1,4 @@
-"""How every figure looks: colours, line styles, sizes, and files whose bytes depend on the data alone."""
+"""Common style of figures: colours, line styles, sizes, and reproducible files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ffsm_mj.errors import one_line
 from ffsm_mj.report.output_place import new_file
 
-# Okabe & Ito: told apart with every kind of colour vision; the line styles tell them apart in greyscale.
+# Okabe & Ito: distinct with every kind of colour vision; line styles distinguish the curves in greyscale.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
@@ -26,7 +26,7 @@ LINE_STYLES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
     (0, (2.5, 2.5)),
 )
 WIDTH_IN = 7.0
-"""Width of a figure: two columns of a journal page."""
+"""Width of a figure: two columns of a journal page, in."""
 FORMATS = ("png", "svg")
 
 _RC = {
@@ -60,13 +60,13 @@ _RC = {
 
 
 def plain(text: str) -> str:
-    """A name as Matplotlib draws it letter by letter: a log may hold any, and two dollar signs would be mathematics."""
+    """Escape a name for Matplotlib: names in a log are arbitrary, and a pair of dollar signs would start math text."""
     return one_line(text).replace("$", r"\$")
 
 
 @contextmanager
 def publication() -> Iterator[None]:
-    """The style, whatever the user's own settings are."""
+    """Context with the style of figures, independent of the user's own settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_RC)
@@ -74,7 +74,7 @@ def publication() -> Iterator[None]:
 
 
 def write(figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = FORMATS, *, dpi: int = 220) -> list[Path]:
-    """Write a figure in each format; the same data give the same bytes."""
+    """Write a figure in each format, reproducible byte for byte."""
     paths = []
     with publication():
         for form in formats:

@@ -1,4 +1,4 @@
-"""What the figures of one run have in common: its model, its paths in space, and which joints and actuators are what."""
+"""Data common to the figures of one run: its model, paths in space, and the roles of joints and actuators."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _PLANES = (Plane(0, 1), Plane(0, 2), Plane(1, 2))
 
 
 class TipPart(NamedTuple):
-    """Part of the path of the tip: its name, its colour, the rows it is worked out at, (n,), and the points, (n, 3), m."""
+    """Part of the path of the tip: name, colour, rows, (n,), and points at these rows, (n, 3), m."""
 
     label: str
     colour: str
@@ -38,38 +38,38 @@ class Subject:
     """A run and its model, compiled from the log."""
 
     def __init__(self, run: Run, times: Sequence[float] = ()) -> None:
-        """Take a run, of a long one what stands out; see :func:`ffsm_mj.report.plots.thinning.thinned`.
+        """Take a run; a long one is thinned, see :func:`ffsm_mj.report.plots.thinning.thinned`.
 
         Args:
             run: A run with at least one sample.
-            times: When it is to be looked at, s.
+            times: Times at which it will be drawn, s.
 
         Raises:
-            InputError: It has no samples, or its models do not compile any more.
+            InputError: It has no samples, or its models no longer compile.
         """
         if not len(run.log.rows):
-            raise InputError(f"{run.path or run.name}: the log holds no sample, there is nothing to draw")
+            raise InputError(f"{run.path or run.name}: the log has no samples, there is nothing to draw")
         self._place = f"log {run.path}" if run.path else "the log"
         self.run, self.system = thinned(run, times), compile_log(run.log, self._place)
         if not len(self.run.log.rows):
             raise InputError(f"{self._place}: no sample has finite coordinates, there is nothing to draw")
         if self.run.qpos.shape[1] != self.system.mj.nq:
-            raise InputError(f"{self._place}: its samples have not the coordinates of its models")
+            raise InputError(f"{self._place}: the coordinates of its samples are not those of its models")
         self.silhouette = Silhouette(self.system)
 
     @cached_property
     def marks(self) -> list[tuple[RecordKind, float, Mark]]:
-        """What the records of the run draw: whose, when in s, and what."""
+        """Marks of the records of the run: kind, time in s, and mark."""
         return self.run.log.marks()
 
     @property
     def first_mark_s(self) -> float:
-        """When the first of them is, where there is one, s."""
+        """Time of the first mark, if there is one, s."""
         return min(time for _, time, _ in self.marks)
 
     @cached_property
     def chosen(self) -> Any:
-        """Rows at which poses are worked out: all of a short run, evenly spaced ones of a long one."""
+        """Rows at which poses are computed: all of a short run, evenly spaced ones of a long one."""
         count = len(self.run.time)
         return np.unique(np.linspace(0, count - 1, min(count, _POSES)).astype(np.intp))
 
@@ -91,13 +91,13 @@ class Subject:
 
     @cached_property
     def tip_parts(self) -> tuple[TipPart, ...]:
-        """The path of the tip in one part, or in those before and after what is drawn first; none without a task."""
+        """The path of the tip, split at the first mark; empty without a task."""
         if self.tip is None:
             return ()
         if not self.marks:
             return (TipPart("tip", BLACK, self.chosen, self.tip),)
         first = int(np.searchsorted(self.run.time[self.chosen], self.first_mark_s - 1e-9))
-        before, after = slice(0, first + 1), slice(first, None)  # they meet
+        before, after = slice(0, first + 1), slice(first, None)  # they share the row of the mark
         return (
             TipPart("tip, before", BLACK, self.chosen[before], self.tip[before]),
             TipPart("tip, after", PURPLE, self.chosen[after], self.tip[after]),
@@ -105,7 +105,7 @@ class Subject:
 
     @cached_property
     def planes(self) -> tuple[Plane, ...]:
-        """Planes to look at: the one with the widest motion, and for motion in space the next one too."""
+        """Planes to draw: that of the largest motion, and for motion in space also the next one."""
         paths = [*self.roots.values()] + ([self.tip] if self.tip is not None else [])
         span = np.ptp(np.vstack(paths), axis=0)
         moving = [np.ptp(path, axis=0) for path in paths]
@@ -152,7 +152,7 @@ class Subject:
 
     @property
     def base_actuated(self) -> bool:
-        """Whether any thruster or wheel did anything."""
+        """Whether any thruster or wheel was active."""
         names = [*self.named("thruster"), *self.named("wheel")]
         keys = [f"actuators.{identifier(name)}_applied_N" for name in names]
         return any(np.any(self.run[k if k in self.run.keys else f"{k}_m"]) for k in keys)

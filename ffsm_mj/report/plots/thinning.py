@@ -1,8 +1,8 @@
-"""A long run as a shorter one that looks the same in a figure: what stands out stays, row by row as it was logged.
+"""Decimation of a long run for figures: extreme values and events are kept as logged.
 
-Where the rows of a run are more than fits (64 MiB), it is cut into 600 slices of equally many rows. Of each slice these rows
-stay: the first and the last; for every column, for the norms of what the accounts leave unexplained and for the tip's error
-the one with the least and the one with the greatest value; those just before and after an event, and at the times asked for.
+A run whose rows take more than 64 MiB is divided into 600 slices of equally many rows. Of each slice these rows are kept:
+the first and the last; for every column, for the norms of the residuals and for the tip error, those of the least and the
+greatest value; those just before and after an event, and those at requested times.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from ffsm_mj.verification.residuals import BalanceColumns, norms
 
 _SLICES = 600
 _FARTHEST = 1e12
-"""m, rad or s: no single number of this size comes from a motion."""
+"""m, rad or s: larger values do not come from a motion, and single-precision drawing cannot show them."""
 
 
 def thinned(run: Run, times: Iterable[float] = ()) -> Run:
-    """The same run where it is short; else one of far fewer rows, with the verdicts of the whole.
+    """The run itself if it is short; else one of far fewer rows, with the digest of the whole run.
 
     Args:
         run: A run.
-        times: The first row at or after each of these stays, s.
+        times: The first row at or after each of these times is kept, s.
     """
     log = run.log
     count, width = len(log.rows), len(log.header.layout.signals)
@@ -47,14 +47,14 @@ def thinned(run: Run, times: Iterable[float] = ()) -> Run:
 
 
 def _drawable(run: Run) -> Run:
-    """The same without rows whose time or coordinates no picture can have: a log may hold any double."""
+    """The run without rows whose time or coordinates cannot be drawn: a log may hold any double."""
     places = np.column_stack((run.time, run.qpos))
     there = (np.abs(places) < _FARTHEST).all(axis=1)
     return run if there.all() else Run(replace(run.log, rows=np.asarray(run.log.rows[there])), run.path, run.digest)
 
 
 class _Beside:
-    """What figures show that is no column: the tip's error, and the norms of what the accounts leave unexplained."""
+    """Derived quantities in figures: the tip error, and the norms of the residuals."""
 
     def __init__(self, log: RunLog) -> None:
         layout, facts = log.header.layout, log.header.facts
@@ -75,7 +75,7 @@ class _Beside:
 
 
 def _slices(blocks: Iterable[FloatArray], size: int) -> Iterator[FloatArray]:
-    """The same rows in blocks of one size, the last one of what is left."""
+    """Regroup rows into blocks of equal size, except the last."""
     held: list[FloatArray] = []
     for block in blocks:
         held.append(block)
@@ -90,7 +90,7 @@ def _slices(blocks: Iterable[FloatArray], size: int) -> Iterator[FloatArray]:
 
 
 def _outstanding(part: FloatArray, times: FloatArray, beside: FloatArray, marks: FloatArray) -> FloatArray:
-    """Which rows of a slice stay, in order."""
+    """Indices of the rows of a slice to keep, in order."""
     values = np.column_stack((part, beside))
     known = np.isfinite(values)
     low, high = (np.where(known, values, bound) for bound in (np.inf, -np.inf))

@@ -1,4 +1,4 @@
-"""The figures over time: base, joints, tip, torques, inputs, momenta, energies, and what the balances leave unexplained."""
+"""Figures over time: base, joints, tip, torques, inputs, momenta, energies, and residuals of the balances."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ffsm_mj.verification.residuals import BalanceColumns, norms, stretch_s
 
 _GREY = "#7F7F7F"
 CONSERVED = {"energy": "J", "linear momentum": "N s", "angular momentum": "N m s"}
-"""Laws of conservation with their units."""
-PARTY_NAMES = {"total": "whole system", "robot": "FFSM", "objects": "object"}
+"""Conserved quantities with their units."""
+SUBSYSTEM_NAMES = {"total": "whole system", "robot": "FFSM", "objects": "object"}
 
 
 def short(name: str) -> str:
-    """A model's name for a legend: without its tree, with spaces."""
+    """Short form of a model's name for a legend: without prefix, with spaces."""
     return plain(name.split("/", 1)[-1].replace("_", " "))
 
 
@@ -37,7 +37,7 @@ def base(subject: Subject) -> Figure:
 
 
 def _attitude(subject: Subject, tree: Tree) -> Panel:
-    """Angles of a root's hinges, or the rotation vector of its attitude against the start."""
+    """Angles of a base's hinges, or the rotation vector of its attitude relative to the start."""
     run = subject.run
     hinges = [joint for joint in tree.joints if joint.body == tree.root and joint.kind == "hinge"]
     if hinges:
@@ -152,7 +152,7 @@ def inputs(subject: Subject) -> Figure:
 
 
 def _firings(subject: Subject, thruster: str) -> FloatArray:
-    """From when to when a thruster pushes, (n, 2), s."""
+    """Start and end of each firing of a thruster, (n, 2), s."""
     time = subject.run.time
     on = np.concatenate(([False], _effort(subject, thruster, "applied")[0] != 0.0, [False]))
     edges = np.flatnonzero(on[1:] != on[:-1])
@@ -160,17 +160,17 @@ def _firings(subject: Subject, thruster: str) -> FloatArray:
 
 
 def _named(subject: Subject, subsystem: str) -> str:
-    """A subsystem in a legend or beside an axis."""
-    return PARTY_NAMES[subsystem] + ("s" if subsystem == "objects" and len(subject.system.objects) > 1 else "")
+    """Name of a subsystem in a legend or axis label."""
+    return SUBSYSTEM_NAMES[subsystem] + ("s" if subsystem == "objects" and len(subject.system.objects) > 1 else "")
 
 
 def _moving(subject: Subject) -> tuple[str, ...]:
-    """Who has momentum and energy: the FFSM, and objects where there are some that move."""
+    """Subsystems with momentum and energy: the FFSM, and the objects if any of them floats."""
     return ("robot", "objects") if subject.system.objects else ("robot",)
 
 
 def momenta(subject: Subject) -> Figure:
-    """P and L about the origin of the FFSM, two ways, and of the objects (paper, Fig. 9)."""
+    """P and L about the origin: of the FFSM computed in two ways, and of the objects (paper, Fig. 9)."""
     panels = [
         Panel(f"{_named(subject, subsystem)} ${letter}$, {unit}", _momentum_lines(subject, subsystem, first, letter))
         for subsystem in _moving(subject)
@@ -202,16 +202,16 @@ def energies(subject: Subject) -> Figure:
         for p, c, s in zip(_moving(subject), (BLUE, VERMILLION), _STYLES, strict=False)
     ]
     account = [
-        Curve("gain of energy", run["energy.total_J"] - first, BLUE, "-"),
+        Curve("energy change", run["energy.total_J"] - first, BLUE, "-"),
         Curve("work + impacts", run["balance.work_J"] + run["balance.total_impact_energy_J"], BLACK, (0, (1.0, 2.5)), 1.1),
         Curve("lost in impacts", -run["balance.total_impact_energy_J"], ORANGE, (0, (6.0, 1.5, 1.2, 1.5))),
     ]
-    panels = [Panel("kinetic energy, J", kinetic), Panel("account of the\nwhole system, J", account)]
+    panels = [Panel("kinetic energy, J", kinetic), Panel("balance of the\nwhole system, J", account)]
     return stacked(run, panels, height_in=1.9)
 
 
 def conservation(subject: Subject) -> Figure:
-    """What the balances leave unexplained of energy and momenta, the worst in each slice of time, and what is allowed."""
+    """Residuals of energy and momenta, the largest in each time slice, and their tolerances."""
     run, header = subject.run, subject.run.log.header
     sizes = {}
     for subsystem in SUBSYSTEMS:
@@ -231,9 +231,9 @@ def conservation(subject: Subject) -> Figure:
                 continue
             time, worst = running_maximum(run.time, sizes[subsystem][i])
             label = _named(subject, subsystem) if np.any(worst) else f"{_named(subject, subsystem)}: 0"
-            # A logarithmic axis has no place for zero: what is exactly zero is left out.
+            # A logarithmic axis cannot show zero: residuals that are exactly zero are left out.
             lines.append(Curve(label, np.where(worst > 0.0, worst, np.nan), colour, style, 1.1, time))
-        if allowed:  # no check says what is left where gravity, say, acts
+        if allowed:  # a run that is not conservative has no such check
             lines.append(Curve("allowed", min(allowed.values()) * stretches, _GREY, (0, (4.0, 1.5)), 0.9))
             panels.append(Panel(f"{check.replace(' ', chr(10))}\nresidual, {unit}", lines, log=True))
     return stacked(run, panels, height_in=1.6)
