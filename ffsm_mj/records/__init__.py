@@ -1,1 +1,1 @@
-"""What a run leaves: signals and rows, events, the header. Knows the model only."""
+"""Data of a run: signals and rows, event records, the header. Depends on the model only."""

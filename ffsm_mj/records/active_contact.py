@@ -1,4 +1,4 @@
-"""A contact that lasts, as a control law sees it."""
+"""A persistent contact, as shown to a control law."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from ffsm_mj.arrays import FloatArray
 
 
 class ActiveContact(NamedTuple):
-    """A closed pair of geoms, under the efforts that are held when the law is asked.
+    """A closed pair of geoms, under the efforts held when the control law is evaluated.
 
     Attributes:
-        pair: Its name in the scenario, or the names of its geoms.
-        force_N: Resultant force on the second geom in world axes, N, (3,); zero where it is closed and nothing presses.
-        point_m: Centre of pressure, where nothing presses the centre of the points that touch, world axes, m, (3,).
+        pair: Name of the pair in the scenario, or the names of its geoms.
+        force_N: Resultant force on the second geom in world axes, N, (3,); may be zero in a closed contact.
+        point_m: Centre of pressure, or without force the centre of the contact points, in world axes, m, (3,).
         normal: Mean unit normal from the first geom to the second in world axes, (3,).
     """
 

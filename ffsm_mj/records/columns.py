@@ -1,4 +1,4 @@
-"""What a part of a run adds to a row: its signals together with how they are filled. A row is what all parts add."""
+"""Columns of a log row: signals of each component of a run, together with the source of their values."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ffsm_mj.records.signals import GROUPS, Layout, Signal
 
 @dataclass(frozen=True)
 class Columns:
-    """Some signals of a part, and where their values come from: a live array, or a table for many samples at once.
+    """Signals of one component and the source of their values: a live array, or a table for many samples at once.
 
     Attributes:
-        signals: What the columns hold.
-        live: Their values now, contiguous, (number of signals,); copied at each sample.
-        table: In its place: their values at all samples since it was last called, (n, number of signals).
-        note: Told the time in s at each sample, before anything is copied: to bring ``live`` up to date, or to keep what
-            ``table`` will need.
-        resume: Takes up what the columns say at a sample, (number of signals,), where a log is flown again from there on;
-            zeros: from the beginning. None where they do not depend on what came before.
+        signals: Signals of the columns.
+        live: Current values, contiguous, (number of signals,); copied at each sample.
+        table: Alternative to ``live``: values at all samples since the last call, (n, number of signals).
+        note: Called with the time in s at each sample before anything is copied, to update ``live`` or to buffer what
+            ``table`` needs.
+        resume: Restores the state of the columns from their values at a sample, (number of signals,), when a log is replayed
+            from there; zeros: from the start. None if they have no state.
     """
 
     signals: tuple[Signal, ...]
@@ -33,30 +33,30 @@ class Columns:
     resume: Callable[[FloatArray], None] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what could not be filled.
+        """Validate the source of values.
 
         Raises:
-            ValueError: Neither or both of ``live`` and ``table``, or an array of another size.
+            ValueError: Neither or both of ``live`` and ``table``, or a ``live`` array of the wrong size.
         """
         if (self.live is None) == (self.table is None):
-            raise ValueError("columns are filled from a live array or by a table")
+            raise ValueError("columns need either a live array or a table")
         if self.live is not None and self.live.shape != (len(self.signals),):
             raise ValueError(f"a live array of shape {self.live.shape} for {len(self.signals)} signals")
 
 
 class Row:
-    """The columns of all parts in one row: a group's together, as in a log, otherwise in the order in which they came.
+    """A row with the columns of all components: ordered by group, as in a log, and within a group as given.
 
     Attributes:
-        columns: Those of the parts.
+        columns: Columns of the components.
         layout: All signals in the order of the row.
     """
 
     def __init__(self, columns: Iterable[Columns]) -> None:
-        """Put them side by side, once.
+        """Combine the columns.
 
         Raises:
-            ValueError: Two signals of one name, or a group that there is not.
+            ValueError: Two signals of the same name, or an unknown group.
         """
         self.columns = tuple(columns)
         groups = list(GROUPS)
@@ -65,7 +65,7 @@ class Row:
             raise ValueError(f"two signals {one.key}: {one.description}; {other.description}")
 
     def stretches(self, part: Columns) -> Iterator[tuple[slice, slice]]:
-        """Adjacent columns of a part, (which of its own, where in the row)."""
+        """Runs of adjacent columns of a component, as (slice of its own columns, slice of the row)."""
         places = self.layout.places(signal.key for signal in part.signals)
         edges = (np.flatnonzero(np.diff(places) != 1) + 1).tolist() if len(places) else []
         for start, stop in pairwise([0, *edges, len(places)]):
@@ -74,7 +74,7 @@ class Row:
 
 
 def same_names(columns: Iterable[Columns]) -> list[tuple[Signal, Signal]]:
-    """Pairs of signals that would be one column: the first of that name, and each other."""
+    """Pairs of signals with the same name: the first one, and each other."""
     first: dict[str, Signal] = {}
     pairs = []
     for signal in _signals(columns):

@@ -1,4 +1,4 @@
-"""What happens once rather than every tick: impacts, phases, contacts nobody handles, and how the run ended."""
+"""Event records: impacts, phases, unhandled contacts, and the outcome of the run."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from enum import StrEnum
 from typing import Any, ClassVar, Protocol
 
 ControllerReport = Mapping[str, float | int | str]
-"""What a control law says of its work in a phase: finite numbers and texts by name."""
+"""Report of a control law on a phase: finite numbers and texts by name."""
 
 
 class Outcome(StrEnum):
-    """How a run ended; each member's ``sentence`` says it to a person."""
+    """How a run ended; ``sentence`` describes each outcome."""
 
     COMPLETED = "completed"
     DIVERGED = "diverged"
@@ -26,7 +26,7 @@ class Outcome(StrEnum):
 
     @property
     def sentence(self) -> str:
-        """One sentence for a person."""
+        """Description of the outcome."""
         return _SENTENCES[self]
 
 
@@ -44,7 +44,7 @@ _SENTENCES = {
 
 
 class RunEnded(Exception):
-    """The run is over before its time; carries how."""
+    """The run ends early; carries its outcome."""
 
     def __init__(self, outcome: Outcome, message: str = "") -> None:
         self.outcome, self.message = outcome, message or outcome.sentence
@@ -57,50 +57,50 @@ class ImpactRecord:
 
     Attributes:
         event: Number of the impact, from 0.
-        time_s: Instant of the impact.
-        step: Integration step in which it happened, from 0.
-        pair: Name of the pair of geoms that touch.
-        geoms: The two, a and b.
-        robot_geom: Geom a, where the robot touches an object, floating or fixed; else empty.
-        object_geom: Geom b, where the robot touches an object, floating or fixed; else empty.
+        time_s: Time of the impact.
+        step: Integration step of the impact, from 0.
+        pair: Name of the impact pair.
+        geoms: Geoms a and b.
+        robot_geom: Geom a if it is of the robot and b of an object, floating or fixed; else empty.
+        object_geom: Geom b if it is of an object, floating or fixed, and a of the robot; else empty.
         point_m: Contact point, the midpoint of the witness points, in world axes.
         normal: Unit normal in world axes, from a to b.
         manifold: ``point``, ``edge`` or ``face``.
-        law: Impact law that made the result; with friction ``stronge`` (one contact), ``coulomb`` or ``poisson`` (several).
-        status: ``ok``; ``energy_guard``: restitution was lowered by ``theta`` lest energy be gained; ``jammed``: bodies were
-            squeezed without clearance, no elastic answer exists and energy was lost; ``wedged``: one contact locked itself.
+        law: Impact law of the result; with friction ``stronge`` (one contact), ``coulomb`` or ``poisson`` (several).
+        status: ``ok``; ``energy_guard``: restitution was reduced by ``theta`` to prevent a gain of energy; ``jammed``: bodies
+            squeezed without clearance, no elastic solution exists and energy was lost; ``wedged``: one self-locking contact.
         restitution: Coefficient of restitution of the pair.
-        restitution_used: The one that made the result: 0 where the contact comes to rest and lasts.
-        dropped_gap_m: Where it comes to rest, the highest gap of the flights that it would have made yet; else 0.
-        dropped_flights_s: How long those would have lasted in all: so much too early it rests; else 0.
-        approach_speed_m_s: Speed of approach along the normal before.
-        separation_speed_m_s: Speed of separation along the normal after.
-        impulse_N_s: Impulse on b, along the normal.
-        angular_impulse_N_m_s: Its moment about the centre of mass of the robot or object that b is of, in world axes; where
-            that is fixed about the origin of its model's frame.
+        restitution_used: Coefficient that was applied: 0 if the contact comes to rest and becomes persistent.
+        dropped_gap_m: If the contact comes to rest, the greatest gap of the bounces that were skipped; else 0.
+        dropped_flights_s: Total duration of the skipped bounces, by which the contact rests too early; else 0.
+        approach_speed_m_s: Speed of approach along the normal before the impact.
+        separation_speed_m_s: Speed of separation along the normal after the impact.
+        impulse_N_s: Normal impulse on b.
+        angular_impulse_N_m_s: Its moment in world axes about the centre of mass of the robot or object that b belongs to, or
+            about the origin of its model's frame if that is fixed.
         mu: Coefficient of friction of the pair.
-        theta: Share of the restitution that the energy guard left; 1 where it was not needed.
-        tangential_impulse_N_s: Impulse of friction on b, across the normal, in world axes; zero without friction, as is all
-            that follows but the normal work, which is then that of the impulse alone.
-        slip_before_m_s: Velocity of b relative to a at the point before, less its normal part, in world axes; not worked out
-            (zero) where no contact of the impact has friction.
-        slip_after_m_s: The same after.
-        path: What the contact passed through: ``slip``, ``stick``, ``reverse slip``, in order; empty where nothing rubs.
-        normal_work_J: Work of the normal impulse; of one contact the integral of its speed over its impulse.
-        friction_work_J: Work of friction. Of one contact <= 0; of several the split between the two is a convention.
-        compression_work_J: Work of the normal impulse up to the end of compression, <= 0 for one contact with friction.
-        gap_m: Distance of the geoms at the event; zero but for the root's tolerance.
-        qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
+        theta: Factor on the restitution applied by the energy guard; 1 if it was not needed.
+        tangential_impulse_N_s: Friction impulse on b in the tangent plane, in world axes. Without friction it is zero, as are
+            all fields below except the normal work, which is then that of the impulse alone.
+        slip_before_m_s: Tangential velocity of b relative to a at the point before the impact, in world axes; not computed
+            (zero) if no contact of the impact has friction.
+        slip_after_m_s: Tangential velocity after the impact.
+        path: Contact modes in order: ``slip``, ``stick``, ``reverse slip``; empty without friction.
+        normal_work_J: Work of the normal impulse; for one contact the integral of its speed over its impulse.
+        friction_work_J: Work of friction; <= 0 for one contact. For several, its split from normal work is a convention.
+        compression_work_J: Work of the normal impulse until the end of compression, <= 0 for one contact with friction.
+        gap_m: Distance of the geoms at the event; zero within the tolerance of the root finder.
+        qpos: Configuration, unchanged by the impact, in the order of the sample's ``q_`` fields.
         qvel_before: Generalised velocity before, by joint.
         qvel_after: Generalised velocity after, by joint.
         energy_before_J: Kinetic energy before, by subsystem: total, robot, objects.
         energy_after_J: Kinetic energy after, by subsystem.
         momentum_before: P and L about the world origin before, six numbers, in N s and N m s, of the total.
-        momentum_after: The same after.
+        momentum_after: P and L about the world origin after.
         energy_change_J: Change of the total kinetic energy.
-        linear_momentum_change_N_s: Norm of the change of the total linear momentum: rounding, or what fixed bodies gave.
+        linear_momentum_change_N_s: Norm of the change of the total linear momentum: rounding, or impulses of fixed bodies.
         angular_momentum_change_N_m_s: Norm of the change of the total angular momentum about the world origin; likewise.
-        efforts_after: Effort by actuator from here on, as the controller decided at the impact; it sees none itself.
+        efforts_after: Effort by actuator from the impact on, as the controller decided then; efforts are off during it.
     """
 
     event: int
@@ -154,8 +154,8 @@ class PhaseRecord:
         index: Position of the phase in the scenario, from 0.
         name: Name of the phase.
         controller: Kind of its controller.
-        start_s: When it begins.
-        reason: Why: ``start``, ``time``, ``settled``, or the name of the record that ended the one before, as ``impact``.
+        start_s: Time at which it begins.
+        reason: Why it begins: ``start``, ``time``, ``settled``, or the record that ended the previous phase, e.g. ``impact``.
     """
 
     index: int
@@ -167,7 +167,7 @@ class PhaseRecord:
 
 @dataclass(frozen=True)
 class UnhandledContactRecord:
-    """Two geoms overlapped that are neither an impact pair nor ignored; nothing pushed them apart.
+    """Overlap of two geoms that are neither an impact pair nor ignored; no contact force acted.
 
     Attributes:
         geoms: The two geoms.
@@ -184,7 +184,7 @@ class UnhandledContactRecord:
 
 @dataclass(frozen=True)
 class InternalErrorRecord:
-    """An exception that ended the run: a fault of ffsm-mj or of a plug-in, not of the motion.
+    """An exception that ended the run: a bug of ffsm-mj or of a plug-in, not a property of the motion.
 
     Attributes:
         time_s: Simulation time at the last event or step end before it.
@@ -203,19 +203,19 @@ class InternalErrorRecord:
 
 @dataclass(frozen=True)
 class OutcomeRecord:
-    """How the run ended, and what it cost.
+    """Outcome of the run, and its computational cost.
 
     Attributes:
-        outcome: One of the outcomes, ``completed`` where all went well.
-        message: What there is to say of it.
+        outcome: One of the outcomes, ``completed`` for a regular end.
+        message: Details of the outcome.
         end_s: Simulation time at the end.
         steps: Integration steps of the grid, those of ``time_step_s``.
-        wall_s: Wall time of the simulation; 0 where SOURCE_DATE_EPOCH is set.
-        controller_ticks: Control ticks taken.
-        reports: What the control laws of the phases begun say of their work, by phase; JSON in the log.
-        versions: Versions of the packages that shape a result.
-        sub_steps: Integration steps into which ``accuracy`` cut those of the grid; 0 without.
-        smallest_step_s: The shortest that it chose; 0 without.
+        wall_s: Wall time of the simulation; 0 if SOURCE_DATE_EPOCH is set.
+        controller_ticks: Number of control ticks.
+        reports: Reports of the control laws by phase, for all phases that began; JSON in the log.
+        versions: Versions of the packages that affect results.
+        sub_steps: Number of integration steps with ``accuracy``; 0 without.
+        smallest_step_s: Shortest integration step with ``accuracy``; 0 without.
     """
 
     outcome: str
@@ -231,6 +231,6 @@ class OutcomeRecord:
 
 
 class Event(Protocol):
-    """A record of a registered kind, the outcome aside: a frozen dataclass; see :mod:`.kinds`."""
+    """A record of a registered kind other than the outcome: a frozen dataclass; see :mod:`.kinds`."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]

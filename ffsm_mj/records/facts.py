@@ -1,6 +1,6 @@
-"""Facts of a run that others work with: written into a log, read out of it and checked there, all in this one place.
+"""Facts of a run: written to a log, read from it and validated in this module.
 
-Facts are text by name. Somebody else may have written a log, so its reader asks :func:`fault_of_facts` before anybody else.
+Facts are text by name. A log may be of unknown origin, so its reader calls :func:`fault_of_facts` first.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ _DEEPEST = 5  # tree, body, geoms, geom, key
 
 @dataclass(frozen=True)
 class LoggedTask:
-    """Where the tip was wanted.
+    """Target of the tip.
 
     Attributes:
-        axes: World axes that count: 0 to 2 for x, y and z.
+        axes: Regulated world axes: 0 to 2 for x, y and z.
         target_m: Target along them, (number of axes,), m.
     """
 
@@ -40,23 +40,23 @@ class LoggedTask:
 
     @property
     def point_m(self) -> FloatArray:
-        """The target in the world, zero along axes that do not count, (3,), m."""
+        """The target in world axes, zero along other axes, (3,), m."""
         point = np.zeros(3)
         point[self.axes] = self.target_m
         return point
 
     def errors_m(self, tip_m: FloatArray) -> FloatArray:
-        """Places of the tip, (n, 3), less the target along the axes that count, (n, number of axes), m."""
+        """Positions of the tip, (n, 3), less the target, along the regulated axes, (n, number of axes), m."""
         return np.asarray(tip_m[:, self.axes] - self.target_m)
 
 
 def task_facts(axes: Iterable[str], target_m: Iterable[float]) -> dict[str, str]:
-    """How a task is told: ``x``, ``y``, ``z`` for the axes that count, and the target along them in m."""
+    """Facts of a task: its axes as ``x``, ``y``, ``z``, and the target along them in m."""
     return {"task_axes": " ".join(axes), "task_target_m": " ".join(repr(float(x)) for x in target_m)}
 
 
 def logged_task(facts: Mapping[str, str]) -> LoggedTask | None:
-    """The task that facts tell; None where they tell none."""
+    """The task in the facts; None if there is none."""
     if "task_axes" not in facts:
         return None
     axes = ["xyz".index(axis) for axis in facts["task_axes"].split()]
@@ -64,7 +64,7 @@ def logged_task(facts: Mapping[str, str]) -> LoggedTask | None:
 
 
 def free_facts(free: FloatArray) -> dict[str, str]:
-    """How it is told which components of (P, L about the origin) the base joints leave free: 1 or 0 by subsystem, (3, 6)."""
+    """Facts of which components of (P, L about the origin) the base joints leave free: 1 or 0 by subsystem, (3, 6)."""
     return {_free(subsystem): " ".join(f"{x:.0f}" for x in row) for subsystem, row in zip(SUBSYSTEMS, free, strict=True)}
 
 
@@ -78,21 +78,21 @@ def _free(subsystem: str) -> str:
 
 
 def conservative_facts(faults: Sequence[str]) -> dict[str, str]:
-    """How it is told what breaks conservation; nothing does where there are no faults."""
+    """Facts of what breaks conservation; an empty list of faults means conservative."""
     return {"conservative": "false" if faults else "true", "not_conservative": "; ".join(faults)}
 
 
 def gravity_facts(gravity: Iterable[float]) -> dict[str, str]:
-    """How uniform gravity is told, (3,), m/s^2; nothing where there is none."""
+    """Facts of uniform gravity, (3,), m/s^2; empty without gravity."""
     shown = [repr(float(g)) for g in gravity]
     return {"gravity_m_s2": " ".join(shown)} if any(float(g) for g in shown) else {}
 
 
 def told_gravity(facts: Mapping[str, str]) -> str:
-    """What a person is told of gravity; empty where there is none."""
+    """Line of a report on gravity; empty without gravity."""
     if "gravity_m_s2" not in facts:
         return ""
-    return f"gravity {one_line(facts['gravity_m_s2'])} m/s2 is an outside force: its impulse and work enter the balance"
+    return f"gravity {one_line(facts['gravity_m_s2'])} m/s2 is an external force: its impulse and work enter the balance"
 
 
 def is_conservative(facts: Mapping[str, str]) -> bool:
@@ -101,12 +101,12 @@ def is_conservative(facts: Mapping[str, str]) -> bool:
 
 
 def why_not_conservative(facts: Mapping[str, str]) -> str:
-    """What in the models breaks conservation, for a person; empty where nothing does."""
+    """What in the models breaks conservation, as text; empty if nothing does."""
     return facts.get("not_conservative", "")
 
 
 def model_facts(changes: Iterable[PropertyChange]) -> dict[str, str]:
-    """How it is told what properties of bodies and geoms were given, as compiled: JSON by the scenario's key."""
+    """Facts of the compiled values of body and geom properties that the scenario sets: JSON by the scenario's key."""
     told: dict[str, Any] = {}
     for change in changes:
         place = told
@@ -117,12 +117,12 @@ def model_facts(changes: Iterable[PropertyChange]) -> dict[str, str]:
 
 
 def logged_models(facts: Mapping[str, str]) -> dict[str, Any]:
-    """The properties that facts tell, nested like the keys of the scenario that gave them; empty where none were given."""
+    """The properties in the facts, nested like the keys of the scenario; empty if none were set."""
     return {key: json.loads(facts[key]) for key in _MODELS if key in facts}
 
 
 def told_models(facts: Mapping[str, str]) -> list[str]:
-    """The same for a person: a line for each, ``model.box.lid.mass_kg = 7``."""
+    """One line of text per property, e.g. ``model.box.lid.mass_kg = 7``."""
     return [f"{one_line('.'.join(path))} = {shown(value)}" for path, value in _leaves(logged_models(facts))]
 
 
@@ -143,7 +143,7 @@ def fault_of_version(facts: Mapping[str, str]) -> str:
 
 
 def fault_of_facts(facts: Mapping[str, str]) -> str:
-    """What is wrong with facts that are used as numbers, or nothing."""
+    """What is wrong with facts that are used as numbers; empty if they are valid."""
     for name in map(_free, SUBSYSTEMS):
         words = facts.get(name, _ALL_FREE).split()
         if len(words) != 6 or not set(words) <= {"0", "1"}:

@@ -1,4 +1,4 @@
-"""What must be known of a run before its first row."""
+"""Header of a log: everything that is known before the first row."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from ffsm_mj.records.signals import Layout
 
 @dataclass(frozen=True)
 class RunHeader:
-    """All that must be known to make sense of the rows, fixed before the first one.
+    """Metadata needed to interpret the rows of a run, fixed before the first one.
 
     Attributes:
         scenario_name: Name of the scenario.
         scenario_yaml: The resolved scenario; its MJCF paths are keys of ``files``.
         layout: The columns of a row.
-        files: Content of every model file by its path relative to the scenario.
-        facts: Versions, start time, task target, whether the system is conservative; text, for people and ``analysis``.
-        kinds: Names of the kinds of records that it may leave beyond those of every run: what its contact models leave.
+        files: Contents of every model file by its path relative to the scenario.
+        facts: Versions, start time, task target, whether the system is conservative; text by name.
+        kinds: Names of the kinds of records of its contact models, in addition to those of every run.
     """
 
     scenario_name: str

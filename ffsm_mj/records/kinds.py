@@ -1,7 +1,7 @@
-"""Kinds of records: what a log, the tables, the viewers and the reports must know of what happens once in a run.
+"""Kinds of event records: what logs, tables, viewers and reports need to know of each.
 
-Whoever leaves records registers their kind, and from that alone they come out everywhere: a topic of the log, ``/log``, a
-list in ``summary.json`` and on a run, a table, a line where runs are compared, marks in Rerun, Foxglove, films and figures.
+A registered kind appears everywhere: as a topic of the log, in ``/log``, as a list in ``summary.json`` and on a run, as a
+table, in comparisons of runs, and as marks in Rerun, Foxglove, animations and figures.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ _TAKEN = frozenset(
         *("checks", "versions"),  # keys of summary.json
     )
 )
-"""Plurals that mean something else."""
+"""Plurals that have another meaning."""
 _ONE = (float, int, str)
 _LETTERS = re.compile(r"_\{(\w+)\}")
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A point to draw at the time of a record, with an arrow and a text, world axes.
+    """A point to draw at the time of a record, with an arrow and a text, in world axes.
 
     Attributes:
-        point_m: Where.
+        point_m: Position.
         direction: Unit vector of the arrow; zero for none.
-        magnitude: What the arrow stands for, in the unit of its text: 1 m for each within the limits of a viewer.
-        text: What stands beside it.
-        name: Of what touches there, where viewers list what they draw.
+        magnitude: Magnitude of the arrow in the unit of its text: 1 m per unit, within the limits of a viewer.
+        text: Text beside the point.
+        name: Name of the contact, for viewers that list what they draw.
     """
 
     point_m: tuple[float, ...]
@@ -63,25 +63,25 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordKind:
-    """What must be known of one kind of record; all functions take a record.
+    """Description of one kind of record; all functions take a record.
 
     Attributes:
         record: Its class: a frozen dataclass whose fields are numbers and text, tuples of either, mappings from names to
-            text or to tuples of numbers; its docstring says what each means, names end in their unit.
+            text or to tuples of numbers; its docstring describes each field, names end in their unit.
         name: ``impact``: its topic is ``/ffsm/impact``, its schema ``ffsm.Impact``.
-        plural: ``impacts``: its list in ``summary.json`` and on a run, its table; empty for what a run leaves but once.
-        when: When one is left, in words.
-        time: When one is logged, s.
-        sentence: What happened, in one line.
+        plural: ``impacts``: its list in ``summary.json`` and on a run, its table; empty if a run has only one.
+        when: When a record is written, as text.
+        time: Time of a record, s.
+        sentence: One line that describes the event.
         summary: Its entry in ``summary.json``.
-        summarised: Whether ``summary.json`` lists each one; where not, somebody else sums them up.
+        summarised: Whether ``summary.json`` lists each record.
         columns: Unit and meaning of the columns of its table. ``impulse_N_s`` is the field of that name, ``point_{xyz}_m``
             one column for each value of the field ``point_m``.
         lengths: How many values a field holds, ``point_m``, or the entry of a mapping, ``energy_before_J.total``.
-        marks: What is drawn of one; None where nothing ever is.
-        state: What holds from then on, in a word, for a track of states; None where nothing does.
-        warning: Whether the user should look into it.
-        in_every_run: Every log has its topic; otherwise those whose header names it.
+        marks: Marks to draw; None for none.
+        state: State from the event on, in a word, for a track of states; None for none.
+        warning: Whether to show it as a warning.
+        in_every_run: Whether every log has its topic; otherwise those whose header names it.
     """
 
     record: type
@@ -114,10 +114,10 @@ _KINDS: dict[str, RecordKind] = {}
 
 
 def register(kind: RecordKind) -> None:
-    """Make a kind known; the same one again changes nothing.
+    """Register a kind; registering it again has no effect.
 
     Raises:
-        ValueError: Its name, plural or class belongs to another kind, or the kind contradicts itself.
+        ValueError: Its name, plural or class belongs to another kind, or the kind is inconsistent.
     """
     if _KINDS.get(kind.name) == kind:
         return
@@ -125,19 +125,19 @@ def register(kind: RecordKind) -> None:
         if kind.name == other.name or kind.record is other.record or (kind.plural and kind.plural == other.plural):
             raise ValueError(f"the kind {kind.name} ({kind.plural}) of {kind.record.__name__} is {other.name} already")
     if kind.name == "sample" or kind.plural in _TAKEN:
-        raise ValueError(f"the kind {kind.name} ({kind.plural}): every log has something else of that name")
+        raise ValueError(f"the kind {kind.name} ({kind.plural}): the name is reserved")
     for fault in _faults(kind):
         raise ValueError(f"the kind {kind.name}: {fault}")
     _KINDS[kind.name] = kind
 
 
 def kinds() -> tuple[RecordKind, ...]:
-    """Every kind there is, in the order in which they were registered: impacts first."""
+    """All kinds in the order of registration: impacts first."""
     return tuple(_KINDS.values())
 
 
 def kinds_of(names: Sequence[str]) -> tuple[RecordKind, ...]:
-    """The kinds of every run, then those with some names in their order, whatever else is registered, and when.
+    """The kinds of every run, then those with the given names in their order.
 
     Raises:
         KeyError: No such kind.
@@ -147,10 +147,10 @@ def kinds_of(names: Sequence[str]) -> tuple[RecordKind, ...]:
 
 
 def kind_named(name: str) -> RecordKind:
-    """The kind of a name.
+    """The kind with a name.
 
     Raises:
-        KeyError: There is none.
+        KeyError: No such kind.
     """
     if name not in _KINDS:
         raise KeyError(unknown_name("kind of record", name, _KINDS))
@@ -161,30 +161,32 @@ def kind_of(record: Any) -> RecordKind:
     """The kind of a record.
 
     Raises:
-        TypeError: It is of none.
+        TypeError: Its class is not registered.
     """
     for kind in _KINDS.values():
         if kind.record is type(record):
             return kind
-    raise TypeError(f"{type(record).__name__} is no kind of record; there are {', '.join(_KINDS)}")
+    raise TypeError(f"{type(record).__name__} is not a kind of record; there are {', '.join(_KINDS)}")
 
 
 def field_of(column: str) -> tuple[str, str]:
-    """Field that a column of a table shows, and a letter for each of its values: ``point_m`` and ``xyz``."""
+    """Field of a column of a table, and a letter for each of its values: ``point_m`` and ``xyz``."""
     found = _LETTERS.search(column)
     return _LETTERS.sub("", column), found[1] if found else ""
 
 
 def _faults(kind: RecordKind) -> Iterator[str]:
-    """What a log or a reader would stumble over."""
+    """What a log or a reader could not handle."""
     if not is_dataclass(kind.record):
-        yield f"{kind.record.__name__} is no dataclass"
+        yield f"{kind.record.__name__} is not a dataclass"
         return
     if kind.plural and not kind.columns:
         yield f"the table {kind.plural} has no columns"
     hints = get_type_hints(kind.record)
     yield from (
-        f"no log holds a {hints[each.name]} ({each.name})" for each in fields(kind.record) if not _storable(hints[each.name])
+        f"a log cannot hold a {hints[each.name]} ({each.name})"
+        for each in fields(kind.record)
+        if not _storable(hints[each.name])
     )
     yield from (f"there is no field {name} to have a length" for name in kind.lengths if name.partition(".")[0] not in hints)
     for column in kind.columns:

@@ -1,4 +1,4 @@
-"""The course of a run as kinds of records, whatever touches in it: its phases, and how it ended."""
+"""Kinds of records of every run: phases, internal errors and the outcome."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ INTERNAL_ERROR = RecordKind(
     record=InternalErrorRecord,
     name="internal_error",
     plural="internal_errors",
-    when="when an exception of ffsm-mj or of a plug-in ends the run",
+    when="when an exception in ffsm-mj or a plug-in ends the run",
     time=lambda record: record.time_s,
     sentence=lambda record: f"internal error: {record.error} ({record.where})",
     summarised=False,  # outcome and message of the summary say the same

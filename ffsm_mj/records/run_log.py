@@ -1,4 +1,4 @@
-"""Everything that a run left, from memory or from its log the same."""
+"""Complete data of a run, from memory or from its log."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import Mark, RecordKind, kind_of, kinds_of
 
 BLOCK_ROWS = 4096
-"""A block has no more rows than this."""
+"""Greatest number of rows in a block."""
 
 
 class Rows(Protocol):
-    """Rows of a log, (n, number of signals): an array, or what is indexed like one and read from disk when asked for."""
+    """Rows of a log, (n, number of signals): an array, or an object indexed like one that reads from disk on demand."""
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -27,28 +27,28 @@ class Rows(Protocol):
         """Rows, columns or numbers, as of an array."""
 
     def copy(self) -> FloatArray:
-        """All of it as an array of its own."""
+        """All rows as a new array."""
 
 
 @runtime_checkable
 class InBlocks(Protocol):
-    """Rows that are best read a block at a time."""
+    """Rows that are read in blocks."""
 
     def blocks(self) -> Iterator[FloatArray]:
-        """The rows in order, a block at a time."""
+        """The rows in order, block by block."""
 
 
 @dataclass(frozen=True)
 class RunLog:
-    """Everything a log holds.
+    """Contents of a log.
 
     Attributes:
         header: Names, scenario, files.
-        rows: One row per control tick, (n, number of signals): an array, or on disk and read when asked for.
-        records: What happened once, in order, by the plural of each kind that it may have: ``impacts``, ``phases``, ...
-        outcome: How the run ended; None where the log breaks off before.
-        damage: What of the log could not be read, in a sentence; empty where it is whole up to its end.
-        note: What of the log was left out because nobody here knows what it is, in a sentence; empty where nothing was.
+        rows: One row per control tick, (n, number of signals): an array, or read from disk on demand.
+        records: Event records in order, by the plural of each kind that the run may have: ``impacts``, ``phases``, ...
+        outcome: How the run ended; None if the log is incomplete.
+        damage: What of the log could not be read, as text; empty if it is intact up to its end.
+        note: What of the log was skipped because its schema is unknown, as text; empty if nothing was.
     """
 
     header: RunHeader
@@ -70,7 +70,7 @@ class RunLog:
 
     @property
     def unhandled(self) -> tuple[UnhandledContactRecord, ...]:
-        """Contacts that nobody resolved."""
+        """Unhandled contacts in order."""
         return self.records.get("unhandled_contacts", ())
 
     @property
@@ -80,12 +80,12 @@ class RunLog:
 
     @property
     def event_kinds(self) -> tuple[RecordKind, ...]:
-        """The kinds that tell of events: their records say what moved before and after."""
+        """The kinds of events whose records hold the state before and after."""
         return tuple(kind for kind in self.kinds if "qvel_after" in {each.name for each in fields(kind.record)})
 
     @property
     def instants_s(self) -> list[float]:
-        """Times of all events: a run that ends at one has a sample there, between two ticks."""
+        """Times of all events: a run that ends at an event has a sample there, between two ticks."""
         return [kind.time(record) for kind in self.event_kinds for record in self.records.get(kind.plural, ())]
 
     def events(self) -> list[Event]:
@@ -94,7 +94,7 @@ class RunLog:
         return sorted(found, key=lambda record: kind_of(record).time(record))
 
     def marks(self) -> list[tuple[RecordKind, float, Mark]]:
-        """What is drawn of its records: whose, when in s, and what; by kind, then in order."""
+        """Marks of its records as (kind, time in s, mark); by kind, then in order."""
         return [
             (kind, kind.time(record), mark)
             for kind in self.kinds
@@ -112,7 +112,7 @@ class RunLog:
         return np.asarray(self.rows[:, self.header.layout.index[key]])
 
     def blocks(self) -> Iterator[FloatArray]:
-        """The rows in order, a few thousand at a time: what a long run should be read by, (n, number of signals) each."""
+        """The rows in order in blocks of a few thousand, (n, number of signals) each; use this for long runs."""
         if isinstance(self.rows, InBlocks):
             yield from self.rows.blocks()
             return
@@ -123,10 +123,10 @@ class RunLog:
 def run_log(
     header: RunHeader, rows: Rows, events: Sequence[Event], outcome: OutcomeRecord | None, damage: str = ""
 ) -> RunLog:
-    """Sort events by kind.
+    """Create a log from events in order of time.
 
     Raises:
-        KeyError: An event is of a kind that the header does not name.
+        KeyError: An event is of a kind that the header does not list.
     """
     records: dict[str, list[Event]] = {kind.plural: [] for kind in kinds_of(header.kinds) if kind.plural}
     for event in events:

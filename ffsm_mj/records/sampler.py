@@ -1,4 +1,4 @@
-"""Copies of live arrays into lines of tables."""
+"""Sampling of live arrays into tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 
 
 class Sampler:
-    """Takes samples of arrays that change, after it has asked MuJoCo for what it does not keep current.
+    """Copies live arrays at each sample, after refreshing quantities that MuJoCo does not keep current.
 
     Attributes:
         jacp: Jacobian of the base's frame, (3, nv).
@@ -23,7 +23,7 @@ class Sampler:
     """
 
     def __init__(self, model: Any, data: Any, *, base: int = -1, tip: int = -1) -> None:
-        """Bind to MuJoCo; nothing is copied yet.
+        """Bind to MuJoCo's model and data.
 
         Args:
             model: MuJoCo model.
@@ -36,11 +36,11 @@ class Sampler:
         self._copies: tuple[tuple[FloatArray, FloatArray], ...] = ()
 
     def copy(self, copies: Sequence[tuple[FloatArray, FloatArray]]) -> None:
-        """Say what to copy: pairs of a live array and its table, one axis longer; lines of tables are contiguous."""
+        """Set what to copy: pairs of a live array and its table, which has one more axis; rows of tables are contiguous."""
         self._copies = tuple(copies)
 
     def take(self, line: int) -> None:
-        """Refresh, and copy into a line of the tables."""
+        """Refresh derived quantities, and copy into a row of the tables."""
         if self._base >= 0:
             mujoco.mj_subtreeVel(self._model, self._data)
             mujoco.mj_jacBody(self._model, self._data, self.jacp, self.jacr, self._base)

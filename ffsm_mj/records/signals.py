@@ -1,4 +1,4 @@
-"""Everything that is logged once per control tick: names, units and meaning, in one order, for every reader and writer.
+"""Signals that are logged once per control tick: names, units, descriptions and order.
 
 A row is one float64 vector. Its columns are named ``group.name``; the name ends in its unit. Vectors are in world axes,
 angular momentum is about the world origin, quaternions are wxyz.
@@ -16,15 +16,15 @@ import numpy as np
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.model.system import Joint
 
-# What each group holds, in the order of the row.
+# Description of each group, in the order of the row.
 GROUPS = {
     "state": "generalised coordinates and velocities, and the tip",
     "energy": "kinetic energy",
     "momentum": "linear momentum P and angular momentum L about the world origin",
-    "balance": "accounts of work and impulse since t = 0, and what they leave unexplained",
-    "contact": "what a contact model reports of itself",
+    "balance": "accumulated work and impulses since t = 0, and residuals of energy and momenta",
+    "contact": "telemetry of the contact models",
     "actuators": "commanded and applied efforts, and their bounds",
-    "controller": "what the controller reports of itself",
+    "controller": "telemetry of the controller",
     "phase": "the phase of the task",
 }
 
@@ -40,23 +40,23 @@ TIP = ("state.tip_x_m", "state.tip_y_m", "state.tip_z_m")
 TIP_RATE = ("state.tip_vx_m_s", "state.tip_vy_m_s", "state.tip_vz_m_s")
 """Columns of its velocity."""
 OVERLAP = "deepest_overlap_m"
-"""Signal of the balance that tells of penetration."""
+"""Signal of the deepest penetration."""
 FORCE_RESIDUAL = "contact_force_residual_N"
-"""Signal of the balance that tells how far contact forces are from those that the state asks for."""
+"""Signal of the residual of the complementarity conditions of contact forces."""
 
 CAPTURE_EVENT_LOADS = {
     "contact.capture_event_force_N": "N",
     "contact.capture_event_torque_N_m": "N m",
     "contact.capture_event_s": "s",
 }
-"""Greatest load on a held object right after an event since the sample before, and when that force was; units by column."""
+"""Greatest load on a grasped object right after an event since the last sample, and its time; units by column."""
 CAPTURE_LOADS = {
     **{f"contact.capture_force_{x}_N": "N" for x in "xyz"},
     **{f"contact.capture_torque_{x}_N_m": "N m" for x in "xyz"},
 }
-"""Columns of the load on a held object, with units."""
+"""Columns of the load on a grasped object, with units."""
 CAPTURE_CENTRE = tuple(f"contact.capture_centre_{x}_m" for x in "xyz")
-"""Columns of where it acts: the object's site; NaN where nothing is held."""
+"""Columns of its point of application, the object's site; NaN if no object is grasped."""
 
 _COORDINATES = {
     "free": ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"),
@@ -77,11 +77,11 @@ class Signal:
     """One logged scalar.
 
     Attributes:
-        group: What it belongs to, a key of ``GROUPS``.
-        name: Its name in the group, a letter followed by letters, digits and underscores; it ends in the unit.
-        unit: Its unit; empty for a plain number.
-        description: What it means.
-        element: Full name of the model's element that its name is made of; empty where there is none.
+        group: Group of the signal, a key of ``GROUPS``.
+        name: Name in the group, a letter followed by letters, digits and underscores; it ends in the unit.
+        unit: Unit; empty for a dimensionless number.
+        description: Meaning of the signal.
+        element: Full name of the model element that its name derives from; empty if there is none.
     """
 
     group: str
@@ -92,7 +92,7 @@ class Signal:
 
     @property
     def key(self) -> str:
-        """Name by which users ask for it: ``group.name``."""
+        """Full name: ``group.name``."""
         return f"{self.group}.{self.name}"
 
 
@@ -117,7 +117,7 @@ class Layout:
         """Column of the simulation time.
 
         Raises:
-            KeyError: There is none.
+            KeyError: There is no such column.
         """
         return self.index[TIME]
 
@@ -125,13 +125,13 @@ class Layout:
         """Columns of some keys, in their order.
 
         Raises:
-            KeyError: One of them is not there.
+            KeyError: One of them does not exist.
         """
         return np.array([self.index[key] for key in keys], dtype=np.intp)
 
 
 def identifier(name: str) -> str:
-    """A model's name as a field name: what is no letter, digit or underscore becomes an underscore."""
+    """A name of a model as a field name: other characters than letters, digits and underscores become underscores."""
     return re.sub(r"\W", "_", name, flags=re.ASCII)
 
 
@@ -163,7 +163,7 @@ def momentum_keys(whose: str) -> tuple[str, ...]:
 
 
 def effort_key(layout: Layout, actuator: str, what: str) -> str:
-    """Column of an actuator's effort, in N or in N m as it drives.
+    """Column of an actuator's effort, in N or N m.
 
     Args:
         layout: Columns of a row.
