@@ -67,7 +67,7 @@ class ImpactRecord:
         normal: Unit normal in world axes, from a to b.
         manifold: ``point``, ``edge`` or ``face``.
         law: Impact law of the result; with friction ``stronge`` (one contact), ``coulomb`` or ``poisson`` (several).
-        status: ``ok``; ``energy_guard``: restitution was reduced by ``theta`` to prevent a gain of energy; ``jammed``: bodies
+        status: ``ok``; ``energy_guard``: restitution reduced by ``theta`` to prevent a gain of energy; ``jammed``: bodies
             squeezed without clearance, no elastic solution exists and energy was lost; ``wedged``: one self-locking contact.
         restitution: Coefficient of restitution of the pair.
         restitution_used: Coefficient that was applied: 0 if the contact comes to rest and becomes persistent.
@@ -80,7 +80,7 @@ class ImpactRecord:
             about the origin of its model's frame if that is fixed.
         mu: Coefficient of friction of the pair.
         theta: Factor on the restitution applied by the energy guard; 1 if it was not needed.
-        tangential_impulse_N_s: Friction impulse on b in the tangent plane, in world axes. Without friction it is zero, as are
+        tangential_impulse_N_s: Friction impulse on b in world axes, tangential. Without friction it is zero, as are
             all fields below except the normal work, which is then that of the impulse alone.
         slip_before_m_s: Tangential velocity of b relative to a at the point before the impact, in world axes; not computed
             (zero) if no contact of the impact has friction.
@@ -155,7 +155,7 @@ class PhaseRecord:
         name: Name of the phase.
         controller: Kind of its controller.
         start_s: Time at which it begins.
-        reason: Why it begins: ``start``, ``time``, ``settled``, or the record that ended the previous phase, e.g. ``impact``.
+        reason: ``start``, ``time``, ``settled``, or the record that ended the previous phase, e.g. ``impact``.
     """
 
     index: int

@@ -1,1 +1,1 @@
-"""The scenario: YAML in, validated and frozen; its schema; the shipped ones."""
+"""Scenarios: loading and validation of YAML files, JSON Schema, shipped scenarios."""

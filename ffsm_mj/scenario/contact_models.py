@@ -1,4 +1,4 @@
-"""Contact models that a scenario declares, beside the impact: each is checked by its own configuration model."""
+"""Contact models that a scenario declares in addition to impacts, each validated by its own configuration model."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ REGIME_SCHEMA = WithJsonSchema({"type": "object", "required": ["kind"], "propert
 
 
 def validated_contact_models(declared: tuple[Any, ...]) -> tuple[StrictModel, ...]:
-    """Configurations of declared contact models.
+    """Validated configurations of declared contact models.
 
     Raises:
-        ScenarioFaults: An unknown kind, or what its configuration does not allow.
+        ScenarioFaults: An unknown kind, or an invalid configuration.
     """
     configs: list[StrictModel] = []
     faults: list[Fault] = []
@@ -50,12 +50,12 @@ def _checked(given: Any) -> StrictModel:
 
 
 def endings(configs: tuple[Any, ...], *, captures: bool) -> tuple[str, ...]:
-    """What may end a phase: impacts, contacts that begin or end, captures, releases, records of contact models."""
+    """Events that may end a phase: impacts, contacts that close or open, captures, releases, records of contact models."""
     named = (kind.name for config in configs for kind in contact_model_of(config.kind).records)
     return ("impact", "contact_begins", "contact_ends", *(("capture", "release") if captures else ()), *named)
 
 
 def fault_of_ending(until: str | None, configs: tuple[Any, ...], *, captures: bool) -> str:
-    """What is wrong with a phase's ``until``, or nothing."""
+    """What is wrong with a phase's ``until``; empty if it is valid."""
     allowed = (*endings(configs, captures=captures), "settled", "end")
     return "" if until is None or until in allowed else unknown_name("end of a phase", until, allowed)

@@ -1,4 +1,4 @@
-"""What an element of a list of the scenario is called, so that overrides and ``extends`` can address it by name."""
+"""Names of list elements of a scenario, by which overrides and ``extends`` address them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any
 
 
 def element_name(element: Any) -> str | None:
-    """Name of an element as plain data: its ``name``, or ``<a>-<b>`` of an impact pair without one; None where it has none.
+    """Name of an element: its ``name``, or ``<a>-<b>`` of an impact pair without one; None if it has none.
 
     Args:
-        element: An item of a list in a scenario, not validated.
+        element: An item of a list in a scenario, as plain data before validation.
     """
     if not isinstance(element, dict):
         return None

@@ -1,4 +1,4 @@
-"""What pydantic finds wrong with a scenario, in plain words: the key as the file has it, what is wrong, what is allowed."""
+"""Validation errors of pydantic as messages: the key as in the file, what is wrong, what is allowed."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ KeyPath = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class KindNames:
-    """What a message needs to know of the configuration.
+    """Names of kinds that messages need.
 
     Attributes:
         model: The root configuration model.
         controllers: Kinds of controllers.
         actuators: Kinds of actuators.
-        broken: Why a plugin's kind cannot be used.
-        of_scripts: Kinds whose laws a script had handed over to the run that wrote the scenario.
+        broken: Why the kind of a plug-in cannot be used.
+        of_scripts: Kinds whose control laws a script had passed to the run that wrote the scenario.
     """
 
     model: type[BaseModel]
@@ -34,13 +34,13 @@ class KindNames:
 
 
 def plain_faults(error: ValidationError, names: KindNames) -> list[Fault]:
-    """One fault per thing that is wrong."""
+    """One fault per error, without consequential errors."""
     items = _without_other_members(error)
     return [_fault(item, names) for item in items if not _follows(item, items)]
 
 
 def _follows(item: Any, items: list[Any]) -> bool:
-    """Whether a list is called too short, or a default not to be made, only because of another fault."""
+    """Whether an error (a list that is too short, a default that cannot be created) only follows from another one."""
     place = item["loc"]
     if item["type"] == "default_factory_not_called":
         return True
@@ -62,7 +62,7 @@ _PLAIN_WORDS = (
 
 
 def _fault(item: Any, names: KindNames) -> Fault:
-    """A pydantic error as one of ours: the path without union tags, the message with what is allowed."""
+    """Fault of a pydantic error: the path without union tags, the message with what is allowed."""
     kind, message = item["type"], item["msg"]
     path = _file_path(item["loc"], names)
     if kind == "extra_forbidden":
@@ -84,7 +84,7 @@ def _fault(item: Any, names: KindNames) -> Fault:
 
 
 def _without_other_members(error: ValidationError) -> list[Any]:
-    """Errors with only the best-fitting member of each plain union: one fault, one line."""
+    """Errors of only the best-fitting member of each plain union, so that one fault gives one line."""
     items: list[Any] = list(error.errors(include_url=False))
     members: dict[Any, dict[Any, list[Any]]] = {}
     out: list[Any] = []
@@ -101,13 +101,13 @@ def _without_other_members(error: ValidationError) -> list[Any]:
 
 
 def _fit(errors: list[Any]) -> tuple[int, bool, int]:
-    """How far a union's member got before it failed, whether its shape was right, and with how few errors."""
+    """Rank of a union member by the depth of its errors, whether its type was right, and the number of errors."""
     wrong_shape = any(item["type"] in ("tuple_type", "literal_error") for item in errors)
     return max(len(item["loc"]) for item in errors), not wrong_shape, -len(errors)
 
 
 def _file_path(location: KeyPath, names: KindNames) -> KeyPath:
-    """Keys of the file in a pydantic location: union members and tags are no keys."""
+    """Keys of the file in a pydantic location, without union members and tags."""
     known = {*names.controllers, *names.actuators}
     out: list[str | int] = []
     for i, part in enumerate(location):
@@ -124,7 +124,7 @@ def _is_union_member(part: str | int) -> bool:
 
 
 def _unknown_key(model: Any, location: KeyPath) -> str:
-    """Message for a key that its model does not have, with those that it has."""
+    """Message for an unknown key, with the known ones."""
     for part in location[:-1]:
         model = _member(model, part)
     if not _is_model(model):
@@ -133,7 +133,7 @@ def _unknown_key(model: Any, location: KeyPath) -> str:
 
 
 def _member(node: Any, part: str | int) -> Any:
-    """Model or annotation behind one step of a pydantic location: a field, a list position, a key, or a union's tag."""
+    """Model or annotation of one element of a pydantic location: a field, a list position, a key, or a union's tag."""
     if _is_model(node):
         return _unwrap(node.model_fields[part].annotation) if part in node.model_fields else None
     members = [arg for arg in getattr(node, "__args__", ()) if arg is not type(None)]
@@ -163,7 +163,7 @@ def _unknown_kind(tag: str, expected: str, path: KeyPath, names: KindNames) -> s
         return f"the plugin for kind {tag!r} cannot be used ({broken}); usable: {', '.join(usable)}"
     if tag in names.of_scripts and "controller" in path:
         return (
-            f"the control law of kind {tag!r} came from a script, and no file says where it is: run this from Python again, "
+            f"the control law of kind {tag!r} was passed by a script and is not in the file: run it from Python again, "
             f"ffsm_mj.run(..., controllers={{{tag!r}: ...}}); usable without: {', '.join(usable)}"
         )
     return unknown_name("kind", tag, usable)

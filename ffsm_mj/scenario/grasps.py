@@ -1,4 +1,4 @@
-"""What phases say of captures, as far as it is wrong without anything having moved."""
+"""Static checks of grasps: names, arming and release by phases."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _OWN = "ffsm_controllers"
 
 
 def capture_faults(scenario: Scenario) -> list[Fault]:
-    """Captures that phases name and pairs that captures name: what there is not, and a grasp armed while another holds."""
+    """Faults of grasps in phases: unknown grasps or pairs, and a grasp armed while another one is closed."""
     faults = []
     for i, phase in enumerate(scenario.phases):
         for key, names in (("arm", phase.arm), ("release", phase.release)):
@@ -28,36 +28,36 @@ def capture_faults(scenario: Scenario) -> list[Fault]:
 
 
 def never_armed(scenario: Scenario) -> Iterator[str]:
-    """Captures that no phase arms, for people; where a control law may ask for them that is said."""
+    """Messages for grasps that no phase arms; a control law may still request them."""
     armed = {name for phase in scenario.phases for name in phase.arm}
     asking = [phase.name for phase in scenario.phases if not _asks_for_nothing(phase)]
     for name in scenario.captures:
         if name not in armed:
-            law = f" unless the control law of phase {asking[0]!r} asks for it" if asking else ""
-            yield f"no phase arms the capture {name!r}, so it never takes hold{law}; write 'arm: [{name}]' in a phase"
+            law = f" unless the control law of phase {asking[0]!r} requests it" if asking else ""
+            yield f"no phase arms the capture {name!r}, so it never closes{law}; write 'arm: [{name}]' in a phase"
 
 
 def _ends_at_no_capture(scenario: Scenario) -> Iterator[Fault]:
-    """Phases that wait for a capture that cannot come: they arm nothing, and no control law has asked for it."""
+    """Phases that wait for a capture that cannot occur: no grasp is armed, and no control law may request one."""
     for i, phase in enumerate(scenario.phases):
         if not _asks_for_nothing(phase):
             return
         if phase.until == "capture" and phase.for_s is None and not phase.arm and scenario.captures:
-            message = f"nothing is armed, so that no capture ends this phase; write 'arm: [{next(iter(scenario.captures))}]'"
+            message = f"no grasp is armed, so no capture ends this phase; write 'arm: [{next(iter(scenario.captures))}]'"
             yield Fault(message, ("phases", i, "until"))
 
 
 def _second_grasps(scenario: Scenario) -> Iterator[Fault]:
-    """Grasps that a phase arms while another holds for certain: it ended a phase, and nobody has let go since."""
+    """Grasps that a phase arms while another one is certainly closed: it ended a phase and was not released since."""
     holding: tuple[tuple[str, ...], str] | None = None
     for i, phase in enumerate(scenario.phases):
         if holding is not None and set(phase.release) & set(holding[0]):
             holding = None
         if holding is not None and phase.arm:
             names, since = holding
-            message = f"{phase.arm[0]!r} cannot take hold while {' or '.join(map(repr, names))} holds"
-            told = f"since the end of phase {since!r}: only one grasp can be closed at a time; release it first"
-            yield Fault(f"{message}, {told}", ("phases", i, "arm", 0))
+            message = f"{phase.arm[0]!r} cannot close while {' or '.join(map(repr, names))} is closed"
+            reason = f"since the end of phase {since!r}: only one grasp can be closed at a time; release it first"
+            yield Fault(f"{message}, {reason}", ("phases", i, "arm", 0))
         if phase.until == "capture" and phase.for_s is None and phase.arm:
             holding = phase.arm, phase.name
         elif phase.until == "release" or not _asks_for_nothing(phase):
@@ -65,6 +65,6 @@ def _second_grasps(scenario: Scenario) -> Iterator[Fault]:
 
 
 def _asks_for_nothing(phase: PhaseConfig) -> bool:
-    """Whether the phase's control law arms and releases nothing: those of this package do not, any other may."""
+    """Whether the phase's control law certainly requests no grasp or release: built-in ones do not, others may."""
     law = kinds().classes.get(phase.controller.kind)
     return law is not None and law.__module__.partition(".")[0] == _OWN

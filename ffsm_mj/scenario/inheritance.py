@@ -1,9 +1,9 @@
-"""``extends``: a scenario as the changes it makes to another one.
+"""``extends``: a scenario given as changes to another one.
 
-Keys of the scenario take the place of the parent's; mappings are merged key by key. ``null`` takes away what the parent has.
-A mapping with another ``kind`` replaces the parent's whole, since its keys mean something else. A list replaces the
-parent's, but an item with the ``name`` of one of the parent's items (a phase, an impact pair) starts from that one. ``name``
-and ``description`` are never inherited: they say what the scenario itself is.
+Keys of the scenario override those of the parent; mappings are merged key by key. ``null`` removes a key of the parent.
+A mapping with another ``kind`` replaces the parent's mapping, since its keys differ in meaning. A list replaces the
+parent's list, but an item with the ``name`` of one of the parent's items (a phase, an impact pair) is merged with it.
+``name`` and ``description`` are not inherited.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _OWN = ("name", "description")
 
 
 def read_inherited(path: Path) -> Node:
-    """Read a scenario file with everything that it takes from the scenarios it extends.
+    """Read a scenario file, merged with the scenarios that it extends.
 
     Raises:
-        InputError: A file cannot be read or parsed, is missing, or extends itself in the end.
+        InputError: A file cannot be read or parsed, is missing, or extends itself, directly or not.
     """
     return _resolve(path, ())
 
@@ -40,9 +40,9 @@ def _resolve(path: Path, descendants: tuple[Path, ...]) -> Node:
     parent = _parent_path(reference)
     if any(parent.resolve() == known.resolve() for known in chain):
         circle = " -> ".join(file.name for file in (*chain, parent))
-        raise _fault(reference, f"goes round in a circle: {circle}")
+        raise _fault(reference, f"is circular: {circle}")
     if len(chain) >= MAX_DEPTH:
-        raise _fault(reference, f"at most {MAX_DEPTH} scenarios may build on one another, this is one more")
+        raise _fault(reference, f"more than {MAX_DEPTH} scenarios extend one another; allowed: at most {MAX_DEPTH}")
     base = _resolve(parent, chain)
     inherited = {key: node for key, node in base.value.items() if key not in _OWN}
     changes = {key: node for key, node in root.value.items() if key != EXTENDS}
@@ -50,7 +50,7 @@ def _resolve(path: Path, descendants: tuple[Path, ...]) -> Node:
 
 
 def _parent_path(reference: Node) -> Path:
-    """The file that an ``extends`` means: a path relative to its own file, or a shipped scenario."""
+    """File of an ``extends`` key: a path relative to its own file, or a shipped scenario."""
     text = reference.value
     if not isinstance(text, str) or not text:
         raise _fault(reference, "should be a scenario file, relative to this one, or the name of a shipped scenario")
@@ -92,7 +92,7 @@ def _merged_mapping(parent: dict[Any, Node], child: dict[Any, Node]) -> dict[Any
 
 
 def _merged_item(parents: list[Node], item: Node) -> Node:
-    """An item of a list on top of the parent's item of the same name, where there is one."""
+    """An item of a list, merged with the parent's item of the same name if there is one."""
     if not isinstance(item.value, dict) or "name" not in item.value:
         return item
     name = element_name(item.plain())

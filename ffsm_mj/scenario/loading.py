@@ -1,4 +1,4 @@
-"""From a file to a scenario: read, overridden, validated; every fault with its place."""
+"""Loading of scenarios: read, apply overrides, validate; every fault is reported with its location."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def load_scenario(
         laws: Control laws of a script, classes by kind.
 
     Returns:
-        The scenario and its source, which tells where each key stands.
+        The scenario and its source, which knows the location of each key.
 
     Raises:
         InputError: One line per fault, with file, line and column.
@@ -45,11 +45,11 @@ def load_scenario(
 
 
 def validated(source: YamlSource, laws: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
-    """The scenario that a source holds.
+    """Validate the data of a source.
 
     Args:
-        source: Its data, and where each key stands.
-        laws: Control laws of a script, classes by kind, none of them refused.
+        source: Data and the location of each key.
+        laws: Control laws of a script, classes by kind, already accepted by :func:`refuse_script_laws`.
 
     Raises:
         InputError: One line per fault, with file, line and column.
@@ -75,18 +75,18 @@ def validated(source: YamlSource, laws: Mapping[str, Any] = MappingProxyType({})
 
 
 def controller_kinds() -> tuple[str, ...]:
-    """Kinds of control laws that there are."""
+    """Installed kinds of control laws."""
     return tuple(kinds().classes)
 
 
 def _script_laws(data: Any) -> tuple[str, ...]:
-    """What an invalid scenario says of laws from a script."""
+    """Kinds of script laws in the data of a scenario that may be invalid."""
     named = data.get("script_laws") if isinstance(data, Mapping) else None
     return tuple(map(str, named)) if isinstance(named, list | tuple) else ()
 
 
 def _with_script_laws(scenario: Scenario, laws: Mapping[str, Any]) -> Scenario:
-    """A scenario that tells which of these laws its phases ask for."""
+    """Scenario that lists which of these laws its phases use."""
     if not laws:
         return scenario.model_copy(update={"script_laws": None})
     used = tuple(kind for kind in laws if any(phase.controller.kind == kind for phase in scenario.phases))
@@ -98,7 +98,7 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
     faults = timing_faults(scenario) + _impact_law_faults(scenario)
     frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
     if frames > _MOST_FRAMES and not faults:
-        faults.append(Fault(f"makes {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", ("log", "view_rate_hz")))
+        faults.append(Fault(f"gives {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", ("log", "view_rate_hz")))
     if scenario.extends is not None:
         faults.append(Fault("can only stand in a scenario file", ("extends",)))
     for reserved in {"robot", "world"} & set(scenario.objects):

@@ -1,4 +1,4 @@
-"""The scenario: everything a run needs, typed, validated and frozen. Units are in the key names, frames in the comments."""
+"""Data model of a scenario, validated and immutable. Units are in the key names, frames in the descriptions."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ else:
         Field(discriminator="kind"),
     ]
 
-# A multiple is one to 1e-9 of the ratio: beyond this that is half a period, and every ratio would pass.
+# Ratios are compared with integers to a relative 1e-9; beyond this ratio that is half a period, and any would pass.
 _MOST_PERIODS = 5e8
 
 Name = Annotated[str, Field(min_length=1)]
@@ -47,12 +47,12 @@ JointValue = float | tuple[float, ...]
 
 
 class SiteConfig(StrictModel):
-    """A site that the robot's file does not have: a tip at the end of a vendor's arm."""
+    """A site added to the robot's model, e.g. a tip at the end of a vendor's arm."""
 
     body: Name
-    """Body of the robot that it is fixed to, by its name in the file."""
+    """Body of the robot to which the site is fixed, by its name in the file."""
     pos_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Its place in the body's frame, m."""
+    """Position in the body's frame, m."""
 
 
 class RobotConfig(StrictModel):
@@ -61,13 +61,13 @@ class RobotConfig(StrictModel):
     mjcf: Name
     """MJCF or URDF file, relative to the scenario file that names it; its root body is the base."""
     asset_folders: tuple[Name, ...] = ()
-    """Folders, beside the model's own, that it may use files of (meshes, includes); relative to the scenario file."""
+    """Further folders with files of the model (meshes, includes), relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()
-    """Folders of the packages that a URDF names (``package://NAME/...``), after those above it; relative to the scenario."""
+    """Folders to search for packages of a URDF (``package://NAME/...``), after its parents; relative to the scenario."""
     strip: tuple[Strippable, ...] = ()
-    """What is taken out of the model before it is compiled, the file untouched: what free motion would not conserve."""
+    """Elements to remove from the model, which would break conservation; the file itself is not changed."""
     sites: dict[Name, SiteConfig] = {}
-    """Sites that are put into the model before it is compiled, the file untouched, by name."""
+    """Sites to add to the model by name; the file itself is not changed."""
 
 
 class ObjectConfig(StrictModel):
@@ -76,15 +76,15 @@ class ObjectConfig(StrictModel):
     mjcf: Name
     """MJCF or URDF file, relative to the scenario file that names it."""
     asset_folders: tuple[Name, ...] = ()
-    """Folders, beside the model's own, that it may use files of (meshes, includes); relative to the scenario file."""
+    """Further folders with files of the model (meshes, includes), relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()
-    """Folders of the packages that a URDF names (``package://NAME/...``), after those above it; relative to the scenario."""
+    """Folders to search for packages of a URDF (``package://NAME/...``), after its parents; relative to the scenario."""
     strip: tuple[Strippable, ...] = ()
-    """What is taken out of the model before it is compiled, the file untouched: what free motion would not conserve."""
+    """Elements to remove from the model, which would break conservation; the file itself is not changed."""
     fixed: bool = False
-    """It never moves: a wall, a docking port, a test rig. Its model has no joint; what it takes comes from outside."""
+    """Fixed to the world: a wall, a docking port, a test rig. Its model has no joint; its impulses are external."""
     pose: Pose | None = None
-    """Where it is fixed: the pose of the model's world frame; left out: that of the scene's. Only with ``fixed: true``."""
+    """Pose of the model's world frame in the scene; default: identity. Only with ``fixed: true``."""
 
     @field_validator("pose")
     @classmethod
@@ -95,26 +95,26 @@ class ObjectConfig(StrictModel):
 
     @property
     def fixed_at(self) -> Pose | None:
-        """Where it is fixed; None where it floats."""
+        """Pose of a fixed object; None if it floats."""
         return (self.pose or Pose()) if self.fixed else None
 
 
 class InitialConfig(StrictModel):
-    """State at t = 0. Joints that are not named start at the model's zero, at rest."""
+    """State at t = 0. Joints that are not listed start at the model's zero position, at rest."""
 
     joints: dict[Name, JointValue] = {}
-    """Coordinates by joint: rad or m; a free joint takes x, y, z in m and a quaternion w, x, y, z."""
+    """Coordinates by joint, rad or m; for a free joint x, y, z in m and a quaternion w, x, y, z."""
     rates: dict[Name, JointValue] = {}
-    """Rates by joint: rad/s or m/s; a free joint takes velocity in world axes and angular velocity in body axes."""
+    """Rates by joint, rad/s or m/s; for a free joint velocity in world axes and angular velocity in body axes."""
 
 
 class TaskConfig(StrictModel):
-    """What the arm is to do: bring a site to a point."""
+    """Task of the arm: bring a site of the robot to a point."""
 
     tip: Name
-    """Site of the robot that is regulated."""
+    """Site of the robot to regulate."""
     axes: Annotated[tuple[Axis, ...], Field(min_length=2, max_length=3)] = ("x", "y", "z")
-    """World axes that count: two for a planar task, three in space."""
+    """Regulated world axes: two for a planar task, three in space."""
     target_m: tuple[float, ...]
     """Target of the tip along these axes in world coordinates, m."""
 
@@ -128,26 +128,26 @@ class TaskConfig(StrictModel):
 
 
 class ImpactPairConfig(StrictModel):
-    """Two geoms on bodies that move against each other, their contact resolved: ``geoms``, or robot_geom and object_geom."""
+    """Two geoms whose contact is resolved, on bodies in relative motion: ``geoms``, or robot_geom and object_geom."""
 
     model_config = ConfigDict(
         json_schema_extra={"oneOf": [{"required": ["geoms"]}, {"required": ["robot_geom", "object_geom"]}]}
     )
 
     geoms: Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)] | None = None
-    """Geoms a and b, of the robot, of objects or of one of them twice, one fixed at most; the normal points from a to b."""
+    """Geoms a and b, of the robot or of objects, both may be of the same one; at most one is fixed. Normal from a to b."""
     robot_geom: Name | None = None
-    """Geom a where it is one of the robot and b one of an object; in place of ``geoms``."""
+    """Geom a, of the robot, if geom b is of an object; replaces ``geoms``."""
     object_geom: Name | None = None
-    """Geom b, one of an object; with ``robot_geom``."""
+    """Geom b, of an object; with ``robot_geom``."""
     name: Name = Field(default_factory=lambda fields: element_name(fields) or "")
-    """What records, columns and overrides call it, unique; left out: ``<a>-<b>``, the geoms as written here."""
+    """Unique name in records, columns and overrides; default: ``<a>-<b>``, the geoms as written here."""
     restitution: Annotated[float, Field(ge=0.0)] = 1.0
     """Coefficient of restitution e: 1 elastic, 0 plastic."""
     mu: Annotated[float, Field(ge=0.0)] = 0.0
-    """Coefficient of Coulomb friction at impacts; that in the MJCF is of MuJoCo's own contacts, and is not taken."""
+    """Coefficient of Coulomb friction at impacts; that of the MJCF is for MuJoCo's own contacts and is not used."""
     super_elastic: bool = False
-    """Allow e > 1, an impact that gains energy (the paper's case c)."""
+    """Allow e > 1, an impact that gains energy (case c of the paper)."""
 
     @property
     def sides(self) -> tuple[str, str]:
@@ -160,7 +160,7 @@ class ImpactPairConfig(StrictModel):
         if given not in (["geoms"], ["robot_geom", "object_geom"]):
             raise ValueError("a pair needs 'geoms: [a, b]', or 'robot_geom' and 'object_geom'")
         if self.name.isdecimal():
-            raise ValueError(f"a pair named {self.name!r} could not be told from a position in the list; add a letter")
+            raise ValueError(f"the name {self.name!r} would be ambiguous with a position in the list; add a letter")
         return self
 
     @model_validator(mode="after")
@@ -168,35 +168,34 @@ class ImpactPairConfig(StrictModel):
         if self.restitution > 1.0 and not self.super_elastic:
             raise ValueError("restitution must be in [0, 1]; above 1 only with 'super_elastic: true'")
         if self.restitution > 1.0 and self.mu > 0.0:
-            raise ValueError("an impact that gains energy (restitution above 1) has no law with friction; let mu be 0")
+            raise ValueError("an impact that gains energy (restitution above 1) has no law with friction; set mu to 0")
         return self
 
 
 class IgnoredPairConfig(StrictModel):
-    """Contacts that are known and left alone."""
+    """A pair of geoms, bodies or models whose contacts are ignored."""
 
     pair: Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)]
     """Two names, each a geom, a body (all its geoms), or a model: ``robot`` or the name of an object."""
     reason: Name
-    """Why these contacts do not matter."""
+    """Why these contacts can be ignored."""
 
 
 class PhaseConfig(StrictModel):
-    """A phase of the task: it ends at an event, once the tip has settled, after a time (what is first), or with the run."""
+    """A phase of the task; it ends at an event, when the tip has settled, after a time, or with the run."""
 
     name: Name
     until: Name | None = None
     """``impact``, ``contact_begins``, ``contact_ends``, ``capture``, ``release`` or a record of a contact model: the first
-    one after its start;
-    ``settled``: see there; ``end``: of the run."""
+    such event after the start of the phase; ``settled``: see that key; ``end``: the end of the run."""
     settled: SettledConfig | None = None
-    """With ``until: settled``: the phase ends once the tip has been near its target and slow for a time."""
+    """With ``until: settled``: the phase ends when the tip has been near its target and slow for a time."""
     for_s: PositiveFloat | None = None
-    """Duration in s; it ends at the first control tick at or after that, with ``until: impact`` at an impact before it."""
+    """Duration in s; the phase ends at the first control tick at or after it, or before at the event of ``until``."""
     arm: tuple[Name, ...] = ()
-    """Captures that may close while it lasts; their bounds may hold already as it begins."""
+    """Grasps that are armed during the phase; their bounds may already be met at its start."""
     release: tuple[Name, ...] = ()
-    """Captures that let go as it begins."""
+    """Grasps that are released at the start of the phase."""
     controller: SerializeAsAny[ControllerConfig]
     """Control law, chosen by ``kind``."""
 
@@ -214,14 +213,14 @@ class PhaseConfig(StrictModel):
 
 
 class ImpactConfig(StrictModel):
-    """Law and limits of impact resolution."""
+    """Impact law, and limits of impact resolution."""
 
     law: LawName = "blend"
     """An installed impact law; the built-in ones differ where several contacts meet at once. No ``newton`` with mu."""
     rest_interval_s: Annotated[float, Field(ge=0.0)] | None = None
-    """A contact with e < 1 lasts once its next flight, as it is pressed, would be shorter, s; left out: time_step_s."""
+    """A contact with e < 1 becomes persistent when its next bounce would be shorter, s; default: time_step_s."""
     rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 0.0
-    """A pressed contact with e < 1 that would separate slower than this lasts too, m/s."""
+    """A pressed contact with e < 1 becomes persistent if it would separate more slowly than this, m/s."""
     max_impacts: PositiveInt = 10_000
     """The run ends after this many impacts."""
 
@@ -229,50 +228,50 @@ class ImpactConfig(StrictModel):
     @classmethod
     def _no_cap_per_second(cls, data: Any) -> Any:
         if isinstance(data, dict) and "max_impacts_per_second" in data:
-            raise ValueError("max_impacts_per_second is gone: rest_interval_s says when a contact lasts; leave it out")
+            raise ValueError("max_impacts_per_second was removed; rest_interval_s says when a contact becomes persistent")
         return data
 
 
 class LogConfig(StrictModel):
-    """What is written."""
+    """Output files."""
 
     rerun: bool = True
     """Write ``run.rrd`` for the Rerun viewer."""
     view_rate_hz: PositiveFloat = 50.0
     """Frames per simulated second in ``run.rrd`` and in the viewer topics of ``run.mcap``."""
     max_size_GB: PositiveFloat = 100.0
-    """A run whose samples are more than this before compression is refused, GB; the log is a half to a fifth of it."""
+    """A run with more uncompressed samples than this is refused, GB; the log is a half to a fifth of their size."""
 
 
 class Scenario(StrictModel):
-    """One run of one robot and its objects."""
+    """A run of one robot and its objects."""
 
     extends: Name | None = None
-    """Scenario that this one changes: a YAML file relative to this one, or the name of a shipped scenario."""
+    """Scenario to extend: a YAML file relative to this one, or the name of a shipped scenario."""
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     """Name of the run folder and of the log: letters, digits, '.', '_' and '-'."""
     description: str = ""
-    """One line for ``ffsm run --list``."""
+    """One-line description for ``ffsm run --list``."""
     duration_s: PositiveFloat
     """Simulated time, a multiple of the control period, s."""
     time_step_s: PositiveFloat = 0.001
     """Integration step of RK4, s."""
     accuracy: Annotated[float, Field(ge=1e-9, le=1e-3)] | None = None
-    """Steps are cut into sub-steps so that energy and momenta err by less, over (1 + scale); left out: none is cut."""
+    """Divide steps into sub-steps so that errors of energy and momenta over (1 + scale) stay below this; default: off."""
     control_period_s: PositiveFloat = 0.001
-    """Time between two decisions of the controller, a multiple of the time step, s."""
+    """Control period, a multiple of the time step, s."""
     conservative: bool = True
-    """Refuse gravity, damping, friction, springs, fluids and other integrators in the models. Where it is false,
-    gravity enters the balance; with anything else of these energy and momenta are not judged."""
+    """Refuse gravity, damping, friction, springs, fluids and other integrators in the models. If false,
+    gravity enters the balance; with any of the others energy and momenta are not checked."""
     stop_on_impact: bool = False
     """End the run right after the first impact."""
     robot: RobotConfig
     objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], ObjectConfig] = {}
-    """Floating and fixed objects by name; the name is the prefix of everything in the object's model."""
+    """Floating and fixed objects by name; the name is the prefix of all elements of the object's model."""
     model: Trees = {}
-    """Properties of bodies and their geoms, the files untouched: by ``robot`` or the object's name, then by body."""
+    """Properties of bodies and their geoms, by ``robot`` or the object's name, then by body; files are not changed."""
     controller_model: Trees = {}
-    """The same, on top of ``model``, in what the control laws take the models for; left out: they know the true ones."""
+    """Further changes, on top of ``model``, in the models that the control laws use; default: the true models."""
     initial: InitialConfig = InitialConfig()
     actuators: dict[Name, ActuatorConfig] = {}
     """Limits of the robot's actuators by name; an actuator that is not named is ideal."""
@@ -280,28 +279,28 @@ class Scenario(StrictModel):
     impact_pairs: tuple[ImpactPairConfig, ...] = ()
     ignored_pairs: tuple[IgnoredPairConfig, ...] = ()
     captures: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")], CaptureConfig] = {}
-    """Grasps by name: a site of the robot takes hold of a site of a floating object while a phase arms it."""
+    """Grasps by name: when armed, a site of the robot can latch a site of a floating object."""
     script_laws: tuple[Name, ...] | None = None
-    """Kinds of control laws that a script handed to the run that wrote this scenario; they name no code."""
+    """Kinds of control laws that a script passed to the run that wrote this scenario; they name no code."""
     phases: Annotated[tuple[PhaseConfig, ...], Field(min_length=1)]
     impact: ImpactConfig = ImpactConfig()
     contact_models: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()
-    """What can happen at contacts beside the impact, each by its ``kind``; see docs/contact-models.md."""
+    """Contact models in addition to impacts, each with its ``kind``; see docs/contact-models.md."""
     log: LogConfig = LogConfig()
 
     @property
     def steps_per_tick(self) -> int:
-        """Integration steps in a control period."""
+        """Number of integration steps in a control period."""
         return round(self.control_period_s / self.time_step_s)
 
     @property
     def ticks(self) -> int:
-        """Control periods in the run."""
+        """Number of control periods in the run."""
         return round(self.duration_s / self.control_period_s)
 
 
 def timing_faults(scenario: Scenario) -> list[Fault]:
-    """What is wrong with duration, control period and time step together."""
+    """Faults of the combination of duration, control period and time step."""
     faults = []
     for key, whole, unit, unit_key in (
         ("control_period_s", scenario.control_period_s, scenario.time_step_s, "time_step_s"),
@@ -317,10 +316,10 @@ def timing_faults(scenario: Scenario) -> list[Fault]:
 
 
 def with_contact_models(scenario: Scenario) -> Scenario:
-    """The scenario with its contact models checked.
+    """The scenario with validated contact models.
 
     Raises:
-        ScenarioFaults: One of them is none.
+        ScenarioFaults: One of them is invalid.
     """
     return (
         scenario.model_copy(update={"contact_models": validated_contact_models(scenario.contact_models)})
@@ -330,5 +329,5 @@ def with_contact_models(scenario: Scenario) -> Scenario:
 
 
 def located(error: ScenarioFaults, source: YamlSource) -> InputError:
-    """The same faults with the places where they stand."""
+    """The faults as an error with their locations in the file."""
     return InputError(source.lines(error.faults))

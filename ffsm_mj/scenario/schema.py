@@ -1,6 +1,6 @@
-"""JSON Schema of scenario files, for editors: of a whole scenario, and of one that extends another.
+"""JSON Schema of scenario files for editors: of a complete scenario, and of one that extends another.
 
-What a scenario changes need not be whole: keys that are required may be missing and ``null`` takes an entry away.
+A scenario that extends another may omit required keys, and ``null`` removes an entry.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from ffsm_mj.scenario.inheritance import EXTENDS
 from ffsm_mj.scenario.scenario import Scenario
 
 _WHOLE, _CHANGES = "Scenario", "Changes"
-_NAMED_ITEMS = ("PhaseConfig", "ImpactPairConfig")  # items of a list that start from the parent's item of the same name
+_NAMED_ITEMS = ("PhaseConfig", "ImpactPairConfig")  # list items that are merged with the parent's item of the same name
 _REF = "#/$defs/"
 
 
@@ -34,30 +34,30 @@ def scenario_schema() -> dict[str, Any]:
 
 
 def _loosen(name: str, models: dict[str, Any], changes: dict[str, Any]) -> None:
-    """Add the schema of changes to a model, and to the models in it."""
+    """Add the schema of changes to a model and to the models in it."""
     if name + _CHANGES in changes:
         return
     schema = changes[name + _CHANGES] = deepcopy(models[name])
     schema["required"] = ["name"] if name in _NAMED_ITEMS and "name" in schema.get("required", ()) else []
-    if "oneOf" in schema:  # an item that names one of the parent's may leave out what this asks for
+    if "oneOf" in schema:  # an item that names one of the parent's may omit what this requires
         schema["anyOf"] = [{"required": ["name"]}, *schema.pop("oneOf")]
     for found in _loose(schema):
         _loosen(found, models, changes)
 
 
 def _loose(node: Any) -> list[str]:
-    """Turn a schema, in place, into that of changes; returns the models that it now refers to in that sense."""
+    """Convert a schema, in place, into that of changes; return the models to which it now refers in that form."""
     found = []
     if isinstance(node, list):
         return [name for item in node for name in _loose(item)]
     if not isinstance(node, dict):
         return []
     if "items" in node and node["items"].get("$ref", "").removeprefix(_REF) not in _NAMED_ITEMS:
-        return []  # a list replaces the parent's, so its items are whole
+        return []  # a list replaces the parent's, so its items are complete
     if "$ref" in node:
         found.append(node["$ref"].removeprefix(_REF))
         node["$ref"] += _CHANGES
-    if "discriminator" in node:  # without a kind, the parent's holds, and more than one member may fit
+    if "discriminator" in node:  # without a kind, the parent's applies, and more than one member may fit
         del node["discriminator"]
         node["anyOf"] = node.pop("oneOf")
     for part in (list(node.get("properties", {}).values()), node.get("items"), node.get("anyOf")):

@@ -1,4 +1,4 @@
-"""Control laws that a script hands to a run: classes of its own under kinds of its own, no package needed."""
+"""Control laws that a script passes to a run: classes by kind, without a package."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ _METHODS = ("start", "control", "telemetry")
 
 
 class NoSettings(StrictModel):
-    """What a law without a ``Config`` is configured by."""
+    """Configuration of a control law without a ``Config``."""
 
     kind: str
 
 
 def refuse_script_laws(laws: Mapping[str, Any], installed: Mapping[str, Any]) -> None:
-    """Refuse what is no control law.
+    """Refuse classes that are not control laws.
 
     Args:
         laws: Classes by kind.
-        installed: Kinds that there are without them.
+        installed: Installed kinds.
 
     Raises:
         InputError: One line per fault.
@@ -36,7 +36,7 @@ def refuse_script_laws(laws: Mapping[str, Any], installed: Mapping[str, Any]) ->
         missing = [name for name in _METHODS if not callable(getattr(law, name, None))]
         config = getattr(law, "Config", NoSettings)
         if kind in installed:
-            lines.append(f"controllers: {kind!r} is a kind that there is already; choose another name")
+            lines.append(f"controllers: {kind!r} is the name of an existing kind; choose another name")
         elif not isinstance(law, type) or missing:
             lines.append(f"controllers: {kind!r} is no class with the methods {', '.join(_METHODS)}")
         elif not isinstance(getattr(law, "telemetry_signals", None), tuple | list | property):
@@ -64,7 +64,7 @@ def config_of(law: Any, kind: str) -> type[StrictModel]:
 
 
 def model_with(scenario: type[Model], phase: type[StrictModel], configs: tuple[Any, ...]) -> type[Model]:
-    """The model of a scenario whose phases may ask for laws of these configurations."""
+    """Scenario model whose phases accept laws with these configurations."""
     union: Any = Union.__getitem__(configs)
     choice: Any = Annotated[union, Field(discriminator="kind")]
     phases: Any = create_model(phase.__name__, __base__=phase, controller=(choice, ...))
@@ -73,7 +73,7 @@ def model_with(scenario: type[Model], phase: type[StrictModel], configs: tuple[A
 
 
 def as_phases(given: tuple[Any, ...], phase: type[Phase], laws: Mapping[str, Any]) -> tuple[Phase, ...]:
-    """The same phases as instances of a class that can be imported, so that they can be pickled."""
+    """The phases as instances of an importable class, so that they can be pickled."""
     found = []
     for each in given:
         controller = each.controller

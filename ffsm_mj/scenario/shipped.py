@@ -1,4 +1,4 @@
-"""Where the models and scenarios that come with ffsm-mj lie, in a checkout and in an installed wheel."""
+"""Paths of the models and scenarios that ship with ffsm-mj, in a checkout and in an installed wheel."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _OTHERS = {
 
 
 def scenarios_dir() -> Path:
-    """Folder of the shipped scenarios; the models lie beside it in ``mjcf/``, so relative paths hold in both layouts."""
+    """Folder of the shipped scenarios; models are in ``mjcf/`` beside it, so relative paths are valid in both layouts."""
     inside_wheel = _PACKAGE / "scenarios"
     return inside_wheel if inside_wheel.is_dir() else _PACKAGE.parent / "scenarios"
 

@@ -1,4 +1,4 @@
-"""A scenario file as plain data that knows where each key stands; overrides merged in. YAML ends here."""
+"""Data of a scenario file with the location of each key, and overrides applied. No other module handles YAML."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _POSITION = re.compile(r"[0-9]{1,9}")
 
 @dataclass
 class YamlSource:
-    """Data of a scenario and where it came from.
+    """Data of a scenario and its origin.
 
     Attributes:
-        path: The file as the user named it.
-        data: Plain dicts, lists and scalars: the file's own, what it inherits, the overrides.
+        path: The file as given by the user.
+        data: Plain dicts, lists and scalars: of the file, of the scenarios it extends, and of overrides.
     """
 
     path: Path
@@ -36,7 +36,7 @@ class YamlSource:
     _overrides: dict[KeyPath, str] = field(default_factory=dict)
 
     def line(self, fault: Fault) -> str:
-        """``file:line:col: path.to.key: what is wrong``; the override in place of the file where one is to blame."""
+        """``file:line:col: path.to.key: what is wrong``; for a key of an override, the override in place of the file."""
         name = ".".join(str(part) for part in fault.path)
         label = f"{name}: " if name else ""
         for path, text in self._overrides.items():
@@ -50,16 +50,16 @@ class YamlSource:
         return [self.line(fault) for fault in sorted(faults, key=lambda fault: self._root.find(fault.path).place)]
 
     def folder(self, path: KeyPath) -> Path:
-        """Folder of the file that states a key; an override states it as the file that the user named."""
+        """Folder of the file that sets a key; keys of an override belong to the file given by the user."""
         if any(path[: len(override)] == override for override in self._overrides):
             return self.path.parent
         return self._root.find(path).place.path.parent
 
     def overridden(self, overrides: Sequence[str]) -> YamlSource:
-        """The same data with further ``key.to.value=yaml`` overrides; nothing is read again.
+        """Source with further ``key.to.value=yaml`` overrides, without reading files again.
 
         Raises:
-            InputError: An override has no place in it.
+            InputError: An override does not match the data.
         """
         source = YamlSource(self.path, deepcopy(self.data), self._root, dict(self._overrides))
         for override in overrides:
@@ -70,7 +70,7 @@ class YamlSource:
 def read_yaml(path: Path, overrides: Sequence[str] = ()) -> YamlSource:
     """Read a scenario with what it extends, and apply ``key.to.value=yaml`` overrides.
 
-    An item of a list is meant by its position, a number, or by its name (a phase, an impact pair).
+    A list item is addressed by its position or by its name (a phase, an impact pair).
 
     Raises:
         InputError: A file cannot be read or parsed, is no mapping, or an override has no place in it.
@@ -79,12 +79,12 @@ def read_yaml(path: Path, overrides: Sequence[str] = ()) -> YamlSource:
 
 
 def source_of(root: Node, path: Path) -> YamlSource:
-    """The data of a tree that was read from a file."""
+    """Source of a tree that was read from a file."""
     return YamlSource(path, root.plain(), root)
 
 
 def write_yaml(data: Any) -> str:
-    """YAML text of plain data, keys in their order."""
+    """YAML text of plain data; the order of keys is kept."""
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = None
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
@@ -104,7 +104,7 @@ def _apply(source: YamlSource, override: str) -> None:
         raise InputError(f"-s {override}: in the value: {fault.problem}") from fault
     parts = key.strip().split(".")
     if len(parts) > MAX_DEPTH:
-        raise InputError(f"-s {override}: a key of {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
+        raise InputError(f"-s {override}: the key has {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
     path: tuple[str | int, ...] = ()
     node, done = source.data, 0
     while done < len(parts):
@@ -118,20 +118,20 @@ def _apply(source: YamlSource, override: str) -> None:
 
 
 def _step(node: Any, parts: Sequence[str], done: int, override: str) -> tuple[str | int, int]:
-    """The next key or list position on an override's way, and how many of its parts that takes.
+    """Next key or list position along the path of an override, and the number of its parts that it consumes.
 
     Raises:
-        InputError: There is no such place.
+        InputError: There is no such key or position.
     """
     where = ".".join(parts[:done])
     if isinstance(node, dict):
         return parts[done], 1
     if not isinstance(node, list):
-        raise InputError(f"-s {override}: {where} is a single value and has no {parts[done]!r}")
+        raise InputError(f"-s {override}: {where} is a scalar and has no {parts[done]!r}")
     if _POSITION.fullmatch(parts[done]) and int(parts[done]) < len(node):
         return int(parts[done]), 1
     names = [element_name(element) for element in node]
-    # A name may have dots in it: the longest that fits is meant.
+    # A name may contain dots: the longest match wins.
     for used in range(len(parts) - done, 0, -1):
         name = ".".join(parts[done : done + used])
         if name in names:

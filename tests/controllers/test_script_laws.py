@@ -74,7 +74,7 @@ def test_a_law_without_settings_runs_and_is_told(tmp_path, capfd):
     assert main(["run", str(out), "--no-rerun", "--out", str(tmp_path / "again")]) == 2
     (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith(str(out / "scenario.yaml"))
-    assert "phases.0.controller.kind: the control law of kind 'mine' came from a script" in line
+    assert "phases.0.controller.kind: the control law of kind 'mine' was passed by a script" in line
     assert main(["analyze", str(out)]) == 0
 
 
@@ -135,7 +135,7 @@ def test_laws_that_are_not_asked_for_leave_no_trace(tmp_path):
 @pytest.mark.parametrize(
     ("laws", "fault"),
     [
-        ({"pd": Damp}, "controllers: 'pd' is a kind that there is already"),
+        ({"pd": Damp}, "controllers: 'pd' is the name of an existing kind"),
         ({"mine": "Damp"}, "controllers: 'mine' is no class with the methods"),
         ({"mine": object}, "controllers: 'mine' is no class with the methods start, control, telemetry"),
         ({"mine": Tuned}, r"controllers: the Config of 'mine' needs the field kind: Literal\['mine'\]"),

@@ -177,5 +177,5 @@ def test_the_words_of_every_summary_and_table_are_no_plural(plain_run):
     """Or a kind could take the place of what every run tells."""
     words = {*plain_run.summary(), "samples", "checks"} - {kind.plural for kind in kinds()}
     for word in words:
-        with pytest.raises(ValueError, match="every log has something else"):
+        with pytest.raises(ValueError, match="the name is reserved"):
             register(replace(GRIP, name=f"{word}_of_mine", plural=word, record=Mark))

@@ -53,7 +53,7 @@ def limited(*arguments: str) -> tuple[int, str, float]:
         ("duration_s=4e5", "duration_s: 400000000 control periods of "),
         ("duration_s=1e300", "duration_s: is 1e+303 times control_period_s"),
         ("time_step_s=1e-300", "control_period_s: is 1e+297 times time_step_s"),
-        ("duration_s=30000", "log.view_rate_hz: makes 1.5e+06 frames for viewers; at most 1e+06"),
+        ("duration_s=30000", "log.view_rate_hz: gives 1.5e+06 frames for viewers; at most 1e+06"),
         ("log.max_size_GB=1e-6", "duration_s: 1000 control periods"),
     ],
 )

@@ -46,7 +46,7 @@ def test_a_kind_is_found_by_its_record_and_by_its_name():
     assert replace(KIND, name="long_push").schema == "ffsm.LongPush"
     assert kinds() == kinds_of(["push"]) == (KIND,)
     assert kinds_of(()) == ()
-    with pytest.raises(TypeError, match="float is no kind of record; there are push"):
+    with pytest.raises(TypeError, match="float is not a kind of record; there are push"):
         kind_of(1.0)
     with pytest.raises(KeyError, match="unknown kind of record 'pish'"):
         kinds_of(["pish"])
@@ -75,10 +75,10 @@ class Plain:
         ({"when": "now and then"}, "is push already"),
         ({"name": "shove", "plural": "shoves"}, "is push already"),
         ({"name": "shove", "record": Plain}, "is push already"),
-        ({"name": "sample", "plural": "pulls", "record": Plain}, "every log has something else"),
-        ({"name": "pull", "plural": "tip", "record": Plain}, "every log has something else"),
-        ({"name": "pull", "plural": "pulls", "record": Plain}, "Plain is no dataclass"),
-        ({"name": "pull", "plural": "pulls", "record": Pull}, "no log holds a tuple"),
+        ({"name": "sample", "plural": "pulls", "record": Plain}, "the name is reserved"),
+        ({"name": "pull", "plural": "tip", "record": Plain}, "the name is reserved"),
+        ({"name": "pull", "plural": "pulls", "record": Plain}, "Plain is not a dataclass"),
+        ({"name": "pull", "plural": "pulls", "record": Pull}, "a log cannot hold a tuple"),
     ],
 )
 def test_what_another_kind_or_every_log_has_is_refused(changed, words):

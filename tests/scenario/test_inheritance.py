@@ -141,7 +141,7 @@ def test_models_lie_beside_the_file_that_states_them(folder):
         ("./parent", "extends: no such scenario file: {folder}/parent"),
         ("basline", "extends: unknown shipped scenario 'basline' (did you mean 'baseline'?); allowed: baseline, "),
         ("3", "extends: should be a scenario file, relative to this one, or the name of a shipped scenario"),
-        ("child.yaml", "extends: goes round in a circle: child.yaml -> child.yaml"),
+        ("child.yaml", "extends: is circular: child.yaml -> child.yaml"),
     ],
 )
 def test_parents_that_are_not_there(folder, extends, expected):
@@ -152,12 +152,15 @@ def test_parents_that_are_not_there(folder, extends, expected):
 def test_circles_and_towers(folder):
     (folder / "other.yaml").write_text("extends: child.yaml\nname: other\n")
     (line,) = faults(child(folder, "", "other.yaml"))
-    assert line == f"{folder}/other.yaml:1:1: extends: goes round in a circle: child.yaml -> other.yaml -> child.yaml"
+    assert line == f"{folder}/other.yaml:1:1: extends: is circular: child.yaml -> other.yaml -> child.yaml"
     for i in range(MAX_DEPTH + 1):
         (folder / f"{i}.yaml").write_text(f"extends: {f'{i - 1}.yaml' if i else 'parent/parent.yaml'}\nname: n{i}\n")
     load_scenario(folder / f"{MAX_DEPTH - 2}.yaml")
     (line,) = faults(folder / f"{MAX_DEPTH - 1}.yaml")
-    assert line == f"{folder}/0.yaml:1:1: extends: at most {MAX_DEPTH} scenarios may build on one another, this is one more"
+    assert (
+        line
+        == f"{folder}/0.yaml:1:1: extends: more than {MAX_DEPTH} scenarios extend one another; allowed: at most {MAX_DEPTH}"
+    )
 
 
 def test_a_parent_that_is_no_yaml_is_named(folder):

@@ -113,7 +113,7 @@ def faults(*overrides, path=BASELINE):
         ("impact.max_impacts=" + "1" * 5000, "a number of 5000 digits; at most 300 are read"),
         ("duration_s=1e300", "is 1e+303 times control_period_s (0.001 s); at most 5e+08 times"),
         ("time_step_s=5e-324", "control_period_s: is inf times time_step_s (4.94066e-324 s)"),
-        (".".join("a" * 40) + "=1", "a key of 40 parts; a scenario is at most 32 deep"),
+        (".".join("a" * 40) + "=1", "the key has 40 parts; a scenario is at most 32 deep"),
         (r'name="\UFFFFFFFF"', "in the value: malformed YAML"),
     ],
 )

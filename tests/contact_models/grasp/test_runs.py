@@ -365,7 +365,9 @@ def test_a_second_grasp_is_refused_by_name(tmp_path):
     with pytest.raises(InputError) as error:
         ffsm_mj.prepare(grasping(tmp_path / "read", captures=captures, phases=[meet, again]))
     (line,) = error.value.lines
-    assert ": phases.1.arm.0: 'two' cannot take hold while 'one' holds, since the end of phase 'meet': one grasp" in line
+    assert (
+        ": phases.1.arm.0: 'two' cannot close while 'one' is closed, since the end of phase 'meet': only one grasp" in line
+    )
     # Where the phases do not show it the run ends there: the first may end by its time, or both are armed at once.
     for k, (phases, does) in enumerate(
         (
@@ -454,7 +456,7 @@ def test_a_phase_that_waits_for_a_capture_arms_one_or_a_law_may_have(tmp_path):
         start = control = telemetry = lambda *_: ()
 
     wait = {"name": "wait", "until": "capture", "controller": OFF}
-    with pytest.raises(InputError, match=r"phases\.0\.until: nothing is armed, .*; write 'arm: \[grasp\]'"):
+    with pytest.raises(InputError, match=r"phases\.0\.until: no grasp is armed, .*; write 'arm: \[grasp\]'"):
         ffsm_mj.prepare(grasping(tmp_path / "none", phases=[wait]))
     asked = {"name": "ask", "for_s": 0.1, "controller": {"kind": "arms"}}
     ffsm_mj.prepare(grasping(tmp_path / "asked", phases=[asked, wait]), controllers={"arms": Arms})
@@ -504,7 +506,7 @@ def test_check_says_which_capture_no_phase_arms(tmp_path, capfd):
     path = grasping(tmp_path / "scene", captures=captures)
     assert main(["check", str(path)]) == 0
     told = [line for line in capfd.readouterr().out.splitlines() if "arms" in line]
-    assert told == ["note: no phase arms the capture 'spare', so it never takes hold; write 'arm: [spare]' in a phase"]
+    assert told == ["note: no phase arms the capture 'spare', so it never closes; write 'arm: [spare]' in a phase"]
     asked = {"name": "ask", "until": "end", "controller": {"kind": "arms"}}
     lines = ffsm_mj.prepare(grasping(tmp_path / "asked", phases=[asked]), controllers={"arms": Arms}).describe()
     assert any("'grasp', so it never takes hold unless the control law of phase 'ask' asks for it" in line for line in lines)

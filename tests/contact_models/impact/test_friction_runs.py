@@ -466,7 +466,7 @@ def test_laws_that_would_gain_energy_are_refused_as_they_are_read(tmp_path):
     assert prepare(path, ["impact_pairs.0.mu=0"])
     (line,) = refused(off_centre(tmp_path, e=1.2), "impact_pairs.0.super_elastic=true")
     assert "restitution above 1" in line
-    assert "let mu be 0" in line
+    assert "set mu to 0" in line
 
 
 def test_check_tells_mu_and_where_the_run_would_end(tmp_path):
