@@ -16,11 +16,13 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.impact import installed_laws
+from ffsm_mj.contact_models.impact.builtin_laws import Blend
 from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.impact import Contact, Coverage, ImpactLaw, ImpactSolution, register_law, resolve
 from ffsm_mj.replay import replay_log
 from ffsm_mj.scenario.schema import scenario_schema
 from ffsm_mj.verification.checks import Check
+from tests.contact_models.impact.test_friction_runs import flat, good, off_centre
 from tests.scenes import box, scene, two_balls
 
 DOC = Path(__file__).parents[3] / "docs" / "impact-laws.md"
@@ -80,6 +82,25 @@ def test_a_law_that_breaks_its_own_check_fails_it(tmp_path):
     check = restitution(run.checks())
     assert not check.passes
     assert check.residual == pytest.approx(0.8)
+
+
+@pytest.mark.usefixtures("registry")
+@pytest.mark.parametrize(("make", "mu"), [(off_centre, 0.3), (flat, 0.3), (flat, 0.0)])
+def test_a_law_for_friction_and_several_contacts_is_recorded_and_verified(tmp_path, make, mu):
+    class Renamed(ImpactLaw):
+        """What ``blend`` answers, under its own name."""
+
+        name = "renamed"
+        covers = Coverage(friction=True)
+
+        def solve(self, problem):
+            return replace(Blend().solve(problem), rule="")
+
+    register_law(Renamed())
+    run = good(ffsm_mj.run(make(tmp_path, mu=mu, impact={"law": "renamed"})))
+    assert {impact.law for impact in run.impacts} == {"renamed"}
+    other = good(ffsm_mj.run(make(tmp_path, mu=mu)))
+    np.testing.assert_array_equal(run.qvel, other.qvel)
 
 
 @pytest.mark.usefixtures("yielding")
