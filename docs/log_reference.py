@@ -17,10 +17,10 @@ from ffsm_mj.records.signals import GROUPS, unit_of
 
 HEAD = """# Log reference
 
-Made from the code by `uv run python docs/log_reference.py`; a test compares the two.
+Generated from the code by `uv run python docs/log_reference.py`; a test verifies that it is current.
 
-Every topic of `run.mcap` is protobuf, its schema stands in the file. `log_time` and `publish_time` are simulation time in
-ns. Vectors are in world axes, angular momentum is about the world origin, quaternions of `ffsm.*` are wxyz as in MuJoCo,
+Every topic of `run.mcap` is protobuf; the file contains the schemas. `log_time` and `publish_time` are simulation time in
+ns. Vectors are in world axes, angular momentum is about the world origin. Quaternions of `ffsm.*` are wxyz as in MuJoCo,
 those of `foxglove.*` xyzw. Names end in their unit.
 """
 
@@ -29,8 +29,8 @@ def viewer_topics() -> dict[str, tuple[str, str]]:
     """When there is a message on a topic for viewers, and what it holds, in the order of the file."""
     about = {
         viewer.TRANSFORMS_TOPIC: (
-            "`log.view_rate_hz`, 50 Hz unless the scenario says otherwise",
-            "pose of every body in the frame `world`; frames are named as the bodies, `robot/base`",
+            "at `log.view_rate_hz`, 50 Hz by default",
+            "pose of every body in the frame `world`; frames have the names of the bodies, such as `robot/base`",
         ),
         viewer.SCENE_TOPIC: (
             "once, with the first frame",
@@ -38,36 +38,36 @@ def viewer_topics() -> dict[str, tuple[str, str]]:
             "a cross at the task's target",
         ),
         viewer.FORCES_TOPIC: (
-            "at every frame while a contact presses, and at the one after",
-            "an arrow for every pair that presses, along the force on its second geom and up to the centre of pressure; "
+            "at every frame with a loaded contact, and at the next one",
+            "an arrow for every loaded pair, along the force on its second geom and ending at the centre of pressure; "
             "1 m is 1 N between 0.3 and 1.5 m; each message replaces all earlier ones",
         ),
         viewer.PLUMES_TOPIC: (
-            "when the set of firing thrusters changes, looked at once per frame",
-            "a cone at every site thruster that fires; each message replaces all earlier ones",
+            "when the set of firing thrusters changes, evaluated once per frame",
+            "a cone at every firing site thruster; each message replaces all earlier ones",
         ),
-        viewer.LOG_TOPIC: ("at every event", "every record, and the outcome, in words; `name` is `ffsm`"),
+        viewer.LOG_TOPIC: ("at every event", "every record, and the outcome, as text; `name` is `ffsm`"),
     }
     for kind in kinds():
-        drawn = f"what `{kind.topic}` tells, as arrows with a text for {SHOWN_S:g} s; 1 m is 1 unit between 0.3 and 1.5 m"
+        drawn = f"the content of `{kind.topic}` as arrows with a text for {SHOWN_S:g} s; 1 m is 1 unit between 0.3 and 1.5 m"
         about[marks_topic(kind)] = (f"with `{kind.topic}`", drawn)
     about[f"{viewer.OUTLINE_TOPIC}/<body>"] = (
         "once, with the first frame",
-        "the edges of the body's geoms as coloured points in its frame, for Rerun, which draws no scene updates",
+        "the edges of the body's geoms as coloured points in its frame, for Rerun, which does not draw scene updates",
     )
     return {topic: about[topic] for topic in (*viewer.viewer_topics(kinds()), f"{viewer.OUTLINE_TOPIC}/<body>")}
 
 
-CONTENT = f"""## Beside the messages
+CONTENT = f"""## Attachments and metadata
 
 | record | name | content |
 |---|---|---|
-| attachment | `{form.SCENARIO_ATTACHMENT}` | the resolved scenario; with the models it runs again |
+| attachment | `{form.SCENARIO_ATTACHMENT}` | the resolved scenario; it can be run with the attached models |
 | attachment | `mjcf/<robot or object>/...` | every model file |
 | metadata | `{form.FACTS_METADATA}` | versions, start of the run (UTC), task, phases, whether the models are conservative |
 | metadata | `{form.SIGNALS_METADATA}` | `unit \\| description` of every field of `{form.SAMPLE_TOPIC}` |
 
-The facts stand once more in the metadata of the channel `{form.SAMPLE_TOPIC}`, under a checksum.
+The metadata of the channel `{form.SAMPLE_TOPIC}` contain the record `{form.FACTS_METADATA}` again, protected by a checksum.
 """
 
 
@@ -80,12 +80,13 @@ def reference() -> Iterator[str]:
     yield f"## {form.SAMPLE_TOPIC}\n"
     yield f"`{form.SAMPLE_SCHEMA}`, one per control tick: a message per group, every field a double and always present.\n"
     yield (
-        "Here for `baseline`; other models have their own joints, actuators and controllers in the same places, and with\n"
-        "fixed bodies six columns each of `balance.fixed_on_robot_...` and `balance.fixed_on_objects_...`: their impulses.\n"
-        "With gravity three of `balance.total_gravity_work_J` and so on, six each of `balance.gravity_on_robot_...` and\n"
-        "`balance.gravity_on_objects_...`: its work and its impulses, which the residuals take off as well.\n"
-        "With impact pairs that have `mu` above 0 `balance.friction_heat_J`: the kinetic energy lost in impacts with\n"
-        "friction, less what the work of their normal impulses took.\n"
+        "The fields of `baseline`. Other models have their own joints, actuators and controllers in the same groups.\n"
+        "Scenarios with fixed bodies have six columns each of `balance.fixed_on_robot_...` and\n"
+        "`balance.fixed_on_objects_...`, their impulses. With gravity there are three columns\n"
+        "`balance.total_gravity_work_J` and so on, and six each of `balance.gravity_on_robot_...` and\n"
+        "`balance.gravity_on_objects_...`: its work and its impulses, which the residuals subtract. With impact pairs that\n"
+        "have `mu` above 0 there is `balance.friction_heat_J`: the kinetic energy lost in impacts with friction, minus the\n"
+        "work of their normal impulses.\n"
     )
     for group, fields_of_group in samples().items():
         yield f"### {group}: {GROUPS[group]}\n"

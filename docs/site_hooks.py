@@ -12,7 +12,7 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).parent.parent
 API = {
     "Runs": (
-        "`ffsm_mj.run`, `load_run`, `prepare`, `compare` and what they give.",
+        "`ffsm_mj.run`, `load_run`, `prepare`, `compare` and their results.",
         *("ffsm_mj.assembly.prepare.run", "ffsm_mj.report.run.load_run", "ffsm_mj.report.run.Run"),
         *("ffsm_mj.assembly.prepare.prepare", "ffsm_mj.assembly.prepare.PreparedRun", "ffsm_mj.analysis.run.compare"),
     ),
@@ -21,12 +21,12 @@ API = {
         *("ffsm_mj.campaign.campaign.Campaign", "ffsm_mj.campaign.sweep.sweep"),
     ),
     "Impacts": ("`ffsm_mj.contact_models.impact`, usable alone on any MuJoCo model.", "ffsm_mj.contact_models.impact"),
-    "Control laws": ("What a control law sees and returns.", "ffsm_mj.controller_protocol"),
-    "Contact models": ("What can happen at a contact.", "ffsm_mj.contact_models.interface"),
-    "Records": ("What happens once in a run.", "ffsm_mj.records.events", "ffsm_mj.records.kinds"),
-    "Recount": ("A run recomputed from its states.", "ffsm_mj.replay"),
+    "Control laws": ("The interface of control laws.", "ffsm_mj.controller_protocol"),
+    "Contact models": ("The interface of contact models.", "ffsm_mj.contact_models.interface"),
+    "Records": ("Records of events.", "ffsm_mj.records.events", "ffsm_mj.records.kinds"),
+    "Log replay": ("Recompute a run from the states in its log.", "ffsm_mj.replay"),
     "pytest": ("Fixtures and assertions for tests on logged data.", "ffsm_mj.pytest_plugin"),
-    "Errors": ("What can be raised.", "ffsm_mj.errors"),
+    "Errors": ("Exceptions.", "ffsm_mj.errors"),
 }
 """Title of each page, what it begins with, and the names that it documents."""
 _ROLE = re.compile(r":(?:mod|class|func|meth|attr):<code>~?([^<]*)</code>")
