@@ -1,1 +1,1 @@
-"""Smooth motion: steps of free flight, and a step as a path."""
+"""Smooth dynamics: free and forced integration steps, steps as paths, and rigid-body quantities."""

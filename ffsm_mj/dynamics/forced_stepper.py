@@ -1,7 +1,7 @@
-"""Steps under forces that depend on the state: they are asked for in each stage of a Runge-Kutta step of order four.
+"""Runge-Kutta steps of order four under state-dependent forces, which are evaluated in each stage.
 
-MuJoCo would call back in each stage too, but for the whole process; here nothing outside the run knows of it. Rotations are
-integrated in the chart of their rotation vector since the start of the step (Munthe-Kaas), which keeps the order.
+MuJoCo's callbacks would be evaluated in each stage too, but are global to the process. Rotations are integrated as the
+rotation vector since the start of the step (Runge-Kutta-Munthe-Kaas), which keeps the order on the rotation group.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ Push = Callable[[Any], None]
 """Adds generalised forces to ``data.qfrc_applied``; positions and velocities in ``data`` are current."""
 
 WEIGHTS = np.array((1.0, 2.0, 2.0, 1.0)) / 6.0
-"""Of the stages of a step."""
+"""Quadrature weights of the four stages."""
 _AFTER_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 
 class ForcedStepper(FreeStepper):
-    """Flight under pushes."""
+    """Integrates steps under state-dependent applied forces."""
 
     def __init__(
         self,
@@ -41,27 +41,27 @@ class ForcedStepper(FreeStepper):
         Args:
             model: MuJoCo model.
             data: Its data.
-            state: Where the state at the start of each step is kept.
-            momentum: Where M qdot is kept, (nv,).
-            pushes: Asked in every stage, in this order.
-            follow: Called before them: lets others follow the state of the stage.
+            state: Array for the state at the start of each step.
+            momentum: Array for M qdot, (nv,).
+            pushes: Applied forces, evaluated in every stage in this order.
+            follow: Called before them: transfers the stage's state to the logged system.
         """
         super().__init__(model, data, state, momentum)
         self._pushes, self._follow, self._rotations = tuple(pushes), follow, rotation_dofs(model)
         self._qpos, self._accelerations, self._applied = data.qpos, data.qacc, data.qfrc_applied
         self._start_qpos, self._start_qvel = np.empty(model.nq), np.empty(model.nv)
-        # Of each stage the rates of the chart and the accelerations.
+        # For each stage, the rates of the rotation vectors (and other coordinates) and the accelerations.
         self._slopes = np.empty((4, 2, model.nv))
         self._flat_slopes = self._slopes.reshape(4, -1)
 
     def refresh(self) -> None:
-        """Bring forces and all derived quantities up to the state in ``data``."""
+        """Update forces and all derived quantities for the state in ``data``."""
         mujoco.mj_fwdPosition(self._model, self._data)
         mujoco.mj_fwdVelocity(self._model, self._data)
-        self._force()
+        self._update_forces()
 
-    def _force(self) -> None:
-        """The same where positions and velocities are current: efforts may have changed."""
+    def _update_forces(self) -> None:
+        """The same if positions and velocities are current and only efforts may have changed."""
         self._follow()
         self._applied.fill(0.0)
         for push in self._pushes:
@@ -69,12 +69,12 @@ class ForcedStepper(FreeStepper):
         mujoco.mj_forwardSkip(self._model, self._data, _AFTER_VELOCITIES, 1)
 
     def integrate(self, duration_s: float) -> None:
-        """Move on by a time, forces and derived quantities current at its end."""
+        """Integrate for a time; forces and derived quantities are current at its end."""
         self.refresh()
-        self._move(duration_s)
+        self._integrate_step(duration_s)
 
-    def _move(self, duration_s: float) -> None:
-        """The same from where they are current."""
+    def _integrate_step(self, duration_s: float) -> None:
+        """The same if forces are current at the start (classical RK4 tableau)."""
         data, h = self._data, duration_s
         start_s = data.time
         self._start_qpos[:], self._start_qvel[:] = self._qpos, self._rates
@@ -83,35 +83,38 @@ class ForcedStepper(FreeStepper):
         self._stage(0.5 * h, first, second)
         self._stage(0.5 * h, second, third)
         self._stage(h, third, last)
-        self._go(h, WEIGHTS.dot(self._flat_slopes).reshape(2, -1))
+        self._set_stage_state(h, WEIGHTS.dot(self._flat_slopes).reshape(2, -1))
         data.time = start_s + h
         self.refresh()
 
     def step(self, duration_s: float) -> bool:
-        """Integrate for a time; says whether nothing that is watched can have happened."""
+        """Integrate for a time; returns whether the motion bound excludes any event."""
         mujoco.mj_getState(self._model, self._data, self._state, WHOLE_STATE)
-        self._force()
-        self._move(duration_s)
+        self._update_forces()
+        self._integrate_step(duration_s)
         return self.account(duration_s)
 
-    def _go(self, after_s: float, slope: FloatArray) -> None:
-        """To where rates of the chart and accelerations, (2, nv), lead in a time from the start of the step."""
+    def _set_stage_state(self, after_s: float, slope: FloatArray) -> None:
+        """Set the state reached from the start of the step with constant rates and accelerations, (2, nv)."""
         self._qpos[:] = self._start_qpos
         mujoco.mj_integratePos(self._model, self._qpos, slope[0], after_s)
         self._rates[:] = self._start_qvel + after_s * slope[1]
 
     def _stage(self, after_s: float, slope: FloatArray, found: FloatArray) -> None:
-        """Rates of the chart and accelerations where given ones lead in a time, (2, nv) each."""
-        self._go(after_s, slope)
+        """Evaluate one stage: rates and accelerations at the state that given ones lead to, (2, nv) each."""
+        self._set_stage_state(after_s, slope)
         self.refresh()
         turned, rates = (after_s * slope[0]).tolist(), self._rates.tolist()
         for part in self._rotations:
-            rates[part] = _rate_of_chart(turned[part], rates[part])
+            rates[part] = _rotation_vector_rate(turned[part], rates[part])
         found[0], found[1] = rates, self._accelerations
 
 
-def _rate_of_chart(turned: list[float], spin: list[float]) -> tuple[float, float, float]:
-    """Rate of the rotation vector at a spin in body axes: spin + t x spin / 2 + t x (t x spin) / 12, in plain floats."""
+def _rotation_vector_rate(turned: list[float], spin: list[float]) -> tuple[float, float, float]:
+    """Rate of the rotation vector t for a body-frame angular velocity w: w + t x w / 2 + t x (t x w) / 12.
+
+    The inverse of the exponential map's differential, truncated after second order: enough for a method of order four.
+    """
     a, b, c = turned
     x, y, z = spin
     u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
@@ -124,6 +127,6 @@ def _rate_of_chart(turned: list[float], spin: list[float]) -> tuple[float, float
 
 
 def clear_applied_forces(model: Any, data: Any) -> None:
-    """Take all pushes away; derived quantities follow."""
+    """Remove all applied forces, and update derived quantities."""
     data.qfrc_applied.fill(0.0)
     mujoco.mj_forward(model, data)

@@ -1,4 +1,4 @@
-"""What moves: a model and its data, step by step, or along the path of the last step."""
+"""Motion: integration of a model, step by step or along the path of the last step."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from ffsm_mj.model.system import Tree
 
 
 class Motion:
-    """Steps of a model, free or pushed by forces that depend on its state.
+    """Integrates a model, free or under applied forces that depend on its state.
 
     Attributes:
         model: MuJoCo model, with RK4.
         data: Its data.
         momentum: Generalised momentum M qdot at the state in ``data``, (nv,).
-        room: For whoever asks for Jacobians of it, four of (3, nv).
-        path: The last step.
-        flight: Makes the steps and keeps account of their length.
-        bodies: Id in this model of each body of the system that it stands for.
-        pushes: Forces besides the efforts that act in its stages and depend on the state alone.
-        grasp: Name of the grasp that holds an object while it moves; empty where it is the system itself.
-        carried: The object that it holds, as the system has it; None where it holds none.
-        rigid: Pairs of the system's geoms that cannot move against each other in it, though they can in the system.
+        jacobian_buffers: Work arrays for Jacobians, four of (3, nv).
+        path: The last step as a path.
+        flight: Stepper in use; it accumulates the motion bound.
+        bodies: Id in this model of each body of the logged system.
+        pushes: Applied forces in its stages that depend on the state alone.
+        grasp: Name of the closed grasp; empty for the motion of the logged system itself.
+        carried: The grasped object, as a tree of the logged system; None if there is none.
+        rigid: Pairs of the system's geoms that are on one rigid body in this model, but not in the logged system.
     """
 
     grasp = ""
@@ -38,7 +38,7 @@ class Motion:
     rigid: frozenset[frozenset[int]] = frozenset()
 
     def __init__(self, model: Any, data: Any) -> None:
-        """Begin at the state in ``data`` (all derived quantities current)."""
+        """Start at the state in ``data`` (all derived quantities current)."""
         self.model, self.data = model, data
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
         self.jacobian_buffers = tuple(np.empty((4, 3, model.nv)))
@@ -49,15 +49,15 @@ class Motion:
 
     @property
     def carried_bodies(self) -> frozenset[int]:
-        """Bodies of the system that are parts of the robot in it, though they are an object's."""
+        """Bodies of the grasped object in the logged system; they count as parts of the robot."""
         return frozenset(self.carried.bodies) if self.carried is not None else frozenset()
 
     def push_with(self, pushes: Sequence[Push], answers: Sequence[Push] = ()) -> None:
-        """Let forces act in every stage of the coming steps, and no others; derived quantities follow.
+        """Set the applied forces of the coming steps, and update derived quantities.
 
         Args:
-            pushes: Those that depend on the state alone.
-            answers: Those that answer all others, asked after them.
+            pushes: Forces that depend on the state alone.
+            answers: Reactive forces, which depend on all others and are evaluated after them.
         """
         self.pushes = tuple(pushes)
         if every := (*pushes, *answers):
@@ -69,19 +69,19 @@ class Motion:
             clear_applied_forces(self.model, self.data)
 
     def follow(self) -> None:
-        """Bring what this stands for to the state in ``data``, positions and velocities: nothing where it is that itself."""
+        """Transfer positions and velocities to the logged system; no effect for the motion of that system itself."""
 
     def sync_from_system(self) -> None:
-        """Go on from the state of what this stands for, derived quantities current: nothing where it is that itself."""
+        """Start from the state of the logged system; no effect for the motion of that system itself."""
 
     def go_to(self, qpos: FloatArray, qvel: FloatArray) -> None:
-        """Be at another state, derived quantities current; what this stands for follows."""
+        """Set another state and update derived quantities; the logged system follows."""
         self.data.qpos[:], self.data.qvel[:] = qpos, qvel
         mujoco.mj_forward(self.model, self.data)
         self.path.on_event_located()
 
     def step(self, duration_s: float) -> bool:
-        """Integrate for a time, refresh derived quantities; says whether nothing that is watched can have happened."""
+        """Integrate for a time and update derived quantities; returns whether the motion bound excludes any event."""
         if duration_s == self._usual_s:
             return self.flight.step(duration_s)
         with time_step(self.model, duration_s):

@@ -71,7 +71,7 @@ def base_jacobian(model: Any, data: Any, tree: Tree) -> FloatArray:
 def base_wrench(jacobian: FloatArray, generalized: FloatArray) -> FloatArray:
     """Wrench (or momentum) about the world origin that has the given generalised components on the base dofs.
 
-    The components that the base joints do not leave free are zero: they are borne by the joints.
+    Components that the base joints do not leave free are zero: the joints carry them.
 
     Args:
         jacobian: From :func:`base_jacobian`.
@@ -83,12 +83,12 @@ def base_wrench(jacobian: FloatArray, generalized: FloatArray) -> FloatArray:
 class BaseMomentum:
     """Momentum of a tree (P, L about the origin) from the base rows of M qdot, paper (8)-(9), for many states at once.
 
-    Where the base joints' twists are orthonormal at the base frame's origin (a free joint; slides and hinges along
-    orthogonal axes through it) their transpose inverts them; other bases take :func:`base_wrench`.
+    If the twists of the base joints are orthonormal at the base frame's origin (a free joint; slides and hinges along
+    orthogonal axes through it), their transpose is their inverse; other bases use :func:`base_wrench`.
     """
 
     def __init__(self, system: System, tree: Tree) -> None:
-        """Look whether the base is of the simple kind, in a few configurations."""
+        """Check in a few configurations whether the twists of the base joints are orthonormal."""
         self._base = tree.base_dofs
         model = system.mj
         jacp, jacr = np.empty((3, model.nv)), np.empty((3, model.nv))
@@ -119,7 +119,7 @@ class BaseMomentum:
 
 
 def _general_configurations(model: Any) -> Iterator[Any]:
-    """Data at a few configurations that nothing singles out, kinematics current."""
+    """Data at a few pseudo-random configurations, kinematics current; the same ones in every process."""
     data = mujoco.MjData(model)
     for k in range(1, 5):
         # Not numpy.random: importing it takes as long as the rest of the set-up.
@@ -147,7 +147,7 @@ def free_projector(system: System, tree: Tree) -> FloatArray | None:
 
 
 def free_projectors(system: System, tree: Tree) -> tuple[FloatArray, ...]:
-    """What a tree's base joints leave free of a wrench about the origin in a few configurations, (6, 6) each."""
+    """Projectors onto the wrenches about the origin that a tree's base joints leave free, in a few configurations."""
     if tree.name not in system.projectors:
         jacobians = (base_jacobian(system.mj, data, tree) for data in _general_configurations(system.mj))
         system.projectors[tree.name] = tuple(jacobian @ np.linalg.pinv(jacobian) for jacobian in jacobians)
@@ -155,7 +155,7 @@ def free_projectors(system: System, tree: Tree) -> tuple[FloatArray, ...]:
 
 
 def external_actuators(system: System) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Mask of the actuators that push on the robot from outside: on a base joint, or at a site, (nu,)."""
+    """Mask of the actuators that exert external forces on the robot: on a base joint, or at a site, (nu,)."""
     model = system.mj
     base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
     mask = np.ones(model.nu, dtype=np.bool_)
@@ -174,7 +174,7 @@ def site_wrench(model: Any, actuator: int) -> FloatArray:
 
 
 def site_actuators(model: Any) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Mask of the actuators that push at a site, with no other as reference, (nu,)."""
+    """Mask of the actuators that exert a force at a site without reference site, (nu,)."""
     at_site = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_SITE)
     return np.asarray(at_site & (model.actuator_trnid[:, 1] < 0))
 

@@ -1,4 +1,4 @@
-"""How a site moves: its place and attitude, their rates, and what they accelerate at."""
+"""Kinematics of a site: position, attitude, Jacobian, rates and accelerations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class SiteMotion:
 
     Attributes:
         size: Number of rows, p.
-        point: Place of the site in world axes, m, (3,).
+        point: Position of the site in world axes, m, (3,).
         frame: Its axes as columns, in world axes, (3, 3).
         J: Jacobian of the rows, (p, nv).
         rates: J qdot, (p,).
@@ -39,7 +39,7 @@ class SiteMotion:
         self.rates, self.Jdot_qdot = np.zeros(p), np.zeros(p)
 
     def update(self, data: Any) -> None:
-        """Work everything out at the state in ``data``, whose derived quantities must be current."""
+        """Update everything for the state in ``data``, whose derived quantities must be current."""
         model, jacobian, jac_dot = self._model, self._jacobian, self._jac_dot
         self.point, self.frame = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._site)
@@ -51,5 +51,5 @@ class SiteMotion:
         self.rates, self.Jdot_qdot = self.J.dot(data.qvel), turning
 
     def acceleration(self, qacc: FloatArray) -> FloatArray:
-        """The rows' accelerations at accelerations of all dofs (nv,), (p,)."""
+        """Accelerations of the rows, (p,), for joint accelerations, (nv,)."""
         return np.asarray(self.Jdot_qdot + self.J.dot(qacc))

@@ -1,4 +1,4 @@
-"""One integration step as a path that can be evaluated at any time: restore, step for a shorter time."""
+"""One integration step as a path: the state at any time in it, by integrating a shorter step from its start."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 
 
 class StepPath:
-    """One integration step as a path: the state at any time since its start, reproducible bit by bit.
+    """One integration step as a path, reproducible bit by bit.
+
+    Event localisation integrates a shorter step from the same start instead of interpolating: the state at an event has the
+    full order of the integrator, and a log replay reproduces it.
 
     Attributes:
-        start: The state that the path starts from.
-        at_s: Time at which ``data`` is, where that is known: who moves it by other means says so here.
-        poll: Called before every move; what it raises ends the search.
-        integrate: Moves ``data`` on by a time in s; derived quantities need not follow.
-        arrived: Called after every move, with derived quantities current.
+        start: State at the start of the step.
+        at_s: Time in the step at which ``data`` is; NaN if unknown. Whoever moves ``data`` by other means must set it.
+        poll: Called before every move; an exception it raises ends the search.
+        integrate: Integrates ``data`` for a time in s; derived quantities need not be updated.
+        on_event_located: Called after every move, with derived quantities current.
     """
 
     def __init__(self, model: Any, data: Any) -> None:
@@ -34,7 +37,7 @@ class StepPath:
         self.start = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
 
     def move_to(self, time_s: float) -> None:
-        """Put ``data`` at a time since the ``start`` state, all derived quantities current."""
+        """Set ``data`` to a time since ``start``, with all derived quantities current."""
         if time_s == self.at_s:
             return
         self.poll()
@@ -52,12 +55,12 @@ class StepPath:
 
 
 def _nothing() -> None:
-    """Nobody wants to know."""
+    """Do nothing."""
 
 
 @contextmanager
 def time_step(model: Any, duration_s: float) -> Iterator[None]:
-    """Another time step of a model for a while."""
+    """Context with another time step of a model."""
     usual = model.opt.timestep
     model.opt.timestep = duration_s
     try:

@@ -1,4 +1,4 @@
-"""The course of a motion: it moves on until a contact model acts."""
+"""Event-driven integrator: integrates a motion until an event of a contact model."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from ffsm_mj.records.columns import Columns
 
 
 class EventDrivenIntegrator:
-    """Moves a motion on, watched by contact models.
+    """Integrates a motion and locates the events of contact models.
 
-    Most steps ask none of them: the kinetic energy bounds how far anything can have moved, so a contact model whose horizon
-    is further away need not look.
+    Most steps skip event detection: the kinetic energy bounds how far anything can have moved, and a contact model is asked
+    only once this motion bound exceeds its ``horizon``.
 
     Attributes:
-        motion: What moves.
-        contact_models: Who watches; where two act at one instant, the first goes first.
-        control: Cuts steps into sub-steps; None: every step is made as it is asked for.
+        motion: The current motion.
+        contact_models: Contact models, in the order in which simultaneous events are applied.
+        control: Step-size control by sub-steps; None for fixed steps.
     """
 
     def __init__(self, motion: Motion, contact_models: Sequence[ContactModel]) -> None:
-        """Begin at the state of the motion."""
+        """Start at the state of the motion."""
         self.contact_models = tuple(contact_models)
         self.control: StepControl | None = None
         self._active: list[ContactModel] = []
         self._poll: Callable[[], None] | None = None
-        self._passed_s: float | None = None
+        self._event_s: float | None = None
         self.bind(motion)
 
     def bind(self, motion: Motion) -> None:
-        """Move this from here on."""
+        """Integrate another motion from now on."""
         self.motion = motion
         if self._poll is not None:
             motion.path.poll = self._poll
@@ -45,21 +45,21 @@ class EventDrivenIntegrator:
         self.restart()
 
     def restore_state(self, system: Motion) -> None:
-        """Begin at the state in ``data`` with what the contact models' columns say of it.
+        """Start at the state in ``data``, with contact models restored from their columns.
 
         Args:
-            system: What moves unless a contact model says otherwise.
+            system: Motion of the logged system; used unless a contact model returns another motion.
         """
-        self._passed_s = None
+        self._event_s = None
         moving = [motion for contact_model in self.contact_models if (motion := contact_model.restore_state()) is not None]
         self.bind(moving[0] if moving else system)
 
     def interrupt_by(self, poll: Callable[[], None]) -> None:
-        """Have something called before every move along a path; what it raises ends :meth:`advance`."""
+        """Set a function to be called before every move along a path; an exception it raises ends :meth:`advance`."""
         self._poll = self.motion.path.poll = poll
 
     def restart(self) -> None:
-        """Look again after something changed at one instant: velocities, who is active, what moves."""
+        """Reset detection and applied forces after a discontinuity: velocities, active contact models or the motion."""
         self._active = [contact_model for contact_model in self.contact_models if contact_model.active]
         pushing = [contact_model for contact_model in self._active if contact_model.pushes]
         pushes, answers = ([each.push for each in pushing if each.is_reactive is answering] for answering in (False, True))
@@ -71,18 +71,18 @@ class EventDrivenIntegrator:
             self.control.restart()
 
     def reconsider(self) -> None:
-        """Ask the contact models again how far they can see: one of them heard something."""
+        """Update the horizon after a contact model has handled a request."""
         self.motion.flight.horizon = self._horizon()
 
     def after_event(self, time_s: float) -> None:
-        """An event was told of at this time: the contact models hear of it once a step begins from there."""
-        self._passed_s = time_s
+        """Store the time of an event: contact models are notified when the next step begins, with its efforts set."""
+        self._event_s = time_s
 
     def _begin_step(self) -> None:
-        if self._passed_s is not None:
+        if self._event_s is not None:
             for contact_model in self.contact_models:
-                contact_model.after_event(self._passed_s)
-            self._passed_s = None
+                contact_model.after_event(self._event_s)
+            self._event_s = None
         for contact_model in self._active:
             contact_model.begin_step()
 
@@ -91,11 +91,11 @@ class EventDrivenIntegrator:
 
     @property
     def columns(self) -> list[Columns]:
-        """What all contact models report."""
+        """Columns of all contact models."""
         return [columns for contact_model in self.contact_models for columns in contact_model.columns]
 
     def contacts(self) -> tuple[ActiveContact, ...]:
-        """What is closed at the state in ``data``, under the efforts in it."""
+        """Closed contacts at the state in ``data``, with forces under its efforts."""
         return (
             tuple(contact for contact_model in self._active for contact in contact_model.active_contacts())
             if self._active
@@ -104,18 +104,18 @@ class EventDrivenIntegrator:
 
     @property
     def kinetic_energy_J(self) -> float:
-        """Of everything, at the state in ``data``."""
+        """Total kinetic energy at the state in ``data``."""
         return self.motion.flight.energy
 
     def advance(self, duration_s: float) -> tuple[float, ContactModel | None]:
-        """Integrate for a time, a sub-step of it, or until a contact model acts.
+        """Integrate for a time, a sub-step of it, or until the first event.
 
         Returns:
-            Time since the start in s, the state being there, and who acts; None where nobody does.
+            Time integrated in s, and the contact model with an event there; None if there is no event.
 
         Raises:
-            UnsupportedContactError: A motion is too fast to follow.
-            StepLimitError: A motion is too fast for the accuracy that is asked for.
+            UnsupportedContactError: The motion is too fast for event detection.
+            StepLimitError: The motion is too fast for the required accuracy.
         """
         motion, flight = self.motion, self.motion.flight
         if flight.horizon <= flight.way:
@@ -123,15 +123,16 @@ class EventDrivenIntegrator:
                 if contact_model.due():
                     return 0.0, contact_model
         step_s, clear = self._step(duration_s, duration_s)
-        # What is not finite is for the caller to notice.
+        # A non-finite state is reported by the caller; event detection on it would not end.
         if clear or not math.isfinite(flight.energy):
             return step_s, None
         watching = [contact_model for contact_model in self.contact_models if not contact_model.is_clear()]
         motion.path.at_s = step_s
         if not watching:
-            self._flown(step_s)
+            self._after_substep(step_s)
             flight.horizon = self._horizon()
             return step_s, None
+        # Each model searches only up to the earliest event so far; at equal times the earlier model in the order wins.
         first: tuple[float, ContactModel] | None = None
         for contact_model in watching:
             time_s = contact_model.first_event(step_s if first is None else first[0])
@@ -139,29 +140,29 @@ class EventDrivenIntegrator:
                 first = time_s, contact_model
         at_s = step_s if first is None else first[0]
         motion.path.move_to(at_s)
-        self._flown(at_s)
+        self._after_substep(at_s)
         for contact_model in self.contact_models:
             contact_model.on_event_located(at_s)
         motion.flight.clear(self._horizon())
         return first if first is not None else (step_s, None)
 
     def integrate(self, most_s: float, left_s: float) -> float:
-        """Integrate for a time or a sub-step of it, whatever happens on the way; says for how long.
+        """Integrate for a time or a sub-step of it without event detection; returns the duration.
 
         Args:
             most_s: The time.
-            left_s: What is left of the step of the grid: sub-steps are those that a run would make of it.
+            left_s: Remaining time of the grid step: step-size control chooses the same sub-steps as in the run.
 
         Raises:
-            StepLimitError: The motion is too fast for the accuracy that is asked for.
+            StepLimitError: The motion is too fast for the required accuracy.
         """
         step_s, _ = self._step(left_s, most_s)
         self.motion.path.at_s = step_s
-        self._flown(step_s)
+        self._after_substep(step_s)
         return step_s
 
     def _step(self, left_s: float, most_s: float) -> tuple[float, bool]:
-        """A (sub-)step of at most ``most_s``: its duration, and whether nothing can have happened in it."""
+        """Integrate a (sub-)step of at most ``most_s``: its duration, and whether no event is possible in it."""
         control = self.control
         if control is None:
             self._begin_step()
@@ -171,20 +172,20 @@ class EventDrivenIntegrator:
         return control.step(self.motion, left_s, most_s, self.exchanged)
 
     def exchanged(self, duration_s: float) -> list[Exchange]:
-        """What the wrenches of the active contact models did in a step that may yet be taken back."""
+        """Exchanges of the active contact models in a trial step that may be rejected."""
         return [booking for contact_model in self._active if (booking := contact_model.exchanged(duration_s)) is not None]
 
-    def _flown(self, duration_s: float) -> None:
+    def _after_substep(self, duration_s: float) -> None:
         for contact_model in self.contact_models:
             contact_model.after_substep(duration_s)
 
     def finish(self, instant: EventTime) -> list[Any]:
-        """Records that the contact models leave at the end of the run."""
+        """Records of the contact models at the end of the run."""
         return [record for contact_model in self.contact_models for record in contact_model.finish(instant)]
 
     def exchanges(self, duration_s: float) -> list[Exchange]:
-        """What the wrenches of the active contact models did in the (sub-)step that has ended."""
+        """Exchanges of the active contact models in the finished (sub-)step."""
         if not self._active or duration_s <= 0.0:
-            return []  # nobody pushes, or a contact model acted before the step began
+            return []  # no forces are applied, or an event was due before the step
         done = (contact_model.end_step(duration_s) for contact_model in self._active)
         return [booking for booking in done if booking is not None]

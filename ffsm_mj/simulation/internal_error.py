@@ -1,4 +1,4 @@
-"""What a log keeps of an exception that ends a run, and nothing else should have."""
+"""Log record of an unexpected exception that ends a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def internal_error(error: BaseException, time_s: float, step: int) -> InternalEr
 
 
 def _raised_in(error: BaseException) -> str:
-    """File, line and function: the deepest of this package, the deepest of all where none is."""
+    """File, line and function of the innermost frame in this package, or of the innermost frame if there is none."""
     frames = extract_tb(error.__traceback__)
     own = [frame for frame in frames if _PACKAGE in Path(frame.filename).parents] or frames
     if not own:
@@ -38,7 +38,7 @@ def _raised_in(error: BaseException) -> str:
 
 
 def _relative(text: str) -> str:
-    """A traceback without the folders of this machine in which packages are."""
+    """A traceback with paths relative to ``sys.path``: logs must not contain folders of this machine."""
     for folder in sorted(filter(None, map(os.path.abspath, sys.path)), key=len, reverse=True):
         text = text.replace(f'File "{folder}{os.sep}', 'File "')
     return text

@@ -1,7 +1,8 @@
-"""The loop: observe, control, actuate, step, detect, resolve, record. It knows nothing of phases or control laws.
+"""Simulation loop: observe, control, actuate, integrate, locate and apply events, record.
 
-One control tick: the controller sees the current state and decides the efforts, a row is recorded, and the plant moves on
-step by step with the efforts held. A touch inside a step stops the step there, is resolved, and the rest of the step runs.
+At a control tick the controller computes the efforts from the current state, a row is recorded, and the plant is integrated
+step by step with constant efforts. An event inside a step ends the step there and is applied; the rest of the step follows,
+so that rows stay on the time grid. The loop knows nothing of phases or control laws.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ MOST_EVENTS_PER_STEP = 1000
 
 @dataclass(frozen=True)
 class Settings:
-    """Times and limits of a run; see the scenario's keys of the same names."""
+    """Time grid of a run; see the scenario keys of the same names."""
 
     time_step_s: float
     steps_per_tick: int
@@ -44,7 +45,7 @@ class Settings:
 
 @dataclass
 class Plant:
-    """Everything that moves, and what watches it."""
+    """The simulated system with its actuation, integrator, contact watch and balance."""
 
     system: System
     data: Any
@@ -62,29 +63,29 @@ class _Progress:
 
 
 class Simulation:
-    """One run of a plant under a controller."""
+    """Simulates a plant under a controller; an instance serves one run."""
 
     def __init__(
         self, plant: Plant, controller: TaskController, rows: RowWriter, recorder: Recorder, settings: Settings
     ) -> None:
-        """Wire the parts; nothing moves yet."""
+        """Store the parts."""
         self._plant, self._controller, self._rows = plant, controller, rows
         self._recorder, self._settings = recorder, settings
         self._command = Command.off(int(plant.system.mj.nu))
         self._done = _Progress()
         self._warnings: list[str] = []
-        self._unheard: tuple[Any, ...] = ()
-        self._of_caller: Exception | None = None
+        self._pending_records: tuple[Any, ...] = ()
+        self._callback_error: Exception | None = None
 
     def run(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> OutcomeRecord:
-        """Simulate to the end, or to what ends the run before.
+        """Simulate to the end of the run.
 
         Args:
-            interrupted: Asked at each tick and often in steps with a contact; True ends the run there.
-            report: Told the simulation time at each tick.
+            interrupted: Called at each step and during event localisation; True ends the run.
+            report: Called with the simulation time at each tick.
 
         Returns:
-            How it ended, but for the versions that made it. An exception in it is an outcome too, but for one of ``report``.
+            The outcome, without software versions. Exceptions become outcomes too, except those raised by ``report``.
         """
         started = time.perf_counter()
 
@@ -92,16 +93,16 @@ class Simulation:
             try:
                 report(time_s)
             except Exception as error:
-                self._of_caller = error
+                self._callback_error = error
                 raise
 
         with collected_warnings(self._warnings):
-            ended = self._ended(lambda: self._loop(interrupted, tell))
-            finished = self._ended(self._finish)
-        # Whatever ended the run first is what there is to tell, but for a log that takes no more.
+            ended = self._outcome_of(lambda: self._loop(interrupted, tell))
+            finished = self._outcome_of(self._finish)
+        # The first cause is the outcome, except that a failed write of the log is always reported.
         completed = ended[0] == Outcome.COMPLETED or finished[0] == Outcome.WRITE_FAILED
         outcome, message = finished if completed else ended
-        outcome, message, reports = self._summed_up(outcome, message)
+        outcome, message, reports = self._with_reports(outcome, message)
         return OutcomeRecord(
             outcome=outcome.value,
             message=message,
@@ -114,12 +115,12 @@ class Simulation:
         )
 
     def _sub_steps(self) -> dict[str, Any]:
-        """What accuracy made of the steps; nothing without."""
+        """Statistics of step-size control; empty without it."""
         control = self._plant.course.control
         return {"sub_steps": control.steps, "smallest_step_s": control.smallest_s} if control and control.steps else {}
 
-    def _ended(self, part: Callable[[], None]) -> tuple[Outcome, str]:
-        """Do a part of the run; says how it ended, and what there is to say of that."""
+    def _outcome_of(self, part: Callable[[], None]) -> tuple[Outcome, str]:
+        """Execute a part of the run; returns its outcome and message."""
         try:
             part()
         except RunEnded as end:
@@ -131,20 +132,20 @@ class Simulation:
         except mujoco.FatalError as error:
             return Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: MuJoCo gave up ({described(error)})"
         except Exception as error:
-            if error is self._of_caller:
+            if error is self._callback_error:
                 raise
             return self._failed(error)
         return Outcome.COMPLETED, ""
 
     def _failed(self, error: Exception) -> tuple[Outcome, str]:
-        """Keep an exception that nobody expected in the log, traceback and all."""
+        """Log an unexpected exception with its traceback."""
         record = internal_error(error, self._done.time_s, self._done.steps)
-        with suppress(Exception):  # the log may be what raised it; the outcome tells in any case
+        with suppress(Exception):  # the log itself may have raised it; the outcome reports it in any case
             self._recorder.event(record)
         return Outcome.INTERNAL_ERROR, f"at t = {record.time_s:.6g} s: {record.error} ({record.where})"
 
-    def _summed_up(self, outcome: Outcome, message: str) -> tuple[Outcome, str, Mapping[str, ControllerReport]]:
-        """How the run ended, and what the control laws say of it; one that cannot say it has failed."""
+    def _with_reports(self, outcome: Outcome, message: str) -> tuple[Outcome, str, Mapping[str, ControllerReport]]:
+        """The outcome, with the reports of the control laws; a law that raises in its report has failed."""
         try:
             return outcome, message, self._controller.reports()
         except Exception as error:  # noqa: BLE001 (a plugin's code)
@@ -164,7 +165,7 @@ class Simulation:
         self._plant.course.interrupt_by(poll)
         for tick in range(settings.ticks):
             now = tick * period
-            self._decide(self._observed(now, self._unheard, self._plant.course.contacts(), at_tick=True))
+            self._decide(self._observed(now, self._pending_records, self._plant.course.contacts(), at_tick=True))
             self._record(now)
             report(now)
             poll()
@@ -175,7 +176,7 @@ class Simulation:
         self._record(settings.ticks * period)
 
     def _finish(self) -> None:
-        """Hand over what is left at the end of the run, however it ended."""
+        """Write the remaining records at the end of the run, whatever its outcome."""
         for record in self._plant.watch.finish(self._done.time_s):
             self._recorder.event(record)
         for record in self._plant.course.finish(EventTime(self._done.time_s, self._done.steps)):
@@ -183,42 +184,42 @@ class Simulation:
         self._recorder.pass_on()
 
     def _observed(self, time_s: float, events: tuple[Any, ...], contacts: tuple[Any, ...], at_tick: bool) -> Observation:
-        """What the controller is shown."""
+        """Observation for the controller."""
         free, motion = self._plant.data, self._plant.course.motion
         shown = motion.data if motion.grasp else free
         return Observation(time_s, shown, events, at_tick, contacts, free, motion.grasp)
 
     def _decide(self, observation: Observation) -> None:
-        """Ask the controller, and record the phase that begins with that."""
-        self._ask(observation)
+        """Evaluate the controller, and record a phase that begins."""
+        self._evaluate_controller(observation)
         self._report_phases()
 
-    def _ask(self, observation: Observation) -> None:
-        """Ask the controller and hold what the plant makes of its command."""
+    def _evaluate_controller(self, observation: Observation) -> None:
+        """Evaluate the controller and apply its command within the actuator limits."""
         self._command.clear()
-        self._unheard = ()
+        self._pending_records = ()
         try:
             self._controller.control(observation, self._command)
             self._plant.actuation.apply(self._command, self._plant.data, observation.time_s)
             if self._command.requests:
-                self._pass_requests_on()
+                self._forward_requests()
         except Exception as error:
             reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
             message = f"{self._controller.in_charge} at t = {observation.time_s:.6g} s: {reason}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
         self._done.ticks += 1
 
-    def _pass_requests_on(self) -> None:
-        """Let the contact models hear what the controller asks of them."""
-        heard = {
+    def _forward_requests(self) -> None:
+        """Forward the requests of the controller to the contact models that handle them."""
+        handlers = {
             request: contact_model
             for contact_model in self._plant.course.contact_models
             for request in contact_model.requests
         }
         for request in sorted(self._command.requests):
-            if request not in heard:
-                raise ControllerError(unknown_name("request", request, heard))
-            heard[request].handle_request(request)
+            if request not in handlers:
+                raise ControllerError(unknown_name("request", request, handlers))
+            handlers[request].handle_request(request)
         self._plant.course.reconsider()
 
     def _report_phases(self) -> None:
@@ -232,7 +233,7 @@ class Simulation:
             self._recorder.event(record)
 
     def _step(self) -> None:
-        """One integration step, with as many events as happen in it."""
+        """Integrate one grid step, with all events in it."""
         plant, step_s = self._plant, self._settings.time_step_s
         end_s, left = (self._done.steps + 1) * step_s, step_s
         events = 0
@@ -251,18 +252,18 @@ class Simulation:
                 plant.data.time = self._done.time_s = end_s - left
                 self._act(contact_model, end_s - left, events)
         self._done.steps += 1
-        # Multiples of the step, not sums: the clock does not drift.
+        # Time is a multiple of the step, not a sum, so that it does not accumulate rounding.
         plant.data.time = self._done.time_s = end_s
 
     def _advance(self, left: float, end_s: float) -> tuple[float, ContactModel | None]:
-        """Move on in the step that ends at a time, of which so much is left."""
+        """Integrate in the grid step that ends at ``end_s``, with ``left`` seconds remaining."""
         try:
             return self._plant.course.advance(left)
         except UnsupportedContactError as error:
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
         except StepLimitError as error:
             message = f"{Outcome.STEP_LIMIT.sentence}: at t = {end_s - left:.6g} s {error}"
-            raise RunEnded(Outcome.STEP_LIMIT, f"{message}; a shorter time_step_s or a larger accuracy goes on") from error
+            raise RunEnded(Outcome.STEP_LIMIT, f"{message}; use a shorter time_step_s or a larger accuracy") from error
 
     def _check_finite(self) -> None:
         if self._warnings or not math.isfinite(self._plant.course.kinetic_energy_J):
@@ -270,12 +271,13 @@ class Simulation:
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
 
     def _act(self, contact_model: ContactModel, time_s: float, events: int) -> None:
-        """Let a contact model act, book and record what it did, and ask the controller at once."""
+        """Apply an event: enter it in the balance, record it, and evaluate the controller."""
         plant, done = self._plant, self._done
         self._plant.course.motion.path.poll()
         if events > MOST_EVENTS_PER_STEP:
             message = f"{contact_model.names()} touched {events - 1} times within the step before t = {time_s:.6g} s"
-            raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; a shorter time_step_s follows it further")
+            raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; use a shorter time_step_s")
+        # The balance separates robot and object at the event itself; a grasped object counts with the robot only in steps.
         plant.balance.carry(None)
         effect = contact_model.act(EventTime(time_s, done.steps))
         if effect is None or effect.motion is None:
@@ -291,15 +293,15 @@ class Simulation:
         self._after_event(effect, time_s)
 
     def _after_event(self, effect: EventEffect, time_s: float) -> None:
-        """Ask the controller at once, and record the event with the efforts that act from there on."""
-        end, events = effect.end, (*self._unheard, *effect.records)
+        """Evaluate the controller if the event triggers it, and record the event with the efforts that follow."""
+        end, events = effect.end, (*self._pending_records, *effect.records)
         contacts = self._plant.course.contacts() if effect.triggers_control else ()
         observation = self._observed(time_s, events, contacts, at_tick=False)
         try:
             if not effect.triggers_control:
-                self._unheard = events
+                self._pending_records = events
             elif end is None or end.outcome == Outcome.COMPLETED:
-                self._ask(observation)
+                self._evaluate_controller(observation)
         finally:
             efforts = self._plant.actuation.by_name()
             for record in effect.records:

@@ -1,4 +1,4 @@
-"""Fills rows of the log at control ticks; knows no part by name."""
+"""Writes rows of the log at control ticks, from the columns of all parts."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from ffsm_mj.records.sampler import Sampler
 
 
 class RowWriter:
-    """Columns of all parts, bound to a block of rows: live arrays are copied at each tick, tables a block at a time."""
+    """Writes the columns of all parts to a block of rows: live arrays at each tick, tables once per block."""
 
     def __init__(self, row: Row, sampler: Sampler, block: FloatArray) -> None:
-        """Find each part's columns.
+        """Bind the columns of each part.
 
         Args:
-            row: What is filled.
+            row: Layout of a row.
             sampler: Copies live arrays.
             block: Rows, (lines, number of signals).
         """
@@ -25,14 +25,14 @@ class RowWriter:
         self._tables = [(part.table, list(row.stretches(part))) for part in row.columns if part.table is not None]
 
     def fill(self, line: int, time_s: float) -> None:
-        """Write the state at a tick and the efforts decided at it into a line; derived quantities must be current."""
+        """Write the state at a tick and the efforts set at it to a line; derived quantities must be current."""
         for note in self._notes:
             note(time_s)
         self._sampler.take(line)
 
     def complete(self, block: FloatArray) -> None:
-        """Write what is worked out for all rows filled since the last block."""
+        """Write the table columns of all rows filled since the last block."""
         for table, stretches in self._tables:
-            values = table()[: len(block)]  # a part may have noted one more, where an exception came before it was a row
+            values = table()[: len(block)]  # a part may have one row more, if an exception came before the row was complete
             for own, there in stretches:
                 block[:, there] = values[:, own]

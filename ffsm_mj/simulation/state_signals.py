@@ -1,4 +1,4 @@
-"""What a row says of the state: time, coordinates, rates, and the tip."""
+"""Columns of the state: time, coordinates, rates, and the tip."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ class StateSignals:
     """The state in ``data`` as columns.
 
     Attributes:
-        sampler: Brings the tip's velocity up to date at each sample; copies live arrays.
-        columns: Of the state.
+        sampler: Updates the tip velocity at each sample, and copies live arrays.
+        columns: Columns of the state.
     """
 
     def __init__(self, system: System, data: Any, tip_site: int | None) -> None:
-        """Bind to what moves.
+        """Bind to a system.
 
         Args:
-            system: Gives the joints.
-            data: Its state, derived quantities current at each sample.
-            tip_site: Site of the task; None without one.
+            system: The logged system.
+            data: Its data, derived quantities current at each sample.
+            tip_site: Site of the task; None if there is no task.
         """
         self._time = np.zeros(1)
         self.sampler = fastest(Sampler)(system.mj, data, tip=-1 if tip_site is None else tip_site)
