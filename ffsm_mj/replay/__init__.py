@@ -1,8 +1,9 @@
-"""A run recomputed from the states in its log, with the models in its log.
+"""Log replay: a run recomputed from the states, efforts and models in its log.
 
-Nothing that the log says of energies, momenta, work, limits or impacts is taken over. Every sample is the start of a flight
-with the efforts that the log says acted, step by step as in the run: it must end at the next sample, or at the state before
-the next impact. The books are kept on the way by the balance that keeps them in a run; each flight begins at a logged state.
+Logged energies, momenta, work, limits and impacts are not used, only compared. From every sample the motion is integrated
+with the logged efforts, step by step as in the run: it must end at the next sample, or at the state before the next event.
+The balance is computed by the code that computes it in a run. Each interval starts at a logged state, so errors do not
+accumulate.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ def replay_log(
     """Recompute a run from its log.
 
     Args:
-        log: What was read.
-        report: Told (how many samples are done, of how many) as it goes.
-        rows: Given the recomputed samples block by block, (n, number of signals).
+        log: The log.
+        report: Called with the number of samples done and their total.
+        rows: Called with the recomputed samples block by block, (n, number of signals).
     """
     try:
         scene = log_scene(log)
@@ -57,6 +58,6 @@ def replay_log(
     sampling.end(log.outcome.end_s if log.outcome else None)
     found = {"motion": retrace.motion, "columns": retrace.columns, "impacts": retrace.impacts}
     worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
-    refine = cache(lambda: refined(log))  # made only where a check fails
+    refine = cache(lambda: refined(log))  # computed only if a check fails
     numbers = sum(agreement.numbers for agreement in found.values())
     return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", seen, log.impacts, FrictionCheck(log), refine)

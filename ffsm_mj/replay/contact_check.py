@@ -1,11 +1,11 @@
-"""Forces of closed contacts found anew from a state and efforts alone: by other functions than those that made the motion.
+"""Independent check of persistent contact forces, recomputed from logged states and efforts by other functions than the run's.
 
-Where the pairs touch and how their gaps accelerate comes from the support functions of their geoms
-(:mod:`ffsm_mj.contact.second_rate`), not from frozen features; all closed pairs enter one inequality problem.
+Contact points and gap accelerations come from the support functions of the geoms (:mod:`ffsm_mj.contact.second_rate`), not
+from contact features; all closed pairs enter one complementarity problem.
 
-No state tells a point that is closed from one that has lifted off by a picometre and carries nothing: which of the near
-points are closed is taken from the contact model of the replay, as long as the others do not overlap by more than a point
-may before it lands.
+A state alone cannot distinguish a closed point from one that has lifted off by a picometre and carries no force. Which of
+the candidate points are closed is therefore taken from the contact model of the replay, unless another point overlaps by
+more than the detection depth.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 
 _NEAR_M = 1e-6
 _SAME_POINT_M = 1e-6
-"""A near point no farther than this from where a pair is held is that point: vertices of meshes are known to 2e-7 m."""
+"""Points within this distance of a contact point are the same: mesh vertices are known to 2e-7 m (single precision)."""
 
 
 class ContactCheck:
-    """Compares the contact forces of rows with those that the state of the row asks for."""
+    """Compares the logged contact forces of rows with those recomputed from the state of the row."""
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair], lasting: PersistentContactModel, layout: Layout) -> None:
-        """Bind to the data that is at the state of the row when asked, and to the contact model of the replay."""
+        """Bind to the data, which holds the state of the row at each call, and to the contact model of the replay."""
         self._scene, self._pairs, self._lasting = scene, tuple(pairs), lasting
         self._forces = layout.places(key for pair in pairs for key in force_keys(pair))
         self._modes = layout.places(mode_key(pair) for pair in pairs)
         self._scratch = mujoco.MjData(scene.system.mj)
 
     def residual(self, row: FloatArray, course: EventDrivenIntegrator) -> float:
-        """Largest difference of a pair's resultant force from that in a row, N; 0 where no pair is closed.
+        """Largest difference between recomputed and logged resultant forces, N; 0 if no pair is closed.
 
         Args:
-            row: Of the log.
-            course: What moves there, and who else pushes; pairs of geoms on one rigid body exert no contact forces.
+            row: Row of the log.
+            course: Integrator of the replay; pairs on one rigid body of its motion exert no contact forces.
         """
         logged = row[self._forces].reshape(-1, 3)
         logged_pairs = row[self._modes] > 0.0
@@ -71,14 +71,14 @@ class ContactCheck:
         if pair.gap(model, data, 1.0) > _NEAR_M:
             return None
         near = pair.proximity(model, data)
-        # Where several vertices of a mesh touch, the gap of the one that is left is known no better than their places.
+        # MuJoCo stores mesh vertices in single precision: with several touching, the gap is known no better than that.
         seen = replace(near, gap=near.gap - pair.vague) if lasts else near
         return near if closed_and_still(seen, held_rate_tolerance(near) if lasts else near.still) else None
 
     def _resultants(
         self, touching: Sequence[tuple[ContactPair, Proximity]], course: EventDrivenIntegrator
     ) -> dict[ContactPair, FloatArray]:
-        """Force on the second geom of each pair, N."""
+        """Resultant force on geom b of each pair, N."""
         held = self._lasting.closed_points()
         points = [(pair, near, point) for pair, near in touching for point in _closed_points(near, held.get(pair, []))]
         if not points:
@@ -98,9 +98,9 @@ class ContactCheck:
 
     @contextmanager
     def _free_motion(self, course: EventDrivenIntegrator) -> Iterator[tuple[Any, Any]]:
-        """Data of the system, and of what moves, with the accelerations that there would be without contact forces.
+        """Context with data of the system and of the motion, holding the accelerations without contact forces.
 
-        At the state and under the efforts of the row, and what else pushes there, for a while.
+        State and efforts are those of the row; forces of other contact models are included.
         """
         motion, model, data, scratch = course.motion, self._scene.system.mj, self._scene.data, self._scratch
         if motion.data is data:
@@ -123,9 +123,9 @@ class ContactCheck:
 
 
 def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArray]:
-    """Those near points of a pair that are closed, given where it is held.
+    """Candidate points of a pair that are closed, given its contact points in the contact model.
 
-    Of a face that is flat to 1e-6 rad all corners are near; those that open are in contact no more.
+    All corners of a face that is flat to 1e-6 rad are candidates; corners that open are no longer in contact.
     """
     still = [
         point for point, rate in zip(near.points, near.rates.tolist(), strict=True) if abs(rate) <= held_rate_tolerance(near)
@@ -135,7 +135,7 @@ def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArr
 
 
 def _push(course: EventDrivenIntegrator, model: Any, data: Any) -> None:
-    """Let all but contact forces act on what moves, or on the same elsewhere."""
+    """Apply all forces except contact forces to the data of the motion, or to a copy."""
     data.qfrc_applied.fill(0.0)
     mujoco.mj_forward(model, data)
     others = [

@@ -1,4 +1,4 @@
-"""The events of declared contact models in a log, made again by the contact models themselves at the states of the log."""
+"""Check of logged contact-model events: each model reproduces its events at the logged states."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ffsm_mj.verification.agreement import Agreement
 
 
 class ContactModelCheck:
-    """Lets contact models act where the log says that they did, and compares what they leave with the records."""
+    """Applies the events of contact models at logged states, and compares the resulting records with the logged ones."""
 
     def __init__(self, course: EventDrivenIntegrator, logged_events: LoggedEvents, found: Agreement) -> None:
-        """Bind to what moves; differences go to ``found``."""
+        """Bind to the integrator of the replay; differences are added to ``found``."""
         self._course, self._logged_events, self._found = course, logged_events, found
         self._owners = {
             kind.name: contact_model for contact_model in course.contact_models for kind in contact_model.records
         }
 
     def compare_event(self, event: LoggedEvent, balance: Balance) -> None:
-        """Let the contact model act at the state in ``data``, compare, book, and let what it says move from here on."""
+        """Apply the event at the state in ``data``, compare its records, enter it in the balance, and bind its motion."""
         effect = self._effect(self._owners[event.kind], event)
         if effect is None or len(effect.records) != len(event.records):
             self._logged_events.refuse(f"{event.name} records", event.time_s)

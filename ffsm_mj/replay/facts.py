@@ -1,4 +1,4 @@
-"""What models and scenario of a log say, whatever the log says of them."""
+"""Facts of a run derived from the models and scenario in its log, not from the facts it states."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ffsm_mj.replay.scene import LogScene
 
 
 def state_facts(scene: LogScene, retrace: LogReplay) -> dict[str, str]:
-    """Facts of a run made again from its models."""
+    """Facts of a run derived from its models."""
     facts = free_facts(retrace.free) | conservative_facts(scene.system.faults)
     facts |= gravity_facts(scene.system.mj.opt.gravity)
     return facts | {"time_step_s": repr(scene.scenario.time_step_s)}

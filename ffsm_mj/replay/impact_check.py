@@ -1,4 +1,4 @@
-"""The impacts of a log, found, resolved and booked again at the states at which it says that they happened."""
+"""Check of logged impacts: contacts are detected and resolved again at the logged pre-impact states."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from ffsm_mj.verification.agreement import Agreement
 
 
 class ImpactCheck:
-    """Compares each impact with what the laws of contact make of its state."""
+    """Compares each logged impact with the one recomputed from its pre-impact state."""
 
     def __init__(self, scene: Scene, pairs: tuple[ContactPair, ...], impacts: ImpactModel, found: Agreement) -> None:
-        """Bind to the state that flies; differences go to ``found``."""
+        """Bind to the scene of the replay; differences are added to ``found``."""
         self._scene, self._impacts, self._found = scene, impacts, found
         self._bodies = {pair.name: (pair.body_a, pair.body_b) for pair in pairs}
 
     def fault_of(self, event: LoggedEvent) -> str:
-        """What of an impact is not of these models, in a word; empty where nothing is, and for other events."""
+        """Why an impact does not fit the models, in one word; empty if it does, and for other events."""
         contacts = [record for record in event.records if isinstance(record, ImpactRecord)]
         vectors = (each for c in contacts for each in (c.point_m, c.normal, c.tangential_impulse_N_s))
         if any(len(vector) != 3 for vector in vectors):
@@ -39,7 +39,7 @@ class ImpactCheck:
         return "pair" if any(contact.pair not in self._bodies for contact in contacts) else ""
 
     def compare_event(self, event: LoggedEvent, logged_events: LoggedEvents, balance: Balance) -> None:
-        """Compare an impact at the state in ``data`` with its record, and book what the record says."""
+        """Compare an impact at the state in ``data`` with its record, and enter the logged impact in the balance."""
         system, impact = self._scene.system, self._logged(event)
         energies = impact_energies(system, self._scene.data, impact)
         balance.book(*self._impacts.exchange(energies, impact))
@@ -52,7 +52,7 @@ class ImpactCheck:
             self._found.record(f"impact {theirs.event + 1}", theirs, known)
 
     def _resolved(self, event: LoggedEvent) -> tuple[ImpactRecord, ...]:
-        """What the run's own functions make of the state in ``data``; nothing where they refuse it."""
+        """Records recomputed by the functions of the run from the state in ``data``; empty if they refuse it."""
         system, data = self._scene.system, self._scene.data
         try:
             touching = self._impacts.contacts()
@@ -67,7 +67,7 @@ class ImpactCheck:
             return ()
 
     def _logged(self, event: LoggedEvent) -> Impact:
-        """The impact as its record states it, energies from the rates."""
+        """The impact as logged, with energies computed from the logged velocities."""
         model, nq = self._scene.system.mj, self._scene.system.mj.nq
         M = mass_matrix(model, self._scene.data)
         before, after = (
@@ -90,7 +90,7 @@ class ImpactCheck:
 
 
 def _friction(contacts: Sequence[ImpactRecord]) -> Friction | None:
-    """What records say of friction; None where nothing rubbed."""
+    """Friction data of some records; None if no contact has friction."""
     if not any(contact.mu > 0.0 for contact in contacts):
         return None
     vectors = ("tangential_impulse_N_s", "slip_before_m_s", "slip_after_m_s")

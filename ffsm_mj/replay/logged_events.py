@@ -1,4 +1,4 @@
-"""The events of a log at which a contact model changed the motion, in order, handed out step by step."""
+"""Contact-model events of a log, in the order in which they were applied."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class LoggedEvent:
 
     Attributes:
         kind: Name of the kind of its records.
-        name: ``impact 1``, for people.
-        number: Its place among the events of its kind, from 0.
+        name: Name for messages, such as ``impact 1``.
+        number: Its number among the events of its kind, from 0.
         records: Its records.
         state: Coordinates and rates before, (nq + nv,).
-        state_after: The same after.
-        efforts: What acts from there on, (nu,).
+        state_after: Coordinates and rates after, (nq + nv,).
+        efforts: Efforts after the event, (nu,).
     """
 
     kind: str
@@ -41,38 +41,38 @@ class LoggedEvent:
 
     @property
     def time_s(self) -> float:
-        """When it happened."""
+        """Time of the event."""
         return float(self.records[0].time_s)
 
     @property
     def step(self) -> int:
-        """The integration step in which it happened."""
+        """Index of its integration step."""
         return int(self.records[0].step)
 
 
 def _order(event: LoggedEvent) -> tuple[int, float, int]:
-    """In time; at one instant as they are numbered."""
+    """Sort key: time, then event number."""
     return event.step, event.time_s, int(getattr(event.records[0], "event", 0))
 
 
 def _in_order(events: Sequence[LoggedEvent]) -> list[LoggedEvent]:
-    """Events in the order in which they happened.
+    """Events in the order in which they were applied.
 
-    Impacts have numbers of their own: at one instant nothing but the states tells where among the others each of them was.
+    Impacts are numbered separately from other events: at equal times, only the states tell their order.
     """
     out: list[LoggedEvent] = []
     for _, group in groupby(sorted(events, key=_order), key=lambda event: (event.step, event.time_s)):
         at_once = list(group)
         impacts = [event for event in at_once if event.kind == "impact"]
-        out += _chained(impacts, [event for event in at_once if event.kind != "impact"])
+        out += _merged(impacts, [event for event in at_once if event.kind != "impact"])
     return out
 
 
-def _chained(impacts: Sequence[LoggedEvent], others: Sequence[LoggedEvent]) -> list[LoggedEvent]:
-    """Two sequences as one, in which the state after each event is nearest to that before the next.
+def _merged(impacts: Sequence[LoggedEvent], others: Sequence[LoggedEvent]) -> list[LoggedEvent]:
+    """Merge two sequences so that the state after each event is nearest to that before the next.
 
-    Nearest, not the same: drift may be taken out between the two. The sum of all jumps is least, found by dynamic
-    programming over how many of each sequence have happened; where sums tie, impacts go first.
+    The two states need not be equal, as a drift projection may lie between them. Dynamic programming over the numbers of
+    events taken from each sequence minimises the sum of all jumps; in a tie, impacts come first.
     """
     if not impacts or not others:
         return [*impacts, *others]
@@ -96,7 +96,7 @@ def _chained(impacts: Sequence[LoggedEvent], others: Sequence[LoggedEvent]) -> l
 
 
 def _jump(event: LoggedEvent, after: LoggedEvent) -> float:
-    """How far the state changes from one event to the next."""
+    """Distance between the state after one event and the state before the next."""
     return float(np.linalg.norm(after.state - event.state_after))
 
 
@@ -104,20 +104,20 @@ class LoggedEvents:
     """The events of a log.
 
     Attributes:
-        pending: Those not met yet, in order.
+        pending: Events not yet replayed, in order.
     """
 
     def __init__(
         self, system: System, log: RunLog, step_s: float, found: Agreement, fault_of: Callable[[LoggedEvent], str]
     ) -> None:
-        """Read them; one whose state is not of these models, or with a fault of its own, is left out and a difference.
+        """Read the events; an event that does not fit the models is omitted and counts as a difference.
 
         Args:
-            system: The models of the log.
-            log: What was read.
+            system: The system of the log.
+            log: The log.
             step_s: Integration step.
-            found: Takes differences.
-            fault_of: What else is wrong with an event, in a word; empty where nothing is.
+            found: Collects differences.
+            fault_of: Returns another fault of an event, in one word; empty if there is none.
         """
         self._system, self._step_s, self._found, self._fault_of = system, step_s, found, fault_of
         met = [event for kind in log.event_kinds for event in self._of_kind(kind, log)]
@@ -127,15 +127,15 @@ class LoggedEvents:
         records = log.records.get(kind.plural, ())
         groups = groupby(enumerate(records), key=lambda pair: getattr(pair[1], "event", pair[0]))
         for number, (_, group) in enumerate(groups):
-            event = self._encounter(kind, number, tuple(record for _, record in group))
+            event = self._event_of(kind, number, tuple(record for _, record in group))
             fault = self._fault_of(event) if event is not None else "state"
             if event is None or fault:
                 self.refuse(f"{kind.name} {number + 1} {fault}", float(records[0].time_s))
             else:
                 yield event
 
-    def _encounter(self, kind: RecordKind, number: int, records: tuple[Any, ...]) -> LoggedEvent | None:
-        """An event of the log; None where its state is not one of these models."""
+    def _event_of(self, kind: RecordKind, number: int, records: tuple[Any, ...]) -> LoggedEvent | None:
+        """An event of the log; None if its state does not fit the models."""
         system, first = self._system, records[0]
         joints = [*system.joints.values()]
         try:
@@ -156,16 +156,16 @@ class LoggedEvents:
         return LoggedEvent(kind.name, f"{kind.name} {number + 1}", number, records, state, state_after, efforts)
 
     def refuse(self, what: str, time_s: float) -> None:
-        """Note that something of an event is wrong as a whole."""
+        """Add an infinite difference: part of an event is invalid as a whole."""
         self._found.keep(Discrepancy(what, math.inf, AGREES, "", time_s))
 
     def skip_to(self, step: int) -> None:
-        """Leave out what happened before a step: there is no sample to fly from."""
+        """Discard events before a step: no logged state precedes them to start from."""
         while self.pending and self.pending[0].step < step:
             self.pending.pop(0)
 
     def within(self, step: int) -> Iterator[LoggedEvent]:
-        """The next events, as far as they happened in this step; one that states another time than its step is refused."""
+        """The next events in this step; an event whose time is outside its step is refused."""
         start, end, slack = step * self._step_s, (step + 1) * self._step_s, 1e-6 * self._step_s
         while self.pending and self.pending[0].step <= step:
             event = self.pending.pop(0)
@@ -176,7 +176,7 @@ class LoggedEvents:
                 self.refuse(f"{event.name} time_s", event.time_s)
 
     def compare_state(self, event: LoggedEvent, predicted: FloatArray) -> None:
-        """Compare the state before an event with the end of the flight to it."""
+        """Compare the logged state before an event with the integrated one."""
         nq = self._system.mj.nq
         for what, part in (("qpos", slice(None, nq)), ("qvel_before", slice(nq, None))):
             self._found.vector(f"{event.name} {what}", event.state[part], predicted[part], predicted[part], "", event.time_s)

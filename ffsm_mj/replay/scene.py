@@ -1,4 +1,4 @@
-"""What moved in a run, made again from its log alone by the functions that made it for the run."""
+"""Models, pairs and limits of a run, rebuilt from its log by the functions that built them for the run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _NO_LAW = [{"name": "any", "until": "end", "controller": {"kind": "off"}}]
 
 @dataclass(frozen=True)
 class LogScene:
-    """The parts of a run that its control laws do not make; see :class:`ffsm_mj.assembly.assemble.Assembly`."""
+    """The parts of a run without its control laws; see :class:`ffsm_mj.assembly.assemble.Assembly`."""
 
     scenario: Scenario
     system: System
@@ -37,10 +37,10 @@ class LogScene:
 
 
 def log_scene(log: RunLog) -> LogScene:
-    """Build the models, impact pairs and limits of a run; control laws of others need not be installed for that.
+    """Build the models, impact pairs and limits of a run; its control laws need not be installed.
 
     Raises:
-        InputError: The log carries no scenario or no models, or they do not make a scene.
+        InputError: The log has no scenario or no models, or they are inconsistent.
     """
     scenario = _scenario(log)
     system = compile_log(log)
@@ -58,10 +58,10 @@ def log_scene(log: RunLog) -> LogScene:
 
 
 def _scenario(log: RunLog) -> Scenario:
-    """The scenario with nothing for its control laws.
+    """The scenario without its control laws.
 
     Raises:
-        InputError: It is none of this version.
+        InputError: It does not match the schema of this version.
     """
     try:
         scenario = with_contact_models(

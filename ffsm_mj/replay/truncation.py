@@ -75,7 +75,7 @@ class _Refining(LogReplay):
 
     def __init__(self, scene: LogScene, log: RunLog) -> None:
         super().__init__(scene, log)
-        self._error = StepError(scene.system, self._data, self._ledger)
+        self._error = StepError(scene.system, self._data, self._balance)
         self._so_far = np.zeros((2, 3, 7))
         self.corrections: list[FloatArray] = []
         steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, STRETCH_STEPS)
@@ -97,14 +97,14 @@ class _Refining(LogReplay):
         """Rows that nothing leads to have what was found before."""
         self._rows_done += [self._so_far.copy() for _ in range(line - len(self._rows_done))]
 
-    def _before_flight(self, duration_s: float, left_s: float) -> None:
+    def _before_substep(self, duration_s: float, left_s: float) -> None:
         """Make the coming flight, then the same in shorter steps; nothing has moved after."""
         motion, control = self._course.motion, self._course.control
         start = np.empty(mujoco.mj_stateSize(motion.model, WHOLE_STATE))
         mujoco.mj_getState(motion.model, motion.data, start, WHOLE_STATE)
         plan = dict(vars(control)) if control is not None else {}
         try:
-            self._ledger.open()
+            self._balance.open()
             self._error.begin(measured=True)
             flown_s = self._course.integrate(duration_s, left_s)
             whole = self._left_over(flown_s)
@@ -138,7 +138,7 @@ class _Refining(LogReplay):
         """Residuals over a time in so many steps."""
         total, part_s = np.zeros((3, 7)), duration_s / parts
         for _ in range(parts):
-            self._ledger.open()
+            self._balance.open()
             self._error.begin(measured=True)
             self._course.integrate(part_s, part_s)
             total += self._left_over(part_s)
