@@ -1,4 +1,4 @@
-"""Independent check of persistent contact forces, recomputed from logged states and efforts by other functions than the run's.
+"""Independent check of persistent contact forces, recomputed from logged states and efforts by other functions.
 
 Contact points and gap accelerations come from the support functions of the geoms (:mod:`ffsm_mj.contact.second_rate`), not
 from contact features; all closed pairs enter one complementarity problem.

@@ -156,7 +156,7 @@ def test_a_miss_names_each_bound_that_failed(tmp_path):
     assert miss.failed_value == miss.speed_m_s == pytest.approx(1.0, abs=1e-12)
     (told,) = run.summary()["near_misses"]
     assert (told["failed"], told["failed_value"], told["failed_bound"]) == ("speed_m_s", miss.speed_m_s, 0.4)
-    (line,) = [line for line in run_report(run).splitlines() if "missed" in line]
+    (line,) = [line for line in run_report(run).splitlines() if "near miss grasp" in line]
     assert "near miss grasp: relative speed 1 m/s, bound 0.4 m/s (2.5 times); closest approach at t = " in line
     assert "distance" not in line
     asked = ["near_misses.0.failed", "near_misses.0.failed_value", "near_misses.0.failed_bound"]
