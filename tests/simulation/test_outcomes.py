@@ -324,7 +324,7 @@ def test_an_impact_tells_its_step_and_the_efforts_that_act_from_there_on(tmp_pat
 def test_signals_are_heard_inside_a_tick(tmp_path, monkeypatch, number, place):
     """Between the steps of a long control period, and before each event; the log is finished."""
     path = two_balls(tmp_path, duration_s=2.0, control_period_s=1.0)
-    owner, method = (EventDrivenIntegrator, "bookings") if place == "step" else (EventDrivenIntegrator, "advance")
+    owner, method = (EventDrivenIntegrator, "exchanges") if place == "step" else (EventDrivenIntegrator, "advance")
     whole = getattr(owner, method)
 
     def signalled(self, duration_s):
