@@ -1,1 +1,1 @@
-"""What surrounds the motion: actuation within limits, the balance, samples of live arrays."""
+"""Actuation: limits of actuators, on-off valves, and the error of a step under held efforts."""

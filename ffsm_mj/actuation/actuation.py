@@ -1,4 +1,4 @@
-"""The plant side of actuation: what reaches the joints of what a controller asks for. No controller can bypass it.
+"""Actuation of the plant: applies the limits of actuators to the commands of a controller, which cannot bypass them.
 
 Efforts are forces in N or torques in N m at the driven joint or site; MuJoCo's ``ctrl`` is the effort over gear and gain.
 A command is decided once per control tick and held.
@@ -27,17 +27,17 @@ from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import Signal, identifier
 
 _EFFORTS = {
-    "command": "asked for",
+    "command": "commanded",
     "applied": "delivered",
-    "lower": "least possible while powered",
-    "upper": "greatest possible while powered",
+    "lower": "lower bound while powered",
+    "upper": "upper bound while powered",
 }
-"""What is logged of each actuator, in the order of :attr:`Actuation.table`."""
+"""Logged quantities of each actuator, in the order of :attr:`Actuation.table`."""
 
 
 @dataclass
 class _Actuator:
-    """What one actuator can do."""
+    """Limits of one actuator."""
 
     low: float
     high: float
@@ -47,7 +47,7 @@ class _Actuator:
     valve: Valve | None = None
 
     def configure(self, config: AnyActuator) -> None:
-        """Take the limits of a scenario."""
+        """Set the limits from a scenario."""
         if isinstance(config, TorqueSpeedConfig):
             self.stall = config.stall_torque_N_m
             self.slope = config.stall_torque_N_m / config.no_load_speed_rad_s
@@ -63,10 +63,10 @@ class Actuation:
     Attributes:
         names: Full names of the actuators in MuJoCo's order.
         table: By actuator: command, applied effort, least and greatest possible effort, (nu, 4).
-        applied: Efforts that act now, (nu,).
+        applied: Currently applied efforts, (nu,).
         gear: Effort per ctrl, (nu,).
-        counts: Seconds on and unsigned impulse in N s of each on-off actuator, (number of them, 2).
-        columns: The table, and the counts.
+        counts: On-time in s and unsigned impulse in N s of each on-off actuator, (number of on-off actuators, 2).
+        columns: Columns of the table and the counts.
         keys: Columns of ``command``, ``applied``, ``lower`` and ``upper`` by actuator.
     """
 
@@ -74,7 +74,7 @@ class Actuation:
         """Resolve names and collect limits.
 
         Raises:
-            ScenarioFaults: An unknown actuator, or one that MJCF does not define as a plain motor.
+            ScenarioFaults: An unknown actuator, or one that is not a plain motor in MJCF.
         """
         self.names = system.names("actuator")
         self.gear = _effort_per_ctrl(system)
@@ -114,7 +114,7 @@ class Actuation:
         self._command: Command | None = None
 
     def apply(self, command: Command, data: Any, time_s: float) -> None:
-        """Turn a command into ``data.ctrl`` and hold it.
+        """Convert a command to ``data.ctrl``, to be held until the next one.
 
         Raises:
             ControllerError: A powered effort is not finite.
@@ -125,15 +125,15 @@ class Actuation:
             self._limits = fastest(Limits)(self._envelope, *held)
         if not self._limits.apply():
             names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
-            raise ControllerError(f"the controller commands an effort that is not finite for {names}")
+            raise ControllerError(f"the controller commands a non-finite effort for {names}")
         if self._valves:
             self._switch(command.powered, time_s)
 
     def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
-        """Open and shut the valves of the on-off actuators, which deliver all or nothing of what the limits left of it."""
-        on = powered.tolist()  # lists are read faster than arrays one by one
+        """Open or close the valves of the on-off actuators, which deliver full thrust or none, within limits."""
+        on = powered.tolist()  # element access is faster in lists than in arrays
         if not (self._valves_open or True in [on[i] for i, _ in self._valves]):
-            return  # all are shut, and stay so
+            return  # all are closed and stay closed
         wanted = self._wanted.tolist()
         lower, upper, forces = self._lower.tolist(), self._upper.tolist(), []
         for i, valve in self._valves:
@@ -141,29 +141,29 @@ class Actuation:
         self._take(forces)
 
     def _take(self, forces: Sequence[float]) -> None:
-        """Let the valves' forces act."""
+        """Apply the forces of the valves."""
         self.applied[self._counted] = forces
         self._ctrl[self._counted] = self.applied[self._counted] / self._gears
         self._valves_open = any(forces)
 
     def hold(self, efforts: FloatArray, data: Any, time_s: float) -> None:
-        """Take up efforts that were decided before, within limits as ever; valves stand as the efforts say.
+        """Restore efforts that were decided before, within limits; the state of valves follows from the efforts.
 
         Args:
-            efforts: Of all actuators, (nu,).
+            efforts: Efforts of all actuators, (nu,).
             data: State at which they were decided.
-            time_s: When that was.
+            time_s: Time at which they were decided.
         """
         self.apply(Command(efforts, efforts != 0.0), data, time_s)
         if self._valves:
             self._take([valve.stand(float(efforts[i]), time_s) for i, valve in self._valves])
 
     def by_name(self) -> dict[str, tuple[float, ...]]:
-        """Effort that acts now by actuator, N or N m."""
+        """Currently applied effort by actuator, N or N m."""
         return {name: (effort,) for name, effort in zip(self.names, self.applied.tolist(), strict=True)}
 
     def elapse(self, duration_s: float) -> None:
-        """Count on-times and impulses of the on-off actuators over a time with the efforts held."""
+        """Accumulate on-times and impulses of the on-off actuators over an interval of held efforts."""
         if not self._valves_open:
             return
         applied = self.applied[self._counted]
@@ -178,7 +178,7 @@ def _effort_per_ctrl(system: System) -> FloatArray:
     """Gear times gain of each actuator.
 
     Raises:
-        ScenarioFaults: An actuator is no plain motor (a servo, a muscle, activation dynamics).
+        ScenarioFaults: An actuator is not a plain motor (a servo, a muscle, activation dynamics).
     """
     model = system.mj
     gear = np.ones(model.nu)
@@ -188,8 +188,8 @@ def _effort_per_ctrl(system: System) -> FloatArray:
         no_bias = model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
         if not (fixed_gain and no_bias and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE):
             message = (
-                f"actuator {model.actuator(i).name!r} is no plain <motor>: its force would not be the command; "
-                "write <motor>, or let 'strip: [servos]' of the scenario"
+                f"actuator {model.actuator(i).name!r} is not a plain <motor>: its force would not be the command; "
+                "write <motor>, or use 'strip: [servos]' of the scenario"
             )
             faults.append(Fault(message, ("robot", "mjcf")))
         on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
@@ -204,7 +204,7 @@ def _effort_per_ctrl(system: System) -> FloatArray:
 
 
 def _mjcf_range(model: Any, gear: FloatArray) -> FloatArray:
-    """Bounds on the effort that MJCF states, (2, nu)."""
+    """Bounds on the effort in MJCF, (2, nu)."""
     bounds = np.array([np.full(model.nu, -np.inf), np.full(model.nu, np.inf)])
     for i in range(model.nu):
         limits = []
@@ -218,7 +218,7 @@ def _mjcf_range(model: Any, gear: FloatArray) -> FloatArray:
 
 
 def _effort_signals(system: System) -> tuple[Signal, ...]:
-    """Four of each actuator, in the order of the table."""
+    """Four signals per actuator, in the order of the table."""
     signals = []
     for i, name in enumerate(system.names("actuator")):
         unit, suffix = ("N m", "N_m") if _drives_rotation(system.mj, i) else ("N", "N")
@@ -229,7 +229,7 @@ def _effort_signals(system: System) -> tuple[Signal, ...]:
 
 
 def _count_signals(names: Sequence[str]) -> tuple[Signal, ...]:
-    """Two of each on-off actuator, in the order of the counts."""
+    """Two signals per on-off actuator, in the order of the counts."""
     signals = []
     for name in names:
         field, element = identifier(name), f"actuator {name}"

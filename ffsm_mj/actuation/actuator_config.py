@@ -1,4 +1,4 @@
-"""What a scenario says of an actuator, by its kind."""
+"""Configuration of actuators in a scenario, by kind."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ffsm_mj.config import StrictModel
 
 
 class IdealConfig(StrictModel):
-    """An actuator that delivers what is asked, within MJCF's own ctrlrange and forcerange."""
+    """An actuator that delivers the command within MJCF's own ctrlrange and forcerange."""
 
     kind: Literal["ideal"]
 
@@ -26,17 +26,17 @@ class TorqueSpeedConfig(StrictModel):
 
 
 class ReactionWheelConfig(StrictModel):
-    """A wheel's motor: a torque limit, and no torque that would speed it up beyond its greatest speed."""
+    """Motor of a reaction wheel: a torque limit, and no torque that would accelerate it beyond its maximum speed."""
 
     kind: Literal["reaction_wheel"]
     max_torque_N_m: PositiveFloat
-    """Greatest torque, N m."""
+    """Maximum torque, N m."""
     max_speed_rad_s: PositiveFloat
-    """Speed of the rotor against its bearing at which it is saturated, rad/s."""
+    """Speed of the rotor relative to its bearing at which it saturates, rad/s."""
 
 
 class OnOffConfig(StrictModel):
-    """A thruster that is off or fully on, in the direction asked for (paper, section 4.4).
+    """A thruster that is off or fully on, in the commanded direction (paper, section 4.4).
 
     With ``release_N`` below ``threshold_N`` it is a Schmitt trigger. A thruster whose ctrlrange starts at 0 pushes only.
     """
@@ -45,11 +45,11 @@ class OnOffConfig(StrictModel):
     force_N: PositiveFloat
     """Force while on, N."""
     threshold_N: Annotated[float, Field(ge=0.0)] = 0.0
-    """It fires when more than this is asked for, N."""
+    """The thruster fires when more than this is commanded, N."""
     release_N: Annotated[float, Field(ge=0.0)] | None = None
-    """Once on, it stays on until less than this is asked for, N; left out: the threshold."""
+    """Once on, it stays on until less than this is commanded, N; default: the threshold."""
     min_on_time_s: Annotated[float, Field(ge=0.0)] = 0.0
-    """Once on, it stays on at least this long, unless power is cut, s."""
+    """Minimum on-time unless power is cut, s."""
 
     @model_validator(mode="after")
     def _release_below_threshold(self) -> OnOffConfig:

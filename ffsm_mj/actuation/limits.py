@@ -1,4 +1,4 @@
-"""What actuators deliver of what they are asked for: ranges, torque-speed lines, saturated wheels."""
+"""Limits of actuators: ranges, torque-speed lines, saturation of wheels."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ffsm_mj.arrays import FloatArray
 
 @dataclass(frozen=True)
 class Envelope:
-    """What each actuator can do, (nu,) each: low <= effort <= high, |effort + slope * velocity| <= stall.
+    """Limits of each actuator, (nu,) each: low <= effort <= high, |effort + slope * velocity| <= stall.
 
     Attributes:
         low: Least effort that MJCF allows.
         high: Greatest effort that MJCF allows.
         stall: Greatest effort at rest; infinite without a limit.
         slope: Effort lost per actuator velocity.
-        saturation: Joint speed beyond which no effort speeds it up further; infinite without one.
+        saturation: Joint speed beyond which efforts cannot accelerate it further; infinite without one.
         gear: Effort per ctrl.
     """
 
@@ -33,7 +33,7 @@ class Envelope:
 
 
 class Limits:
-    """Turns a command into efforts within their envelope, and into ``ctrl``."""
+    """Converts a command to efforts within their envelope, and to ``ctrl``."""
 
     def __init__(
         self,
@@ -47,12 +47,12 @@ class Limits:
         """Bind to a command and to the plant.
 
         Args:
-            envelope: Of the actuators.
-            effort: What is asked for, (nu,).
+            envelope: Limits of the actuators.
+            effort: Commanded efforts, (nu,).
             powered: Which actuators have power, (nu,).
             velocity: Actuator velocities, (nu,).
-            table: Takes what is wanted, applied, and the lower and upper bound of it, by actuator, (nu, 4).
-            ctrl: Takes MuJoCo's command, (nu,).
+            table: Receives commanded effort, applied effort, lower and upper bound by actuator, (nu, 4).
+            ctrl: Receives MuJoCo's control, (nu,).
         """
         self._effort, self._powered, self._velocity, self._ctrl = effort, powered, velocity, ctrl
         self._wanted, self._applied, self._lower, self._upper = table.T
@@ -62,14 +62,14 @@ class Limits:
         self._drag, self._ones = np.empty(len(ctrl)), np.ones(len(ctrl))
 
     def apply(self) -> bool:
-        """Work out the table and ``ctrl``; False, with no more than the commands, where a powered effort is not finite."""
+        """Compute the table and ``ctrl``; return False, with only commands written, if a powered effort is not finite."""
         wanted, applied, lower, upper, powered = self._wanted, self._applied, self._lower, self._upper, self._powered
         np.multiply(self._effort, powered, out=wanted)
         if not math.isfinite(wanted.dot(self._ones)):
-            wanted[~powered] = 0.0  # what an unpowered actuator is asked for does not matter
+            wanted[~powered] = 0.0  # commands of unpowered actuators are ignored
             if not np.isfinite(wanted).all():
                 return False
-        # The torque-speed line shifts both bounds; without a slope they stay where they are.
+        # The torque-speed line shifts both bounds in proportion to the velocity; without a slope they are constant.
         drag = np.multiply(self._velocity, self._slope, out=self._drag)
         np.maximum(self._reverse_stall - drag, self._low, out=lower)
         np.minimum(self._stall - drag, self._high, out=upper)

@@ -1,4 +1,4 @@
-"""What one step leaves unexplained of energies and momenta, against what the checks allow it."""
+"""Error of one step in energy and momenta, relative to the tolerances of the checks."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ffsm_mj.model.system import Joint, System, Tree
 from ffsm_mj.records.signals import SUBSYSTEMS
 
 _NUMBERS = 7
-"""Of a subsystem: kinetic energy in J, P in N s, L about the world origin in N m s."""
+"""Number of values per subsystem: kinetic energy in J, P in N s, L about the world origin in N m s."""
 _TOTAL, _ROBOT, _OBJECTS = range(len(SUBSYSTEMS))
 _FACTOR = 12.0
-"""A Runge-Kutta step of order four errs by (rate times step)^5 / 120 where all moves at one rate; the bound is ten times."""
+"""The error of an RK4 step is (rate times step)^5 / 120 for motion at a single rate; the bound is ten times this."""
 
 
 class StepError:
     """Residual of the balance over one (sub-)step, of energy and momenta of each subsystem.
 
-    A Runge-Kutta step conserves neither exactly, so its residual is its truncation error in the quantities that are checked:
+    An RK4 step does not conserve them exactly, so its residual is its truncation error in the quantities that are checked:
     measured, not estimated. It is a function of the state at the start of the step, the efforts and the duration.
     """
 
@@ -35,7 +35,7 @@ class StepError:
         Args:
             system: Robot and objects.
             data: Their state, derived quantities current wherever a method is called.
-            balance: Enters what the efforts do in a step.
+            balance: Accounts for the efforts during a step.
         """
         self._model, self._data, self._ledger = system.mj, data, balance
         self._rates = data.qvel
@@ -46,7 +46,7 @@ class StepError:
         self._system, self._mass = system, float(system.mj.body_mass.sum())
         self._weights = np.hstack((_changes(balance.free), -balance.entered()))
         self._turning = np.array([i for joint in self._joints() for i in _turns(joint)], dtype=np.intp)
-        # A part that slides along another that turns has a rate of its own, its speed over a length that nobody knows.
+        # A body that slides along a rotating one adds a rate, its speed over a length that is unknown.
         self._bounded = all(joint.kind != "slide" or joint.body in roots for joint in self._joints())
         self._start: list[float] | None = None
         self._rates_before: list[float] = []
@@ -60,10 +60,10 @@ class StepError:
         return tuple(self._system.joints.values())
 
     def begin(self, *, measured: bool) -> None:
-        """A step begins at the state in ``data``.
+        """Begin a step at the state in ``data``.
 
         Args:
-            measured: It will be measured; else :meth:`bound` may do.
+            measured: Whether its error will be measured; otherwise :meth:`bound` may suffice.
         """
         self._start, self._rates_before = None, self._rates[self._turning].tolist()
         if measured or not self._bounded:
@@ -72,13 +72,13 @@ class StepError:
 
     @property
     def is_measured(self) -> bool:
-        """Whether the state at the start of the step is known so well that its residual can be worked out."""
+        """Whether the data to measure the residual was stored at the start of the step."""
         return self._start is not None
 
     def bound(self, duration_s: float) -> float:
-        """An upper bound on the error of a step in which nothing but the efforts pushes, over (1 + scale); infinite: none.
+        """Upper bound on the error of a step without contact forces, over (1 + scale); infinite if there is none.
 
-        From how fast everything turns at both ends, and how that changes.
+        It follows from the angular rates at both ends and their change.
         """
         if not self._bounded:
             return math.inf
@@ -92,7 +92,7 @@ class StepError:
         return float(turn**5) / _FACTOR * max(1.0, momentum * (1.0 + lever))
 
     def residuals(self, duration_s: float, bookings: Iterable[Exchange]) -> FloatArray:
-        """What is left unexplained at the state in ``data``, (3, 7): energy, P and L of (total, robot, objects).
+        """Residuals at the state in ``data``, (3, 7): energy, P and L of (total, robot, objects).
 
         Args:
             duration_s: Since :meth:`begin`.
@@ -110,12 +110,12 @@ class StepError:
         Args:
             duration_s: Since :meth:`begin`.
             bookings: What contacts exchanged in that time.
-            carried: An object is a part of the robot: what passes between the two is what it gained, whatever that is.
+            carried: Whether an object is grasped: the exchange between robot and object is then its gain by definition.
         """
         return self.over_scale(self.residuals(duration_s, bookings), carried=carried)
 
     def over_scale(self, residuals: FloatArray, *, carried: bool) -> float:
-        """The largest of residuals, (3, 7), over (1 + scale); see :meth:`relative`."""
+        """Largest of some residuals, (3, 7), over (1 + scale); see :meth:`relative`."""
         left = residuals.tolist()
         # The whole is at most the sum of robot and objects.
         subsystems = (_TOTAL,) if carried else (_ROBOT, _OBJECTS)
@@ -123,7 +123,7 @@ class StepError:
         return size if math.isfinite(size) else math.inf
 
     def _size(self, left: list[float], subsystem: int) -> float:
-        """Of one subsystem."""
+        """Largest relative residual of one subsystem."""
         energy, linear, angular = self._scales(subsystem)
         return abs(left[0]) / energy + math.hypot(*left[1:4]) / linear + math.hypot(*left[4:]) / angular
 
@@ -154,19 +154,19 @@ class StepError:
 
 
 def _changes(free: FloatArray) -> FloatArray:
-    """From the changes of robot and objects, (14,), to those of each subsystem on the components that are free, (21, 14)."""
+    """Matrix from the changes of robot and objects, (14,), to those of each subsystem on its free components, (21, 14)."""
     robot, objects = np.eye(_NUMBERS, 2 * _NUMBERS), np.eye(_NUMBERS, 2 * _NUMBERS, _NUMBERS)
     masks = np.hstack((np.ones((len(SUBSYSTEMS), 1)), free))
     return np.vstack([mask[:, None] * part for mask, part in zip(masks, (robot + objects, robot, objects), strict=True)])
 
 
 def _lengths(joint: Joint) -> range:
-    """Places in ``qpos`` of the coordinates of a joint that are in m."""
+    """Indices in ``qpos`` of the coordinates of a joint that are in m."""
     size = {"free": 3, "slide": 1}.get(joint.kind, 0)
     return range(joint.qpos.start, joint.qpos.start + size)
 
 
 def _turns(joint: Joint) -> range:
-    """Places in ``qvel`` of the rates of a joint that are in rad/s."""
+    """Indices in ``qvel`` of the rates of a joint that are in rad/s."""
     first = {"slide": joint.dofs.stop, "free": joint.dofs.start + 3}.get(joint.kind, joint.dofs.start)
     return range(first, joint.dofs.stop)

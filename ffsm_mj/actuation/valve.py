@@ -1,4 +1,4 @@
-"""The valve of an on-off thruster: a Schmitt trigger with a shortest time."""
+"""Valve of an on-off thruster: a Schmitt trigger with a minimum on-time."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from ffsm_mj.actuation.actuator_config import OnOffConfig
 
 
 class Valve:
-    """An on-off thruster's valve, and what it remembers.
+    """Valve of an on-off thruster, with its state.
 
     Attributes:
-        firing: Direction in which it fires, 1 or -1, or 0 while it is shut.
+        firing: Direction in which it fires, 1 or -1, or 0 while it is closed.
     """
 
     def __init__(self, config: OnOffConfig) -> None:
@@ -21,26 +21,29 @@ class Valve:
         self.firing, self._lit_at_s = 0.0, 0.0
 
     def fire(self, wanted: float, lower: float, upper: float, time_s: float) -> float:
-        """Force of the valve: kept on above the release and for its shortest time, lit above the threshold."""
+        """Update the valve and return its force.
+
+        It opens above the threshold, and stays open above the release or for its minimum on-time.
+        """
         size = abs(wanted)
         sign = math.copysign(1.0, wanted)
         stays = self.firing == sign and size >= self._release and size > 0.0
         held = self.firing != 0.0 and time_s - self._lit_at_s < self._min_on_s - 1e-12
         firing = self.firing if stays or held else sign if size > self._threshold else 0.0
         if not lower <= firing * self._force <= upper:
-            firing = 0.0  # one that only pushes never fires backwards
+            firing = 0.0  # a one-sided thruster never fires backwards
         if firing not in (0.0, self.firing):
             self._lit_at_s = time_s
         self.firing = firing
         return firing * self._force
 
     def shut(self) -> float:
-        """Without power; gives the force that the valve has then."""
+        """Close the valve for loss of power; return its force."""
         self.firing = 0.0
         return 0.0
 
     def stand(self, force: float, time_s: float) -> float:
-        """Stand as a force says, from a time on; gives the force that the valve has then."""
+        """Restore the state that a force implies, from a time on; return the force."""
         firing = math.copysign(1.0, force) if force else 0.0
         if firing not in (0.0, self.firing):
             self._lit_at_s = time_s

@@ -1,1 +1,1 @@
-"""A finished run as data: columns, verdicts on conservation, tables, summary, comparison."""
+"""A finished run as data: columns, checks, tables, summary, comparison."""

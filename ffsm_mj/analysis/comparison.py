@@ -1,4 +1,4 @@
-"""Two runs held against each other: what differs first in the scenario, in the records of each kind, and along the way."""
+"""Comparison of two runs: scenarios, records of each kind, and signals."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import TIME
 
 _TOGETHER = 8
-"""Signals that are compared in one pass over two logs."""
+"""Number of signals compared in one pass over two logs."""
 
 
 @dataclass(frozen=True)
 class SignalDifference:
-    """Largest difference |b - a| of one signal and when that is; ``first_s``: when the two first are not the same number."""
+    """Largest difference |b - a| of one signal, and its time; ``first_s``: time of the first difference."""
 
     key: str
     unit: str
@@ -33,32 +33,32 @@ class SignalDifference:
 
 @dataclass(frozen=True)
 class ImpactDifference:
-    """The n-th contact of each run; None where a run has no such contact."""
+    """The n-th impact contact of each run; None if a run has fewer."""
 
     a: ImpactRecord | None
     b: ImpactRecord | None
 
     @property
     def time_s(self) -> float:
-        """Time of b's contact minus that of a's, s; NaN where one is missing."""
+        """Time of b's contact minus that of a's, s; NaN if one is missing."""
         return self.b.time_s - self.a.time_s if self.a and self.b else float("nan")
 
     @property
     def impulse_N_s(self) -> float:
-        """Impulse of b's contact minus that of a's, N s; NaN where one is missing."""
+        """Impulse of b's contact minus that of a's, N s; NaN if one is missing."""
         return self.b.impulse_N_s - self.a.impulse_N_s if self.a and self.b else float("nan")
 
 
 @dataclass(frozen=True)
 class RecordsDifference:
-    """The records of one kind, side by side.
+    """Comparison of the records of one kind.
 
     Attributes:
-        kind: Which.
-        a: How many the first run has.
-        b: How many the second has.
-        first: Position from 0 of the first that differ; None where all are the same.
-        sentences: What the two at that position say; empty for one that is not there.
+        kind: Kind of the records.
+        a: Number of records of the first run.
+        b: Number of records of the second run.
+        first: Index of the first difference; None if all are equal.
+        sentences: Texts of the two records at that index; empty for a missing one.
     """
 
     kind: RecordKind
@@ -70,13 +70,13 @@ class RecordsDifference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What differs between run a and run b.
+    """Differences between run a and run b.
 
     Attributes:
         scenario: Keys of the resolved scenarios whose values differ, in order: (key, value in a, in b); None: no such key.
-        models: Model files that differ, or that one run has and the other not.
+        models: Model files that differ, or that only one run has.
         impacts: Contacts in order, side by side.
-        records: Every kind of record that either run may have.
+        records: Comparison of each kind of record that either run may have.
         signals: Signals of both runs that differ at some common time, in the order of the log.
         only_a: Signals that only a has.
         only_b: Signals that only b has.
@@ -96,18 +96,18 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Same scenario, models, records and numbers, bit by bit."""
+        """Whether scenario, models, records and signals are identical bit for bit."""
         records = all(kind.first is None for kind in self.records)
         return records and not (self.scenario or self.models or self.signals or self.only_a or self.only_b)
 
     @property
     def first_s(self) -> float | None:
-        """When the motions part: first time at which a coordinate or rate differs; None where they never do."""
+        """First time at which a coordinate or rate differs; None if there is none."""
         return min((d.first_s for d in self.signals if d.key.startswith("state.")), default=None)
 
 
 def compare_logs(a: RunLog, b: RunLog) -> Comparison:
-    """Compare two runs at the times that both have."""
+    """Compare two runs at their common times."""
     layouts = a.header.layout, b.header.layout
     times_a, times_b = (np.round(log.column(TIME) * 1e9).astype(np.int64) for log in (a, b))
     _, of_a, of_b = np.intersect1d(times_a, times_b, assume_unique=True, return_indices=True)
@@ -152,7 +152,7 @@ def _signals(a: RunLog, b: RunLog, keys: list[str], chosen: tuple[Any, Any]) -> 
 
 
 def _columns(log: RunLog, keys: list[str], rows: Any) -> FloatArray:
-    """Some signals at some rows, (number of signals, n): of a long log in one pass over its file."""
+    """Some signals at some rows, (number of signals, n), in one pass over a long log."""
     index = log.header.layout.index
     return np.asarray(log.rows[:, [index[key] for key in keys]][rows].T)
 
@@ -163,7 +163,7 @@ def _different_files(a: RunLog, b: RunLog) -> set[str]:
 
 
 def _differences(a: Any, b: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Leaves at which two trees of plain data differ, in the order of the first."""
+    """Leaves in which two trees of plain data differ, in the order of the first."""
     if isinstance(a, dict) and isinstance(b, dict):
         for name in dict.fromkeys((*a, *b)):
             yield from _differences(a.get(name), b.get(name), f"{key}.{name}" if key else str(name))

@@ -1,4 +1,4 @@
-"""Contacts that last, each from its beginning to its end: worked out from what rows and records say of them."""
+"""Intervals of persistent contact, computed from rows and records."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from ffsm_mj.records.signals import Layout, identifier
 COLUMNS = {
     "pair": ("", "name of the pair of geoms"),
     "geoms_{ab}": ("", "geom of the pair; the force on b points away from a"),
-    "start_s": ("s", "when it begins to last"),
-    "end_s": ("s", "when it opens; NaN where it lasts to the end of the log"),
-    "impulse_N_s": ("N s", "integral of the resultant force over that time"),
-    "peak_force_N": ("N", "greatest resultant force of the samples and events in that time"),
-    "peak_force_s": ("s", "when that is"),
+    "start_s": ("s", "time at which the contact closes"),
+    "end_s": ("s", "time at which it opens; NaN if it is closed at the end of the log"),
+    "impulse_N_s": ("N s", "integral of the resultant force over the interval"),
+    "peak_force_N": ("N", "greatest resultant force of the samples and events in the interval"),
+    "peak_force_s": ("s", "time of the greatest force"),
 }
 
 
 @dataclass(frozen=True)
 class ContactInterval:
-    """A pair that stayed closed for a time.
+    """Interval of persistent contact of a pair.
 
     Attributes:
         pair: Name of the pair of geoms.
-        geoms: The two, a and b.
-        start_s: When it began to last: the impact that was its entry.
-        end_s: When it opened; None where it lasts to the end of the log.
-        impulse_N_s: Integral of the resultant force over that time.
-        peak_force_N: Greatest resultant force of the samples and events in that time.
-        peak_force_s: When that was.
+        geoms: Geoms a and b.
+        start_s: Time at which it closed: that of its first impact.
+        end_s: Time at which it opened; None if it is closed at the end of the log.
+        impulse_N_s: Integral of the resultant force over the interval.
+        peak_force_N: Greatest resultant force of the samples and events in the interval.
+        peak_force_s: Time of the greatest force.
     """
 
     pair: str
@@ -57,7 +57,7 @@ class ContactInterval:
 
 
 class _OpenContact:
-    """A contact while it is told of."""
+    """Accumulator for one interval."""
 
     def __init__(self, begins: ContactRecord, columns: Sequence[int]) -> None:
         self.pair, self.geoms, self.start_s, self.end_s = begins.pair, begins.geoms, begins.time_s, math.inf
@@ -66,14 +66,14 @@ class _OpenContact:
         self._peak, self._peak_s = begins.force_after_N, begins.time_s
 
     def record(self, record: ContactRecord) -> None:
-        """Something happened to it."""
+        """Process a record of the contact."""
         self._until = record.impulse_N_s
         self._higher(max(record.force_before_N, record.force_after_N), record.time_s)
         if isinstance(record, ContactEnds):
             self.end_s = record.time_s
 
     def rows(self, times: FloatArray, block: FloatArray) -> None:
-        """Take those of some rows that fall into it."""
+        """Process the rows within the interval."""
         first, last = np.searchsorted(times, self.start_s), np.searchsorted(times, self.end_s, side="right")
         if first >= last or not len(self._columns):
             return
@@ -89,27 +89,27 @@ class _OpenContact:
             self._peak, self._peak_s = force_N, time_s
 
     def told(self) -> ContactInterval:
-        """What it came to."""
+        """The interval so far."""
         end_s = None if self.end_s == math.inf else self.end_s
         impulse = self._until - self._before
         return ContactInterval(self.pair, self.geoms, self.start_s, end_s, impulse, self._peak, self._peak_s)
 
 
 class ContactIntervals:
-    """Contacts of one run, told in blocks of rows and records.
+    """Accumulates the contact intervals of one run from blocks of rows and records.
 
-    A record must be told before the first block that reaches beyond it; those of a log may all be told first.
+    A record must be passed before the first block that extends beyond its time; all records of a log may come first.
     """
 
     def __init__(self, layout: Layout) -> None:
-        """Nothing was told yet."""
+        """Start without records."""
         self._layout = layout
         self._spells: list[_OpenContact] = []
         self._lasting: dict[str, _OpenContact] = {}
         self._awaited: list[_OpenContact] = []
 
     def event(self, event: Event) -> None:
-        """Take the next record; one that tells of no contact says nothing here."""
+        """Process the next record; other kinds are ignored."""
         if not isinstance(event, ContactRecord):
             return
         if isinstance(event, ContactBegins) and event.pair not in self._lasting:
@@ -118,13 +118,13 @@ class ContactIntervals:
             self._lasting[event.pair] = spell
             self._spells.append(spell)
             self._awaited.append(spell)
-        elif event.pair in self._lasting:  # else its beginning is lost, with a part of the log
+        elif event.pair in self._lasting:  # otherwise its start is in a damaged part of the log
             self._lasting[event.pair].record(event)
             if isinstance(event, ContactEnds):
                 del self._lasting[event.pair]
 
     def rows(self, block: FloatArray) -> None:
-        """Take the next rows."""
+        """Process the next rows."""
         if not self._awaited:
             return
         times = block[:, self._layout.time]
@@ -133,12 +133,12 @@ class ContactIntervals:
         self._awaited = [spell for spell in self._awaited if not spell.end_s < times[-1]]
 
     def told(self) -> tuple[ContactInterval, ...]:
-        """All of them so far in the order in which they began, but for those that ended at that same instant."""
+        """All intervals so far in order of their start, except those of zero length."""
         return tuple(spell.told() for spell in self._spells if spell.end_s > spell.start_s)
 
 
 def contact_records(log: RunLog) -> list[Any]:
-    """What a log tells of contacts that last, in order."""
+    """Records of persistent contact in a log, in order."""
     kinds = (CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS)
     found = [record for kind in kinds for record in log.records.get(kind.plural, ())]
     return sorted(found, key=lambda record: record.event)

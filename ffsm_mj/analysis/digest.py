@@ -1,4 +1,4 @@
-"""What verdicts and summary need of a run's rows, gathered as they go past: in the run itself and from its log the same."""
+"""Digest of a run's rows for checks and summary, accumulated during the run or from its log with equal results."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from ffsm_mj.verification.residuals import norms
 
 @dataclass
 class TipDigest:
-    """The tip on its way to the target.
+    """Accumulates the tip error.
 
     Attributes:
-        task: Where it is wanted.
-        finite: Whether every error was a number.
+        task: Target of the tip.
+        finite: Whether all errors were finite.
         best_m: Smallest error.
-        best_s: When it was.
-        last_m: Error of the last row.
-        last_m_s: Speed along the axes in the last row.
+        best_s: Time of the smallest error.
+        last_m: Error in the last row.
+        last_m_s: Speed along the regulated axes in the last row.
     """
 
     task: LoggedTask
@@ -40,7 +40,7 @@ class TipDigest:
     last_m_s: float = 0.0
 
     def rows(self, block: FloatArray, layout: Layout) -> None:
-        """Take the next rows."""
+        """Process the next rows."""
         place, rate = layout.places(TIP), layout.places(TIP_RATE)
         error = norms(self.task.errors_m(block[:, place]))
         self.finite &= bool(np.all(np.isfinite(error)))
@@ -51,19 +51,19 @@ class TipDigest:
 
 
 class Digest:
-    """One run, told in blocks of rows; the same however they are cut.
+    """Digest of one run, independent of the division of its rows into blocks.
 
     Attributes:
-        audit: The laws.
-        contacts: Contacts that last.
-        captures: What was held.
-        tip: The tip; None without a task.
-        samples: Rows so far.
-        end_s: Time of the last of them, 0 without any.
+        audit: Checks.
+        contacts: Intervals of persistent contact.
+        captures: Intervals of grasps.
+        tip: Tip error; None without a task.
+        samples: Number of rows so far.
+        end_s: Time of the last row, 0 without any.
     """
 
     def __init__(self, header: RunHeader) -> None:
-        """Nothing was told yet."""
+        """Start without rows."""
         self._layout = header.layout
         self.audit = CheckAccumulator(header.layout, header.facts)
         self.contacts, self.captures = ContactIntervals(header.layout), GraspIntervals(header.layout)
@@ -72,7 +72,7 @@ class Digest:
         self.samples, self.end_s = 0, 0.0
 
     def rows(self, block: FloatArray) -> None:
-        """Take the next rows."""
+        """Process the next rows."""
         self.samples, self.end_s = self.samples + len(block), float(block[-1, self._layout.time])
         self.audit.rows(block)
         self.contacts.rows(block)
@@ -82,7 +82,7 @@ class Digest:
 
 
 def digest(log: RunLog) -> Digest:
-    """Go through the rows of a log."""
+    """Digest the rows of a log."""
     found = Digest(log.header)
     for record in contact_records(log):
         found.contacts.event(record)
@@ -94,10 +94,10 @@ def digest(log: RunLog) -> Digest:
 
 
 class DigestSink:
-    """Digests a run while it goes.
+    """Sink that digests a run during the simulation.
 
     Attributes:
-        digest: What came of it; there once the run is open.
+        digest: The digest; exists once the run is open.
     """
 
     digest: Digest
@@ -111,12 +111,12 @@ class DigestSink:
         self.digest.rows(block)
 
     def event(self, event: Event) -> None:
-        """Take what is told of contacts and captures; all other events are few, and kept."""
+        """Process records of contacts and grasps; all other events are few and kept in the log."""
         self.digest.contacts.event(event)
         self.digest.captures.event(event)
 
     def flush(self) -> None:
-        """Nothing to do: memory does not survive a kill."""
+        """Do nothing: a digest in memory does not survive a kill."""
 
     def close(self, outcome: OutcomeRecord | None) -> None:
-        """Nothing to do."""
+        """Do nothing."""

@@ -1,6 +1,6 @@
-"""The kinds of records of every run and of captures, registered in the order of ``summary.json``; importing this is enough.
+"""Registers the kinds of records of every run and of grasps, in the order of ``summary.json``, on import.
 
-Every run and every log that is read passes through :mod:`.run`, which does: here alone floors above and below the log meet.
+:mod:`.run` imports it, so that every run and every log that is read has them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE
 IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, INTERNAL_ERROR, OUTCOME)
 
 DECLARED = CAPTURES
-"""Of runs whose scenario declares what leaves them."""
+"""Kinds of runs whose scenario declares grasps."""
 
 for kind in (*IN_EVERY_RUN, *DECLARED):
     register(kind)

@@ -1,4 +1,4 @@
-"""Captures, each from when a grasp takes hold to when it lets go: worked out from what rows and records say of them."""
+"""Intervals from capture to release of a grasp, computed from rows and records."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from ffsm_mj.records.signals import CAPTURE_EVENT_LOADS, CAPTURE_LOADS, Layout
 
 COLUMNS = {
     "grasp": ("", "name of the grasp"),
-    "time_s": ("s", "when it takes hold"),
-    "release_s": ("s", "when it lets go; NaN where it holds to the end of the log"),
-    "loss_J": ("J", "kinetic energy lost as it takes hold"),
-    "impulse_{xyz}": ("N s", "impulse on the object then, world frame"),
-    "peak_force_N": ("N", "greatest force on the object in that time, of the samples and right after events"),
-    "peak_torque_N_m": ("N m", "greatest torque on it about its site in that time, likewise"),
-    "peak_s": ("s", "when the force is greatest"),
+    "time_s": ("s", "time of the capture"),
+    "release_s": ("s", "time of the release; NaN if the grasp is closed at the end of the log"),
+    "loss_J": ("J", "kinetic energy lost at the capture"),
+    "impulse_{xyz}": ("N s", "impulse on the object at the capture, world frame"),
+    "peak_force_N": ("N", "greatest force on the object in the interval, of the samples and right after events"),
+    "peak_torque_N_m": ("N m", "greatest torque on the object about its site in the interval, likewise"),
+    "peak_s": ("s", "time of the greatest force"),
 }
 
 
 @dataclass(frozen=True)
 class GraspInterval:
-    """An object that was held for a time.
+    """Interval in which an object was grasped.
 
     Attributes:
         grasp: Name of the grasp.
-        time_s: When it took hold.
-        release_s: When it let go; None where it holds to the end of the log.
-        loss_J: Kinetic energy lost as it took hold.
-        impulse: On the object then, world axes, N s.
-        peak_force_N: Greatest force on the object in that time, of the samples and right after events.
-        peak_torque_N_m: Greatest torque on it about its site, likewise.
-        peak_s: When the force was greatest.
+        time_s: Time of the capture.
+        release_s: Time of the release; None if the grasp is closed at the end of the log.
+        loss_J: Kinetic energy lost at the capture.
+        impulse: Impulse on the object at the capture, world axes, N s.
+        peak_force_N: Greatest force on the object in the interval, of the samples and right after events.
+        peak_torque_N_m: Greatest torque on the object about its site, likewise.
+        peak_s: Time of the greatest force.
     """
 
     grasp: str
@@ -51,14 +51,14 @@ class GraspInterval:
 
 
 class _OpenGrasp:
-    """A capture while it is told of."""
+    """Accumulator for one interval."""
 
     def __init__(self, begins: CaptureRecord) -> None:
         self.begins, self.end_s = begins, math.inf
         self._force, self._torque, self._peak_s = 0.0, 0.0, begins.time_s
 
     def rows(self, times: FloatArray, loads: FloatArray, events: FloatArray) -> None:
-        """Take those of some rows that fall into it; at the instant of the release nothing is held any more."""
+        """Process the rows within the interval; its end, the instant of the release, is excluded."""
         for force, torque, at_s in events[(events[:, 2] >= self.begins.time_s) & (events[:, 2] < self.end_s)].tolist():
             self._higher(force, torque, at_s)
         first, last = np.searchsorted(times, self.begins.time_s), np.searchsorted(times, self.end_s)
@@ -74,17 +74,17 @@ class _OpenGrasp:
         self._torque = max(self._torque, torque)
 
     def told(self) -> GraspInterval:
-        """What it came to."""
+        """The interval so far."""
         begins, end_s = self.begins, None if self.end_s == math.inf else self.end_s
         peaks = self._force, self._torque, self._peak_s
         return GraspInterval(begins.grasp, begins.time_s, end_s, begins.loss_J, begins.impulse_N_s, *peaks)
 
 
 class GraspIntervals:
-    """Captures of one run, told in blocks of rows and records."""
+    """Accumulates the grasp intervals of one run from blocks of rows and records."""
 
     def __init__(self, layout: Layout) -> None:
-        """Nothing was told yet."""
+        """Start without records."""
         self._time = layout.time
         known = layout.index.keys() >= {*CAPTURE_LOADS, *CAPTURE_EVENT_LOADS}
         self._loads = layout.places(CAPTURE_LOADS) if known else None
@@ -93,15 +93,15 @@ class GraspIntervals:
         self._awaited: list[_OpenGrasp] = []
 
     def event(self, event: Event) -> None:
-        """Take the next record; one that tells of no capture says nothing here."""
+        """Process the next record; other kinds are ignored."""
         if isinstance(event, CaptureRecord):
             self._spells.append(_OpenGrasp(event))
             self._awaited.append(self._spells[-1])
-        elif isinstance(event, ReleaseRecord) and self._spells:  # else its capture is lost, with a part of the log
+        elif isinstance(event, ReleaseRecord) and self._spells:  # otherwise its capture is in a damaged part of the log
             self._spells[-1].end_s = event.time_s
 
     def rows(self, block: FloatArray) -> None:
-        """Take the next rows."""
+        """Process the next rows."""
         if not self._awaited or self._loads is None or self._events is None:
             return
         times = block[:, self._time]
@@ -110,11 +110,11 @@ class GraspIntervals:
         self._awaited = [spell for spell in self._awaited if not spell.end_s < times[-1]]
 
     def told(self) -> tuple[GraspInterval, ...]:
-        """All of them so far, in order."""
+        """All intervals so far, in order."""
         return tuple(spell.told() for spell in self._spells)
 
 
 def grasp_records(log: RunLog) -> list[CaptureRecord | ReleaseRecord]:
-    """What a log tells of captures and releases, in order."""
+    """Captures and releases in a log, in order."""
     found = [record for kind in (CAPTURE, RELEASE) for record in log.records.get(kind.plural, ())]
     return sorted(found, key=lambda record: (record.time_s, isinstance(record, CaptureRecord)))

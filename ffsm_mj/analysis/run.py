@@ -1,4 +1,4 @@
-"""A finished run as typed arrays by name. The same object from memory and from the log."""
+"""A finished run as typed arrays by name, from memory or from its log."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from ffsm_mj.verification.refined import Refined, explained, refined
 
 
 class Run:
-    """A run. ``run["energy.total_J"]`` is a column, ``run.keys`` lists them, ``units`` and ``descriptions`` explain them.
+    """A run. ``run["energy.total_J"]`` is a column; ``run.keys`` lists them, with ``units`` and ``descriptions``.
 
     Attributes:
-        log: Everything that was recorded.
-        path: The file that holds it, absolute where the run was read or written here; None for a run in memory.
+        log: Contents of the log.
+        path: Path of the log file, absolute if the run was read or written here; None for a run in memory.
     """
 
     def __init__(self, log: RunLog, path: Path | None = None, digested: Digest | None = None) -> None:
         """Wrap a log.
 
         Args:
-            log: What was recorded.
-            path: The file that holds it.
-            digested: What its rows came to, where they went past already; None: gone through when it is asked for.
+            log: Contents of the log.
+            path: Path of the log file.
+            digested: Digest of its rows, if it exists already; None: computed on demand.
         """
         self.log, self.path, self._given = log, path, digested
 
@@ -125,7 +125,7 @@ class Run:
 
     @property
     def records(self) -> Mapping[str, tuple[Any, ...]]:
-        """What happened once, in order: ``impacts``, ``phases``, ``unhandled_contacts`` and what contact models left."""
+        """Event records in order: ``impacts``, ``phases``, ``unhandled_contacts`` and those of contact models."""
         return self.log.records
 
     @property
@@ -135,12 +135,12 @@ class Run:
 
     @property
     def contacts(self) -> tuple[ContactInterval, ...]:
-        """Contacts that lasted, each from its beginning to its end."""
+        """Intervals of persistent contact."""
         return self.digest.contacts.told()
 
     @property
     def captures(self) -> tuple[GraspInterval, ...]:
-        """What was held, each from when a grasp took hold to when it let go."""
+        """Grasps, each from capture to release."""
         return self.digest.captures.told()
 
     @property
@@ -150,32 +150,32 @@ class Run:
 
     @property
     def unhandled_contacts(self) -> tuple[UnhandledContactRecord, ...]:
-        """Overlaps that nobody resolved."""
+        """Overlaps of geoms that are neither an impact pair nor ignored."""
         return self.log.unhandled
 
     @property
     def complete(self) -> bool:
-        """Whether the log tells how the run ended."""
+        """Whether the log has the outcome of the run."""
         return self.log.outcome is not None
 
     @property
     def damage(self) -> str:
-        """What of the log could not be read, in a sentence; empty where it is whole up to its end."""
+        """What of the log could not be read, as text; empty if it is intact up to its end."""
         return self.log.damage
 
     @property
     def note(self) -> str:
-        """What of the log was left out because nobody here knows what it is, in a sentence; empty where nothing was."""
+        """What of the log was skipped because its schema is unknown, as text; empty if nothing was."""
         return self.log.note
 
     @property
     def outcome(self) -> str:
-        """How it ended; ``incomplete`` where the log breaks off."""
+        """Outcome of the run; ``incomplete`` if the log has none."""
         return str(self._summary["outcome"])
 
     @property
     def message(self) -> str:
-        """What there is to say of the outcome."""
+        """Details of the outcome."""
         return str(self._summary["message"])
 
     @property
@@ -185,21 +185,23 @@ class Run:
 
     @property
     def why_not_conservative(self) -> str:
-        """What in the models breaks conservation; empty where nothing does."""
+        """What in the models breaks conservation; empty if nothing does."""
         return why_not_conservative(self.log.header.facts)
 
     def checks(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
-        """Every check with its worst residual; see :func:`ffsm_mj.verification.checks.evaluate_checks`.
+        """Results of all checks with their worst residuals; see :func:`ffsm_mj.verification.checks.evaluate_checks`.
 
-        Where energy or momenta fail, the run is replayed in shorter steps: ``check.truncation`` says what that leaves of the
-        residual, ``check.fails_by_truncation`` whether the step alone makes it fail.
+        If a check of energy or momenta fails, the run is replayed with shorter steps: ``check.truncation`` is the residual
+        that remains, ``check.fails_by_truncation`` whether the step alone makes it fail.
         """
         checks = self.digest.audit.checks(self.log.impacts, tolerance, self._friction)
         return explained(checks, tolerance, lambda: self._refined)
 
     @cached_property
     def _refined(self) -> Refined | None:
-        return refined(self.log) if self.outcome != Outcome.INTERRUPTED else None  # who interrupts a run waits for nothing
+        return (
+            refined(self.log) if self.outcome != Outcome.INTERRUPTED else None
+        )  # do not delay an interrupted run by a replay
 
     @cached_property
     def _friction(self) -> FrictionCheck:
@@ -207,12 +209,12 @@ class Run:
 
     @property
     def digested(self) -> bool:
-        """Whether the digest is there; if not, it costs one pass over the rows."""
+        """Whether the digest exists; if not, it costs one pass over the rows."""
         return self._given is not None or "digest" in self.__dict__
 
     @cached_property
     def digest(self) -> Digest:
-        """What verdicts and summary need of the rows, gathered in one pass over them."""
+        """Digest of the rows for checks and summary, computed in one pass."""
         return self._given or digest(self.log)
 
     def table(self, name: str = "samples") -> Table:
@@ -251,7 +253,7 @@ class Run:
         """Content of ``summary.json``.
 
         Args:
-            checks: With ``checks``, for which a run that fails some is replayed.
+            checks: Include ``checks``, for which a run with failed checks is replayed.
         """
         summary = deepcopy(self._summary)
         return summary | {"checks": failing_checks(self.checks())} if checks else summary
@@ -262,5 +264,5 @@ class Run:
 
 
 def compare(a: Run, b: Run) -> Comparison:
-    """What differs between two runs: scenario, models, impacts, and every signal at the times that both have."""
+    """Compare two runs: scenario, models, impacts, and every signal at their common times."""
     return compare_logs(a.log, b.log)

@@ -1,4 +1,4 @@
-"""``summary.json``: what a run came to, in one small file for scripts."""
+"""``summary.json``: summary of a run as one small file for scripts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ffsm_mj.verification.checks import Check, CheckAccumulator
 from ffsm_mj.verification.truncation import Truncation
 
 SCHEMA_VERSION = 2
-"""Later ones only add keys."""
+"""Version of the schema; later versions only add keys."""
 
 
 def tip_error(log: RunLog) -> FloatArray:
@@ -36,7 +36,7 @@ def tip_error(log: RunLog) -> FloatArray:
 
 
 def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
-    """Content of ``summary.json``, the contract of the run folder, but for its ``checks``."""
+    """Content of ``summary.json``, except ``checks``."""
     outcome = log.outcome
     wall = outcome.wall_s if outcome else 0.0
     end = outcome.end_s if outcome else digest.end_s
@@ -68,7 +68,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
 
 
 def _records(log: RunLog, digest: Digest, end_s: float) -> dict[str, list[dict[str, Any]]]:
-    """A list for each kind of record, of contacts and of captures; when a phase ends, the next one's beginning tells."""
+    """Lists of records by kind, contacts and captures; a phase ends at the start of the next one."""
     contacts = {"contacts": [all_fields(contact) for contact in digest.contacts.told()]}
     lists = {
         kind.plural: [kind.summary(record) for record in log.records.get(kind.plural, ())]
@@ -84,7 +84,7 @@ def _records(log: RunLog, digest: Digest, end_s: float) -> dict[str, list[dict[s
 
 
 def tip_summary(tip: TipDigest | None) -> dict[str, Any] | None:
-    """How near the tip came to its target; None without a task, or where an error was no number."""
+    """Summary of the tip error; None without a task, or if an error was not finite."""
     if tip is None or not tip.finite or math.isinf(tip.best_m):
         return None
     return {
@@ -97,7 +97,7 @@ def tip_summary(tip: TipDigest | None) -> dict[str, Any] | None:
 
 
 def failing_checks(checks: Sequence[Check]) -> dict[str, Any]:
-    """Whether all checks pass; else which fail, and what of that is truncation."""
+    """Whether all checks pass; else the failing ones, with the share of truncation."""
     failing = [
         {
             "check": check.name,
@@ -116,7 +116,7 @@ def failing_checks(checks: Sequence[Check]) -> dict[str, Any]:
 
 
 def truncation_data(found: Truncation | None) -> dict[str, Any] | None:
-    """The same as plain data."""
+    """Truncation as plain data."""
     return None if found is None else {key: _finite(value) for key, value in asdict(found).items()}
 
 
@@ -125,7 +125,7 @@ def _finite(value: float) -> float | None:
 
 
 def _conservation(audit: CheckAccumulator) -> dict[str, float | None] | None:
-    """Worst residuals since the first row, None for one that is no finite number; None where conservation is not judged."""
+    """Worst residuals since the first row, None for one that is not finite; None if conservation is not checked."""
     judged = audit.checks(())
     names = {
         "energy": "energy_residual_J",

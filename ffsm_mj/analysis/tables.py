@@ -1,4 +1,4 @@
-"""What a log holds as plain tables of named columns: samples, records of every kind and checks, each with units."""
+"""Tables of a log with named columns and units: samples, records of each kind, and checks."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from ffsm_mj.records.signals import Layout
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance, evaluate_checks
 
 _LAW_COLUMNS = {
-    "name": ("", "what is conserved"),
-    "subsystem": ("", "of whom"),
-    "component": ("", "where the residual is worst"),
-    "residual": ("", "worst magnitude in a stretch of 100 000 steps, in the unit of its row"),
-    "time_s": ("s", "when that is"),
-    "tolerance": ("", "what is allowed, in the unit of its row"),
+    "name": ("", "name of the check"),
+    "subsystem": ("", "subsystem"),
+    "component": ("", "component of the worst residual"),
+    "residual": ("", "largest magnitude in a stretch of 100 000 steps, in the unit of its row"),
+    "time_s": ("s", "time of the largest residual"),
+    "tolerance": ("", "allowed magnitude, in the unit of its row"),
     "unit": ("", "unit of residual and tolerance"),
     "passes": ("", "whether the residual is within the tolerance"),
-    "drift": ("", "worst magnitude since the first sample, in the unit of its row"),
+    "drift": ("", "largest magnitude since the first sample, in the unit of its row"),
 }
 
 
@@ -44,8 +44,8 @@ class Table:
     Attributes:
         name: One of :func:`table_names`.
         columns: Values by column name; the name ends in the unit.
-        units: Unit of each column, empty where it has none.
-        descriptions: What each column means.
+        units: Unit of each column, empty if dimensionless.
+        descriptions: Meaning of each column.
     """
 
     name: str
@@ -80,7 +80,7 @@ def _package(name: str, purpose: str) -> Any:
 
 
 def table_names(log: RunLog) -> tuple[str, ...]:
-    """Names of the tables of a run: samples, one for each kind of record that it may have, contacts, captures and laws."""
+    """Names of the tables of a run: samples, one per kind of record that it may have, contacts, captures and checks."""
     captures = ("captures",) if CAPTURE in log.kinds else ()
     return "samples", *(kind.plural for kind in log.kinds), "contacts", *captures, "checks"
 
@@ -106,12 +106,12 @@ def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> T
 
 
 def _ended(contact: ContactInterval) -> ContactInterval:
-    """The same with a number for its end in any case."""
+    """Contact with NaN in place of a missing end."""
     return replace(contact, end_s=nan) if contact.end_s is None else contact
 
 
 def _released(capture: GraspInterval) -> GraspInterval:
-    """The same with a number for its release in any case."""
+    """Capture with NaN in place of a missing release."""
     return replace(capture, release_s=nan) if capture.release_s is None else capture
 
 
@@ -126,7 +126,7 @@ def samples(layout: Layout, rows: FloatArray) -> Table:
 
 
 def _of_columns(name: str, meaning: Mapping[str, tuple[str, str]], records: Sequence[Any]) -> Table:
-    """One row per record; a field of several values as one column for each."""
+    """Table with one row per record; a field of several values has one column for each."""
     columns: dict[str, npt.NDArray[Any]] = {}
     about: dict[str, tuple[str, str]] = {}
     for column, words in meaning.items():

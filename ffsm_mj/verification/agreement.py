@@ -1,4 +1,4 @@
-"""How far the numbers of a log are from what its states say, and where that is worst."""
+"""Differences between logged values and values recomputed from the logged states."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.signals import Layout, unit_of
 
 AGREES = 1e-10
-"""Numbers agree when they differ by at most this times (1 + scale), in SI units.
+"""Numbers agree if they differ by at most this times (1 + scale), in SI units.
 
-On the machine that wrote the log they are the same to a few units in the last place. Another adds in another order: some 1e3
-operations for one step or one sample, each good to 1.1e-16, and a mass matrix of condition 1e3 between forces and rates.
+On the machine that wrote the log they agree to a few units in the last place. Another machine may sum in another order: some
+1e3 operations per step or sample, each with a rounding error of 1.1e-16, and a mass matrix of condition 1e3.
 """
-# A change that is zero but for rounding is measured by what changes.
+# A change that is zero except for rounding is scaled by the quantity that changes.
 _CHANGES_OF = {
     "energy_change_J": "energy_before_J",
     "linear_momentum_change_N_s": "momentum_before",
@@ -29,14 +29,14 @@ _CHANGES_OF = {
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """Between a number in a log and what the states say of it.
+    """Difference between a logged value and its value recomputed from the states.
 
     Attributes:
         what: A column, or a field of an impact: ``impact 1 impulse_N_s``.
-        size: Its magnitude; infinite where one of the two is not a number.
-        allowed: Largest magnitude that still agrees.
+        size: Magnitude; infinite if one of the two is not a number.
+        allowed: Tolerance.
         unit: Unit of both.
-        time_s: Where in the run.
+        time_s: Time of the sample or event.
     """
 
     what: str
@@ -47,21 +47,21 @@ class Discrepancy:
 
     @property
     def passes(self) -> bool:
-        """Within what is allowed."""
+        """Whether it is within the tolerance."""
         return self.size <= self.allowed
 
     @property
     def excess(self) -> float:
-        """Magnitude over what is allowed."""
+        """Magnitude over tolerance."""
         return self.size / self.allowed
 
 
 @dataclass
 class Agreement:
-    """Keeps the worst difference of all that it is shown.
+    """Accumulates comparisons and keeps the worst difference.
 
     Attributes:
-        worst: It; None before anything was compared.
+        worst: The worst difference; None before the first comparison.
         numbers: How many numbers were compared.
     """
 
@@ -69,7 +69,7 @@ class Agreement:
     numbers: int = 0
 
     def keep(self, found: Discrepancy) -> None:
-        """Look at one difference."""
+        """Keep a difference if it is the worst so far."""
         if self.worst is None or not found.excess <= self.worst.excess:
             self.worst = found
 
@@ -80,10 +80,10 @@ class Agreement:
 
         Args:
             layout: Columns of a row.
-            columns: Which are compared, (k,).
+            columns: Indices of the columns to compare, (k,).
             logged: Rows of the log, (n, all columns).
-            again: The same as the states say, (n, k).
-            scale: What their magnitude is measured by, (n, k).
+            again: Values recomputed from the states, (n, k).
+            scale: Scales of the values, (n, k).
         """
         given = logged[:, columns]
         self.numbers += given.size
@@ -112,7 +112,7 @@ class Agreement:
             self.vector(name, a, b, scale, unit_of(each.name), logged.time_s)
 
     def vector(self, name: str, logged: FloatArray, again: FloatArray, scale: FloatArray, unit: str, time_s: float) -> None:
-        """Compare a few numbers, measured by the largest of ``scale``."""
+        """Compare a vector, relative to the largest element of ``scale``."""
         size = np.inf
         if logged.shape == again.shape:
             size = float(np.max(np.abs(logged - again), initial=0.0)) if not np.array_equal(logged, again) else 0.0
@@ -125,21 +125,21 @@ def _is_text(value: Any) -> bool:
 
 
 def numbers_of(value: Any) -> FloatArray:
-    """The numbers of a field of an event in one row: a number, several, or several by name."""
+    """The numbers in a field of a record as one array: of a number, a tuple, or a mapping."""
     if isinstance(value, Mapping):
         return np.array([number for name in sorted(value) for number in value[name]], dtype=np.float64)
     return np.atleast_1d(np.asarray(value, dtype=np.float64))
 
 
 def scales(layout: Layout, columns: npt.NDArray[np.intp], rows: FloatArray, momentum: FloatArray) -> FloatArray:
-    """What each number of some columns is measured by: its own magnitude, or that of the sums it comes from, (n, k).
+    """Scale of each value of some columns: its own magnitude, or that of the terms it is summed from, (n, k).
 
-    Energies are measured by the largest energy of the row; momenta and impulses by the largest of the row, and by a bound on
-    the sum of all m |v| with the lever that they act on: what is zero because much cancels is known no better than that.
+    Energies are scaled by the largest energy of the row; momenta and impulses by the largest of the row, and by a bound on
+    the sum of all m |v| with their lever arm: a sum that cancels to zero is known no better than its terms.
 
     Args:
         layout: Columns of a row.
-        columns: Which are wanted.
+        columns: Indices of the columns.
         rows: Samples, (n, all columns).
         momentum: The bound for each sample, (n,).
     """

@@ -1,20 +1,18 @@
-"""The checks that a run must obey, judged from the accounts and the impacts in its log, in one pass over its rows.
+"""Checks of a run, evaluated from the balances and impacts in its log in one pass over the rows.
 
-How large a residual may be. P, L and T less work are constants of the exact motion, so nothing makes the error of a step
-grow or fade: after N steps the residual is the sum of N step errors. A check is therefore a bound on the step error, and the
-length of a run must not matter to it. One step's error is below rounding, so 100 000 of them are judged at once: in every
-stretch of 100 000 steps the residual may change by 1e-9 (1 + scale), 1e-14 of the scale a step. A run of one stretch (100 s
-at 1 ms) is judged by its residual as it is; one of K stretches may drift K times as far in all, and what leaks at once is
-found in any.
+Tolerances. P, L and T less work are constants of the exact motion, so errors of steps neither grow nor decay: after N steps
+the residual is the sum of N step errors. A check is therefore a bound on the step error, independent of the length of the
+run. The error of one step is below rounding, so it is bounded over 100 000 steps: in every stretch of 100 000 steps the
+residual may change by 1e-9 (1 + scale), which is 1e-14 of the scale per step. For a run of one stretch (100 s at 1 ms) this
+is a bound on the residual itself; a run of K stretches may drift K times as far, and a sudden error is found in any stretch.
 
-The scale is the largest size, up to the end of the stretch, of the terms that cancel in the quantity: each of them is
-rounded to 1e-16 of itself, whatever is left of the sum. For T that is T, or what is booked of work, impact energy or work
-of gravity where that is more; for P the sum of |P| of robot and objects, or a booked impulse; for L about the origin |L|
-+ r |P|, where r is the norm of all coordinates that are lengths: the size of the terms r x m v. The lever belongs there
-twice over: L is spin plus r x P, and an error d of P is an error r d of L; a run that drifts away, or is seen from
-another origin, is judged as any other. While the robot holds an object, its own balance takes off the change of the
-object's energy and momentum: terms that cancel there too, and what a step leaves of the two bodies' motion is all the
-robot's.
+The scale is the largest magnitude, up to the end of the stretch, of the terms that cancel in the quantity: each of them has
+a rounding error of 1e-16 relative to itself. For T it is the largest of T and the accumulated work, impact energy and work
+of gravity; for P the sum of |P| of robot and objects, or an accumulated impulse; for L about the origin |L| + r |P|, where
+r is the norm of all coordinates that are lengths, which bounds the terms r x m v. The lever arm is needed for two reasons: L
+is spin plus r x P, and an error d of P is an error r d of L. A run that drifts away, or has another origin, thus passes the
+same checks. While an object is grasped, the change of its energy and momentum is subtracted in the robot's balance: these
+terms cancel there too, and the step error of both bodies' motion appears in the robot's residual.
 """
 
 from __future__ import annotations
@@ -36,30 +34,29 @@ from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, 
 from ffsm_mj.verification.truncation import Truncation
 
 DEFAULT_TOLERANCE = 1e-9
-"""A check holds when its residual stays below this times (1 + scale), in SI units."""
+"""A check passes if its residual is at most this times (1 + scale), in SI units."""
 DEEPEST_M = 1e-9
-"""How deep an impact pair may overlap, m."""
+"""Greatest allowed penetration of an impact pair, m."""
 FORCE_TOLERANCE = 1e-8
-"""How far contact forces may be from those that the state asks for, times (1 N + force)."""
+"""Tolerance of the complementarity residual of contact forces, times (1 N + force)."""
 
 RELATIVE_CHECKS = (
     *("energy", "linear momentum", "angular momentum", "momentum two ways"),
     *("impact energy", "impact restitution"),
 )
-"""Laws with a tolerance against a scale; the impact's only where something was hit."""
+"""Checks with a tolerance relative to a scale; those of impacts only in runs with impacts."""
 CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "contact complementarity")
-"""All that is checked. No penetration where the log tells the depth; its tolerance is a depth in m. The last one where a
-contact lasts."""
+"""All checks. ``no penetration``, with a tolerance in m, if the log has the depth; the last one with persistent contact."""
 
 STEP_LAWS = CHECK_NAMES[:3]
-"""Those that the truncation of the step may make fail."""
+"""Checks that may fail by the truncation of the step."""
 
 Tolerance = float | Mapping[str, float]
-"""One tolerance for all relative checks, or some checks' own by name; those not named keep the default."""
+"""One tolerance for all relative checks, or tolerances by check; other checks keep the default."""
 
 _OVERLAP, _RESIDUAL = f"balance.{OVERLAP}", f"balance.{FORCE_RESIDUAL}"
 _OWN = {"no penetration": DEEPEST_M, "contact complementarity": FORCE_TOLERANCE}
-"""Tolerances of checks that are no share of anything conserved."""
+"""Tolerances of checks that are not relative."""
 _AXES = ("P_x", "P_y", "P_z", "L_x", "L_y", "L_z")
 _MEASURES = {
     "energy": ("J", ("T",)),
@@ -73,18 +70,18 @@ _MEASURES = {
 
 @dataclass(frozen=True)
 class Check:
-    """One check over one run.
+    """Result of one check over one run.
 
     Attributes:
-        name: What is conserved.
+        name: Name of the check.
         subsystem: ``total``, ``robot`` or ``objects``.
-        component: Where the residual is worst: ``T``, ``P_x`` to ``L_z``, ``gap`` or ``impact 1``.
-        residual: Worst magnitude of what the accounts leave unexplained in a stretch of the run.
-        time_s: When that was.
-        tolerance: What is allowed: the relative tolerance times (1 + scale).
+        component: Component of the worst residual: ``T``, ``P_x`` to ``L_z``, ``gap`` or ``impact 1``.
+        residual: Largest magnitude of the residual in a stretch of the run.
+        time_s: Time of the largest residual.
+        tolerance: Allowed magnitude: the relative tolerance times (1 + scale).
         unit: Unit of both.
-        drift: Worst magnitude since the first sample; that of ``residual`` in a run of one stretch.
-        truncation: What of a residual that is too large is truncation; None where that was not asked for or cannot be told.
+        drift: Largest magnitude since the first sample; equals ``residual`` in a run of one stretch.
+        truncation: Share of truncation in a residual that is too large; None if it was not computed or is unknown.
     """
 
     name: str
@@ -99,24 +96,24 @@ class Check:
 
     @property
     def fails_by_truncation(self) -> bool:
-        """Whether it fails by the truncation of the step alone: a shorter step or ``accuracy`` lets it pass."""
+        """Whether it fails by the truncation of the step alone: it passes with a shorter step or ``accuracy``."""
         return not self.passes and self.truncation is not None and self.truncation.alone
 
     @property
     def passes(self) -> bool:
-        """Within tolerance; a residual that is not a number is not."""
+        """Whether the residual is within the tolerance; a residual that is not a number fails."""
         return bool(self.residual <= self.tolerance)
 
 
 class CheckAccumulator:
-    """Judges the checks of a run whose rows go past in blocks; keeps none of them.
+    """Evaluates the checks of a run from blocks of rows, without storing them.
 
     Attributes:
         samples: Rows so far.
     """
 
     def __init__(self, layout: Layout, facts: Mapping[str, str]) -> None:
-        """Find the columns that count."""
+        """Find the columns of the checks."""
         self._conservative = is_conservative(facts)
         self._accounts = {subsystem: BalanceColumns(layout, facts, subsystem) for subsystem in SUBSYSTEMS}
         self._changes = {
@@ -131,7 +128,7 @@ class CheckAccumulator:
         self._time, self.samples = layout.time, 0
 
     def rows(self, block: FloatArray, added: FloatArray | None = None) -> None:
-        """Take the next rows.
+        """Process the next rows.
 
         Args:
             block: Rows, (n, columns).
@@ -142,7 +139,7 @@ class CheckAccumulator:
         times = block[:, self._time]
         scales = {subsystem: accounts.scales(block) for subsystem, accounts in self._accounts.items()}
         if self._grasp is not None:
-            # What the robot gives to what it holds is booked as the change of the object's own energy and momentum.
+            # What the robot gives to a grasped object enters the balance as the change of the object's energy and momentum.
             scales["robot"] += scales["objects"] * (block[:, [self._grasp]] > 0.0)
         for i, (subsystem, accounts) in enumerate(self._accounts.items()):
             residual, (of_energy, linear, angular) = accounts.energy(block) + more[:, i, 0], scales[subsystem].T
@@ -165,16 +162,16 @@ class CheckAccumulator:
         tolerance: Tolerance = DEFAULT_TOLERANCE,
         friction: FrictionCheck | None = None,
     ) -> tuple[Check, ...]:
-        """Every check that the run should obey, with its worst residual; none without rows.
+        """Results of all checks of the run, with the worst residual of each; empty without rows.
 
         Args:
             impacts: The contacts of the run.
             tolerance: See :func:`evaluate_checks`.
-            friction: Judges those with friction; needed where there are some.
+            friction: Checks impacts with friction; required if there are any.
 
         Raises:
-            KeyError: A tolerance for a check that there is not.
-            ValueError: Nobody judges impacts with friction.
+            KeyError: A tolerance for an unknown check.
+            ValueError: There are impacts with friction, but no ``friction``.
         """
         allowed = _tolerances(tolerance)
         if not self.samples:
@@ -193,22 +190,22 @@ class CheckAccumulator:
 
 
 def evaluate_checks(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
-    """Every check that a run should obey, with its worst residual; none for a log without rows.
+    """Results of all checks of a run, with the worst residual of each; empty for a log without rows.
 
-    Where the scenario is not conservative, no conservation law is judged; what holds at impacts and against penetration is.
+    If the scenario is not conservative, conservation is not checked; impacts and penetration are.
 
     Args:
         log: A run.
-        tolerance: A residual may reach this times (1 + scale); for ``no penetration`` a depth in m, by name only.
+        tolerance: Allowed residual over (1 + scale); for ``no penetration`` a depth in m, by name only.
 
     Raises:
-        KeyError: A tolerance for a check that there is not.
+        KeyError: A tolerance for an unknown check.
     """
     return accumulate_checks(log).checks(log.impacts, tolerance, FrictionCheck(log))
 
 
 def accumulate_checks(log: RunLog) -> CheckAccumulator:
-    """Go through the rows of a log."""
+    """Process all rows of a log."""
     seen = CheckAccumulator(log.header.layout, log.header.facts)
     for block in log.blocks():
         seen.rows(block)
@@ -220,7 +217,7 @@ def _tolerances(tolerance: Tolerance) -> dict[str, float]:
         return dict.fromkeys(RELATIVE_CHECKS, tolerance) | _OWN
     for name in tolerance:
         if name not in CHECK_NAMES:
-            raise KeyError(f"no check is called {name!r}; there are {', '.join(CHECK_NAMES)}")
+            raise KeyError(f"unknown check {name!r}; there are {', '.join(CHECK_NAMES)}")
     return dict.fromkeys(CHECK_NAMES, DEFAULT_TOLERANCE) | _OWN | dict(tolerance)
 
 
@@ -234,31 +231,31 @@ def _check(name: str, subsystem: str, worst: Peak, allowed: Mapping[str, float],
 def _impact_checks(
     impacts: Sequence[ImpactRecord], allowed: Mapping[str, float], friction: FrictionCheck | None
 ) -> list[Check]:
-    """What every impact must obey whatever law of contact made it."""
+    """Checks of impacts, independent of the impact law."""
     events = [list(contacts) for _, contacts in groupby(impacts, key=lambda record: record.event)]
     rough = [any(contact.mu > 0.0 for contact in event) for event in events]
     checks = _frictionless_checks([event for event, rubs in zip(events, rough, strict=True) if not rubs], allowed)
     if not any(rough):
         return checks
     if friction is None:
-        raise ValueError("impacts with friction are judged with the models of their log: a FrictionCheck is needed")
+        raise ValueError("checks of impacts with friction need the models of their log: pass a FrictionCheck")
     judged = [_check_with_friction(event, friction, allowed) for event, rubs in zip(events, rough, strict=True) if rubs]
     energy = max((*checks[:1], *judged), key=lambda check: EnergyDeviation(check.residual, check.tolerance).excess)
     return [energy, *checks[1:]]
 
 
 def _check_with_friction(event: Sequence[ImpactRecord], friction: FrictionCheck, allowed: Mapping[str, float]) -> Check:
-    """The energy of an impact with friction: a share of its kinetic energy is allowed."""
+    """Energy check of an impact with friction; the tolerance is relative to its kinetic energy."""
     miss, record = friction.worst(event, allowed["impact energy"]), event[0]
     place = f"impact {record.event + 1}"
     return Check("impact energy", "total", place, miss.size, record.time_s, miss.allowed, "J", miss.size)
 
 
 def _frictionless_checks(events: Sequence[Sequence[ImpactRecord]], allowed: Mapping[str, float]) -> list[Check]:
-    """What an impact without friction must obey.
+    """Checks of impacts without friction.
 
-    The work of frictionless impulses is the sum of impulse (separation - approach) / 2, exactly; the balance of energy takes
-    its change as given, so it is checked here, under any impact law. What the speeds after must be is for the law to say.
+    The work of frictionless impulses is the sum of impulse (separation - approach) / 2, exactly; the energy balance takes
+    its change from the record, so it is checked here, for any impact law. The law itself checks the speeds after the impact.
     """
     if not events:
         return []

@@ -1,8 +1,8 @@
-"""Impacts with friction, judged from their log with its models: what the records say against what the state before asks for.
+"""Checks of impacts with friction: records are compared with the impact recomputed from the state before and the models.
 
-What the impact law makes of the state is for the law to check: the built-in ones solve one contact again. Several: the split
-of the work between normal and friction is a convention (what sticks in compression can show positive friction work), so the
-sum is judged, and that no energy is gained.
+The result of the impact law is checked by the law itself: built-in laws solve a single contact again. For several contacts
+the split of the work between normal and friction impulses is a convention (a contact that sticks in compression can have
+positive friction work), so the sum is checked, and that no energy is gained.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog
 
 _GAIN = 1e-3
-"""Several contacts: energy may grow by this share of what the law allows otherwise, 1e-12 of T where that is 1e-9."""
+"""For several contacts energy may grow by this fraction of the tolerance: 1e-12 of T for a tolerance of 1e-9."""
 _RANK = 1e-10
 _HUGE = 1e10
-"""MuJoCo takes no larger number for a state."""
+"""Largest number that MuJoCo accepts in a state."""
 
 
 @dataclass(frozen=True)
 class EnergyDeviation:
-    """How far an impact is from the law, as an energy in J, and how far it may be."""
+    """Deviation of an impact from its law as an energy in J, and its tolerance."""
 
     size: float
     allowed: float
 
     @property
     def excess(self) -> float:
-        """Size over what is allowed; infinite where it is not a number."""
+        """Size over tolerance; infinite if it is not a number."""
         if math.isnan(self.size) or not self.allowed > 0.0:
             return math.inf if self.size != 0.0 else 0.0
         return self.size / self.allowed
@@ -47,14 +47,14 @@ class EnergyDeviation:
 
 @dataclass(frozen=True)
 class _CheckedImpact:
-    """An impact in mass-weighted velocities: what states and models say, and what its records say.
+    """An impact in mass-weighted velocities: from states and models, and from its records.
 
     Attributes:
         A: Rows J L^-T of (normal, t1, t2) of each contact, (3k, n).
         before: L^T qdot before, (n,).
-        after: The same after.
-        impulses: Recorded, along those directions, N s, (3k,).
-        speeds: Recorded, along those directions, before and after, m/s, (2, 3k).
+        after: L^T qdot after, (n,).
+        impulses: Recorded impulses along those directions, N s, (3k,).
+        speeds: Recorded velocities along those directions before and after, m/s, (2, 3k).
     """
 
     A: FloatArray
@@ -65,24 +65,24 @@ class _CheckedImpact:
 
     @property
     def unexplained(self) -> float:
-        """How much of the change of velocity the impulses do not explain, J."""
+        """Residual of the impulse-momentum equation as an energy, J."""
         change = self.after - self.before - self.A.T @ self.impulses
         return float(np.linalg.norm(change) * np.linalg.norm(self.before))
 
 
 class FrictionCheck:
-    """Judges the impacts with friction of one log; its models are compiled where the first one is asked for."""
+    """Checks the impacts with friction of one log; its models are compiled at the first one."""
 
     def __init__(self, log: RunLog) -> None:
         """Bind to a log."""
         self._log = log
 
     def worst(self, event: Sequence[ImpactRecord], share: float) -> EnergyDeviation:
-        """The worst of all that is wrong with an impact.
+        """The worst deviation of an impact.
 
         Args:
-            event: Its records.
-            share: Of the kinetic energy before, which everything may be off by.
+            event: Records of the impact.
+            share: Tolerance relative to the kinetic energy before.
         """
         with np.errstate(all="ignore"):  # a log may hold any numbers
             try:
@@ -93,7 +93,7 @@ class FrictionCheck:
     def _worst(self, event: Sequence[ImpactRecord], share: float) -> EnergyDeviation:
         met = self._met(event)
         if met is not None and self._others_hold and met.unexplained > share * 0.5 * float(met.before @ met.before):
-            met = None  # what moves is another model, known only to its contact model: judge the records alone
+            met = None  # the equations of motion are known only to a contact model: check the records alone
         energy = event[0].energy_before_J["total"][0] if met is None else 0.5 * float(met.before @ met.before)
         sizes = [*_by_records(event)]
         if met is not None:
@@ -106,12 +106,12 @@ class FrictionCheck:
 
     @cached_property
     def _others_hold(self) -> bool:
-        """Whether the scenario declares contact models, which may join bodies."""
+        """Whether the scenario declares contact models, which may constrain bodies."""
         return bool(scenario_data(self._log).get("contact_models"))
 
     @cached_property
     def _models(self) -> Any:
-        """The system of the log, and data of it; None where the log has no models that compile."""
+        """The system of the log and its data; None if the log has no models that compile."""
         import mujoco
 
         from ffsm_mj.log.model import compile_log
@@ -123,7 +123,7 @@ class FrictionCheck:
         return system, mujoco.MjData(system.mj)
 
     def _met(self, event: Sequence[ImpactRecord]) -> _CheckedImpact | None:
-        """The impact by its states and models; None where there are none, or the states are not of them."""
+        """The impact from its states and models; None without models, or if the states do not match them."""
         import mujoco
 
         from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
@@ -147,16 +147,16 @@ class FrictionCheck:
         L = np.linalg.cholesky(mass_matrix(system.mj, data))
         J, impulses, speeds = _directions(system.mj, data, event, bodies)
         A = np.linalg.solve(L, J.T).T
-        if joined is not None:  # what is held moves with its link: only the rest of each row counts
+        if joined is not None:  # a grasped object moves with its link: combine their columns
             B = np.linalg.solve(L, relative_twist_rows(system.mj, data, *joined, np.array(first.point_m)).T).T
             A = A - A @ np.linalg.pinv(B, rcond=_RANK) @ B
         return _CheckedImpact(A, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
 
     def _joined(self, model: Any, impact: ImpactRecord) -> tuple[int, int] | None:
-        """Link and object's base that a grasp holds together at an impact; None where nothing is held.
+        """Link and object base that a grasp joins at an impact; None without a closed grasp.
 
         Raises:
-            LookupError: A record names what the models do not have.
+            LookupError: A record names an element that the models do not have.
         """
         captures, releases = (
             [each for each in self._log.records.get(kind.plural, ()) if _precedes(each, impact)]
@@ -169,7 +169,7 @@ class FrictionCheck:
 
 
 def _precedes(event: Any, impact: ImpactRecord) -> bool:
-    """Whether a capture or a release is before an impact; at one instant the one whose velocities lead to the other's is."""
+    """Whether a capture or release precedes an impact; if simultaneous, the order follows from their velocities."""
     place, other = (event.step, event.time_s), (impact.step, impact.time_s)
     if place != other:
         return place < other
@@ -177,7 +177,7 @@ def _precedes(event: Any, impact: ImpactRecord) -> bool:
 
 
 def _apart(rates: Mapping[str, Any], others: Mapping[str, Any]) -> float:
-    """How far velocities by joint are from others."""
+    """Distance between two sets of velocities by joint."""
     return float(np.linalg.norm(np.concatenate([np.subtract(rate, others[joint]) for joint, rate in rates.items()])))
 
 
@@ -202,7 +202,7 @@ def _directions(
 
 
 def _by_records(event: Sequence[ImpactRecord]) -> Iterator[float]:
-    """What contradicts itself in records, J: impulses at mean speeds, works and energies tell the same change."""
+    """Inconsistencies within records, J: impulses at mean speeds, works and energies must give the same change."""
     first = event[0]
     change = first.energy_change_J
     yield abs(first.energy_after_J["total"][0] - first.energy_before_J["total"][0] - change)
@@ -216,7 +216,7 @@ def _by_records(event: Sequence[ImpactRecord]) -> Iterator[float]:
 
 
 def _by_states(event: Sequence[ImpactRecord], met: _CheckedImpact) -> Iterator[float]:
-    """What of the records is not of the states, J; what is no energy counts times the speed or impulse that it goes with."""
+    """Deviations of records from the states, J; other quantities are multiplied by the conjugate speed or impulse."""
     strength, speed = float(np.abs(met.impulses).max()), float(np.abs(met.A @ met.before).max())
     told = np.abs(met.speeds - np.stack((met.A @ met.before, met.A @ met.after))).max()
     yield strength * float(told)

@@ -1,4 +1,4 @@
-"""The checks of a run as they would be with shorter steps from the same logged states."""
+"""Checks of a run recomputed with shorter steps from the same logged states."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, STEP_LAWS, Check, Che
 from ffsm_mj.verification.truncation import Truncation
 
 _SAME = 0.5
-"""A residual in the log is that of its states when the two differ by less than this share of what is allowed."""
+"""A logged residual agrees with that of the states if they differ by less than this fraction of the tolerance."""
 
 
 @dataclass(frozen=True)
 class Refined:
-    """Energy and momenta of a run from its states: as they are, at half the step, and without truncation.
+    """Checks of energy and momenta recomputed from logged states: at the step of the run, at half of it, without truncation.
 
     Attributes:
         step_s: Step of the run.
-        states: By what the states say.
-        half: With the residuals that steps of half the duration leave.
-        without: With those that are left as steps become short.
+        states: Checks with the residuals at the step of the run.
+        half: Checks with the residuals at half the step.
+        without: Checks with the residuals extrapolated to zero step.
     """
 
     step_s: float
@@ -32,7 +32,7 @@ class Refined:
     without: CheckAccumulator
 
     def judged(self, checks: tuple[Check, ...], tolerance: Tolerance) -> tuple[Check, ...]:
-        """The same checks; those of energy and momenta that fail say what of that is truncation."""
+        """The checks; failing ones of energy and momenta with their share of truncation."""
         states, half, without = (
             {(check.name, check.subsystem): check for check in audit.checks((), tolerance)}
             for audit in (self.states, self.half, self.without)
@@ -43,7 +43,7 @@ class Refined:
             if check.passes or check.name not in STEP_LAWS or key not in without:
                 judged.append(check)
                 continue
-            # A log that says otherwise than its states fails for another reason than its step.
+            # If the logged residual disagrees with the states, the check fails for another reason than the step.
             same = abs(check.residual - states[key].residual) <= _SAME * check.tolerance + 1e-6 * check.residual
             alone = same and without[key].passes
             found = Truncation(self.step_s, check.residual, half[key].residual, without[key].residual, alone)
@@ -52,14 +52,14 @@ class Refined:
 
 
 def explained(checks: tuple[Check, ...], tolerance: Tolerance, refined: Callable[[], Refined | None]) -> tuple[Check, ...]:
-    """Checks with what of those that fail is truncation; nothing is made again where none fails that it could explain.
+    """Checks with the share of truncation in failing ones; replays only if truncation could explain a failure.
 
-    Tolerances below the default are not explained: what is left of a step there is rounding as much as truncation.
+    Failures at tolerances below the default are not explained: residuals there are rounding as much as truncation.
 
     Args:
         checks: The checks.
-        tolerance: By which they were judged.
-        refined: Makes the checks with shorter steps; None where the log does not allow it.
+        tolerance: Tolerance of the checks.
+        refined: Recomputes the checks with shorter steps; returns None if the log does not allow it.
     """
     own = tolerance if isinstance(tolerance, Mapping) else dict.fromkeys(STEP_LAWS, tolerance)
     judged = [name for name in STEP_LAWS if own.get(name, DEFAULT_TOLERANCE) >= DEFAULT_TOLERANCE]
@@ -72,7 +72,7 @@ def explained(checks: tuple[Check, ...], tolerance: Tolerance, refined: Callable
 def refined(log: RunLog) -> Refined | None:
     """The checks of a log with shorter steps; None where nothing can be replayed.
 
-    The replay stands above this floor: it is bound when it is needed.
+    Replay is a higher layer than verification, so it is imported at run time.
     """
     made: Refined | None = import_module("ffsm_mj.replay.truncation").refined(log)
     return made

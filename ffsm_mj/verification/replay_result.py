@@ -1,4 +1,4 @@
-"""What the states of a log say, where it was recomputed from them; see :mod:`ffsm_mj.replay`."""
+"""Result of a log replay; see :mod:`ffsm_mj.replay`."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from ffsm_mj.verification.refined import Refined, explained
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """What the states of a log say.
+    """Result of the replay of a log from its states.
 
     Attributes:
         worst: Worst difference between the log and its states in ``motion``, ``columns`` and ``impacts``.
-        samples: How many samples were recomputed.
-        numbers: How many numbers were compared.
-        gaps: Where samples do not follow each other by the control period; empty where they all do.
-        obstacle: Why nothing could be recomputed; empty where it was.
-        audit: The checks by what the states say.
+        samples: Number of recomputed samples.
+        numbers: Number of compared values.
+        gaps: Where samples are not one control period apart; empty if all are.
+        obstacle: Why the log could not be replayed; empty if it was.
+        audit: Checks from the recomputed values.
     """
 
     worst: Mapping[str, Discrepancy]
@@ -37,11 +37,11 @@ class ReplayResult:
 
     @property
     def agrees(self) -> bool:
-        """Whether the log says what its states say; False where nothing could be recomputed."""
+        """Whether the log agrees with its states; False if it could not be replayed."""
         return not self.obstacle and all(difference.passes for difference in self.worst.values())
 
     def checks(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
-        """Every check by what the states say, or by what the log says where nothing could be recomputed.
+        """All checks from the recomputed values, or from the logged values if the log could not be replayed.
 
         Args:
             tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.

@@ -1,6 +1,6 @@
-"""What the accounts leave unexplained, row by row, and how large the terms are that cancel in it.
+"""Residuals of the balances row by row, and the scale of the terms that cancel in them.
 
-Blocks of rows go in; nothing here keeps them, so a run may be as long as it likes.
+Rows are processed in blocks and not stored, so that the length of a run is not limited.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from ffsm_mj.records.facts import free_components
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Layout, momentum_keys
 
 STRETCH_STEPS = 100_000
-"""Steps over which a residual may change by what a check allows; then it is counted anew."""
+"""Number of steps over which a residual may change by the tolerance of a check."""
 
-# Impulses from outside that are there where the scene has fixed bodies, or gravity.
+# External impulses that exist only in scenes with fixed bodies or gravity.
 _OUTSIDE = ("fixed", "gravity")
 
 
 def stretch_s(facts: Mapping[str, str]) -> float:
-    """Length of a stretch in s; infinite where the log does not tell its step."""
+    """Length of a stretch in s; infinite if the log does not give its step."""
     return STRETCH_STEPS * float(facts.get("time_step_s", "inf"))
 
 
 class BalanceColumns:
-    """The columns of one subsystem that a residual is made of."""
+    """Columns of one subsystem from which its residuals are computed."""
 
     def __init__(self, layout: Layout, facts: Mapping[str, str], subsystem: str) -> None:
-        """Find them."""
+        """Find the columns."""
         self._party, self._free = subsystem, free_components(facts, subsystem)
         self._momenta = {p: layout.places(momentum_keys(p)) for p in SUBSYSTEMS}
         there = [name for name in _OUTSIDE if f"balance.{name}_on_robot_{COMPONENTS[0]}" in layout.index]
@@ -60,14 +60,14 @@ class BalanceColumns:
         self._places = [i for i, s in enumerate(layout.signals) if s.unit == "m" and s.key.startswith(own)]
 
     def energy(self, block: FloatArray) -> FloatArray:
-        """T less work and energy gained in impacts, and from gravity, J, (n,): constant where all is explained."""
+        """T less work and energy gained in impacts and from gravity, J, (n,): constant for an exact balance."""
         energy, work, gained = (block[:, i] for i in (self._energy, self._work, self._gained))
         if self._fallen is not None:
             gained = gained + block[:, self._fallen]
         return energy_balance_residual(self._party, energy, work, gained)
 
     def momentum(self, block: FloatArray) -> FloatArray:
-        """(P, L) less impulses on the components that are free, N s and N m s, (n, 6): constant where all is explained."""
+        """(P, L) less impulses on the free components, N s and N m s, (n, 6): constant for an exact balance."""
         own, external, contact = (block[:, i] for i in (self._momenta[self._party], self._external, self._contact))
         outside = (
             np.sum([block[:, places] for places in self._outside], axis=0) if self._outside else np.zeros((len(block), 12))
@@ -75,10 +75,10 @@ class BalanceColumns:
         return momentum_balance_residual(self._party, own, external, contact, outside, self._free)
 
     def scales(self, block: FloatArray) -> FloatArray:
-        """The largest of the terms that cancel in energy, P and L: J, N s and N m s, (n, 3).
+        """Largest of the terms that cancel in energy, P and L: J, N s and N m s, (n, 3).
 
-        They are the kinetic energy and the momenta of now and what is booked: where a fixed body bears a weight for long,
-        or an actuator and a contact push against each other, the accounts grow while nothing moves.
+        These are the current kinetic energy and momenta and the accumulated terms: if a fixed body supports a weight, or an
+        actuator pushes against a contact, the accumulated impulses grow while nothing moves.
         """
         energies = np.abs(block[:, [self._energy, *self._energies]]).max(axis=1)
         lever, linear, angular = norms(block[:, self._places]), [self.linear_scale(block)], [self.angular_scale(block)]
@@ -89,7 +89,7 @@ class BalanceColumns:
         return np.stack((energies, np.max(linear, axis=0), np.max(angular, axis=0)), axis=1)
 
     def linear_scale(self, block: FloatArray) -> FloatArray:
-        """Sum of the norms of P of those who belong to the subsystem, N s, (n,): what cancels in the whole system's."""
+        """Sum of the norms of P of the parts of the subsystem, N s, (n,), which cancel in the whole system's P."""
         members = SUBSYSTEMS[1:] if self._party == "total" else (self._party,)
         return np.asarray(sum(norms(block[:, self._momenta[member]][:, :3]) for member in members))
 
@@ -103,7 +103,7 @@ class BalanceColumns:
 
 
 def norms(vectors: FloatArray) -> FloatArray:
-    """Euclidean norm of each row, (n,); term by term, so that the digits do not depend on the rows beside it."""
+    """Euclidean norm of each row, (n,), summed term by term so that its digits do not depend on the size of the block."""
     total = np.zeros(len(vectors))
     for column in vectors.T:
         total += column * column
@@ -111,21 +111,21 @@ def norms(vectors: FloatArray) -> FloatArray:
 
 
 class Peak:
-    """The largest of vectors that go past, where and when; the same however they are cut into blocks.
+    """Largest of a sequence of vectors, with time and component; independent of the division into blocks.
 
     Attributes:
-        size: Its norm.
-        time_s: When it was.
-        component: Which component of it was largest.
-        scale: Largest scale of all.
+        size: Norm of the vector.
+        time_s: Time of the vector.
+        component: Index of its largest component.
+        scale: Largest scale so far.
     """
 
     def __init__(self, scale: float = 0.0) -> None:
-        """Nothing has gone past."""
+        """Start without vectors."""
         self.size, self.time_s, self.component, self.scale = 0.0, math.nan, 0, scale
 
     def add(self, times: FloatArray, vectors: FloatArray, scale: FloatArray) -> None:
-        """Take some: times (n,), vectors (n, number of components), scale (n,)."""
+        """Process vectors: times (n,), vectors (n, number of components), scale (n,)."""
         sizes = norms(vectors)
         at = int(np.argmax(np.where(np.isnan(sizes), np.inf, sizes)))
         if math.isnan(self.time_s) or _rank(float(sizes[at])) > _rank(self.size):
@@ -135,7 +135,7 @@ class Peak:
 
     @property
     def rank(self) -> float:
-        """Size against 1 + scale; what is not a number counts as infinite."""
+        """Size over (1 + scale); infinite if it is not a number."""
         return _rank(self.size / (1.0 + self.scale))
 
 
@@ -144,14 +144,14 @@ def _rank(size: float) -> float:
 
 
 class ResidualDrift:
-    """Follows a residual through a run, stretch by stretch, each from the last row of the one before.
+    """Tracks a residual through a run by stretches, each relative to the last row of the previous one.
 
     Attributes:
         drift: Largest norm of its change since the first row.
     """
 
     def __init__(self, length_s: float) -> None:
-        """Start before the first row, with the length of a stretch in s."""
+        """Set the length of a stretch in s."""
         self._length, self._stretch = length_s, 0.0
         self._first: FloatArray | None = None
         self._done: Peak | None = None
@@ -159,12 +159,12 @@ class ResidualDrift:
         self.drift = 0.0
 
     def add(self, times: FloatArray, residual: FloatArray, scale: FloatArray) -> None:
-        """Take rows: times (n,), residual (n, number of components), scale (n,)."""
+        """Process rows: times (n,), residual (n, number of components), scale (n,)."""
         if self._first is None:
-            # The first row that there is: the accounts begin at t = 0, a damaged log may not.
+            # Relative to the first row: the balances start at t = 0, but a damaged log may start later.
             self._first = self._base = self._last = residual[0].copy()
         self.drift = max(self.drift, float(np.fmax.reduce(norms(residual - self._first), initial=0.0)))
-        # A row at the very end of a stretch belongs to it; the clock's rounding is far below a billionth of a stretch.
+        # A row at the end of a stretch belongs to it; the rounding of time is far below a billionth of a stretch.
         stretches = np.maximum(np.ceil(times / self._length - 1e-9), 1.0)
         edges = np.flatnonzero(np.diff(stretches)) + 1
         for start, stop in pairwise([0, *edges.tolist(), len(times)]):
@@ -180,5 +180,5 @@ class ResidualDrift:
 
     @property
     def worst(self) -> Peak:
-        """Of the stretches so far the one whose peak is largest against the scale up to its end."""
+        """Peak of the stretch whose peak is largest relative to the scale up to its end."""
         return self._here if self._done is None or self._here.rank > self._done.rank else self._done

@@ -1,4 +1,4 @@
-"""What of a failing check is truncation: the error of the integrator, which falls with the fourth power of the step."""
+"""Share of truncation error in a failing check; it decreases with the fourth power of the step."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Truncation:
         step_s: Step of the run.
         residual: Residual at that step, in the unit of the check.
         half: The same at half the step.
-        left: What is left of it without truncation.
+        left: Residual without truncation.
         alone: Whether truncation alone makes the check fail: without it, it passes.
     """
 
@@ -24,7 +24,7 @@ class Truncation:
     alone: bool
 
     def sentence(self, unit: str) -> str:
-        """For people: ``truncation: 6e-09 J at 5 ms, 4e-10 J at 2.5 ms``."""
+        """Text such as ``truncation: 6e-09 J at 5 ms, 4e-10 J at 2.5 ms``."""
         step, half = f"{1e3 * self.step_s:g} ms", f"{0.5e3 * self.step_s:g} ms"
         head = "truncation" if self.alone else "not truncation alone"
         rest = "" if self.alone else f", {self.left:.1e} {unit} without"

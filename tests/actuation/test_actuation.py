@@ -63,7 +63,7 @@ def test_an_actuator_without_limits_is_ideal(plant):
 
 
 def test_efforts_that_are_not_finite_are_refused(plant):
-    with pytest.raises(ControllerError, match="not finite for robot/wheel"):
+    with pytest.raises(ControllerError, match="non-finite effort for robot/wheel"):
         plant("wheel", np.nan)
     assert plant("wheel", np.nan, powered=False) == 0.0
 
@@ -106,5 +106,5 @@ def test_mjcf_ranges_are_kept(tmp_path):
 
 def test_servos_are_refused_by_name(tmp_path):
     system = model(tmp_path, '<position name="servo" joint="j" kp="5"/>')
-    with pytest.raises(ScenarioFaults, match="actuator 'robot/servo' is no plain <motor>"):
+    with pytest.raises(ScenarioFaults, match="actuator 'robot/servo' is not a plain <motor>"):
         Actuation(system, {})

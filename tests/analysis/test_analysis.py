@@ -95,7 +95,7 @@ def test_the_worst_residual_is_found_where_it_is(hit):
     assert broken[0].residual == pytest.approx(1e-6, rel=1e-6)
     assert all(x.passes for x in wrong.checks({"linear momentum": 1e-5}))
     assert not all(x.passes for x in wrong.checks({"angular momentum": 1e-5}))
-    with pytest.raises(KeyError, match="no check is called 'charm'"):
+    with pytest.raises(KeyError, match="unknown check 'charm'"):
         wrong.checks({"charm": 1.0})
 
 

@@ -87,7 +87,7 @@ def test_servos_that_stay_are_refused_with_the_way_on(tmp_path):
     path, changes = moving(tmp_path, ALL[:-1])
     with pytest.raises(InputError, match=r"strip: \[servos\]") as refused:
         ffsm_mj.prepare(path, changes)
-    assert [line.partition(" is no plain <motor>")[0].rpartition("actuator ")[2] for line in refused.value.lines] == [
+    assert [line.partition(" is not a plain <motor>")[0].rpartition("actuator ")[2] for line in refused.value.lines] == [
         "'robot/aim'",
         "'robot/lag'",
     ]

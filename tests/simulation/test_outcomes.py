@@ -163,7 +163,7 @@ class Unprintable(Exception):
         (Exception("two\nlines and half a \ud83d"), "Exception: two lines and half a \\ud83d"),
         (RuntimeError("x" * 1000), f"RuntimeError: {'x' * 300}..."),
         (Unprintable(), "Unprintable"),
-        (None, "the controller commands an effort that is not finite for robot/push_x"),
+        (None, "the controller commands a non-finite effort for robot/push_x"),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, Exception) else None,
 )
