@@ -1,8 +1,8 @@
-"""The frozen features by which a pair of geoms touches.
+"""Contact features: the vertex, edge, face and curve pairs by which two geoms touch.
 
-A contact that lasts holds one smooth gap function per feature, whatever trial states a step goes through; where the contact
-leaves a feature's bounds, they are found anew here. Which they are follows from what of both geoms lies against the other:
-the points, lines and faces that are extreme along the contact's normal.
+Persistent contact constrains one smooth gap function per feature, fixed for all trial states of a step; if the contact
+leaves the bounds of a feature, the features are determined again here. Candidates are the points, lines and faces of both
+geoms that are extreme along the contact normal.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from ffsm_mj.contact.shape import PARALLEL
 __all__ = ["EDGE_M", "Feature", "FeatureState", "features", "lasting_fault"]
 
 _TOUCH_M = 1e-9
-"""Features whose gap is larger than this, and than the pair's, do not touch."""
+"""Features with a gap larger than this, and than that of the pair, are not in contact."""
 _CYLINDER, _ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 _ROUND = {_CYLINDER: "a cylinder", _ELLIPSOID: "an ellipsoid"}
 _OUTLINES: dict[int, type[Outline]] = {_CYLINDER: CylinderOutline, _ELLIPSOID: EllipsoidOutline}
 
 
 def lasting_fault(model: Any, geom_a: int, geom_b: int) -> str:
-    """Why the contact of two geoms (ids) cannot last; empty where it can."""
+    """Why two geoms (ids) cannot stay in persistent contact; empty if they can."""
     kinds = [_ROUND.get(int(model.geom_type[geom])) for geom in (geom_a, geom_b)]
     if None in kinds:
         return ""
@@ -42,7 +42,7 @@ def lasting_fault(model: Any, geom_a: int, geom_b: int) -> str:
 
 
 def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple[Feature, ...]:
-    """Every feature by which a pair touches.
+    """All contact features of a pair.
 
     Args:
         pair: Two geoms.
@@ -51,12 +51,13 @@ def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple
         near: The pair's gap and normal there.
 
     Returns:
-        Features with a gap of 1e-9 m at most, or of the pair's where that is larger, and inside their bounds by -EDGE_M / 2
-        at least. A face on a face has several; none where only vertices or edges meet vertices or parallel edges.
+        Features with a gap of at most 1e-9 m, or that of the pair if larger, and no further than EDGE_M / 2 outside their
+        bounds. A face on a face has several; there are none if only vertices or edges meet vertices or parallel edges.
     """
     a = _outline(model, data, model.geom(pair.geom_a).id, near.normal)
     b = _outline(model, data, model.geom(pair.geom_b).id, -near.normal)
     search = _Search(a, b, data, near)
+    # The highest-dimensional contact wins: corners of a face on a face would otherwise be found again as edge contacts.
     return tuple(search.on_faces() or search.between_lines() or search.on_lines() or search.of_tips())
 
 
@@ -66,7 +67,7 @@ def _outline(model: Any, data: Any, geom: int, outward: FloatArray) -> Outline:
 
 
 class _Search:
-    """Which cores of two outlines touch at one state."""
+    """Finds the pairs of cores of two outlines that touch at one state."""
 
     def __init__(self, a: Outline, b: Outline, data: Any, near: Proximity) -> None:
         self._a, self._b, self._data, self._near = a, b, data, near
@@ -75,7 +76,7 @@ class _Search:
         self._normal: Vector = (x, y, z)
 
     def on_faces(self) -> list[Pairing]:
-        """Corners on faces, and lines that cross over them: each once."""
+        """Corners on faces, and crossings of edges over faces, without duplicates."""
         a, b = self._a, self._b
         face_a, face_b = a.face(), b.face()
         if face_a is None and face_b is None:
@@ -92,7 +93,7 @@ class _Search:
         return [feature for feature, _ in found]
 
     def between_lines(self) -> list[Pairing]:
-        """Lines that cross; of lines side by side the ends of what they share."""
+        """Crossing lines; for parallel lines, the ends of their overlap."""
         found = []
         for one in self._a.edges(bounded=True):
             for other in self._b.edges(bounded=True):
@@ -104,13 +105,13 @@ class _Search:
         return [feature for feature, _ in found]
 
     def on_lines(self) -> list[Pairing]:
-        """The corner on a line that touches, if one does."""
+        """The corner in contact with a line, if there is one."""
         found = self._touching((one, other) for one in self._a.tips() for other in self._b.curves(bounded=True))
         found += self._touching((one, other) for one in self._a.curves(bounded=True) for other in self._b.tips())
         return _most_inside(found)
 
     def of_tips(self) -> list[Pairing]:
-        """The corner on a corner that touches, if one does."""
+        """The corner in contact with a corner, if there is one."""
         return _most_inside(self._touching((one, other) for one in self._a.tips() for other in self._b.tips()))
 
     def _crossing(self) -> Iterator[tuple[Core, Core]]:
@@ -130,7 +131,7 @@ class _Search:
         return math.hypot(*cross(self._a.direction(one), self._b.direction(other))) <= PARALLEL
 
     def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[Pairing, FeatureState]]:
-        """Those of some pairs of cores, of a and of b, that touch."""
+        """Features of those pairs of cores, of a and of b, that touch."""
         found = []
         for one, other in cores:
             if isinstance(one, Line | Circle) and isinstance(other, Line | Circle) and self._parallel(one, other):
@@ -152,7 +153,10 @@ class _Search:
         return abs(gap) <= max(_TOUCH_M, abs(near.gap) + near.rounding)
 
     def _levelled(self, one: Core, other: Core, gap: float) -> Pairing | None:
-        """The same with the contact's own normal, where all features have to share one: else their forces would jam."""
+        """The same feature with the normal of the pair, if all features of a flat contact must share one.
+
+        Normals that differ by rounding would over-constrain the tangential motion: the contact would jam.
+        """
         if self._vague == 0.0 and not (self._a.flat and self._b.flat):
             return None
         feature = join(self._a.levelled(one), self._b.levelled(other), self._sense(one, other))
@@ -161,7 +165,7 @@ class _Search:
         return feature
 
     def _sense(self, one: Core, other: Core) -> float:
-        """Sign of the normal along the cross product of two directions; of others it does not matter."""
+        """Sign of the normal along the cross product of two line directions; 0 for other cores."""
         if not (isinstance(one, Line | Circle) and isinstance(other, Line | Circle)):
             return 0.0
         return math.copysign(1.0, dot(self._normal, cross(self._a.direction(one), self._b.direction(other))))

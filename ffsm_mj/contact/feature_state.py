@@ -1,4 +1,4 @@
-"""What a frozen contact feature says of one state: its gap, how that changes, and where the force acts."""
+"""State of a contact feature: gap, rate, normal, contact points and curvature terms."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.carrier import Vector
 
 EDGE_M = 1e-9
-"""A feature is left when its contact is further than this beyond the feature's bounds; one is taken up within half of it."""
+"""A contact leaves its feature this far outside the bounds, and enters one within half of it (hysteresis)."""
 
 
 class FeatureState(NamedTuple):
     """One feature at one state, in world axes.
 
     Attributes:
-        gap: Of the frozen gap function, in m, negative when overlapping.
+        gap: Value of the gap function, in m, negative when overlapping.
         rate: Its rate in m/s.
         normal: Unit normal from a to b, (3,).
-        point: Where the force acts: midway between both surfaces, (3,).
-        point_a: Material point of a whose acceleration counts, (3,).
-        point_b: That of b, (3,): gap'' = normal . (acceleration of b there - acceleration of a there) + bend.
-        bend: All of gap'' that is no material acceleration at these points, in m/s^2; of positions and velocities only.
-        scale: Largest of the terms of ``bend``, in m/s^2: rounding is a share of it.
-        inside: How far the contact is inside the feature's own bounds, in m: below 0 beyond an edge of a face or an end of
-            an edge; inf where it has none.
+        point: Point of application of the force, midway between both surfaces, (3,).
+        point_a: Material point of a, (3,).
+        point_b: Material point of b, (3,): gap'' = normal . (acceleration at point_b - acceleration at point_a) + bend.
+        bend: Velocity-dependent part of gap'' from rotation and curvature, in m/s^2.
+        scale: Largest term of ``bend``, in m/s^2; rounding is a share of it.
+        inside: Distance to the bounds of the feature, in m: negative beyond an edge of a face or an end of an edge; inf if
+            the feature is unbounded.
     """
 
     gap: float
@@ -43,38 +43,38 @@ class FeatureState(NamedTuple):
 
 
 class Feature(Protocol):
-    """One smooth gap function of two geoms, frozen: also where another feature is nearer."""
+    """A smooth gap function of two geoms, evaluated for the same feature even where another one is nearer."""
 
     @property
     def name(self) -> str:
-        """What meets what, as ``sphere on face``."""
+        """The two features in contact, such as ``sphere on face``."""
         ...
 
     def at(self, data: Any) -> FeatureState:
-        """At the positions and velocities in ``data`` (``xpos``, ``xmat``, ``cvel`` and ``subtree_com`` current)."""
+        """Evaluate at the state in ``data`` (``xpos``, ``xmat``, ``cvel`` and ``subtree_com`` current)."""
         ...
 
 
 class Pairing:
-    """Two cores, of which the first may be a's or b's: what all features share.
+    """Base of all features: a pair of cores, the first of which may belong to a or b.
 
     Attributes:
-        name: What meets what.
+        name: The two features in contact.
     """
 
     def __init__(self, name: str, swapped: bool, first_radius: float, second_radius: float) -> None:
-        """Of two cores with their radii in m; swapped where the first core is b's."""
+        """Store the radii of the two cores in m; ``swapped`` if the first core belongs to b."""
         self.name = name
         self._swapped = swapped
         self._first_radius = first_radius
         self._radius = first_radius + second_radius
 
     def at(self, data: Any) -> FeatureState:
-        """At the state in ``data``."""
+        """Evaluate at the state in ``data``."""
         raise NotImplementedError
 
     def absorb(self, length: float) -> None:
-        """Take a length in m off the gap, once and for all: what the vertices of a mesh are not known better than."""
+        """Subtract a constant length in m from the gap: mesh vertices are known to single precision only."""
         self._first_radius += length
         self._radius += length
 
@@ -87,7 +87,7 @@ class Pairing:
         terms: Sequence[float],
         inside: float,
     ) -> FeatureState:
-        """Of the normal from the first core to the second, and the material point of each, the second over the contact."""
+        """Build the state from the normal from the first core to the second, and the material point of each."""
         gap = core_gap - self._radius
         (x, y, z), (here, there) = normal, points
         u, v, w = there

@@ -1,4 +1,4 @@
-"""Which gap function two cores have."""
+"""Choice of the gap function for a pair of cores."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _NAMES = ("sphere", "end", "side", "rim", "ellipsoid", "vertex", "edge", "cap", 
 
 
 def join(a: Core, b: Core, sense: float) -> Pairing | None:
-    """The frozen gap function of a core of a and one of b.
+    """The gap function of a core of a and a core of b.
 
     Args:
-        a: Of the geom that the normal points away from.
-        b: Of the other.
-        sense: Sign of the normal along (direction of a) x (direction of b), where both have one.
+        a: Core of geom a, which the normal points away from.
+        b: Core of geom b.
+        sense: Sign of the normal along (direction of a) x (direction of b), for two lines or circles.
 
     Returns:
-        None where the cores have none: sharp ones that meet in a point or along a line.
+        None if there is none: the normal between two sharp points, or a sharp point and an edge, is undefined in contact.
     """
     swapped = _ORDER.index(type(a)) > _ORDER.index(type(b))
     first, second = (b, a) if swapped else (a, b)

@@ -1,4 +1,4 @@
-"""The overlap that nobody resolves as a kind of record; :mod:`.watch` finds them."""
+"""Record kind of unhandled contacts; :mod:`.watch` detects them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ UNHANDLED_CONTACT = RecordKind(
     record=UnhandledContactRecord,
     name="unhandled_contact",
     plural="unhandled_contacts",
-    when="when an overlap that nobody resolves is over",
-    time=lambda record: record.end_s,  # when its depth is known
+    when="when an unhandled overlap ends",
+    time=lambda record: record.end_s,  # its greatest depth is known only then
     sentence=_sentence,
     columns={
         "geoms_{ab}": ("", "the two geoms"),

@@ -1,6 +1,6 @@
-"""Contacts that nobody resolves: pairs that are neither impact pairs nor ignored are watched and reported.
+"""Detection of unhandled contacts: overlaps of pairs that are neither contact pairs nor ignored are reported.
 
-MuJoCo's own broad and narrow phase lists overlapping geoms at the control rate; the list is read and nothing is pushed.
+MuJoCo's broad and narrow phase lists overlapping geoms at the control rate; no forces are applied.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from ffsm_mj.records.events import UnhandledContactRecord
 
 
 class ContactWatch:
-    """Follows overlaps from their first tick to their last.
+    """Tracks unhandled overlaps from their first tick to their last.
 
     Attributes:
-        rigid: Pairs of geoms that are on one rigid body now, and left out.
+        rigid: Pairs of geoms that are currently on one rigid body, and are ignored.
     """
 
     rigid: frozenset[frozenset[int]] = frozenset()
 
     def __init__(self, model: Any, data: Any, known: Iterable[frozenset[int]]) -> None:
         """Watch all pairs of geoms that MuJoCo would collide, except the known ones."""
-        # A model of its own, with contacts on and filters as they suit it: the run's model is left alone.
+        # A copy of the model, with contacts enabled and its own filters; the run's model is not modified.
         self._model, self._data = copy.copy(model), data
         self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self._known = frozenset(known)
@@ -36,9 +36,9 @@ class ContactWatch:
         self._filter_known_trees()
 
     def _filter_known_trees(self) -> None:
-        """Let MuJoCo's own filter skip a tree's contacts with itself where all of them are known.
+        """Let MuJoCo's filter skip the self-contacts of a tree if all of them are known.
 
-        An arm that lies across its own body would be listed tick after tick. Only models with the default bits are touched.
+        An arm that overlaps its own body would be listed at every tick. Only models with default bits are changed.
         """
         model = self._model
         touchable = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
@@ -48,14 +48,14 @@ class ContactWatch:
         for bit, root in enumerate(sorted(set(roots[touchable].tolist()))[:30], start=1):
             geoms = touchable[roots[touchable] == root]
             if all(frozenset(pair) in self._known for pair in combinations(geoms.tolist(), 2)):
-                # Its own bit marks it, and it answers to every bit but its own.
+                # Its contype is a bit of its own, and its conaffinity is every bit except that one.
                 model.geom_contype[geoms] = 1 << bit
                 model.geom_conaffinity[geoms] = 0x7FFFFFFF & ~(1 << bit)
             else:
                 model.geom_contype[geoms] = model.geom_conaffinity[geoms] = 0x7FFFFFFF
 
     def look(self, time_s: float) -> list[UnhandledContactRecord]:
-        """Update at one tick; returns the overlaps that have ended."""
+        """Update at one tick; returns records of overlaps that have ended."""
         mujoco.mj_collision(self._model, self._data)
         now = self._unknown_overlaps() if self._data.ncon else {}
         if not now and not self._open:
@@ -70,11 +70,11 @@ class ContactWatch:
         return ended
 
     def _unknown_overlaps(self) -> dict[frozenset[int], float]:
-        """Depth by pair of what overlaps now and is not known."""
+        """Depth of each current overlap of an unknown pair."""
         contact = self._data.contact
         geoms = contact.geom
         listed = geoms.tobytes(), self.rigid
-        if listed == self._all_known:  # what touches mostly touches for long
+        if listed == self._all_known:  # contacts persist over many ticks: skip an unchanged list of known pairs
             return {}
         pairs = [frozenset(both) for both in geoms.tolist()]
         known = self._known | self.rigid
@@ -88,7 +88,7 @@ class ContactWatch:
         return depths
 
     def finish(self, time_s: float) -> list[UnhandledContactRecord]:
-        """Overlaps that last to the end of the run."""
+        """Records of overlaps that continue to the end of the run."""
         records = [self._record(pair, time_s) for pair in self._open]
         self._open.clear()
         return records
