@@ -1,1 +1,1 @@
-"""From a scenario to a finished run: assemble, prepare, run."""
+"""Assembly of a run from a scenario: compile models, build the plant and contact models, run."""

@@ -1,4 +1,4 @@
-"""A scenario turned into things that run: model, initial state, impact pairs, plant limits, controllers. Nothing moves."""
+"""Builds the components of a run from a scenario: model, initial state, impact pairs, actuator limits, controllers."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ _AXES = {"x": 0, "y": 1, "z": 2}
 
 @dataclass(frozen=True)
 class Assembly:
-    """Parts of one run, checked against each other.
+    """Components of one run, checked for consistency.
 
     Attributes:
-        scenario: What was asked for.
+        scenario: Scenario of the run.
         system: Robot and objects.
         data: Initial state, all derived quantities current.
         seen: What the control laws are shown of it: the same, or the data of the model that they believe in.
@@ -58,12 +58,12 @@ class Assembly:
         pairs: Impact pairs.
         known_pairs: Geom pairs that need no watching: those of the contact models, and ignored ones.
         course: What moves, and the contact models that watch it.
-        balance: The books.
-        actuation: Plant limits.
+        balance: Energy and momentum balance.
+        actuation: Actuator limits.
         controller: The phase machine.
         task: The tip's task, if any.
-        state: What rows say of the state.
-        row: What all parts report.
+        state: Columns of the state.
+        row: Columns of all components.
     """
 
     scenario: Scenario
@@ -83,7 +83,7 @@ class Assembly:
 
     @property
     def changes(self) -> tuple[PropertyChange, ...]:
-        """Properties of bodies and geoms that the scenario gives, then those that its control laws believe in."""
+        """Properties of bodies and geoms that the scenario sets, then those of its controller models."""
         return changes_of(self.system, self.believed)
 
 
@@ -95,7 +95,7 @@ def assemble(
     believed: System | None = None,
     held: Mapping[str, GraspedSystem] = MappingProxyType({}),
 ) -> Assembly:
-    """Build everything that one run needs.
+    """Build the components of one run.
 
     Args:
         scenario: What is asked for.
@@ -159,7 +159,7 @@ def assemble(
 
 
 def task_of(scenario: Scenario, system: System) -> Task | None:
-    """Task of a scenario, or None where it has none.
+    """Task of a scenario; None if it has none.
 
     Raises:
         ScenarioFaults: There is no such tip.
@@ -179,7 +179,7 @@ def _context(scenario: Scenario, system: System, task: Task | None) -> Controlle
 
 
 def _beliefs(captures: Sequence[GraspModel], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
-    """What control laws believe while an object is held, by the name of the capture."""
+    """Controller models while an object is grasped, by the name of the grasp."""
     return {
         name: ControllerModel(each.believed.mj, contact_model.data_of(name), each.system.mj)
         for contact_model in captures
@@ -191,7 +191,7 @@ def _beliefs(captures: Sequence[GraspModel], held: Mapping[str, GraspedSystem]) 
 def _phases(
     scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any], held: Mapping[str, GraspedSystem]
 ) -> list[Phase]:
-    """The phases with their control laws, in their order: each is made for the scene, and for where an object is held.
+    """The phases with their control laws, in order: each law is created for the scene and for each grasped system.
 
     Raises:
         ScenarioFaults: A control law cannot be made.
@@ -227,7 +227,7 @@ def _where(capture: str) -> str:
 
 
 def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, held: Mapping[str, Any]) -> Phase:
-    """A phase with what ends it."""
+    """A phase with its end condition."""
     until = config.until if config.until not in (None, "end") else ""
     ending, settled = None, None
     if config.settled is not None and context.task is not None:
@@ -249,7 +249,7 @@ def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, hel
 
 
 def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
-    """Names of geom pairs that overlap at the start and are neither impact pairs nor ignored."""
+    """Names of geom pairs that overlap initially and are neither impact pairs nor ignored."""
     watch = ContactWatch(assembly.system.mj, assembly.data, assembly.known_pairs)
     watch.look(0.0)
     for record in watch.finish(0.0):
@@ -257,7 +257,7 @@ def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
 
 
 def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
-    """Impact pairs that are none while a capture holds, and pairs that nobody watches then."""
+    """Impact pairs and other pairs that are inactive while a grasp is closed."""
     for contact_model in assembly.course.contact_models:
         if isinstance(contact_model, GraspModel):
             for name, pairs in contact_model.disarmed.items():
@@ -270,7 +270,7 @@ def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
 
 
 def refused_rest(assembly: Assembly) -> Iterator[str]:
-    """Impact pairs that end the run where they come to rest, and why."""
+    """Messages for impact pairs that end the run if they come to rest, with the reason."""
     for pair in assembly.pairs:
         why = FRICTION if pair.mu > 0.0 else refusal(assembly.system.mj, pair) if pair.restitution < 1.0 else ""
         if why:

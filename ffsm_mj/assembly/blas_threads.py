@@ -1,4 +1,4 @@
-"""BLAS kept to one thread while anything runs: the matrices here are tiny, a second thread only spins."""
+"""Limits BLAS to one thread during a run: for small matrices more threads only cost time."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from threadpoolctl import ThreadpoolController
 
 
 class _Limit:
-    """The limit for the whole process: set by the first one in, lifted by the last one out.
+    """Limit for the whole process: set at the first entry, lifted at the last exit.
 
-    threadpoolctl lets only the thread that has set a limit lift it, and the last one out may be another: a thread that does
-    nothing else holds it.
+    threadpoolctl lets only the thread that set a limit lift it, and the last exit may be in another thread: a dedicated
+    thread holds the limit.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ _LIMIT = _Limit()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """One thread for every BLAS that is loaded; afterwards, when no other thread is in here, as many as before."""
+    """Context with one thread for every loaded BLAS; the previous limit is restored at the last exit."""
     libraries = _LIMIT.enter()
     try:
         with libraries.limit(limits=1, user_api="blas"):  # for those that count by thread, as with OpenMP

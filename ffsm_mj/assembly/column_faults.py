@@ -1,4 +1,4 @@
-"""Columns that would share a name are refused before a run: one would be written over the other without a word."""
+"""Refuses columns with equal names before a run: one would silently overwrite the other."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 
 
 def refuse_same_names(columns: Iterable[Columns], system: System) -> None:
-    """Refuse elements of the models whose names are one name in the log, where only letters, digits and _ are kept.
+    """Refuse model elements whose names are equal in the log, which keeps only letters, digits and underscores.
 
     Raises:
         InputError: A line for each two, with the file of the second.
@@ -50,7 +50,7 @@ def _lines(files: ModelFiles, kind: str, name: str) -> Iterator[str]:
 
 
 def refuse_telemetry(phases: Sequence[Phase]) -> None:
-    """Refuse control laws whose signals cannot be columns, or mean different things by one name.
+    """Refuse control laws whose signals cannot be columns, or differ in meaning under the same name.
 
     Raises:
         ScenarioFaults: A line for each law.
@@ -73,7 +73,7 @@ def refuse_telemetry(phases: Sequence[Phase]) -> None:
 
 
 def _signals_fault(signals: object) -> str:
-    """What is wrong with the signals of one law, or nothing."""
+    """What is wrong with the signals of one law; empty if they are valid."""
     if not isinstance(signals, Sequence) or not all(isinstance(signal, Signal) for signal in signals):
         return "telemetry_signals is no sequence of Signal"
     for signal in signals:

@@ -1,4 +1,4 @@
-"""The contact models of a run: the impact first, what lasts after it, then those that the scenario declares."""
+"""Contact models of a run: impact, persistent contact, then those that the scenario declares."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ffsm_mj.scenario.scenario import Scenario
 def impacts_of(
     scenario: Scenario, scene: Scene, pairs: tuple[ContactPair, ...]
 ) -> tuple[ImpactModel, PersistentContactModel]:
-    """The impact contact model of a scenario, and what holds the pairs that it leaves closed."""
+    """The impact model of a scenario, and the model of persistent contact."""
     interval = scenario.impact.rest_interval_s
     rules = ImpactRules(
         law=scenario.impact.law,
@@ -31,7 +31,7 @@ def declared_contact_models(scenario: Scenario, scene: Scene) -> tuple[ContactMo
     """The contact models that a scenario declares, in its order.
 
     Raises:
-        ScenarioFaults: One cannot be made of what is declared: a geom that there is not.
+        ScenarioFaults: A model cannot be created from its configuration, e.g. for an unknown geom.
     """
     made: list[ContactModel] = []
     faults: list[Fault] = []
@@ -48,7 +48,7 @@ def declared_contact_models(scenario: Scenario, scene: Scene) -> tuple[ContactMo
 
 
 def record_kinds(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the kinds of record that captures and the declared contact models may leave."""
+    """Names of the kinds of records of grasps and declared contact models."""
     kinds = [
         *(KINDS if scenario.captures else ()),
         *(kind for each in scenario.contact_models for kind in contact_model_of(each.kind).records),

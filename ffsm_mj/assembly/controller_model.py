@@ -1,4 +1,4 @@
-"""Control laws that take the models for other ones: the state that they see is true, what they make of it need not be."""
+"""Controller models: control laws see the true state, but compute with models that may differ from the plant."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 
 
 class ControllerModel:
-    """A model that is believed in, at the true state.
+    """A controller model at the true state.
 
     Attributes:
-        data: MuJoCo data of that model, the same object for good.
+        data: MuJoCo data of that model; always the same object.
     """
 
     def __init__(self, model: Any, truth: Any, held: Any = None) -> None:
-        """Take over the state in the plant's data.
+        """Bind to the model, and copy the state of the plant.
 
         Args:
-            model: The model that is believed in, with the degrees of freedom and the actuators of the true one.
+            model: The controller model, with the degrees of freedom and the actuators of the plant.
             truth: The plant's data.
-            held: The true model, where it is one in which an object is held.
+            held: Model of the plant with a grasped object, if there is one.
         """
         self._model, self.data, self._truth = model, mujoco.MjData(model), held
         self.follow(truth)
 
     def follow(self, truth: Any) -> None:
-        """Take over time, coordinates, rates and forces in the plant's data; all that derives from them is this model's."""
+        """Copy time, coordinates, rates and forces from the plant's data; derived quantities are those of this model."""
         mujoco.mj_copyState(self._model, truth, self.data, WHOLE_STATE)
         if self._truth is not None:  # where an object is held is written at its capture
             self._model.body_pos[:], self._model.body_quat[:] = self._truth.body_pos, self._truth.body_quat
@@ -39,7 +39,7 @@ class ControllerModel:
 
 
 class ControllerModelPhaseMachine(PhaseMachine):
-    """The phase machine, all of whose control laws see the data of a model that they believe in."""
+    """Phase machine whose control laws see the data of a controller model."""
 
     def __init__(self, phases: Sequence[Phase], belief: ControllerModel, held: Mapping[str, ControllerModel]) -> None:
         """Know the laws, made for the models that are believed in, and their data.
@@ -53,13 +53,13 @@ class ControllerModelPhaseMachine(PhaseMachine):
         self._belief, self._held = belief, held
 
     def control(self, observation: Observation, command: Command) -> None:
-        """Change phase where it is due, then ask its controller."""
+        """Change the phase if it has ended, then evaluate its control law."""
         self._belief.follow(observation.free)
         seen = self._belief
         if observation.grasp:
             seen = self._held[observation.grasp]
             seen.follow(observation.data)
         told, free = observation, self._belief.data
-        # Made anew: NamedTuple._replace takes twice as long, at every tick.
+        # NamedTuple._replace would take twice as long, at every tick.
         shown = Observation(told.time_s, seen.data, told.events, told.at_tick, told.contacts, free, told.grasp)
         super().control(shown, command)

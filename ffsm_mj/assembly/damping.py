@@ -1,4 +1,4 @@
-"""Damping gains that the control period is too long for: a joint is thrown back faster than it came, at every tick more."""
+"""Stability limit of damping gains at the control period: above it a joint velocity changes sign and grows every tick."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import described
 from ffsm_mj.model.system import System
 
-# An effort -K qdot held for a period dt takes qdot to (1 - dt M_c^-1 K) qdot; gains on positions do not move this limit.
+# An effort -K qdot held for a period dt maps qdot to (1 - dt M_c^-1 K) qdot; position gains do not change this limit.
 _LIMIT = 2.0
 
 
 def unstable_damping(assembly: Assembly) -> Iterator[str]:
-    """A line for each phase whose law is unstable by its damping, with everything that it does not damp floating.
+    """Messages for phases with unstable damping, with all degrees of freedom that the law does not damp left free.
 
     Args:
         assembly: Parts of one run, at the initial state.
@@ -29,15 +29,17 @@ def unstable_damping(assembly: Assembly) -> Iterator[str]:
             continue
         try:
             damping = phase.controller.damping_at(assembly.seen)
-            told = _told(assembly.system, assembly.data, assembly.scenario.control_period_s, damping) if damping else ""
+            message = (
+                _instability(assembly.system, assembly.data, assembly.scenario.control_period_s, damping) if damping else ""
+            )
         except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is no reason to refuse the scenario)
-            told = f"its damping cannot be told ({described(error)})"
-        if told:
-            yield f"phase {phase.name!r} ({phase.kind}): {told}"
+            message = f"its damping cannot be computed ({described(error)})"
+        if message:
+            yield f"phase {phase.name!r} ({phase.kind}): {message}"
 
 
-def _told(system: System, data: Any, period: float, damping: Damping) -> str:
-    """What is wrong with a damping; empty where nothing is."""
+def _instability(system: System, data: Any, period: float, damping: Damping) -> str:
+    """Message for an unstable damping; empty if it is stable."""
     dofs = damping.dofs
     # This part of M^-1 is the inverse of M_c, the mass matrix of these dofs with all others floating.
     mobility = np.linalg.solve(mass_matrix(system.mj, data), np.eye(system.mj.nv)[:, dofs])[dofs]
@@ -59,6 +61,6 @@ def _told(system: System, data: Any, period: float, damping: Damping) -> str:
 
 
 def _rounded_down(value: float) -> float:
-    """A positive number to three digits, never more than it is."""
+    """Round a positive number down to three digits."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return float(f"{math.floor(value / unit) * unit:.3g}")

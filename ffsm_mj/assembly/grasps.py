@@ -1,4 +1,4 @@
-"""The captures of a scenario: whom they join, and the systems in which they hold, compiled before anything moves."""
+"""Grasps of a scenario: their sites, and the systems with a grasped object, compiled before the run."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from ffsm_mj.scenario.scenario import Scenario
 
 @dataclass(frozen=True)
 class GraspedSystem:
-    """A system in which an object is held.
+    """A system with a grasped object.
 
     Attributes:
-        grasp: Who holds what.
-        system: Robot and objects, the held one a part of the robot.
+        grasp: The grasp: link and object.
+        system: Robot and objects, the grasped one as a part of the robot.
         believed: What the control laws take it for; None: they know it.
     """
 
@@ -31,15 +31,15 @@ class GraspedSystem:
     believed: System | None = None
 
     def copy(self) -> GraspedSystem:
-        """The same with models of its own."""
+        """Copy with separate models."""
         return GraspedSystem(self.grasp, self.system.copy(), self.believed.copy() if self.believed is not None else None)
 
 
 def grasps_of(scenario: Scenario, system: System) -> tuple[Grasp, ...]:
-    """Who holds what in the captures of a scenario, in its order.
+    """Grasps of a scenario, in its order.
 
     Raises:
-        ScenarioFaults: A site that there is not or that is of somebody else, or an object that cannot be held.
+        ScenarioFaults: An unknown site, a site of the wrong model, or an object that cannot be grasped.
     """
     grasps, faults = [], []
     for name, config in scenario.captures.items():
@@ -69,7 +69,7 @@ def _site(system: System, name: str, whose: list[Tree]) -> str:
     """Full name of a site of one of some trees.
 
     Raises:
-        LookupError: There is none of that name, it is of somebody else, or on a part that moves against its object's base.
+        LookupError: An unknown site, a site of another model, or on a body that moves relative to its object's base.
     """
     sites = [each for each in system.names("site") if _tree(system, each) in whose]
     side = "the robot" if system.robot in whose else "a floating object"
@@ -80,9 +80,11 @@ def _site(system: System, name: str, whose: list[Tree]) -> str:
         raise LookupError(message if str(error).startswith("unknown") else str(error)) from error
     tree = _tree(system, full)
     if tree is None or tree not in whose:
-        raise LookupError(f"{full} is no site of {side}: {message}" if sites else message)
+        raise LookupError(f"{full} is not a site of {side}: {message}" if sites else message)
     if tree is not system.robot and not _on_base(system, full, tree):
-        raise LookupError(f"{full} is on a part that moves against the base of {tree.name!r}; it must be fixed to the base")
+        raise LookupError(
+            f"{full} is on a body that moves relative to the base of {tree.name!r}; it must be fixed to the base"
+        )
     return full
 
 
@@ -98,7 +100,7 @@ def _on_base(system: System, site: str, tree: Tree) -> bool:
 def held_systems(
     scenario: Scenario, system: System, compiled: Callable[[Grasp, bool], System]
 ) -> Mapping[str, GraspedSystem]:
-    """Compile the systems in which objects are held, by the name of the capture.
+    """Compile the systems with grasped objects, by the name of the grasp.
 
     Args:
         scenario: What is asked for.
@@ -130,7 +132,7 @@ def grasp_models_of(
     held: Mapping[str, GraspedSystem],
     others: Sequence[ContactModel],
 ) -> tuple[GraspModel, ...]:
-    """The contact model of the captures of a scenario, where it has some.
+    """Contact model of the grasps of a scenario, if it has any.
 
     Args:
         scenario: What is asked for.

@@ -1,4 +1,4 @@
-"""Impact pairs of a scenario found in its models and checked, also against each other, the ignored and the initial state."""
+"""Impact pairs of a scenario, validated against models, ignored pairs and the initial state."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def impact_pairs(scenario: Scenario, system: System) -> tuple[ContactPair, ...]:
     """Impact pairs of a scenario, in its order.
 
     Raises:
-        ScenarioFaults: A geom that there is not, that is on the wrong side, cannot meet the other or has no exact distance.
+        ScenarioFaults: An unknown geom, or one of the wrong model, that cannot meet the other or has no exact distance.
     """
     pairs, faults = [], []
     for i, config in enumerate(scenario.impact_pairs):
@@ -30,7 +30,7 @@ def impact_pairs(scenario: Scenario, system: System) -> tuple[ContactPair, ...]:
             pair = ContactPair(system, config.name, *config.sides, config.restitution, config.mu)
             # An elastic pair never comes to rest.
             if config.restitution < 1.0 and (fault := lasting_fault(system.mj, *pair.ids)):
-                faults.append(Fault(f"{pair}: {fault}; or let restitution be 1", ("impact_pairs", i)))
+                faults.append(Fault(f"{pair}: {fault}; or set restitution to 1", ("impact_pairs", i)))
             pairs.append(pair)
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("impact_pairs", i)))
@@ -55,18 +55,18 @@ def _geom_faults(system: System, config: ImpactPairConfig) -> Iterator[Fault]:
 
 
 def _side_fault(system: System, name: str, side: str) -> str:
-    """What is wrong with the name of a geom that must be of the robot, or of an object; or nothing."""
+    """What is wrong with the name of a geom that must be of the robot, or of an object; empty if it is valid."""
     valid = [full for full in system.names("geom") if full.startswith(f"{system.robot.name}/") == (side == "the robot")]
     try:
         full = system.resolve("geom", name)
     except LookupError as error:
         message = str(error.args[0])
         return unknown_name(f"geom of {side}", name, valid) if message.startswith("unknown") else message
-    return "" if full in valid else f"{full} is no geom of {side}; allowed: {', '.join(sorted(valid))}"
+    return "" if full in valid else f"{full} is not a geom of {side}; allowed: {', '.join(sorted(valid))}"
 
 
 def refuse_undetectable(system: System, data: Any, pairs: tuple[ContactPair, ...]) -> None:
-    """Refuse pairs that overlap at the start, or whose speed no energy bounds.
+    """Refuse pairs that overlap initially, or whose speed is not bounded by the energy.
 
     Raises:
         ScenarioFaults: There is such a pair.
@@ -85,7 +85,7 @@ def refuse_undetectable(system: System, data: Any, pairs: tuple[ContactPair, ...
 
 
 def ignored_pairs(scenario: Scenario, system: System, pairs: tuple[ContactPair, ...]) -> frozenset[frozenset[int]]:
-    """Ids of the geoms of all pairs that the scenario ignores; impact pairs are none of them.
+    """Geom ids of all ignored pairs of the scenario.
 
     Raises:
         ScenarioFaults: A name that there is not, or a pair that is listed twice, ignored too, or has the name of another.
@@ -111,7 +111,7 @@ def ignored_pairs(scenario: Scenario, system: System, pairs: tuple[ContactPair, 
 
 
 def _refuse_contradictions(pairs: tuple[ContactPair, ...], ignored: set[frozenset[int]]) -> None:
-    """A pair is resolved once, under a name of its own, or ignored; not both."""
+    """Refuse pairs that are listed twice, share a name, or are also ignored."""
     faults: list[Fault] = []
     for i, pair in enumerate(pairs):
         if any(pair.geom_ids == other.geom_ids for other in pairs[:i]):
@@ -128,7 +128,7 @@ def _refuse_contradictions(pairs: tuple[ContactPair, ...], ignored: set[frozense
 
 
 def _geoms_of(system: System, name: str) -> list[int]:
-    """Geoms that a name stands for: those of a model, of a body, or the geom itself."""
+    """Geoms of a name: those of a model, of a body, or the geom itself."""
     model = system.mj
     for part in system.models:
         if part.name == name:

@@ -1,4 +1,4 @@
-"""The state at t = 0: joints and rates as the scenario has them, and whether a run can start from there."""
+"""Initial state of a scenario, and its validation."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _HUGE = 1e10
 
 
 def initial_state(scenario: Scenario, system: System) -> Any:
-    """Data at t = 0 with everything derived from it.
+    """Data at t = 0 with all derived quantities.
 
     Raises:
-        ScenarioFaults: An unknown joint, a value that it does not take, or a state from which no run can start.
+        ScenarioFaults: An unknown joint, an invalid value, or a state from which no run can start.
     """
     data = mujoco.MjData(system.mj)
     faults: list[Fault] = []
@@ -43,7 +43,7 @@ def initial_state(scenario: Scenario, system: System) -> Any:
 
 
 def fault_of_start(system: System, data: Any) -> str:
-    """Derive everything from a state; returns why no run can start from it, empty where one can."""
+    """Compute derived quantities; return why no run can start from the state, empty if one can."""
     warnings: list[str] = []
     with collected_warnings(warnings):
         mujoco.mj_forward(system.mj, data)
@@ -56,7 +56,7 @@ def fault_of_start(system: System, data: Any) -> str:
 
 
 def _set_joint(joint: Joint, key: str, value: JointValue, target: Any) -> str:
-    """Write a joint's coordinates or rates; returns what is wrong with them, or nothing."""
+    """Set a joint's coordinates or rates; return what is wrong with them, empty if they are valid."""
     part = joint.qpos if key == "joints" else joint.dofs
     numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
     size = part.stop - part.start

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM, which mean the same here: stop, and leave everything whole."""
+"""Handling of Ctrl-C and SIGTERM: both stop a run and leave its files intact."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def raised() -> Iterator[None]:
-    """Both raise KeyboardInterrupt, wherever the program is."""
+    """Context in which both signals raise KeyboardInterrupt."""
 
     def stop(*_: Any) -> None:
         raise KeyboardInterrupt
@@ -24,10 +24,10 @@ def raised() -> Iterator[None]:
 
 @contextmanager
 def noted() -> Iterator[Callable[[], bool]]:
-    """The first is a flag, so that no half-written state is left; a second one raises KeyboardInterrupt.
+    """Context in which the first signal sets a flag, so that no write is cut short; a second one raises KeyboardInterrupt.
 
     Yields:
-        Whether it came.
+        A function that says whether a signal was received.
     """
     seen: list[int] = []
 
@@ -42,7 +42,7 @@ def noted() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def _handled(handler: Callable[[int, Any], None]) -> Iterator[None]:
-    """Handle both signals here; only the main thread can, in others nothing changes."""
+    """Install a handler for both signals; without effect in other threads than the main one."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""The models of a scenario: their files found and read, the scene compiled, and what the control laws take it for."""
+"""Models of a scenario: finds and reads their files, compiles the scene and the controller models."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ def compile_scenario(
 
 
 def changes_of(system: System, believed: System | None) -> tuple[PropertyChange, ...]:
-    """Properties that a scenario gives, as compiled: those of the scene, then those that are believed."""
+    """Compiled properties that a scenario sets: those of the scene, then those of the controller model."""
     known = {change.path for change in system.changes}
     others = believed.changes if believed is not None else ()
     return (*system.changes, *(change for change in others if change.path not in known))
 
 
 def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, grasp: Grasp | None = None) -> System:
-    """The scene with what these keys change, an object held where there is a grasp.
+    """Compile the scene with the changes of these keys, and with a grasped object if a grasp is given.
 
     Raises:
         ScenarioFaults: See :func:`ffsm_mj.model.system.compile_system`.
@@ -79,7 +79,7 @@ def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, g
 
 
 def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[str, ModelFiles]:
-    """Files of all models, the robot's first, and what is done to them in any case.
+    """Files of all models, the robot's first, with stripped elements and added sites.
 
     Raises:
         InputError: A file is missing or malformed.
@@ -109,5 +109,5 @@ def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[s
 
 
 def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:
-    """A path in a scenario: relative to the file that states it."""
+    """A path in a scenario, relative to the file that sets it."""
     return Path(os.path.normpath(source.folder(keys) / name))

@@ -1,4 +1,4 @@
-"""A scenario made ready: a recipe that runs as often as one likes, each time from the start."""
+"""Preparation of a scenario: read, validated and compiled once, it can be run any number of times."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def run(
     Raises:
         InputError: The scenario or a model is wrong, or the folder holds a run.
     """
-    recipe = _recipe(scenario, overrides, controllers)  # whose parts are made once, by the run: they tell their faults there
+    recipe = _recipe(scenario, overrides, controllers)  # the run builds the components once, and reports their faults
     folder = RunFolder(Path(out), force=force) if out is not None else None
     return recipe.run(folder=folder, rerun=rerun, live=live, report=report)
 
@@ -69,7 +69,7 @@ def prepare(
     *,
     controllers: Mapping[str, Any] = MappingProxyType({}),
 ) -> PreparedRun:
-    """Read, validate and compile a scenario; nothing is written and nothing moves.
+    """Read, validate and compile a scenario without running it.
 
     Args:
         scenario: A path, or the name of a shipped scenario.
@@ -80,12 +80,12 @@ def prepare(
         InputError: The scenario or a model is wrong.
     """
     recipe = _recipe(scenario, overrides, controllers)
-    recipe.assemble()  # for what is wrong with its parts
+    recipe.assemble()  # reports faults of the components
     return recipe
 
 
 def as_overrides(values: Mapping[str, Any]) -> list[str]:
-    """Values by dotted key as overrides of the command line."""
+    """Values by dotted key as command-line overrides."""
     return [f"{key}={json.dumps(value)}" for key, value in values.items()]
 
 
@@ -101,7 +101,7 @@ def _recipe(
 def recipe(
     config: Scenario, source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({}), read: Reader = read_model
 ) -> PreparedRun:
-    """Compile a scenario that was read; what is wrong with its parts is told when they are assembled.
+    """Compile a scenario that was read; faults of its components are reported at assembly.
 
     Args:
         config: The scenario.
@@ -118,10 +118,10 @@ def recipe(
 
 @dataclass(frozen=True, eq=False)
 class PreparedRun:
-    """A recipe of runs: nothing in it is written after :func:`prepare`, and it can be pickled.
+    """A prepared scenario: immutable and picklable.
 
-    Every run works on its own copy of the model and on parts of its own, so runs of one recipe are the same bit by bit,
-    one after the other or in several threads at once.
+    Every run uses its own copy of the models and its own components, so runs are identical bit for bit, in sequence or in
+    several threads at once.
 
     Attributes:
         scenario: The validated scenario.
@@ -150,7 +150,7 @@ class PreparedRun:
         return resolved_yaml(self.scenario, self.system)
 
     def assemble(self) -> Assembly:
-        """Parts of one run at t = 0, made anew.
+        """New components of one run at t = 0.
 
         Raises:
             InputError: One line per fault, with the place in the scenario or the model.
@@ -172,7 +172,7 @@ class PreparedRun:
         return simulate(self.assemble(), folder, with_rerun=with_rerun, live=live, report=report)
 
     def describe(self) -> list[str]:
-        """Lines that tell a person what would run, and what to know of it."""
+        """Lines of text that describe the run, with notes."""
         assembly, system = self.assemble(), self.system
         pairs = (
             ", ".join(f"{p.name} (e = {p.restitution:g}{f', mu = {p.mu:g}' if p.mu else ''}: {p})" for p in assembly.pairs)
@@ -194,10 +194,13 @@ class PreparedRun:
         ]
         lines += [f"note: {change.told}" for change in self.changes]
         lines += [f"note: {note}" for note in system.notes]
-        lines += [f"note: {a} and {b} overlap at the start, nothing will push them" for a, b in unwatched_overlaps(assembly)]
         lines += [
-            f"note: {told}"
-            for told in (
+            f"note: {a} and {b} overlap at the start, and no contact force will separate them"
+            for a, b in unwatched_overlaps(assembly)
+        ]
+        lines += [
+            f"note: {note}"
+            for note in (
                 *unstable_damping(assembly),
                 *refused_rest(assembly),
                 *disarmed_pairs(assembly),

@@ -1,4 +1,4 @@
-"""The scenario as the run folder and the log keep it: every default written out, its models where they are kept."""
+"""The resolved scenario for run folder and log: with all defaults, and the paths of the stored models."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def resolved_yaml(scenario: Scenario, system: System) -> str:
         part = data["robot"] if name == "robot" else data["objects"][name]
         part["mjcf"] = logged_name(name, files.main)
         part["asset_folders"] = [] if files.beside else [logged_name(name, "")]
-        part["package_paths"] = []  # what is of a package is kept beside the model
+        part["package_paths"] = []  # files of packages are stored beside the model
     return write_yaml(_without_none(data))
 
 

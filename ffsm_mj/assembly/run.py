@@ -1,4 +1,4 @@
-"""One run of what was assembled, in a straight line: open the log, simulate, close, summarise."""
+"""Execution of an assembled run: open the log, simulate, close the log, write the summary."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from ffsm_mj.simulation.rows import RowWriter
 _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
 
 
-# A run checks that its state is finite and ends where it is not; numpy would say so again, and to nobody in particular.
+# A run ends if its state is not finite; numpy's warnings would only repeat that.
 @np.errstate(all="ignore")
 @one_blas_thread()
 @stopped_clock()
@@ -52,23 +52,23 @@ def simulate(
     columns: Collection[str] | None = None,
     watchers: Sequence[Sink] = (),
 ) -> Run:
-    """Run what was assembled, once: its parts are at the end of the run afterwards.
+    """Run an assembly once; its components are left at the end of the run.
 
     Args:
-        assembly: Parts that have not run.
+        assembly: Components that have not run yet.
         folder: Where to write; None keeps the run in memory only.
         with_rerun: Write ``run.rrd`` into the folder.
         live: ``host:port`` of a Rerun viewer to stream to.
         report: Told (simulation time, duration) in s as the run goes.
         columns: What a run in memory keeps of its rows, beside the time; None: all. One that keeps a part of them is no log
             that can be made again, and carries no scenario.
-        watchers: Who else is told of rows and events as they come.
+        watchers: Further receivers of rows and events during the run.
 
     Raises:
         InputError: The folder cannot be used, or there is no room for the run.
     """
     config, system, layout = assembly.scenario, assembly.system, assembly.row.layout
-    clock = source_date()  # one that is malformed is refused before there is a folder
+    clock = source_date()  # refuse a malformed date before the folder is created
     kept = len(layout.signals) if columns is None else 1 + len(columns)
     refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
     text = resolved_yaml(config, system) if columns is None else ""
@@ -78,7 +78,7 @@ def simulate(
     if folder is not None:
         sinks += folder.sinks(header, system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
     if live is not None:
-        from ffsm_mj.log.rerun.live import LiveSink  # a second to import, for those who watch
+        from ffsm_mj.log.rerun.live import LiveSink  # takes a second to import
 
         sinks.append(LiveSink(live, system, config.log.view_rate_hz))
     plant = Plant(
@@ -101,7 +101,7 @@ def simulate(
     except Exception as error:
         if recorder.outcome is None:
             raise
-        # The run is over and a log could not be finished: what the summary needs of it is in memory.
+        # The run is over but a log could not be finished: the summary only needs data in memory.
         memory.close(_unfinished(recorder.outcome, error))
     if folder is None:
         return Run(memory.log(), digested=digested.digest)
@@ -112,7 +112,7 @@ def simulate(
 
 
 def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:
-    """How a run ended whose log could not be finished."""
+    """Outcome of a run whose log could not be finished."""
     if isinstance(error, LogWriteError):
         return replace(outcome, outcome=Outcome.WRITE_FAILED.value, message=str(error))
     record = internal_error(error, outcome.end_s, outcome.steps)
@@ -125,13 +125,13 @@ def _settings(config: Scenario) -> Settings:
 
 
 def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:
-    """Add the versions that made the run, and leave out what differs from run to run where a source date is set."""
+    """Add versions; with a source date also remove what differs from run to run."""
     return replace(outcome, wall_s=outcome.wall_s if source_date() is None else 0.0, versions=versions())
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of the packages that shape a result."""
+    """Versions of the packages that affect results."""
     return {package: version(package) for package in _PACKAGES}
 
 

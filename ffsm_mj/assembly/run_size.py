@@ -1,4 +1,4 @@
-"""How large a run will be, asked before it starts: what does not fit is refused rather than lost."""
+"""Size of a run, estimated before it starts, so that a run that does not fit is refused."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from pathlib import Path
 from ffsm_mj.errors import InputError
 
 _RECORD_BYTES = 100
-"""What surrounds a sample in the log, at most."""
+"""Upper bound of the overhead per sample in the log, bytes."""
 _PLENTY = 1 << 62
 _BEST_COMPRESSION = 5
-"""Logs become a half to a fifth of their size."""
+"""Least compression ratio; logs shrink to a half to a fifth of their size."""
 
 
 def logged_bytes(ticks: int, columns: int) -> int:
-    """Size of all samples before compression: a double and its tag by column."""
+    """Size of all samples before compression: a double and its tag per column."""
     return ticks * (9 * columns + _RECORD_BYTES)
 
 
 def too_large(ticks: int, columns: int, limit_GB: float) -> str:
-    """What is wrong with so many control ticks of so many columns, against a stated limit; empty where nothing is."""
+    """Message if the samples exceed a limit; empty if they do not."""
     size = logged_bytes(ticks, columns) / 1e9
     if size <= limit_GB:
         return ""
@@ -32,7 +32,7 @@ def too_large(ticks: int, columns: int, limit_GB: float) -> str:
 
 
 def refuse_without_room(ticks: int, columns: int, folder: Path | None) -> None:
-    """See whether a run fits where it goes.
+    """Check that a run fits on the disk or in memory.
 
     Args:
         ticks: Control ticks.
@@ -40,7 +40,7 @@ def refuse_without_room(ticks: int, columns: int, folder: Path | None) -> None:
         folder: The run folder, which need not exist yet; None for a run that is kept in memory.
 
     Raises:
-        InputError: It cannot, however well it is compressed.
+        InputError: It does not fit, even with the best compression.
     """
     if folder is not None:
         need, room = logged_bytes(ticks, columns) // _BEST_COMPRESSION, _free(folder)
@@ -55,7 +55,7 @@ def refuse_without_room(ticks: int, columns: int, folder: Path | None) -> None:
 
 
 def _free(folder: Path) -> int:
-    """Free space where a folder is or will be, bytes; where that is not known, more than any run needs."""
+    """Free space at a folder that need not exist yet, bytes; if unknown, more than any run needs."""
     try:
         there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir())
         return shutil.disk_usage(there).free
@@ -64,7 +64,7 @@ def _free(folder: Path) -> int:
 
 
 def _memory() -> int:
-    """Memory of this machine, bytes; where it does not tell, more than any run needs."""
+    """Memory of this machine, bytes; if unknown, more than any run needs."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):

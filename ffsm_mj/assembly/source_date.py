@@ -1,6 +1,6 @@
-"""``SOURCE_DATE_EPOCH``, as reproducible builds have it: the same run gives the same log, byte for byte.
+"""``SOURCE_DATE_EPOCH``, as for reproducible builds: the same run then gives the same log, byte for byte.
 
-Where it is set, a log says it was created then, wall times in it are 0, and it is flushed by rows, not by the clock.
+If it is set, it is the creation time of logs, wall times are 0, and logs are flushed by rows instead of by the clock.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ VARIABLE = "SOURCE_DATE_EPOCH"
 
 
 def source_date() -> datetime | None:
-    """The time that the environment states, UTC; None where it states none.
+    """Time in the environment variable, UTC; None if it is not set.
 
     Raises:
-        InputError: It is no whole number of seconds since 1970, or beyond the year 9999.
+        InputError: It is not an integer number of seconds since 1970, or beyond the year 9999.
     """
     text = os.environ.get(VARIABLE, "")
     if not text:

@@ -1,4 +1,4 @@
-"""The error that a step may have so that a run passes its checks, from the accuracy that a scenario asks for."""
+"""Allowed error of a step for a requested accuracy, so that a run passes its checks."""
 
 from __future__ import annotations
 

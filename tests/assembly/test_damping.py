@@ -133,7 +133,7 @@ def test_a_law_that_cannot_tell_is_a_note_and_no_more(tmp_path):
     law = assembly.controller.phases[0].controller
     law.damping_at = lambda _: Damping("gain", np.array([6]), np.ones(1), np.ones((2, 2)))
     (note,) = unstable_damping(assembly)
-    assert note.startswith("phase 'hold' (pd): its damping cannot be told (ValueError")
+    assert note.startswith("phase 'hold' (pd): its damping cannot be computed (ValueError")
     law.damping_at = lambda _: Damping("gain", np.array([6]), np.ones(1), np.full((1, 1), math.nan))
     (note,) = unstable_damping(assembly)
-    assert "its damping cannot be told (LinAlgError" in note
+    assert "its damping cannot be computed (LinAlgError" in note

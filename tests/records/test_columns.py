@@ -169,7 +169,7 @@ def test_what_rerun_plots_is_what_its_names_say(plain):
 
 def test_columns_that_cannot_be_filled_are_refused():
     one = (Signal("state", "a_m", "m", "one"),)
-    with pytest.raises(ValueError, match="from a live array or by a table"):
+    with pytest.raises(ValueError, match="need either a live array or a table"):
         Columns(one)
     with pytest.raises(ValueError, match=r"shape \(2,\) for 1 signals"):
         Columns(one, live=np.zeros(2))

@@ -176,7 +176,7 @@ def test_animate_shows_a_film_in_a_cell(hit, tmp_path):
     assert shown.n_frames == 6
     with Image.open(film.save(tmp_path / "new" / "x.gif")) as saved:
         assert saved.n_frames == 6
-    with pytest.raises(InputError, match=r"x\.mp4: the film is a \.gif; 'ffsm export --mp4' makes an \.mp4"):
+    with pytest.raises(InputError, match=r"x\.mp4: must end in \.gif; for \.mp4 use 'ffsm export --mp4'"):
         film.save(tmp_path / "x.mp4")
 
 

@@ -49,7 +49,7 @@ def refused(path, *overrides):
         ({"geoms": ["tip", "hull", "rock"]}, "impact_pairs.0.geoms: "),
         ({"geoms": ["tip", "hull"], "robot_geom": "tip"}, "a pair needs 'geoms: [a, b]', or 'robot_geom' and 'object_geom'"),
         ({"robot_geom": "tip"}, "a pair needs 'geoms: [a, b]', or 'robot_geom' and 'object_geom'"),
-        ({"robot_geom": "tip", "object_geom": "hull"}, "impact_pairs.0.object_geom: robot/hull is no geom of an object"),
+        ({"robot_geom": "tip", "object_geom": "hull"}, "impact_pairs.0.object_geom: robot/hull is not a geom of an object"),
         ({"geoms": ["tip", "hull"], "name": "3"}, "the name '3' would be ambiguous with a position in the list"),
         ({"geoms": ["tip", "hull"], "name": ""}, "impact_pairs.0.name: "),
     ],
