@@ -99,13 +99,13 @@ def test_a_leak_is_no_truncation(tmp_path, monkeypatch, share, rate):
 
 
 def test_an_impulse_of_the_wrong_sign_is_no_truncation(tmp_path, monkeypatch):
-    honest = ImpactModel.booking
+    honest = ImpactModel.exchange
 
     def booking(self, energies, impact):
         true = honest(self, energies, impact)
         return Exchange(true.energy_J, -true.impulse, true.outside)
 
-    monkeypatch.setattr(ImpactModel, "booking", booking)
+    monkeypatch.setattr(ImpactModel, "exchange", booking)
     start = {"shoulder": 0.3, "elbow": 0.9, "b/free": [1.1, 0.7, 0.2, 1, 0, 0, 0]}
     rates = {"shoulder": 4.0, "elbow": -7.0, "robot/free": [0.2, 0, 0, 1, 2, 3], "b/free": [-4, 0, 0, 3, 6, 2]}
     run = ffsm_mj.run(whirling(tmp_path, initial={"joints": start, "rates": rates}))
