@@ -118,7 +118,7 @@ def test_the_page_is_stable_and_says_up_to_what(tmp_path):
     assert notes(tmp_path / "crab.yaml") == notes(tmp_path / "otto.yaml") == []
     (note,) = notes(tmp_path / "crab.yaml", "phases.hold.controller.kd=100")
     page = (Path(__file__).parents[2] / "docs" / "own-robot.md").read_text()
-    assert f"takes up to {told(note)[1]:g};" in page
+    assert f"is stable up to {told(note)[1]:g};" in page
     # With 12 the rate does not change sign: the eigenvalue is below 1.
     assert told(note)[1] / 2.0 > 12.0
 

@@ -49,8 +49,8 @@ def check(run, *, fine=True):
     assert run["balance.deepest_overlap_m"].max() <= PENETRATION_M
     own = ("no penetration", "impact energy", "impact restitution", "momentum two ways")
     laws = [check for check in run.checks() if fine or check.name in own]
-    assert "no penetration" in {check.name for law in laws}
-    assert all(check.passes for law in laws), laws
+    assert "no penetration" in {check.name for check in laws}
+    assert all(check.passes for check in laws), laws
 
 
 @pytest.mark.long
