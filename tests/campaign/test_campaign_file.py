@@ -90,7 +90,7 @@ def line_of(folder, dispersions=None, samples=None, **more):
             "has no value for the scale to start from; state one under overri",
         ),
         ({"conservative": {"offset": {"values": [1]}}}, "conservative is True, no number for the offset to start from"),
-        ({"duration_s.0": {"values": [1]}}, "duration_s is a scalar and has no '0'"),
+        ({"duration_s.0": {"values": [1]}}, "duration_s is a single value and has no '0'"),
         (
             {"duration_s": {"vector": {"direction": "random", "magnitude": {"values": [1]}}}},
             "is no vector of 3 numbers; of a free",

@@ -47,7 +47,7 @@ def campaign_folder(folder: Path) -> Files:
     (folder / "campaign.yaml").write_text(json.dumps(_STATED))
     campaign = Campaign.load(folder / "campaign.yaml", folder / "D")
     campaign.run(Loop())
-    campaign.replay(0)
+    campaign.rerun(0)
     return {f"D/{path.relative_to(folder / 'D')}": path.read_bytes() for path in (folder / "D").rglob("*") if path.is_file()}
 
 

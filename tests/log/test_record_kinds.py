@@ -110,7 +110,7 @@ def test_a_record_is_a_table_for_other_tools(plain_run, tmp_path, capsys):
     recorded(plain_run, tmp_path / "none", kinds=())
     assert main(["export", str(tmp_path / "none"), "--csv", "--table", "grips"]) == 2
     known = (
-        "contact_beginnings, contact_changes, contact_endings, contacts, impacts, internal_errors, phases, samples, "
+        "checks, contact_beginnings, contact_changes, contact_endings, contacts, impacts, internal_errors, phases, samples, "
         "unhandled_contacts"
     )
     assert f"unknown table 'grips'; allowed: {known}" in capsys.readouterr().err
@@ -132,7 +132,7 @@ def test_reports_tell_records_and_comparisons_their_first_difference(plain_run, 
     assert main(["analyze", str(tmp_path / "a"), str(tmp_path / "b"), "--compare"]) == 0
     out = capsys.readouterr().out
     assert "grips: 2\n  0.100000 s  grip of ball and target, holds 1\n" in out
-    assert "  impacts: 1, the same in both\n" in out
+    assert "  impacts: 1, identical\n" in out
     assert "  grips: 2 -> 1, number 2 differs: grip of ball and target, holds 0 -> none\n" in out
     assert not ffsm_mj.compare(first, second).same
     assert not ffsm_mj.compare(first, plain_run).same

@@ -43,7 +43,12 @@ def test_the_page_runs(folder, name, capsys):
     [
         ('<option gravity="0 0 0"/>', "", "crab.xml", 'gravity is 0 0 -9.81; write <option gravity="0 0 0"/>'),
         ('<freejoint name="float"/>', "", "crab.xml", "has no joint: it cannot float"),
-        ('<motor name="drive a" joint="J-a"/>', '<position name="servo" joint="J-a"/>', "crab.xml", "is no plain <motor>"),
+        (
+            '<motor name="drive a" joint="J-a"/>',
+            '<position name="servo" joint="J-a"/>',
+            "crab.xml",
+            "is not a plain <motor>",
+        ),
         ("rock/body_joint: [1.9", "rock/body_joint: [1.2", "crab.yaml", "overlap by"),
         ("tip: claw point", "tip: claw_point", "crab.yaml", "(did you mean 'robot/claw point'?)"),
     ],

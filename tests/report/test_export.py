@@ -66,7 +66,7 @@ def test_mp4_has_every_picture(hit, tmp_path):
 
 
 def test_faults_are_named(hit, tmp_path, monkeypatch):
-    with pytest.raises(InputError, match=r"an animation is a \.gif or an \.mp4"):
+    with pytest.raises(InputError, match=r"animations are \.gif or \.mp4 files"):
         write_animation(hit, tmp_path / "x.avi")
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written"):

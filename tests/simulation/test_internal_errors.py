@@ -35,7 +35,7 @@ PLACES = {
     "the balance, at an event": (Balance, "book", 3),
     "the start of a step": (EventDrivenIntegrator, "_begin_step", 30),
     "a row": (RowWriter, "fill", 30),
-    "a part of a row": (LoadBuffer, "note", 30),
+    "a part of a row": (LoadBuffer, "append", 30),
     "a block of rows": (RowWriter, "complete", 3),
     "the recorder": (Recorder, "commit", 20),
     "the log": (McapSink, "rows", 2),

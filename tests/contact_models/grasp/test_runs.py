@@ -509,7 +509,7 @@ def test_check_says_which_capture_no_phase_arms(tmp_path, capfd):
     assert told == ["note: no phase arms the capture 'spare', so it never closes; write 'arm: [spare]' in a phase"]
     asked = {"name": "ask", "until": "end", "controller": {"kind": "arms"}}
     lines = ffsm_mj.prepare(grasping(tmp_path / "asked", phases=[asked]), controllers={"arms": Arms}).describe()
-    assert any("'grasp', so it never takes hold unless the control law of phase 'ask' asks for it" in line for line in lines)
+    assert any("'grasp', so it never closes unless the control law of phase 'ask' requests it" in line for line in lines)
 
 
 def test_the_log_of_a_run_with_captures(tmp_path, capfd):

@@ -414,7 +414,7 @@ def test_what_presses_after_an_impact_is_without_the_contact_forces_before_it(tm
         found.append(resolve_resting(*args))
         return found[-1]
 
-    monkeypatch.setattr(impact_regime, "settled", remembered)
+    monkeypatch.setattr(impact_regime, "resolve_resting", remembered)
     gravity = '<option gravity="0 0 -2.5"/>'
     slab = f'<mujoco>{gravity}<worldbody><geom name="slab" type="box" size="1 1 0.1"/></worldbody></mujoco>'
     path = scene(

@@ -28,7 +28,7 @@ def wrong(path):
     for check in (*run.checks(), *again.checks()):
         if check.residual > check.tolerance * (1.0 if check.name in OWN else left):
             found.append(str(check))
-    found += [str(each) for each in again.worst.values() if not each.holds]
+    found += [str(each) for each in again.worst.values() if not each.passes]
     return found + ([again.obstacle] if again.obstacle else [])
 
 

@@ -155,7 +155,7 @@ def test_newtons_law_gains_energy_at_random_contacts(monkeypatch, rng):
 
 def test_the_figure_shows_who_gains():
     """Newton gains half at mu = 0.3, e = 1 ; Stronge's law keeps all only without friction."""
-    page = runpy.run_path(str(Path(__file__).parents[3] / "docs" / "friction_energy.py"))
+    page = runpy.run_path(str(Path(__file__).parents[4] / "docs" / "friction_energy.py"))
     mu, e, found = page["energies"](11)
     assert (mu[3], e[-1]) == (pytest.approx(0.3), 1.0)
     stronge_s, newton_s = found.values()
