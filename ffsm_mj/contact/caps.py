@@ -1,7 +1,8 @@
-"""A disc that lies flat against another geom: the points of its rim that its few fixed ones do not stand for.
+"""Caps of cylinders in flat contact: the point of the rim at which the gap closes fastest.
 
-The fixed points span a polygon within the disc, which says nothing of what of the rim comes nearest while the disc tips
-between two of them. Gap rates are linear in the place, so over a disc they are least at one point of its rim.
+A few fixed points represent the rim, and span a polygon within the disc. While the cylinder tips between two of them, the
+point of the rim that comes nearest is none of them. The gap rate is linear in the position, so its minimum over a disc is at
+one point of the rim, which is known in closed form.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ class Cap:
     """The flat end of a cylinder.
 
     Attributes:
-        centre: Its middle, world axes, m, (3,).
-        axes: Two unit vectors in its plane, (2, 3).
-        radius: In m.
+        centre: Centre in world axes, m, (3,).
+        axes: Two orthonormal vectors in its plane, world axes, (2, 3).
+        radius: Radius in m.
     """
 
     centre: FloatArray
@@ -31,31 +32,31 @@ class Cap:
     radius: float
 
     def rise(self, point: FloatArray, normal: FloatArray) -> float:
-        """Cosine of the angle between a direction and that from the middle of the cap to below or above a point."""
+        """Cosine of the angle between a direction and the radial direction, in the plane of the cap, towards a point."""
         outward = (self.axes @ (point - self.centre)) @ self.axes
         return float(normal @ outward) / float(np.linalg.norm(outward))
 
     def towards(self, direction: FloatArray) -> FloatArray | None:
-        """The point of the rim that is furthest along a direction, (3,); None where that is square to the cap."""
+        """The extreme point of the rim along a direction, (3,); None if the direction is perpendicular to the cap."""
         along = self.axes @ direction
         length = float(np.linalg.norm(along))
         return np.asarray(self.centre + self.radius / length * along @ self.axes) if length > 0.0 else None
 
 
 def cap_of(shape: Shape, outward: FloatArray) -> Cap | None:
-    """The cap that is a cylinder's extreme face along a unit vector; None of other geoms, and of one that stands askew."""
+    """The cap of a cylinder that faces along a unit vector; None for other geoms, and for a cylinder tilted against it."""
     found = shape.cap(outward)
     return Cap(*found) if found else None
 
 
 def lowest_of_rims(shapes: tuple[Shape, Shape], normal: FloatArray, spin: FloatArray, level: float) -> Iterator[FloatArray]:
-    """The points of the rims of caps at which the gap of two geoms falls fastest, each (1, 3), where they touch the other.
+    """For each cap of two geoms in flat contact: the rim point at which the gap rate is least, (1, 3), if it is in contact.
 
     Args:
-        shapes: The geoms.
-        normal: From the first to the second.
-        spin: Angular velocity of the second less that of the first; rates grow along normal x spin.
-        level: See :func:`~ffsm_mj.contact.manifold.touching_set`, m.
+        shapes: The two geoms.
+        normal: Unit normal from the first geom to the second.
+        spin: Angular velocity of the second geom relative to the first; the gap rate increases along normal x spin.
+        level: Tolerance of :func:`~ffsm_mj.contact.manifold.touching_set`, m.
     """
     caps = cap_of(shapes[0], normal), cap_of(shapes[1], -normal)
     for mine, cap in enumerate(caps):

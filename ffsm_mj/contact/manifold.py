@@ -1,7 +1,8 @@
-"""Where two convex geoms touch: a point, an edge or a face, by its extreme points.
+"""The contact patch of two convex geoms: a point, an edge or a face, given by its extreme points.
 
-A face contact has no single witness (it jumps from corner to corner at 1e-9 rad of tilt), so the touching set is built from
-the geoms' own features: everything of a geom that is extreme along the contact normal, intersected with the other's.
+The witness point of a distance query is not defined for a flat contact: it jumps from corner to corner at a tilt of 1e-9
+rad. The contact patch is therefore built from the features of the geoms: the extreme points of each geom along the normal
+span a polygon, and the patch is the intersection of the two polygons.
 """
 
 from __future__ import annotations
@@ -13,22 +14,23 @@ from ffsm_mj.contact.shape import PARALLEL, Shape
 from ffsm_mj.hull import hull, turn
 
 LEVEL_M = 1e-9
-"""Of a face that is tilted by rounding all corners touch; not those that are further off than this."""
+"""Corners of a face within this distance of the nearest one, in m, are in contact: rounding tilts a face."""
 _SAME_M, _STRAIGHT = 1e-12, 1e-9
-"""Corners of one feature no farther apart than the first are one, m; one that hardly turns is none."""
+"""Corners within the first distance, in m, are merged; corners that turn by less than the second (relative) are dropped."""
 _KINDS = {1: "point", 2: "edge"}
 
 
 def manifold_name(count: int) -> str:
-    """``point``, ``edge`` or ``face`` by the number of extreme points."""
+    """Kind of contact patch by the number of its extreme points: ``point``, ``edge`` or ``face``."""
     return _KINDS.get(count, "face")
 
 
 def facing(first: Shape, second: Shape, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Extreme points of one geom along a direction, (m, 3), and of the other against it, (n, 3): what may touch.
+    """Extreme points of the first geom along a direction, (m, 3), and of the second geom opposite to it, (n, 3).
 
-    A cap is represented by points of its rim: by a few, and by those that make what of the other lies within the rim lie
-    within their hull. Of two caps it is the few alone.
+    A cap of a cylinder is represented by points of its rim: a fixed few, and those at which the sides of the other geom's
+    polygon, extended, cross the rim. The hull of these points then contains every corner of that polygon within the rim. If
+    both geoms show a cap, the fixed points alone are used.
     """
     a, b = first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL)
     of_first, of_second = first.shows_cap(normal), second.shows_cap(-normal)
@@ -40,16 +42,16 @@ def facing(first: Shape, second: Shape, normal: FloatArray) -> tuple[FloatArray,
 
 
 def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, level: float = LEVEL_M) -> FloatArray:
-    """Extreme points of the intersection of two features in the plane across the normal, (k, 3).
+    """Extreme points of the intersection of two features, projected onto the plane across the normal, (k, 3).
 
     Args:
-        first: Extreme points of one geom along the normal, (m, 3).
-        second: Extreme points of the other against it, (n, 3).
-        normal: Common normal.
-        level: Points at which the two are further apart than at the nearest one, by more than this in m, are none.
+        first: Extreme points of the first geom along the normal, (m, 3).
+        second: Extreme points of the second geom opposite to it, (n, 3).
+        normal: Unit normal from the first geom to the second.
+        level: Points whose gap exceeds the least gap by more than this, in m, are not in contact.
 
     Returns:
-        Points midway between both features; empty where they do not overlap within rounding.
+        Points midway between the two features; empty if the projections do not overlap within rounding.
     """
     if min(len(first), len(second)) == 1:
         return first if len(first) == 1 else second
@@ -65,14 +67,14 @@ def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, leve
 
 
 def opposite(first: FloatArray, second: FloatArray, normal: FloatArray) -> bool:
-    """Whether two features lie opposite each other along a normal: if not, it is not the normal of the two geoms.
+    """Whether two features overlap in projection along a direction; if not, the direction is not the contact normal.
 
     Args:
-        first: Extreme points of one geom along the normal, (m, 3).
-        second: Extreme points of the other against it, (n, 3).
-        normal: Direction from the first geom to the second.
+        first: Extreme points of the first geom along the direction, (m, 3).
+        second: Extreme points of the second geom opposite to it, (n, 3).
+        normal: Unit vector from the first geom to the second.
     """
-    if len(first) == len(second) == 1:  # by far the most
+    if len(first) == len(second) == 1:  # the most frequent case
         offset = second[0] - first[0]
         return bool(np.linalg.norm(offset - offset @ normal * normal) <= _SAME_M)
     _, a, b = _flattened(first, second, normal)
@@ -81,7 +83,7 @@ def opposite(first: FloatArray, second: FloatArray, normal: FloatArray) -> bool:
 
 
 def _flattened(first: FloatArray, second: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Axes across the normal, (2, 3), and both features in their plane."""
+    """Two axes across the normal, (2, 3), and the hulls of both features in the plane of these axes."""
     axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
     u = np.cross(normal, axis)
     u /= np.linalg.norm(u)
@@ -91,14 +93,14 @@ def _flattened(first: FloatArray, second: FloatArray, normal: FloatArray) -> tup
 
 
 def _heights(heights: FloatArray, places: FloatArray, corners: FloatArray) -> FloatArray:
-    """Heights at some corners of the line or plane through places of known height, (k,)."""
+    """Heights at the corners of the line or plane fitted to places of known height, (k,)."""
     middle = places.mean(axis=0)
     slope = np.linalg.lstsq(places - middle, heights - heights.mean(), rcond=None)[0]
     return np.asarray(heights.mean() + (corners - middle) @ slope)
 
 
 def _inside(p: FloatArray, polygon: FloatArray, reach: float) -> bool:
-    """Whether a point lies in a convex polygon, on a segment or at a point, within a distance."""
+    """Whether a point lies in a convex polygon, on a segment or at a point, within the distance ``reach``."""
     if len(polygon) == 1:
         return bool(np.linalg.norm(p - polygon[0]) <= reach)
     if len(polygon) == 2:
@@ -110,7 +112,7 @@ def _inside(p: FloatArray, polygon: FloatArray, reach: float) -> bool:
 
 
 def _crossings(a: FloatArray, b: FloatArray) -> list[FloatArray]:
-    """Points where an edge of one polygon crosses an edge of the other."""
+    """Points at which an edge of one polygon crosses an edge of the other."""
     found = []
     for p, q in _edges(a):
         for r, s in _edges(b):
