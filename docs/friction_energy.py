@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.friction import stronge
-from ffsm_mj.contact_models.impact.friction.coulomb import ACCEPTED, CoulombProblem, coulomb
+from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
 from ffsm_mj.report.plots.style import BLACK, BLUE, VERMILLION, WIDTH_IN, publication, write
+from ffsm_mj.tolerances import SOLVED
 
 FOLDER = Path(__file__).parent / "figures" / "friction"
 ANGLE_RAD = np.radians(55.0)
@@ -43,7 +44,7 @@ def by_newton(A: FloatArray, w: FloatArray, mu: float, e: float) -> FloatArray:
     speed = float(np.abs(u).max())
     u[0] *= 1.0 + e
     impulses, residual = coulomb(CoulombProblem(A @ A.T, u, np.array([mu]), np.zeros(1), speed))
-    if residual > ACCEPTED:
+    if residual > SOLVED:
         raise ValueError(f"Newton's law has no solution at mu = {mu:g}, e = {e:g}")
     after: FloatArray = w + A.T @ impulses[0]
     return after

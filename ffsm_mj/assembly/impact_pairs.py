@@ -8,10 +8,10 @@ from typing import Any
 
 from ffsm_mj.contact.feature import lasting_fault
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ImpactPairConfig, Scenario
+from ffsm_mj.tolerances import CONTACT_GAP_M
 
 
 def impact_pairs(scenario: Scenario, system: System) -> tuple[ContactPair, ...]:
@@ -77,7 +77,7 @@ def refuse_undetectable(system: System, data: Any, pairs: tuple[ContactPair, ...
             message = f"a moment of inertia of {pair.geom_a} or {pair.geom_b} is less than rounding of the others"
             faults.append(Fault(f"{message}: no energy bounds how fast it spins", ("impact_pairs", i)))
         gap = pair.gap(system.mj, data, 1.0)
-        if gap < -GAP_TOLERANCE:
+        if gap < -CONTACT_GAP_M:
             message = f"{pair.geom_a} and {pair.geom_b} overlap by {-gap:.6g} m at the start; move one of them"
             faults.append(Fault(message, ("impact_pairs", i)))
     if faults:

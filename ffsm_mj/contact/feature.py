@@ -16,18 +16,16 @@ import mujoco
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.carrier import Vector, cross, dot
 from ffsm_mj.contact.cores import Circle, Core, Curve, Line
-from ffsm_mj.contact.feature_state import EDGE_M, Feature, FeatureState, Pairing
+from ffsm_mj.contact.feature_state import Feature, FeatureState, Pairing
 from ffsm_mj.contact.flat_outline import FlatOutline
 from ffsm_mj.contact.joining import join
 from ffsm_mj.contact.outline import Outline
 from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact.round_outline import CylinderOutline, EllipsoidOutline
-from ffsm_mj.contact.shape import PARALLEL
+from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL
 
-__all__ = ["EDGE_M", "Feature", "FeatureState", "features", "lasting_fault"]
+__all__ = ["Feature", "FeatureState", "features", "lasting_fault"]
 
-_TOUCH_M = 1e-9
-"""Features with a gap larger than this, and than that of the pair, are not in contact."""
 _CYLINDER, _ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 _ROUND = {_CYLINDER: "a cylinder", _ELLIPSOID: "an ellipsoid"}
 _OUTLINES: dict[int, type[Outline]] = {_CYLINDER: CylinderOutline, _ELLIPSOID: EllipsoidOutline}
@@ -51,8 +49,9 @@ def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple
         near: The pair's gap and normal there.
 
     Returns:
-        Features with a gap of at most 1e-9 m, or that of the pair if larger, and no further than EDGE_M / 2 outside their
-        bounds. A face on a face has several; there are none if only vertices or edges meet vertices or parallel edges.
+        Features with a gap of at most CONTACT_GAP_M, or that of the pair if larger, and no further than FEATURE_BOUND_M / 2
+        outside their bounds. A face on a face has several; there are none if only vertices or edges meet vertices or
+        parallel edges.
     """
     a = _outline(model, data, model.geom(pair.geom_a).id, near.normal)
     b = _outline(model, data, model.geom(pair.geom_b).id, -near.normal)
@@ -88,7 +87,7 @@ class _Search:
         found += [
             (feature, held)
             for feature, held in crossings
-            if all(math.dist(held.point, corner) > 0.5 * EDGE_M for corner in corners)
+            if all(math.dist(held.point, corner) > 0.5 * FEATURE_BOUND_M for corner in corners)
         ]
         return [feature for feature, _ in found]
 
@@ -140,7 +139,7 @@ class _Search:
             if feature is None:
                 continue
             held = feature.at(self._data)
-            if held.inside < -0.5 * EDGE_M or not self._closed(held.gap):
+            if held.inside < -0.5 * FEATURE_BOUND_M or not self._closed(held.gap):
                 continue
             levelled = self._levelled(one, other, held.gap)
             found.append((levelled or feature, held))
@@ -149,8 +148,8 @@ class _Search:
     def _closed(self, gap: float) -> bool:
         near = self._near
         if self._vague > 0.0:
-            return abs(gap - near.gap) <= self._vague + _TOUCH_M
-        return abs(gap) <= max(_TOUCH_M, abs(near.gap) + near.rounding)
+            return abs(gap - near.gap) <= self._vague + CONTACT_GAP_M
+        return abs(gap) <= max(CONTACT_GAP_M, abs(near.gap) + near.rounding)
 
     def _levelled(self, one: Core, other: Core, gap: float) -> Pairing | None:
         """The same feature with the normal of the pair, if all features of a flat contact must share one.

@@ -11,9 +11,6 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.carrier import Vector
 
-EDGE_M = 1e-9
-"""A contact leaves its feature this far outside the bounds, and enters one within half of it (hysteresis)."""
-
 
 class FeatureState(NamedTuple):
     """One feature at one state, in world axes.

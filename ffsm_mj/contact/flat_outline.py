@@ -12,12 +12,11 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.carrier import Vector
 from ffsm_mj.contact.cores import Core, Face, Line, Point
 from ffsm_mj.contact.outline import Outline
-from ffsm_mj.contact.shape import PARALLEL, Shape, vagueness
+from ffsm_mj.contact.shape import Shape, vagueness
 from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.hull import hull
+from ffsm_mj.tolerances import MERGED_M, PARALLEL, STRAIGHT
 
-_SAME_M, _STRAIGHT = 1e-12, 1e-9
-"""Corners no farther apart than the first are one; one that hardly turns is none (as in :mod:`.manifold`)."""
 _NO_CONE = np.empty((0, 3))
 _SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
@@ -45,7 +44,7 @@ class FlatOutline(Outline):
             return points
         u = np.linalg.svd(self._outward[None])[2][1]
         flat = points @ np.stack((u, cross(self._outward, u))).T
-        corners = hull(flat, merge=_SAME_M, straight=_STRAIGHT)
+        corners = hull(flat, merge=MERGED_M, straight=STRAIGHT)
         return np.asarray(points[[int(np.argmin(np.abs(flat - corner).sum(axis=1))) for corner in corners]])
 
     def points(self) -> list[Core]:
@@ -88,7 +87,7 @@ class FlatOutline(Outline):
     def _towards(self, offsets: FloatArray) -> FloatArray:
         """Unit directions in the body's axes, (k, 3)."""
         lengths = np.linalg.norm(offsets, axis=1)
-        kept = lengths > _SAME_M
+        kept = lengths > MERGED_M
         rotation = np.array(self._motion.axes).reshape(3, 3)
         return np.asarray(offsets[kept] / lengths[kept, None] @ rotation)
 
@@ -106,7 +105,7 @@ class FlatOutline(Outline):
         across = self._all() - start
         across -= np.outer(across @ direction, direction)
         lengths = np.linalg.norm(across, axis=1)
-        kept = lengths > max(_SAME_M, self.vague)
+        kept = lengths > max(MERGED_M, self.vague)
         if not kept.any():
             return ()
         across = across[kept] / lengths[kept, None]

@@ -10,13 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.shape import PARALLEL, Shape
+from ffsm_mj.contact.shape import Shape
 from ffsm_mj.hull import hull, turn
+from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, PARALLEL, STRAIGHT
 
-LEVEL_M = 1e-9
-"""Corners of a face within this distance of the nearest one, in m, are in contact: rounding tilts a face."""
-_SAME_M, _STRAIGHT = 1e-12, 1e-9
-"""Corners within the first distance, in m, are merged; corners that turn by less than the second (relative) are dropped."""
 _KINDS = {1: "point", 2: "edge"}
 
 
@@ -41,7 +38,7 @@ def facing(first: Shape, second: Shape, normal: FloatArray) -> tuple[FloatArray,
     return a, b
 
 
-def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, level: float = LEVEL_M) -> FloatArray:
+def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, level: float = CONTACT_GAP_M) -> FloatArray:
     """Extreme points of the intersection of two features, projected onto the plane across the normal, (k, 3).
 
     Args:
@@ -56,11 +53,11 @@ def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, leve
     if min(len(first), len(second)) == 1:
         return first if len(first) == 1 else second
     plane, a, b = _flattened(first, second, normal)
-    reach = 1e-9 + 1e-7 * max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
+    reach = CONTACT_GAP_M + 1e-7 * max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
     candidates = [p for p in a if _inside(p, b, reach)] + [p for p in b if _inside(p, a, reach)] + _crossings(a, b)
     if not candidates:
         return np.empty((0, 3))
-    corners = hull(np.array(candidates), merge=reach, straight=_STRAIGHT)
+    corners = hull(np.array(candidates), merge=reach, straight=STRAIGHT)
     low, high = (_heights(points @ normal, points @ plane.T, corners) for points in (first, second))
     touching = high - low <= (high - low).min() + level
     return np.asarray(corners[touching] @ plane + np.outer(0.5 * (low + high)[touching], normal))
@@ -76,10 +73,10 @@ def opposite(first: FloatArray, second: FloatArray, normal: FloatArray) -> bool:
     """
     if len(first) == len(second) == 1:  # the most frequent case
         offset = second[0] - first[0]
-        return bool(np.linalg.norm(offset - offset @ normal * normal) <= _SAME_M)
+        return bool(np.linalg.norm(offset - offset @ normal * normal) <= MERGED_M)
     _, a, b = _flattened(first, second, normal)
     corners = [(p, b) for p in a] + [(p, a) for p in b]
-    return any(_inside(p, polygon, _SAME_M) for p, polygon in corners) or bool(_crossings(a, b))
+    return any(_inside(p, polygon, MERGED_M) for p, polygon in corners) or bool(_crossings(a, b))
 
 
 def _flattened(first: FloatArray, second: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -88,7 +85,7 @@ def _flattened(first: FloatArray, second: FloatArray, normal: FloatArray) -> tup
     u = np.cross(normal, axis)
     u /= np.linalg.norm(u)
     plane = np.stack((u, np.cross(normal, u)))
-    a, b = (hull(points @ plane.T, merge=_SAME_M, straight=_STRAIGHT) for points in (first, second))
+    a, b = (hull(points @ plane.T, merge=MERGED_M, straight=STRAIGHT) for points in (first, second))
     return plane, a, b
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.manifold import facing, opposite
 from ffsm_mj.contact.shape import Shape, cross
+from ffsm_mj.tolerances import EPSILON
 
 _WIDTH = 1e-4
 """The query's direction is good to about 1e-5 rad: edges and faces within this may be the ones that touch."""
@@ -26,7 +27,7 @@ _LONGEST_STEP = 0.1
 _FLATTEST = 1e-9
 # The smallest eigenvalue of a symmetric matrix is known to a few units of rounding of its largest: close to the axis of a
 # cylinder a turn of the rim has a radius of 1e7 m and more, and what is left of the other one is noise, zero at times.
-_EIGENVALUE_ROUNDING = 16.0 * 2.0**-52
+_EIGENVALUE_ROUNDING = 16.0 * EPSILON
 
 
 def polished(first: Shape, second: Shape, estimate: FloatArray) -> FloatArray:

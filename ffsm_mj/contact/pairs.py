@@ -16,22 +16,21 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.caps import lowest_of_rims
-from ffsm_mj.contact.manifold import LEVEL_M, facing, opposite, touching_set
+from ffsm_mj.contact.manifold import facing, opposite, touching_set
 from ffsm_mj.contact.normal import is_normal, polished, separation
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
 from ffsm_mj.contact.shape import Shape, vagueness
 from ffsm_mj.model.system import System
+from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M, EPSILON, RATE
 
 _UNSUPPORTED = {
     int(mujoco.mjtGeom.mjGEOM_PLANE): "plane",
     int(mujoco.mjtGeom.mjGEOM_HFIELD): "height field",
     int(mujoco.mjtGeom.mjGEOM_SDF): "signed distance field",
 }
-REST_RATE = 1e-12
-"""Gap rates within this share of (1 m/s + the speeds involved) of zero are rounding."""
 # A gap is below zero where it is so many times its rounding below; there, rates are told from zero more finely.
 _FALLEN, _EXACT = 1e3, 1e-3
-_ROUNDING, _EPSILON = 1e-14, 2.0**-52
+_ROUNDING = 1e-14
 FAR = 1e3
 """Gaps are not told apart beyond this, m."""
 # Passes of the shifted query, each leaving shift / (shift + radius of curvature) of the error, until it is this small.
@@ -204,10 +203,10 @@ class ContactPair:
             normal, witness = self._nearer_query(model, data, (normal, witness))
             features = facing(first, second, normal)
         self._normal = normal
-        level = LEVEL_M + self.vague
+        level = CONTACT_GAP_M + self.vague
         points = touching_set(*features, normal, level)
         points = points if len(points) else witness[None]
-        rounding = _ROUNDING + 4.0 * _EPSILON * float(np.abs(points).max())
+        rounding = _ROUNDING + 4.0 * EPSILON * float(np.abs(points).max())
         rates, still = self._rates(data, normal, points)
         near = Proximity(separation(first, second, normal), normal, points, rates, still, rounding)
         return self._with_rims((first, second), data, near) if self.is_of(mujoco.mjtGeom.mjGEOM_CYLINDER) else near
@@ -215,7 +214,7 @@ class ContactPair:
     def _with_rims(self, shapes: tuple[Shape, Shape], data: Any, near: Proximity) -> Proximity:
         """The same with the point of a cap's rim that approaches, if it does so faster than all others."""
         spin = data.cvel[self.body_b][:3] - data.cvel[self.body_a][:3]
-        for here in lowest_of_rims(shapes, near.normal, spin, LEVEL_M + self.vague):
+        for here in lowest_of_rims(shapes, near.normal, spin, CONTACT_GAP_M + self.vague):
             rates = self._rates(data, near.normal, here)[0]
             if rates[0] < min(near.rate, 0.0) - near.still:
                 near = replace(near, points=np.concatenate((near.points, here)), rates=np.append(near.rates, rates))
@@ -230,7 +229,7 @@ class ContactPair:
         """Rate of the gap at each point, and what of it is rounding."""
         here = self._velocity(data, self.body_a, self._root1, points)
         there = self._velocity(data, self.body_b, self._root2, points)
-        still = REST_RATE * (1.0 + float(np.abs(here).max()) + float(np.abs(there).max()))
+        still = RATE * (1.0 + float(np.abs(here).max()) + float(np.abs(there).max()))
         return (there - here) @ normal, still
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:
@@ -301,7 +300,7 @@ class ContactPair:
 
     def _estimate(self, model: Any, data: Any) -> FloatArray:
         """A direction to start from: the last normal, the witnesses when clearly apart, else the centres."""
-        if self._distance(model, data, FAR) > 1e-6:
+        if self._distance(model, data, FAR) > CLEARLY_APART_M:
             return _direction(self._fromto)
         if self._normal is not None:
             return self._normal

@@ -13,7 +13,8 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.carrier import Vector, dot, minus, shifted, unit
 from ffsm_mj.contact.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
 from ffsm_mj.contact.outline import Outline
-from ffsm_mj.contact.shape import PARALLEL, Shape
+from ffsm_mj.contact.shape import Shape
+from ffsm_mj.tolerances import PARALLEL
 
 
 class EllipsoidOutline(Outline):

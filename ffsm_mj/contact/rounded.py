@@ -12,8 +12,9 @@ from typing import Any
 from ffsm_mj.contact.carrier import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
 from ffsm_mj.contact.cores import Circle, Ellipsoid, Face, Line, Point
 from ffsm_mj.contact.feature_state import FeatureState, Pairing
+from ffsm_mj.tolerances import NEWTON_STEP
 
-_TURNS, _SETTLED = 100, 1e-12
+_TURNS = 100
 """Newton's steps, as a share: each leaves about its square."""
 
 
@@ -133,7 +134,7 @@ def _ellipse(axes: Sequence[Vector], squares: Vector, direction: Vector) -> list
 
 def _root(squares: Sequence[float], places: Sequence[float]) -> float:
     """The l > -min(squares) with sum of squares places^2 / (squares + l)^2 = 1: convex there, Newton's method is safe."""
-    root, least = 0.0, _SETTLED * max(squares)
+    root, least = 0.0, NEWTON_STEP * max(squares)
     for _ in range(_TURNS):
         value, slope = -1.0, 0.0
         for square, place in zip(squares, places, strict=True):
@@ -142,6 +143,6 @@ def _root(squares: Sequence[float], places: Sequence[float]) -> float:
             value += share
             slope -= 2.0 * share * over
         before, root = root, root - value / slope
-        if math.isclose(root, before, rel_tol=_SETTLED, abs_tol=least):
+        if math.isclose(root, before, rel_tol=NEWTON_STEP, abs_tol=least):
             break
     return root

@@ -20,10 +20,9 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.caps import Cap, cap_of
-from ffsm_mj.contact.shape import PARALLEL, Shape
+from ffsm_mj.contact.shape import Shape
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, PARALLEL
 
-# What is rounding: a share of the largest term, and in m/s^2 where all of them are (it moves a gap by 5e-10 m in 30 s).
-_SHARE, _LEAST = 1e-10, 1e-12
 _AT_END = 1e-7
 """A contact point this close to the end of an edge or face, as a share of its length, is at its end."""
 
@@ -38,7 +37,7 @@ class SecondRate:
     @property
     def rounding(self) -> float:
         """Second rates within this of zero are none, m/s^2."""
-        return _SHARE * self.scale + _LEAST
+        return ACCELERATION * self.scale + ACCELERATION_M_S2
 
 
 @dataclass(frozen=True)

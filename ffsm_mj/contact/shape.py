@@ -16,18 +16,12 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.hull import hull
+from ffsm_mj.tolerances import MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
 
-PARALLEL = 1e-6
-"""Normals closer than this in rad count as parallel."""
-# Vertices of meshes are stored in single precision: a face is flat to that only.
-_SINGLE = 2e-7
 # Closer to its axis than this, a direction sees a cylinder's face, not its side.
 _SINGULAR = 1e-9
 _DISC_POINTS = 8
 """A disc is represented by this many points of its rim."""
-
-_SAME_M, _STRAIGHT = 1e-12, 1e-9
-"""Corners of one polygon no farther apart than the first are one, m; one that hardly turns is none."""
 
 _SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 _BOX, _CAPSULE, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
@@ -90,7 +84,7 @@ class Shape:
         A corner within the rim lies between two such points, so within the hull of those few that stand for the rim, and
         these; a single corner lies between the middle and the one that is found for it.
         """
-        seen = hull(((places - self._position) @ self._rotation)[:, :2], merge=_SAME_M, straight=_STRAIGHT)
+        seen = hull(((places - self._position) @ self._rotation)[:, :2], merge=MERGED_M, straight=STRAIGHT)
         radius, z = float(self._size[0]), float(np.copysign(self._size[1], self._rotation[:, 2] @ direction))
         starts = np.zeros((1, 2)) if len(seen) == 1 else np.roll(seen, 1, axis=0)
         found = [point for sides in zip(starts, seen, strict=True) for point in _on_circle(radius, *sides)]
@@ -146,7 +140,7 @@ class Shape:
     def _mesh_points(self, local: FloatArray, width: float) -> FloatArray:
         vertices = self._vertices()
         heights = vertices @ local
-        reach = max(width, _SINGLE) * float(self._model.geom_rbound[self._geom]) if width > 0.0 else 0.0
+        reach = max(width, MESH_PRECISION) * float(self._model.geom_rbound[self._geom]) if width > 0.0 else 0.0
         return np.unique(vertices[heights >= heights.max() - reach], axis=0)
 
     def _vertices(self) -> FloatArray:
@@ -158,7 +152,7 @@ class Shape:
 
 def vagueness(model: Any, geom: int) -> float:
     """How well the places of a geom's points are known, m: 0 but for meshes, whose vertices are in single precision."""
-    return _SINGLE * float(model.geom_rbound[geom]) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH else 0.0
+    return MESH_PRECISION * float(model.geom_rbound[geom]) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH else 0.0
 
 
 def _ends(component: float, half: float, width: float) -> tuple[float, ...]:

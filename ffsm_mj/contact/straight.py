@@ -15,8 +15,9 @@ from typing import Any
 from ffsm_mj.contact.carrier import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
 from ffsm_mj.contact.cores import Circle, Curve, Face, Line, Point
 from ffsm_mj.contact.feature_state import FeatureState, Pairing
+from ffsm_mj.tolerances import NEWTON_STEP
 
-_TURNS, _SETTLED = 30, 1e-12
+_TURNS = 30
 """Newton's steps for the angle on a circle, in rad: each leaves about its square."""
 
 
@@ -159,6 +160,6 @@ class LineOnCurve(Pairing):
             slope = -circle.size * (1.0 - dot(d, tangent) ** 2) - dot(offset, outward)
             step = dot(offset, tangent) / slope
             self._angle -= step
-            if abs(step) < _SETTLED:
+            if abs(step) < NEWTON_STEP:
                 break
         return shifted(centre, circle.size, outward), tangent, scaled(1.0 / circle.size, outward)

@@ -24,17 +24,14 @@ from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.active_set import LANDING_DEPTH_M, closed_and_still, held_rate_tolerance
+from ffsm_mj.contact_models.persistent.active_set import closed_and_still, held_rate_tolerance
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.contact_models.persistent.report import force_keys, mode_key
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
-
-_NEAR_M = 1e-6
-_SAME_POINT_M = 1e-6
-"""Points within this distance of a contact point are the same: mesh vertices are known to 2e-7 m (single precision)."""
+from ffsm_mj.tolerances import CLEARLY_APART_M, LANDING_DEPTH_M, SAME_POINT_M
 
 
 class ContactCheck:
@@ -68,7 +65,7 @@ class ContactCheck:
 
     def _closed(self, pair: ContactPair, lasts: bool) -> Proximity | None:
         model, data = self._scene.system.mj, self._scene.data
-        if pair.gap(model, data, 1.0) > _NEAR_M:
+        if pair.gap(model, data, 1.0) > CLEARLY_APART_M:
             return None
         near = pair.proximity(model, data)
         # MuJoCo stores mesh vertices in single precision: with several touching, the gap is known no better than that.
@@ -130,7 +127,7 @@ def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArr
     still = [
         point for point, rate in zip(near.points, near.rates.tolist(), strict=True) if abs(rate) <= held_rate_tolerance(near)
     ]
-    closed = [point for point in still if any(math.dist(point, each) <= _SAME_POINT_M for each in held)]
+    closed = [point for point in still if any(math.dist(point, each) <= SAME_POINT_M for each in held)]
     return closed if closed and near.gap >= -LANDING_DEPTH_M else still
 
 

@@ -29,13 +29,14 @@ from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.facts import free_components, is_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import FORCE_RESIDUAL, OVERLAP, SUBSYSTEMS, Layout, momentum_keys
+from ffsm_mj.tolerances import CHECK_TOLERANCE, CONTACT_GAP_M
 from ffsm_mj.verification.friction_check import EnergyDeviation, FrictionCheck
 from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, stretch_s
 from ffsm_mj.verification.truncation import Truncation
 
-DEFAULT_TOLERANCE = 1e-9
+DEFAULT_TOLERANCE = CHECK_TOLERANCE
 """A check passes if its residual is at most this times (1 + scale), in SI units."""
-DEEPEST_M = 1e-9
+DEEPEST_M = CONTACT_GAP_M
 """Greatest allowed penetration of an impact pair, m."""
 FORCE_TOLERANCE = 1e-8
 """Tolerance of the complementarity residual of contact forces, times (1 N + force)."""

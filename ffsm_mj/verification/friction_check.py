@@ -22,10 +22,10 @@ from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.tolerances import RANK
 
 _GAIN = 1e-3
 """For several contacts energy may grow by this fraction of the tolerance: 1e-12 of T for a tolerance of 1e-9."""
-_RANK = 1e-10
 _HUGE = 1e10
 """Largest number that MuJoCo accepts in a state."""
 
@@ -149,7 +149,7 @@ class FrictionCheck:
         A = np.linalg.solve(L, J.T).T
         if joined is not None:  # a grasped object moves with its link: combine their columns
             B = np.linalg.solve(L, relative_twist_rows(system.mj, data, *joined, np.array(first.point_m)).T).T
-            A = A - A @ np.linalg.pinv(B, rcond=_RANK) @ B
+            A = A - A @ np.linalg.pinv(B, rcond=RANK) @ B
         return _CheckedImpact(A, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
 
     def _joined(self, model: Any, impact: ImpactRecord) -> tuple[int, int] | None:

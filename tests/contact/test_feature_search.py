@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact.feature import EDGE_M, features
+from ffsm_mj.contact.feature import features
+from ffsm_mj.tolerances import FEATURE_BOUND_M
 from tests.contact.test_feature import pair_of
 from tests.scenes import HEAD
 
@@ -160,7 +161,7 @@ def over_edge(folder, offset, corner):
     ("offset", "expected"), [(-1e-3, 0), (-1e-9, 0), (-3e-10, 0), (3e-10, 0), (1e-9, 1), (1e-3, 1), (0.02, 1)]
 )
 def test_a_ball_is_handed_over_at_the_edge(tmp_path, offset, expected, corner):
-    """One feature at a time: the face to half of EDGE_M beyond its side, from there the edge or the vertex."""
+    """One feature at a time: the face to half of FEATURE_BOUND_M beyond its side, from there the edge or the vertex."""
     pair, model, data = over_edge(tmp_path, offset, corner)
     (feature,) = features(pair, model, data, pair.proximity(model, data))
     names = ("sphere on face", "sphere on vertex" if corner else "sphere on edge")
@@ -211,7 +212,7 @@ def test_an_edge_ends_at_its_end(tmp_path, rng, beyond):
 
 def test_half_of_the_tolerance_is_for_taking_up(tmp_path):
     """What has been left is not taken up again at the same place: else an event would repeat itself."""
-    pair, model, data = over_edge(tmp_path, 1.01 * EDGE_M, corner=False)
+    pair, model, data = over_edge(tmp_path, 1.01 * FEATURE_BOUND_M, corner=False)
     (feature,) = features(pair, model, data, pair.proximity(model, data))
     assert feature.name == "sphere on edge"
     assert feature.at(data).inside > 0.0

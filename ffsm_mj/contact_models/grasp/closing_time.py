@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 
 from ffsm_mj.contact_models.grasp.nearness import Nearness, Vectors
+from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S
 
-_INSTANT_S = 1e-13
 _MARGIN = 1.1
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _GOLDEN_TOLERANCE = 1e-6
@@ -99,7 +99,7 @@ def _root(f: Callable[[float], float], start_s: float, end_s: float) -> float:
 
     if f(end_s) == 0.0:
         return end_s
-    root, late = float(brentq(f, start_s, end_s, xtol=_INSTANT_S, rtol=8.9e-16)), _INSTANT_S
+    root, late = float(brentq(f, start_s, end_s, xtol=EVENT_TIME_S, rtol=EVENT_TIME)), EVENT_TIME_S
     while root < end_s and f(root) > 0.0:
         root, late = min(root + late, end_s), 2.0 * late
     return root

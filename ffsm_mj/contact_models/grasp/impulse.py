@@ -16,9 +16,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import mass_matrix
-
-RANK = 1e-10
-"""Singular values below this share of the largest count as zero."""
+from ffsm_mj.tolerances import RANK
 
 
 @dataclass(frozen=True)

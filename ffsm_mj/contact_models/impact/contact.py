@@ -9,9 +9,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-
-_CANCELLED = 1e-12
-"""A contact row below this share of those of its bodies is the rounding of their difference, some 1e-16."""
+from ffsm_mj.tolerances import CANCELLED
 
 
 @dataclass(frozen=True)
@@ -71,4 +69,4 @@ def _jacobians(model: Any, data: Any, contact: Contact) -> tuple[FloatArray, Flo
 def _row(direction: FloatArray, jac_a: FloatArray, jac_b: FloatArray) -> FloatArray:
     row: FloatArray = direction @ (jac_b - jac_a)
     size = np.linalg.norm(direction @ jac_a) + np.linalg.norm(direction @ jac_b)
-    return row if np.linalg.norm(row) > _CANCELLED * size else np.zeros_like(row)
+    return row if np.linalg.norm(row) > CANCELLED * size else np.zeros_like(row)

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ffsm_mj.contact.pairs import Proximity
+from ffsm_mj.tolerances import RATE
 
 At = Callable[[float], Proximity]
 
-_ROOT_RATE = 1e-12
 _FALL = 100.0
 """A pair in contact has moved on when its gap has fallen by so many times its rounding."""
 _ITERATIONS = 100
@@ -36,7 +36,7 @@ def first_touch(at: At, start: float, end: float, pressed: Callable[[Proximity],
     # It leaves, or rests, and falls later: it touches on the way down, at the gap that it started with or at none.
     if first.rate > 0.0 and last.rate >= 0.0:
         return _by_halves(at, start, end, pressed)
-    highest = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), _ROOT_RATE) if first.rate > 0.0 else start
+    highest = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), RATE) if first.rate > 0.0 else start
     top = at(highest)
     if top.gap <= level + top.rounding:
         if pressed(top):
@@ -59,7 +59,7 @@ def _falling(at: At, start: float, end: float, first: Proximity, last: Proximity
     if last.gap > 0.0:
         if last.rate <= 0.0:
             return None
-        end = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), _ROOT_RATE)
+        end = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), RATE)
         last = at(end)  # it dips in between: a graze, or a touch on the way down
         if last.gap > 0.0:
             return None

@@ -19,16 +19,11 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.tolerances import APPROACHING, CANCELLED, EPSILON, SOLVED
 
 IMMOVABLE = "neither body can move along the contact normal"
 """What is wrong with a contact whose J M^-1 J^T is zero."""
-_APPROACH = 1e-10
-"""Relative to the largest normal velocity: slower approach is rounding."""
-_KKT = 1e-9
 _ROUNDING = 1e-13
-_EPSILON = 2.0**-52
-_REDUNDANT = 1e-12
-"""Singular values of A below this share of the largest are rounding."""
 _PASSES = 300
 _SWEEPS = 20_000
 
@@ -107,7 +102,7 @@ def newton(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
             contacts approaching.
     """
     speeds = A @ w
-    if np.ptp(e) > 0.0 or np.any(speeds > _APPROACH * np.abs(speeds).max()):
+    if np.ptp(e) > 0.0 or np.any(speeds > APPROACHING * np.abs(speeds).max()):
         raise UnsupportedContactError("'newton' needs equal restitution and no contact that separates; use 'poisson'")
     return _result(A, w, (1.0 + e) * project(A, w))
 
@@ -149,8 +144,8 @@ def _optimal(rows: FloatArray, w: FloatArray, impulses: FloatArray) -> bool:
     # Relative to the approach, but not below what rounding of the whole velocity leaves, nor below that of the impulses: a
     # sum of k products of theirs with unit rows is known to k units of rounding of all of them. Where a light body is
     # between heavy ones the rows almost cancel, and impulses are so much larger than what they change.
-    tolerance = _KKT * float(np.abs(rows @ w).max()) + _ROUNDING * float(np.linalg.norm(w))
-    tolerance += len(rows) * _EPSILON * float(impulses.sum())
+    tolerance = SOLVED * float(np.abs(rows @ w).max()) + _ROUNDING * float(np.linalg.norm(w))
+    tolerance += len(rows) * EPSILON * float(impulses.sum())
     return bool(after.min() >= -tolerance and np.abs(after * (impulses > 0.0)).max() <= tolerance)
 
 
@@ -172,7 +167,7 @@ def _reflections(A: FloatArray, w: FloatArray) -> tuple[FloatArray, bool]:
     """Generalised reflections: reflect across the projection onto the violated contacts until none is violated."""
     impulses = np.zeros(len(A))
     velocity = w.copy()
-    limit = -_APPROACH * float(np.abs(A @ w).max())
+    limit = -APPROACHING * float(np.abs(A @ w).max())
     for _ in range(_PASSES):
         violated = A @ velocity < limit
         if not violated.any():
@@ -190,7 +185,7 @@ def _result(A: FloatArray, w: FloatArray, impulses: FloatArray, *, jammed: bool 
 def least_norm(A: FloatArray, impulses: FloatArray) -> FloatArray:
     """Among non-negative impulses with the same effect, the shortest: four corners share a face's load evenly."""
     along, sizes, _ = np.linalg.svd(A, full_matrices=True)
-    rank = int(np.count_nonzero(sizes > _REDUNDANT * sizes[0]))
+    rank = int(np.count_nonzero(sizes > CANCELLED * sizes[0]))
     scale = float(np.abs(impulses).max())
     if rank == len(A) or scale == 0.0:
         return impulses
@@ -216,4 +211,4 @@ def _least_change(G: FloatArray, h: FloatArray) -> FloatArray | None:
     except RuntimeError:  # its iteration limit
         return None
     x = np.asarray(-left[:-1] / left[-1])
-    return x if (G @ x - h).min() >= -_KKT else None
+    return x if (G @ x - h).min() >= -SOLVED else None

@@ -20,11 +20,8 @@ from ffsm_mj.contact_models.interface import ContactModel, Scene
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import OVERLAP, Signal
+from ffsm_mj.tolerances import CONTACT_GAP_M, DISTANCE_QUERY_M
 
-GAP_TOLERANCE = 1e-9
-"""Pairs at most this far apart in m are in contact."""
-# MuJoCo's distance is trusted to this in m; closer pairs are asked exactly.
-_NEAR = 1e-7
 # Where only near pairs count, gaps beyond this in m need not be told apart.
 _LOOK = 1e-3
 _MAX_HALVINGS = 48
@@ -77,7 +74,7 @@ class Detector(ContactModel):
     def _look_ahead(self) -> None:
         # How far the flight must go before each pair can have touched; held ones have no touch to come.
         self._safe = [
-            math.inf if self._elsewhere(pair) else (pair.gap(self._model, self._data, FAR) - _NEAR) / reach
+            math.inf if self._elsewhere(pair) else (pair.gap(self._model, self._data, FAR) - DISTANCE_QUERY_M) / reach
             for pair, reach in zip(self.pairs, self._reach, strict=True)
         ]
         self.horizon = min(self._safe, default=math.inf)
@@ -95,7 +92,7 @@ class Detector(ContactModel):
         for i, (pair, reach) in enumerate(zip(self.pairs, self._reach, strict=True)):
             if flight.way < self._safe[i]:
                 continue
-            apart = pair.gap(self._model, self._data, FAR) - _NEAR
+            apart = pair.gap(self._model, self._data, FAR) - DISTANCE_QUERY_M
             if apart <= 0.0 or reach * (self._safe[i] - before) + apart <= reach * flight.last:
                 return False
             self._safe[i] = flight.way + apart / reach
@@ -126,9 +123,11 @@ class Detector(ContactModel):
         """All pairs in contact at the state in ``data``."""
         model, data = self._model, self._data
         rigid = self.motion.rigid
-        close = [pair for pair in self.pairs if pair.geom_ids not in rigid and pair.gap(model, data, _LOOK) <= _NEAR]
+        close = [
+            pair for pair in self.pairs if pair.geom_ids not in rigid and pair.gap(model, data, _LOOK) <= DISTANCE_QUERY_M
+        ]
         near = [(pair, pair.proximity(model, data)) for pair in close]
-        return [(pair, proximity) for pair, proximity in near if proximity.gap <= GAP_TOLERANCE]
+        return [(pair, proximity) for pair, proximity in near if proximity.gap <= CONTACT_GAP_M]
 
     def note_overlap(self, time: float | None = None) -> None:
         """Keep account of how deep pairs overlap at the state in ``data``; far pairs are asked for no exact gap.
@@ -137,7 +136,7 @@ class Detector(ContactModel):
             time: Since the start of the step, where what was seen in it may be used.
         """
         for i, pair in enumerate(self.pairs):
-            if not self._elsewhere(pair) and pair.gap(self._model, self._data, _LOOK) <= _NEAR:
+            if not self._elsewhere(pair) and pair.gap(self._model, self._data, _LOOK) <= DISTANCE_QUERY_M:
                 self.deepen(-self._look(i, time).gap)
 
     def deepen(self, depth: float) -> None:
@@ -193,7 +192,8 @@ class Detector(ContactModel):
         open_pairs = [
             i
             for i, pair in enumerate(self.pairs)
-            if a.gaps[i] + b.gaps[i] - 2.0 * _NEAR <= max(a.bounds[i], b.bounds[i]) * span and not self._elsewhere(pair)
+            if a.gaps[i] + b.gaps[i] - 2.0 * DISTANCE_QUERY_M <= max(a.bounds[i], b.bounds[i]) * span
+            and not self._elsewhere(pair)
         ]
         if not open_pairs:
             return None

@@ -18,12 +18,10 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.persistent.rows import ContactRows
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED, RANK
 
-_SHARE, _LEAST = 1e-10, 1e-12
-"""Rounding of a gap'': a share of its largest term, and an absolute part in m/s^2."""
-_IMMOVABLE = 1e-12
+_IMMOVABLE = CANCELLED
 """A contact with a diagonal element of G below this, 1/kg, cannot move along its normal: it is never active."""
-_REDUNDANT = 1e-10
 
 
 class ContactAcceleration:
@@ -52,7 +50,10 @@ class ContactAcceleration:
         if self._rounding is None:
             rows = self.rows
             terms = zip((rows.response * self._force).tolist(), rows.gamma.tolist(), rows.states, strict=True)
-            self._rounding = [_LEAST + _SHARE * max(*map(abs, each), abs(gamma), here.scale) for each, gamma, here in terms]
+            self._rounding = [
+                ACCELERATION_M_S2 + ACCELERATION * max(*map(abs, each), abs(gamma), here.scale)
+                for each, gamma, here in terms
+            ]
         return self._rounding
 
     @property
@@ -74,7 +75,7 @@ class ContactAcceleration:
         elif len(which):
             # Redundant contacts make G singular; the least-norm solution is one of the force distributions.
             picked = np.asarray(which)
-            forces[picked] = np.linalg.lstsq(self._G[np.ix_(picked, picked)], -self.free[picked], rcond=_REDUNDANT)[0]
+            forces[picked] = np.linalg.lstsq(self._G[np.ix_(picked, picked)], -self.free[picked], rcond=RANK)[0]
         return forces
 
     def gap_accelerations(self, forces: FloatArray) -> FloatArray:

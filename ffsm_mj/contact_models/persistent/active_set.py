@@ -10,10 +10,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.contact.feature import EDGE_M, Feature, FeatureState, features
-from ffsm_mj.contact.pairs import REST_RATE, ContactPair, Proximity
-from ffsm_mj.contact.shape import PARALLEL
-from ffsm_mj.contact_models.impact.time_of_impact import GAP_TOLERANCE
+from ffsm_mj.contact.feature import Feature, FeatureState, features
+from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.decision import Decision
@@ -22,21 +20,23 @@ from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, ro
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.tolerances import (
+    CLOSED_RATE,
+    CONTACT_GAP_M,
+    DRIFT_M,
+    FEATURE_BOUND_M,
+    LIFT_OFF_M,
+    OTHER_POINT_M,
+    PARALLEL,
+    RATE,
+)
 
 _REST_SHARE = 1e-9
 """Post-impact normal velocities below this share of the approach velocity are rounding: the contact is at rest."""
-_CLOSED_RATE_SHARE = 1e-6
-"""A closed contact has a gap rate below this share of (1 m/s + the speeds of its bodies)."""
 _LEAST_RADIUS_M = 1e-4
 """Smallest radius of curvature assumed where a rounded geom slides over an edge, m."""
-_DRIFT_M = 5e-10
-"""A step ends early where a closed gap has drifted this far; the drift is then projected out."""
-_OTHER_POINT_M = 2e-10
-"""A pair whose gap is this much below that of its active contact points touches at another point."""
-LANDING_DEPTH_M = _OTHER_POINT_M + _DRIFT_M
-"""Largest overlap of any point of a closed pair before it is detected, given that active points may have drifted."""
-_LIFT_OFF_M, _SLOW_M_S = 1e-11, 1e-3
-"""Contacts that would lift off by less than this height are closed; only separation below this speed is considered."""
+_SLOW_M_S = 1e-3
+"""Only contacts that separate below this speed may stay closed for their small lift-off."""
 _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 """Strictly convex geoms: they touch any convex geom at one point only."""
 
@@ -118,7 +118,7 @@ class ActiveContactSet:
         return tuple(ContactPoint(pair, feature) for feature in found)
 
     def keep_slow_points(self, pairs: Sequence[tuple[ContactPair, Proximity]]) -> None:
-        """Also close contact points that separate so slowly that the pressing forces would stop them below ``_LIFT_OFF_M``.
+        """Also close contact points that separate so slowly that the pressing forces would stop them below ``LIFT_OFF_M``.
 
         Otherwise a block that rocks from corner to corner would do so for ever, at heights below rounding (Zeno behaviour).
         """
@@ -135,13 +135,13 @@ class ActiveContactSet:
         pressing = problem.own_acceleration(problem.unilateral_forces())[len(held) :]
         for (contact, at), b in zip(slow, pressing.tolist(), strict=True):
             # Under a constant deceleration b the gap peaks at rate^2 / (2 b).
-            if at.rate**2 <= 2.0 * b * _LIFT_OFF_M:
+            if at.rate**2 <= 2.0 * b * LIFT_OFF_M:
                 self.set_points(contact.pair, (*self.by_pair.get(contact.pair, ()), contact))
 
     def _has_point_at(self, at: FeatureState) -> bool:
         """Whether the set already has a contact point at this position."""
         data = self._scene.data
-        return any(math.dist(contact.feature.at(data).point, at.point) < EDGE_M for contact in self.contact_points)
+        return any(math.dist(contact.feature.at(data).point, at.point) < FEATURE_BOUND_M for contact in self.contact_points)
 
     def push(self, data: Any) -> None:
         """Add the forces of the active set to ``data.qfrc_applied``, which already holds all other applied forces."""
@@ -197,9 +197,9 @@ class ActiveContactSet:
             return math.inf
         decision = self.decide()
         held = decision.rows.states
-        inside, drift = min([here.inside for here in held]) + EDGE_M, max([abs(here.gap) for here in held])
+        inside, drift = min([here.inside for here in held]) + FEATURE_BOUND_M, max([abs(here.gap) for here in held])
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
-        return min(inside, _DRIFT_M - drift, self._clearance_elsewhere(), decision.validity_margin(self.pressing))
+        return min(inside, DRIFT_M - drift, self._clearance_elsewhere(), decision.validity_margin(self.pressing))
 
     def _clearance_elsewhere(self) -> float:
         """Least clearance of closed pairs outside their active contact points: gap less drift, plus the threshold, m."""
@@ -208,7 +208,7 @@ class ActiveContactSet:
         key = self._smooth.state(), self.contact_points
         if self._gap_cache is None or self._gap_cache[0] != key:
             gaps = [self._pair_gap(pair) - self._deepest_gap(pair) for pair in self._multi_point_pairs]
-            self._gap_cache = key, min(gaps) + _OTHER_POINT_M
+            self._gap_cache = key, min(gaps) + OTHER_POINT_M
         return self._gap_cache[1]
 
     def _deepest_gap(self, pair: ContactPair) -> float:
@@ -238,7 +238,7 @@ class ActiveContactSet:
             feature
             for pair in self._multi_point_pairs
             for feature in features(pair, model, data, pair.proximity(model, data))
-            if feature.at(data).gap < self._deepest_gap(pair) - 0.5 * _OTHER_POINT_M
+            if feature.at(data).gap < self._deepest_gap(pair) - 0.5 * OTHER_POINT_M
         ]
 
     def _pair_gap(self, pair: ContactPair) -> float:
@@ -248,18 +248,18 @@ class ActiveContactSet:
         """
         data = self._scene.data
         gap = pair.gap(self._model, data, 1.0)
-        if gap > -0.5 * _OTHER_POINT_M:
+        if gap > -0.5 * OTHER_POINT_M:
             return gap
         near = pair.proximity(self._model, data)
         return near.gap if near.approaches else max(near.gap, 0.0)
 
     def pairs_outside_feature(self) -> list[ContactPair]:
         """Pairs with a contact point outside its feature."""
-        return self._pairs_where(lambda at: at.inside < -EDGE_M)
+        return self._pairs_where(lambda at: at.inside < -FEATURE_BOUND_M)
 
     def pairs_with_drift(self) -> list[ContactPair]:
         """Pairs with a gap that has drifted to the limit of a step."""
-        return self._pairs_where(lambda at: abs(at.gap) > 0.99 * _DRIFT_M)
+        return self._pairs_where(lambda at: abs(at.gap) > 0.99 * DRIFT_M)
 
     def _pairs_where(self, holds: Callable[[FeatureState], bool]) -> list[ContactPair]:
         if not self.contact_points:
@@ -281,14 +281,14 @@ def rate_tolerance(near: Proximity, approach: float) -> float:
 
 def held_rate_tolerance(near: Proximity) -> float:
     """The same for a closed pair: its gap rate drifts by the truncation error of a step until the next projection."""
-    return _CLOSED_RATE_SHARE / REST_RATE * near.still
+    return CLOSED_RATE / RATE * near.still
 
 
 def switched_rate_tolerance(near: Proximity) -> float:
-    """The same for a pair that left a feature by EDGE_M: on a rounded geom the normal has turned by EDGE_M / radius."""
-    return EDGE_M / _LEAST_RADIUS_M / REST_RATE * near.still
+    """The same for a pair that left a feature by FEATURE_BOUND_M: on a round geom the normal has turned by that / radius."""
+    return FEATURE_BOUND_M / _LEAST_RADIUS_M / RATE * near.still
 
 
 def closed_and_still(near: Proximity, still: float) -> bool:
     """Whether a pair is in contact and one of its points neither approaches nor separates."""
-    return near.gap <= GAP_TOLERANCE and bool(np.abs(near.rates).min() <= still)
+    return near.gap <= CONTACT_GAP_M and bool(np.abs(near.rates).min() <= still)

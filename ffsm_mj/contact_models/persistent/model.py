@@ -19,7 +19,6 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.pairs import ContactPair, Proximity
 from ffsm_mj.contact_models.impact.model import ImpactModel
-from ffsm_mj.contact_models.impact.time_of_impact import GAP_TOLERANCE
 from ffsm_mj.contact_models.impact.touching import Touching
 from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventTime, Scene
 from ffsm_mj.contact_models.persistent.active_set import (
@@ -42,11 +41,9 @@ from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M, EVENT_TIME, EVENT_TIME_S
 
-_INSTANT_S = 1e-13
-"""Tolerance of event localisation, s."""
 _OTHER_MODEL = "the motion uses another model than the scenario's, and no grasp of the scenario is closed in it"
-_SEARCH_GAP_M = 1e-6
 _START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
 """Fractions of a step at which a positive gap is looked for: a point that lands may start the step at a gap of rounding."""
 
@@ -93,7 +90,7 @@ class PersistentContactModel(ContactModel):
         """Update all pairs near contact after a change of motion; pairs in ``held`` were closed in the previous one."""
         for pair, near in self._impacts.contacts():
             # A deeper overlap at release is not a closed contact: the impact model resolves it.
-            if abs(near.gap) <= GAP_TOLERANCE:
+            if abs(near.gap) <= CONTACT_GAP_M:
                 self._update_pair(pair, near, held_rate_tolerance(near) if pair in held else near.still)
 
     def restart(self) -> None:
@@ -153,7 +150,7 @@ class PersistentContactModel(ContactModel):
             self._active_set.remove(pair)
         self._logged_pairs = self._report.logged_pairs()
         for pair in self._impacts.pairs:
-            if pair.gap(model, data, 1.0) <= _SEARCH_GAP_M:
+            if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
                 near = pair.proximity(model, data)
                 self._update_pair(pair, near, held_rate_tolerance(near) if pair in self._logged_pairs else near.still)
         self._update_activity()
@@ -242,7 +239,7 @@ class PersistentContactModel(ContactModel):
         """
         from scipy.optimize import brentq  # takes a second to import: only runs with persistent contact pay
 
-        root, late = float(brentq(f, start_s, end_s, xtol=_INSTANT_S, rtol=8.9e-16)), _INSTANT_S
+        root, late = float(brentq(f, start_s, end_s, xtol=EVENT_TIME_S, rtol=EVENT_TIME)), EVENT_TIME_S
         while True:
             root, late = min(root + late, end_s), 2.0 * late
             if root >= end_s or f(root) < 0.0:

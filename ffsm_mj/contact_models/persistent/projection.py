@@ -16,16 +16,14 @@ from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact_models.persistent.rows import ContactRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
+from ffsm_mj.tolerances import PROJECTED_GAP_M, PROJECTED_RATE_M_S, RANK
 
-GAP_M, RATE_M_S = 1e-11, 1e-10
-"""Gaps and gap rates within these are not projected."""
 _PASSES = 3
-_REDUNDANT = 1e-10
 
 
 def needs_projection(rows: ContactRows) -> bool:
     """Whether a gap or gap rate has drifted beyond tolerance."""
-    return any(abs(here.gap) > GAP_M or abs(here.rate) > RATE_M_S for here in rows.states)
+    return any(abs(here.gap) > PROJECTED_GAP_M or abs(here.rate) > PROJECTED_RATE_M_S for here in rows.states)
 
 
 def project(motion: Motion, rows_now: Callable[[], ContactRows], free: BoolArray, taken: FloatArray) -> None:
@@ -42,7 +40,7 @@ def project(motion: Motion, rows_now: Callable[[], ContactRows], free: BoolArray
     for _ in range(_PASSES):
         rows = rows_now()
         gaps = np.array([here.gap for here in rows.states])
-        if np.abs(gaps).max() <= 0.01 * GAP_M:
+        if np.abs(gaps).max() <= 0.01 * PROJECTED_GAP_M:
             break
         mujoco.mj_integratePos(model, data.qpos, _least_change(model, data, rows.J, -gaps), 1.0)
         mujoco.mj_fwdPosition(model, data)
@@ -66,7 +64,7 @@ def _least_change(model: Any, data: Any, constraints: FloatArray, wanted: FloatA
     sizes = np.sqrt(np.einsum("ij,ij->i", response, constraints))
     scale = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 0.0)
     gram = scale[:, None] * (response @ constraints.T) * scale
-    return np.asarray((scale * np.linalg.lstsq(gram, scale * wanted, rcond=_REDUNDANT)[0]) @ response)
+    return np.asarray((scale * np.linalg.lstsq(gram, scale * wanted, rcond=RANK)[0]) @ response)
 
 
 def _conserved_directions(free: BoolArray, taken: FloatArray) -> FloatArray:
@@ -75,5 +73,5 @@ def _conserved_directions(free: BoolArray, taken: FloatArray) -> FloatArray:
     if not len(taken) or not len(components):
         return components
     _, sizes, directions = np.linalg.svd(taken[:, free])
-    rank = int(np.count_nonzero(sizes > _REDUNDANT * sizes[0]))
+    rank = int(np.count_nonzero(sizes > RANK * sizes[0]))
     return np.asarray(directions[rank:] @ components)

@@ -22,9 +22,8 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact_models.impact.friction.lemke import on_pyramids
 from ffsm_mj.contact_models.impact.friction.result import on_cone
+from ffsm_mj.tolerances import SOLVED
 
-ACCEPTED = 1e-9
-"""Largest residual of a solution, over the largest contact speed before."""
 _AIM = 1e-11
 _STEPS = 60
 _HALVINGS = 12
@@ -74,12 +73,12 @@ class CoulombProblem:
 
 
 def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
-    """Impulses, (k, 3), inside their cones exactly, and their residual; above ``ACCEPTED`` they are no solution."""
+    """Impulses, (k, 3), inside their cones exactly, and their residual; above ``SOLVED`` they are no solution."""
     least_only = np.zeros((len(contacts.mu), 3))
     least_only[:, 0] = contacts.least
     best, residual = _solve(contacts, least_only)
     for facets, turn, wider in _pyramids(len(contacts.mu)):
-        if residual <= ACCEPTED:
+        if residual <= SOLVED:
             break
         first = _against_slip(contacts, best) if turn is _ALIGNED else np.full(len(contacts.mu), turn)
         mu, scales = wider * contacts.mu, (contacts.least, contacts.speed)
@@ -115,7 +114,7 @@ def _split(contacts: CoulombProblem, impulses: FloatArray) -> tuple[FloatArray, 
 def _solve(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:
     """The best impulses found from a start, (k, 3), and their residual."""
     best, residual = _newton(contacts, start)
-    return (best, residual) if residual <= ACCEPTED else _damped(contacts, best)
+    return (best, residual) if residual <= SOLVED else _damped(contacts, best)
 
 
 def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:

@@ -15,20 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.contact_models.impact.friction.coulomb import ACCEPTED, CoulombProblem, coulomb
+from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
 from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, on_cone
 from ffsm_mj.contact_models.impact.friction.routh import stronge
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.tolerances import APPROACHING, ENERGY_GAIN, SOLVED
 
-_APPROACH = 1e-10
 _PASSES = 100
-_GAIN = 1e-12
-"""Growth of kinetic energy that is rounding, of what there was before."""
 _BISECTIONS = 20
-_APPROACHES = 1e-9
-"""Of the largest contact speed: nothing may approach faster after the impact."""
-_STICKS = 1e-9
 _LAWS: dict[str, str] = {"blend": "coulomb", "poisson": "poisson"}
 
 
@@ -111,7 +106,7 @@ class _Impact:
 
         def with_share(theta: float) -> FloatArray | None:
             impulses = self.solve(which, begin, theta * least)
-            return impulses if self.gain(u, compression + impulses) <= _GAIN * self.energy else None
+            return impulses if self.gain(u, compression + impulses) <= ENERGY_GAIN * self.energy else None
 
         if (whole := with_share(1.0)) is not None:
             return whole, 1.0
@@ -129,7 +124,7 @@ class _Impact:
         """Impulses, (k, 3), of passes with e = 1 over the contacts that approach until none does; and whether they jam."""
         impulses, u = np.zeros((len(self.mu), 3)), self.u.copy()
         for _ in range(_PASSES):
-            which = np.flatnonzero(u[::3] < -_APPROACH * self.speed)
+            which = np.flatnonzero(u[::3] < -APPROACHING * self.speed)
             if not len(which):
                 return impulses, False
             compression = self.solve(which, u, np.zeros(len(which)))
@@ -181,9 +176,9 @@ def _answer(
 
 def _status(impact: _Impact, w: FloatArray, theta: float, jammed: bool) -> Status:
     """The last word on a result: what no exact answer may break makes it none."""
-    gained = 0.5 * float(w @ w) > impact.energy * (1.0 + _GAIN)
-    approaches = float((impact.A[::3] @ w).min()) < -_APPROACHES * impact.speed
-    if impact.residual > ACCEPTED or gained or approaches:
+    gained = 0.5 * float(w @ w) > impact.energy * (1.0 + ENERGY_GAIN)
+    approaches = float((impact.A[::3] @ w).min()) < -SOLVED * impact.speed
+    if impact.residual > SOLVED or gained or approaches:
         return "unconverged"
     if theta < 1.0:
         return "energy_guard"
@@ -202,6 +197,6 @@ def _path(impulse: FloatArray, mu: float, slips: list[FloatArray], speed: float)
 
 
 def _mode(slip: FloatArray, before: FloatArray, speed: float) -> str:
-    if np.hypot(*slip) <= _STICKS * speed:
+    if np.hypot(*slip) <= SOLVED * speed:
         return "stick"
     return "reverse slip" if slip @ before < 0.0 else "slip"

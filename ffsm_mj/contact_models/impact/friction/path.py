@@ -8,12 +8,12 @@ from math import hypot, inf, sqrt
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.tolerances import CANCELLED
 
 STOP = "slip is zero"
 TURN = "normal velocity is zero"
 END = "normal work is given back"
 NONE = "nothing ahead"
-_IMMOBILE = 1e-12
 _STRAIGHT = 1e-13
 _ITERATIONS = 100
 
@@ -36,7 +36,7 @@ class Problem:
         self.g: FloatArray = self.G[1:, 0].copy()
         self.H: FloatArray = self.G[1:, 1:].copy()
         values, vectors = np.linalg.eigh(self.H)
-        moves = values > _IMMOBILE * max(1.0, float(values[-1]))
+        moves = values > CANCELLED * max(1.0, float(values[-1]))
         self._values, self._vectors = values[moves], vectors[:, moves]
         self._g = self._vectors.T @ self.g
         self.hold: FloatArray = -self._vectors @ (self._g / self._values)

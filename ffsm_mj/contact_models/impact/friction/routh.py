@@ -20,15 +20,9 @@ from ffsm_mj.contact_models.impact.friction.path import END, NONE, STOP, TURN, P
 from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, on_cone
 from ffsm_mj.contact_models.impact.friction.slip import curved_slip
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
+from ffsm_mj.tolerances import CANCELLED, SOLVED
 
 _SEGMENTS = 20
-_STILL = 1e-12
-"""Tangential speeds below this share of U are none."""
-_REST = 1e-9
-"""So are all speeds at the end of a bounce that falls back."""
-_LOCKED = 1e-12
-_CLOSES = 1e-9
-"""Normal and friction work must give dT to this share of the energy before, else the path is not believed."""
 
 
 def stronge(A: FloatArray, w: FloatArray, mu: float, e: float) -> FrictionResult:
@@ -61,7 +55,7 @@ def stronge(A: FloatArray, w: FloatArray, mu: float, e: float) -> FrictionResult
     )
     energy = 0.5 * float(w @ w)
     missed = abs(float(normal[0] + friction[0]) - (0.5 * float(after @ after) - energy)) / energy
-    if missed > _CLOSES:
+    if missed > SOLVED:
         status = "unconverged"
     modes = ", ".join(course.modes)
     return FrictionResult(impulse[None], after, "stronge", status, 1.0, missed, (modes,), normal, friction, compression)
@@ -87,7 +81,7 @@ class _ImpulsePath:
 
     def run(self) -> Status:
         """Follow the path to its end."""
-        if self.path.speed <= _STILL:
+        if self.path.speed <= CANCELLED:
             self._choose("slip")
         else:
             self.modes.append("slip")
@@ -104,7 +98,7 @@ class _ImpulsePath:
     def _segment(self) -> str:
         """Go on to the next event."""
         path = self.path
-        if path.sticks and path.normal_rate(self.problem) <= _LOCKED:
+        if path.sticks and path.normal_rate(self.problem) <= CANCELLED:
             return NONE
         target = None if self.compressing else (1.0 - self.e * self.e) * self.deepest
         if not path.sticks and not path.is_straight(self.problem):
@@ -121,8 +115,8 @@ class _ImpulsePath:
 
     def _at_rest(self) -> bool:
         path = self.path
-        locked = path.sticks and path.normal_rate(self.problem) <= _LOCKED
-        return locked or (self.compressing and max(abs(path.u_n), path.speed) <= _REST)
+        locked = path.sticks and path.normal_rate(self.problem) <= CANCELLED
+        return locked or (self.compressing and max(abs(path.u_n), path.speed) <= SOLVED)
 
     def _choose(self, slips: str) -> None:
         """Stick or slip, with slip at zero."""

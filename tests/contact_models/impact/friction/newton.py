@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffsm_mj.contact_models.impact.friction.coulomb import ACCEPTED, CoulombProblem, coulomb
+from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
+from ffsm_mj.tolerances import SOLVED
 
 
 def newton_with_friction(A, w, mu, e):
@@ -14,4 +15,4 @@ def newton_with_friction(A, w, mu, e):
     shifted[::3] *= 1.0 + np.asarray(e)
     contacts = CoulombProblem(A @ A.T, shifted, np.atleast_1d(mu), np.zeros(len(A) // 3), float(np.abs(u).max()))
     impulses, residual = coulomb(contacts)
-    return w + A.T @ impulses.ravel() if residual <= ACCEPTED else None
+    return w + A.T @ impulses.ravel() if residual <= SOLVED else None
