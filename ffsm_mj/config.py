@@ -19,9 +19,13 @@ class StrictModel(BaseModel):
         return _tuples(data)
 
 
+class _Converted(dict[Any, Any]):
+    """A mapping without lists at any level: models inside of a model need not convert it again."""
+
+
 def _tuples(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return tuple(_tuples(item) for item in value)
-    if isinstance(value, dict):
-        return {key: _tuples(item) for key, item in value.items()}
+    if isinstance(value, dict) and not isinstance(value, _Converted):
+        return _Converted((key, _tuples(item)) for key, item in value.items())
     return value

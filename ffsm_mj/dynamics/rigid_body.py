@@ -134,10 +134,8 @@ def free_components(system: System, tree: Tree) -> np.ndarray[Any, np.dtype[np.b
 
     A component is free when the joints allow the matching unit twist in every configuration; a few are tried.
     """
-    free = np.ones(6, dtype=np.bool_)
-    for projector in free_projectors(system, tree):
-        free &= np.isclose(np.linalg.norm(projector - np.eye(6), axis=0), 0.0, atol=1e-9)
-    return free
+    distances = np.linalg.norm(np.array(free_projectors(system, tree)) - np.eye(6), axis=1)
+    return np.asarray((distances <= 1e-9).all(axis=0))
 
 
 def free_projector(system: System, tree: Tree) -> FloatArray | None:
@@ -148,9 +146,13 @@ def free_projector(system: System, tree: Tree) -> FloatArray | None:
 
 def free_projectors(system: System, tree: Tree) -> tuple[FloatArray, ...]:
     """Projectors onto the wrenches about the origin that a tree's base joints leave free, in a few configurations."""
-    if tree.name not in system.projectors:
-        jacobians = (base_jacobian(system.mj, data, tree) for data in _general_configurations(system.mj))
-        system.projectors[tree.name] = tuple(jacobian @ np.linalg.pinv(jacobian) for jacobian in jacobians)
+    if not system.projectors:
+        jacobians = [
+            [base_jacobian(system.mj, data, each) for each in system.trees] for data in _general_configurations(system.mj)
+        ]
+        for each, found in zip(system.trees, zip(*jacobians, strict=True), strict=True):
+            inverses = np.linalg.pinv(np.array(found))
+            system.projectors[each.name] = tuple(map(np.matmul, found, inverses))
     return system.projectors[tree.name]
 
 

@@ -29,6 +29,8 @@ def number_faults(model: Any) -> Iterator[tuple[str, str, str]]:
         ("geom", model.ngeom, (model.geom_pos, model.geom_size)),
         ("site", model.nsite, (model.site_pos,)),
     ):
+        if all(np.abs(array).max(initial=0.0) <= MOST_LENGTH for array in arrays):
+            continue
         for i in range(count):
             worst = max(float(np.max(np.abs(array[i]))) for array in arrays)
             if not worst <= MOST_LENGTH:
@@ -52,6 +54,8 @@ def _delays(model: Any) -> Iterator[tuple[str, str, str]]:
 
 def _colour_faults(model: Any) -> Iterator[tuple[str, str, str]]:
     for kind, colours in (("geom", model.geom_rgba), ("material", model.mat_rgba)):
+        if np.all((colours >= 0.0) & (colours <= 1.0)):
+            continue
         for i, rgba in enumerate(colours):
             if not (np.all(rgba >= 0.0) and np.all(rgba <= 1.0)):
                 name = getattr(model, kind if kind == "geom" else "mat")(i).name

@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.model.alone import compiled_alone, spec_alone
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.inertial import Inertial
 from ffsm_mj.model.properties import (
@@ -31,11 +32,11 @@ from ffsm_mj.model.properties import (
     property_value,
     shown,
 )
-from ffsm_mj.model.source import REFUSALS, compiled_alone, load_spec
+from ffsm_mj.model.source import REFUSALS
 
 _ROUNDING = 1e-9
 _FREE, _ALIGNED = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtAlignFree.mjALIGNFREE_TRUE
-_NOT_ALIGNED, _LEFT_OPEN = mujoco.mjtAlignFree.mjALIGNFREE_FALSE, mujoco.mjtAlignFree.mjALIGNFREE_AUTO
+_LEFT_OPEN = mujoco.mjtAlignFree.mjALIGNFREE_AUTO
 _WORLD = "world"
 
 
@@ -46,12 +47,14 @@ class ModelOverrides:
     Attributes:
         name: Its name in the scene.
         key: The uppermost key of a scenario that says so.
+        warnings: MuJoCo's warnings about the model compiled alone.
         inertials: What each of its bodies is to weigh, by name; empty for a fixed model, where nothing weighs.
         changes: What was asked for by its keys, as it should come out; of two layers the upper one's.
     """
 
     name: str
     key: str
+    warnings: tuple[str, ...] = ()
     inertials: dict[str, Inertial] = field(default_factory=dict)
     changes: dict[tuple[str, ...], PropertyChange] = field(default_factory=dict)
 
@@ -100,9 +103,9 @@ def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverride
         InputError: The model does not compile by itself.
         ScenarioFaults: There is no such body or geom, or it cannot have such a property.
     """
-    done = ModelOverrides(name, files.overrides[-1].key)
-    alone = _alone(files, vfs)
-    compiled = compiled_alone(alone, files, vfs)
+    own = compiled_alone(files, vfs)
+    done = ModelOverrides(name, files.overrides[-1].key, own.warnings)
+    compiled, alone = own.mj, spec_alone(files, vfs) if _compiles_again(files) else None
     if files.pose is None:
         done.inertials |= {body.name: Inertial.of(compiled, compiled.body(body.name).id) for body in spec.bodies[1:]}
     for layer in files.overrides:
@@ -120,14 +123,9 @@ def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverride
     return done
 
 
-def _alone(files: ModelFiles, vfs: Any) -> Any:
-    """The model by itself with the bodies, geoms and masses that it has in a scene, each body in the frame of its file."""
-    spec = load_spec(files, vfs)
-    spec.compiler.settotalmass = -1.0  # only the compiler of the scene could do these
-    spec.compiler.fusestatic = spec.compiler.discardvisual = False
-    for joint in spec.joints:
-        joint.align = _NOT_ALIGNED
-    return spec
+def _compiles_again(files: ModelFiles) -> bool:
+    """Whether masses are to be computed from geoms with these overrides."""
+    return any(asked.mass_from_geoms for layer in files.overrides for asked in layer.bodies.values())
 
 
 def _resize(spec: Any, alone: Any, compiled: Any, layer: Overrides, done: ModelOverrides) -> None:
@@ -140,7 +138,8 @@ def _resize(spec: Any, alone: Any, compiled: Any, layer: Overrides, done: ModelO
                 given.size_m,
             )
             for each in (spec, alone):
-                _put_size(each.geom(name), given.size_m)
+                if each is not None:
+                    _put_size(each.geom(name), given.size_m)
 
 
 def _put_size(geom: Any, size: tuple[float, ...]) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ffsm_mj.model.alone import warnings_alone
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.overrides import ModelOverrides, override
 from ffsm_mj.model.sites import add_sites
-from ffsm_mj.model.source import compiled_alone, load_spec
+from ffsm_mj.model.source import load_spec
 from ffsm_mj.model.strip import strip
 
 
@@ -20,11 +21,13 @@ class Part:
         spec: Its specification; all its elements have names.
         notes: What was taken out, and what the file says in vain, for people.
         overridden: What was changed, to be read back out of the compiled scene; None where nothing was.
+        warnings: MuJoCo's warnings about the model compiled alone.
     """
 
     spec: Any
     notes: list[str]
     overridden: ModelOverrides | None
+    warnings: tuple[str, ...]
 
 
 def part(name: str, files: ModelFiles, vfs: Any) -> Part:
@@ -43,10 +46,7 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     notes = [f"taken out of {name}: {what}" for what in strip(spec, files.strip)]
     if spec.compiler.settotalmass > 0.0:
         notes.append(f"{files.place}: <compiler settotalmass> has no effect on a model in a scene; say masses under 'model'")
-    overridden = None
-    if files.overrides:
-        overridden = override(spec, name, files, vfs)  # which compiles the model by itself too
-    else:
-        compiled_alone(load_spec(files, vfs), files, vfs)
+    overridden = override(spec, name, files, vfs) if files.overrides else None
+    warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
     add_sites(spec, files.sites)
-    return Part(spec, notes, overridden)
+    return Part(spec, notes, overridden, warnings)

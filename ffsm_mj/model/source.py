@@ -6,6 +6,7 @@ import hashlib
 import posixpath
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -58,14 +59,25 @@ def _mounted(files: ModelFiles, vfs: Any) -> str:
     The digest keeps apart what MuJoCo keeps by name (compiled meshes), and no such folder exists: a file that is missing
     here is not found on disk either.
     """
-    digest = hashlib.sha256()
-    for name, content in files.files.items():
-        digest.update(f"{len(name)} {name} {len(content)} ".encode() + content)
-    folder = f"ffsm-{digest.hexdigest()}"
+    folder = f"ffsm-{digest_of(files)}"
     if f"{folder}/{files.main}" not in vfs:  # two objects may be of one kind
         for name, content in files.files.items():
             vfs[f"{folder}/{name}"] = content
     return f"{folder}/{files.main}"
+
+
+def digest_of(files: ModelFiles) -> str:
+    """SHA-256 of the names and contents of a model's files."""
+    return _digest(tuple(files.files.items()))
+
+
+@lru_cache(maxsize=4)
+def _digest(files: tuple[tuple[str, bytes], ...]) -> str:
+    """SHA-256 of files; those of a model that is compiled again are the same objects, and need not be read again."""
+    digest = hashlib.sha256()
+    for name, content in files:
+        digest.update(f"{len(name)} {name} {len(content)} ".encode() + content)
+    return digest.hexdigest()
 
 
 def _strip_folders(spec: Any) -> None:
@@ -120,25 +132,6 @@ def _name_all(spec: Any) -> None:
         name(key, "key")
     for equality in spec.equalities:
         name(equality, f"{equality.name1 or 'equality'}_equality")
-
-
-def compiled_alone(spec: Any, files: ModelFiles, vfs: Any) -> Any:
-    """Compile a model by itself.
-
-    That refuses what refers to nothing: attaching drops such a motor, tendon or constraint without a word, compiling tells.
-
-    Args:
-        spec: As loaded.
-        files: The model.
-        vfs: MuJoCo's virtual files.
-
-    Raises:
-        InputError: It does not compile.
-    """
-    try:
-        return spec.compile(vfs=vfs)
-    except REFUSALS as error:
-        raise InputError(mujoco_line(files, error)) from error
 
 
 def own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:

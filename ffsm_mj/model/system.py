@@ -126,12 +126,17 @@ class System:
         """The same scene with a MuJoCo model of its own."""
         return replace(self, mj=copy.copy(self.mj))
 
+    @cached_property
+    def _names(self) -> dict[str, tuple[str, ...]]:
+        return {}  # by kind, filled when they are asked for
+
     def names(self, kind: str) -> tuple[str, ...]:
         """Full names of all elements of a kind: ``body``, ``joint``, ``geom``, ``site`` or ``actuator``."""
-        count = {"body": self.mj.nbody, "joint": self.mj.njnt, "geom": self.mj.ngeom, "site": self.mj.nsite}
-        number = count.get(kind, self.mj.nu)
-        named = (getattr(self.mj, kind)(i).name for i in range(number))
-        return tuple(name for name in named if name and name != "world")
+        if kind not in self._names:
+            count = {"body": self.mj.nbody, "joint": self.mj.njnt, "geom": self.mj.ngeom, "site": self.mj.nsite}
+            named = (getattr(self.mj, kind)(i).name for i in range(count.get(kind, self.mj.nu)))
+            self._names[kind] = tuple(name for name in named if name and name != "world")
+        return self._names[kind]
 
     def resolve(self, kind: str, name: str) -> str:
         """Full name of an element; the prefix may be left out where the rest of the name is unique.
@@ -209,6 +214,7 @@ def compile_system(
         for name, model_files in files.items():
             with collected_warnings(warned[name]):
                 parts.append(part(name, model_files, vfs))
+                warned[name] += parts[-1].warnings
                 spec = parts[-1].spec
                 faults += spec_faults(spec, model_files, conservative=conservative)
                 asked[name] = gravity_of(spec, model_files)

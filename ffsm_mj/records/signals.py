@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -90,7 +90,7 @@ class Signal:
     description: str
     element: str = field(default="", compare=False)
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Full name: ``group.name``."""
         return f"{self.group}.{self.name}"
@@ -130,6 +130,7 @@ class Layout:
         return np.array([self.index[key] for key in keys], dtype=np.intp)
 
 
+@lru_cache(maxsize=4096)
 def identifier(name: str) -> str:
     """A name of a model as a field name: other characters than letters, digits and underscores become underscores."""
     return re.sub(r"\W", "_", name, flags=re.ASCII)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from copy import deepcopy
+from copy import copy
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
@@ -61,7 +61,7 @@ class YamlSource:
         Raises:
             InputError: An override does not match the data.
         """
-        source = YamlSource(self.path, deepcopy(self.data), self._root, dict(self._overrides))
+        source = YamlSource(self.path, self.data, self._root, dict(self._overrides))
         for override in overrides:
             _apply(source, override)
         return source
@@ -106,14 +106,18 @@ def _apply(source: YamlSource, override: str) -> None:
     if len(parts) > MAX_DEPTH:
         raise InputError(f"-s {override}: the key has {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
     path: tuple[str | int, ...] = ()
-    node, done = source.data, 0
+    below: Any
+    # Only what contains the key is copied: a campaign makes thousands of sources from the same data.
+    node, done = copy(source.data), 0
+    source.data = node
     while done < len(parts):
         part, used = _step(node, parts, done, override)
         path, done = (*path, part), done + used
         if done == len(parts):
             node[part] = value
         else:
-            node = node.setdefault(part, {}) if isinstance(node, dict) else node[part]
+            below = copy(node.get(part, {}) if isinstance(node, dict) else node[part])
+            node[part], node = below, below
     source._overrides[path] = override
 
 

@@ -426,7 +426,7 @@ def test_every_model_is_made_by_one_function():
     allowed = {
         "model/system.py",
         "model/part.py",
-        "model/overrides.py",
+        "model/alone.py",
         "model/scene.py",
         "model/source.py",
         "templates/vendor.py",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from copy import deepcopy
 from itertools import pairwise
+from pathlib import Path
 
 import jsonschema
 import pytest
@@ -363,3 +365,21 @@ def test_a_file_of_another_kind_is_told(tmp_path, name, words):
     (tmp_path / "run.mcap").touch()
     with pytest.raises(InputError, match=words):
         prepare(tmp_path / name)
+
+
+def test_an_override_leaves_the_data_of_its_source_alone(tmp_path):
+    """A campaign makes all its sources from one."""
+    base = read_yaml(two_balls(tmp_path))
+    before = deepcopy(base.data)
+    changed = base.overridden(["impact_pairs.0.restitution=0.5", "initial.rates.robot/x=2", "model.robot.ball.mass_kg=3"])
+    assert changed.data["impact_pairs"][0]["restitution"] == 0.5
+    assert changed.data["model"] == {"robot": {"ball": {"mass_kg": 3}}}
+    assert base.data == before
+
+
+@pytest.mark.parametrize(
+    "text", ["1", "-1", "007", "1.5", "-0.0", "1e5", "1e-07", "2.5e+300", "1e999", "123456789012345678"]
+)
+def test_a_plain_number_is_what_yaml_makes_of_it(text):
+    number, composed = plain_value(text), parse(text, Path()).plain()
+    assert (repr(number), type(number)) == (repr(composed), type(composed))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -40,7 +41,6 @@ class Effort:
         self._system, self._keys = system, keys
         self._names = system.names("actuator")
         self._joint, self._gear = _drives(system.mj)
-        self._data = mujoco.MjData(system.mj)
         n = len(self._names)
         self._square, self._work, self._peak, self._bounded, self._ticks = *np.zeros((4, n)), 0
         self._last: tuple[float, FloatArray, FloatArray, FloatArray] | None = None
@@ -71,10 +71,11 @@ class Effort:
 
     def _driven(self, qpos: FloatArray, qvel: FloatArray, applied: FloatArray) -> tuple[FloatArray, FloatArray]:
         """By row and actuator: displacement of the joint that it drives, and power of what drives no scalar joint."""
-        model, data, scalar = self._system.mj, self._data, self._joint >= 0
+        model, scalar = self._system.mj, self._joint >= 0
         length, power = np.zeros_like(applied), np.zeros_like(applied)
         length[:, scalar] = qpos[:, model.jnt_qposadr[self._joint[scalar]]]
         if not scalar.all():
+            data = self._data
             for row in range(len(qpos)):
                 data.qpos[:], data.qvel[:] = qpos[row], qvel[row]
                 mujoco.mj_kinematics(model, data)
@@ -83,6 +84,11 @@ class Effort:
                 mujoco.mj_fwdVelocity(model, data)
                 power[row] = np.where(scalar, 0.0, applied[row] * data.actuator_velocity / self._gear)
         return length, power
+
+    @cached_property
+    def _data(self) -> Any:
+        """Data for the kinematics of actuators that drive no scalar joint."""
+        return mujoco.MjData(self._system.mj)
 
     def event(self, event: Event) -> None:
         """Nothing to do: efforts are told by rows."""
