@@ -29,7 +29,7 @@ from tick import quickest
 
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.balance.balance import Balance
-from ffsm_mj.contact.straight import PointOnFace
+from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from ffsm_mj.contact.unhandled import UNHANDLED_CONTACT
+from ffsm_mj.contact.unhandled_record import UNHANDLED_CONTACT
 from ffsm_mj.contact_models.grasp.record import KINDS as CAPTURES
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from ffsm_mj.contact.feature import lasting_fault
+from ffsm_mj.contact.features.search import persistence_fault
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.system import System
@@ -29,7 +29,7 @@ def impact_pairs(scenario: Scenario, system: System) -> tuple[ContactPair, ...]:
         try:
             pair = ContactPair(system, config.name, *config.sides, config.restitution, config.mu)
             # An elastic pair never comes to rest.
-            if config.restitution < 1.0 and (fault := lasting_fault(system.mj, *pair.ids)):
+            if config.restitution < 1.0 and (fault := persistence_fault(system.mj, *pair.ids)):
                 faults.append(Fault(f"{pair}: {fault}; or set restitution to 1", ("impact_pairs", i)))
             pairs.append(pair)
         except LookupError as error:
@@ -73,7 +73,7 @@ def refuse_undetectable(system: System, data: Any, pairs: tuple[ContactPair, ...
     """
     faults = []
     for i, pair in enumerate(pairs):
-        if math.isinf(pair.reach_per_root_energy(system.mj, data)):
+        if math.isinf(pair.speed_bound_per_root_energy(system.mj, data)):
             message = f"a moment of inertia of {pair.geom_a} or {pair.geom_b} is less than rounding of the others"
             faults.append(Fault(f"{message}: no energy bounds how fast it spins", ("impact_pairs", i)))
         gap = pair.gap(system.mj, data, 1.0)

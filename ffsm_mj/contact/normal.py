@@ -16,7 +16,8 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.manifold import facing, opposite
-from ffsm_mj.contact.shape import Shape, cross
+from ffsm_mj.contact.shape import Shape
+from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.tolerances import EPSILON
 
 _WIDTH = 1e-4
@@ -30,7 +31,7 @@ _FLATTEST = 1e-9
 _EIGENVALUE_ROUNDING = 16.0 * EPSILON
 
 
-def polished(first: Shape, second: Shape, estimate: FloatArray) -> FloatArray:
+def refine_normal(first: Shape, second: Shape, estimate: FloatArray) -> FloatArray:
     """Unit normal from the first geom to the second, from an estimate that is good to about 1e-4 rad.
 
     Which of the edges and faces near the estimate touch is not known beforehand: every choice of them gives a direction,
@@ -38,7 +39,7 @@ def polished(first: Shape, second: Shape, estimate: FloatArray) -> FloatArray:
     """
     edges = np.vstack((first.edges(estimate, _WIDTH), second.edges(-estimate, _WIDTH)))
     best = _best(first, second, estimate, _choices(edges))
-    if (first.vague or second.vague) and not is_normal(first, second, best):
+    if (first.position_tolerance or second.position_tolerance) and not is_normal(first, second, best):
         # Of a face of a mesh two directions that span it were asked; what touches at its side needs that very edge.
         finer = _best(first, second, best, _crossed(first.hull_edges(best, _WIDTH), second.hull_edges(-best, _WIDTH)))
         if separation(first, second, finer) >= separation(first, second, best) - _ROUNDING:

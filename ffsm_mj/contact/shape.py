@@ -39,9 +39,9 @@ class Shape:
         self._position: FloatArray = data.geom_xpos[geom]
 
     @property
-    def vague(self) -> float:
+    def position_tolerance(self) -> float:
         """How well the places of its points are known, m: 0 but for meshes."""
-        return vagueness(self._model, self._geom)
+        return position_tolerance(self._model, self._geom)
 
     def extreme(self, direction: FloatArray, width: float = 0.0) -> FloatArray:
         """All extreme points along a unit vector, (k, 3); edges and faces within ``width`` rad of square to it whole."""
@@ -150,7 +150,7 @@ class Shape:
         return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64))
 
 
-def vagueness(model: Any, geom: int) -> float:
+def position_tolerance(model: Any, geom: int) -> float:
     """How well the places of a geom's points are known, m: 0 but for meshes, whose vertices are in single precision."""
     return MESH_PRECISION * float(model.geom_rbound[geom]) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH else 0.0
 
@@ -203,9 +203,3 @@ def _cylinder_radii(radius: float, local: FloatArray) -> FloatArray:
         return np.zeros((3, 3))
     around = np.array([-local[1], local[0], 0.0]) / radial
     return np.asarray(radius / radial * np.outer(around, around))
-
-
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross product of two vectors; for one pair numpy's own takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

@@ -20,7 +20,8 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.pairs import ContactPair, Proximity
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.interface import Scene
@@ -69,8 +70,8 @@ class ContactCheck:
             return None
         near = pair.proximity(model, data)
         # MuJoCo stores mesh vertices in single precision: with several touching, the gap is known no better than that.
-        seen = replace(near, gap=near.gap - pair.vague) if lasts else near
-        return near if closed_and_still(seen, held_rate_tolerance(near) if lasts else near.still) else None
+        seen = replace(near, gap=near.gap - pair.position_tolerance) if lasts else near
+        return near if closed_and_still(seen, held_rate_tolerance(near) if lasts else near.rate_tolerance) else None
 
     def _resultants(
         self, touching: Sequence[tuple[ContactPair, Proximity]], course: EventDrivenIntegrator

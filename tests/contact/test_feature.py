@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact.feature import features, lasting_fault
+from ffsm_mj.contact.features.search import features, persistence_fault
 from ffsm_mj.contact.pairs import ContactPair
 from tests.contact.test_geometry import SHAPES, shape
 from tests.scenes import HEAD, compile_paths, scene
@@ -203,8 +203,8 @@ def test_which_pairs_cannot_last(tmp_path):
     (tmp_path / "model.xml").write_text(both)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
     cylinder, ellipsoid, sphere = (model.geom(name).id for name in "ghs")
-    assert "cylinder on an ellipsoid" in lasting_fault(model, cylinder, ellipsoid)
-    assert "ellipsoid on a cylinder" in lasting_fault(model, ellipsoid, cylinder)
-    assert lasting_fault(model, cylinder, cylinder)
-    assert not lasting_fault(model, cylinder, sphere)
-    assert not lasting_fault(model, sphere, ellipsoid)
+    assert "cylinder on an ellipsoid" in persistence_fault(model, cylinder, ellipsoid)
+    assert "ellipsoid on a cylinder" in persistence_fault(model, ellipsoid, cylinder)
+    assert persistence_fault(model, cylinder, cylinder)
+    assert not persistence_fault(model, cylinder, sphere)
+    assert not persistence_fault(model, sphere, ellipsoid)

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact.feature import features
+from ffsm_mj.contact.features.search import features
 from ffsm_mj.tolerances import FEATURE_BOUND_M
 from tests.contact.test_feature import pair_of
 from tests.scenes import HEAD

@@ -10,7 +10,7 @@ import pytest
 
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.manifold import touching_set
-from ffsm_mj.contact.normal import polished
+from ffsm_mj.contact.normal import refine_normal
 from ffsm_mj.contact.shape import PARALLEL, Shape
 from ffsm_mj.errors import InputError
 from tests.scenes import HEAD, ball, box, scene
@@ -217,7 +217,7 @@ def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, ra
         data.qpos[:] = [0, 0, 0, 1, 0, 0, 0, *(-rotation @ centre), *quaternion]
         mujoco.mj_forward(model, data)
         seen = rotation @ -outward + rng.choice([0.0, 1e-6, 0.3]) * rng.normal(size=3)
-        pair._normal = seen / np.linalg.norm(seen)
+        pair._search._last = seen / np.linalg.norm(seen)
         centre = rotation.T @ (data.geom_xpos[0] - data.geom_xpos[1])
         true = np.linalg.norm(centre - np.clip(centre, -half, half)) - radius
         assert pair.proximity(model, data).gap == pytest.approx(true, abs=1e-14)
@@ -241,5 +241,5 @@ def test_a_corner_near_the_middle_of_a_cylinder_s_face(rng):
         data.qpos[:3] = corner + 0.15 * axis + rng.normal(size=3) * (2e-2, 2e-2, 2e-2)
         data.qpos[:3] -= ((data.qpos[:3] - corner) @ axis - 0.15) * axis  # a gap of 0: any offset across the axis
         mujoco.mj_forward(model, data)
-        normal = polished(Shape(model, data, 0), Shape(model, data, 1), estimate)
+        normal = refine_normal(Shape(model, data, 0), Shape(model, data, 1), estimate)
         np.testing.assert_allclose(normal, axis, atol=1e-14)

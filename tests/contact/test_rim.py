@@ -10,7 +10,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact.feature import features
+from ffsm_mj.contact.features.search import features
 from tests.contact_models.impact.test_fixed import good, slab
 from tests.scenes import HEAD, scene
 

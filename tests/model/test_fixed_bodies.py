@@ -174,8 +174,8 @@ def test_pairs_need_one_side_that_moves(tmp_path):
     mujoco.mj_forward(system.mj, data)
     # 1 kg: |v| <= sqrt(2 T), and the ball turns about its centre, 0.1 m from its surface: I = 0.4 m r^2.
     spin = 0.1 / np.sqrt(0.4 * 0.1**2)
-    assert pair.reach_per_root_energy(system.mj, data) == pytest.approx(1.0 + spin, rel=1e-12)
-    assert pair.closing_bound(data) == pytest.approx(1.1)
+    assert pair.speed_bound_per_root_energy(system.mj, data) == pytest.approx(1.0 + spin, rel=1e-12)
+    assert pair.closing_speed_bound(data) == pytest.approx(1.1)
 
 
 def test_a_fixture_of_a_model_that_floats_is_no_side_of_a_pair(tmp_path):
@@ -185,7 +185,7 @@ def test_a_fixture_of_a_model_that_floats_is_no_side_of_a_pair(tmp_path):
     )
     path = scene(tmp_path, ball("ball"), {"rock": rock}, impact_pairs=[{"geoms": ["ball", "rock/stand"]}])
     (line,) = faults(path)
-    assert "geom 'rock/stand' is fixed to the world: let it be of an object with 'fixed: true'" in line
+    assert "geom 'rock/stand' is fixed to the world: move it to an object with 'fixed: true'" in line
 
 
 def test_its_contacts_are_reported_or_ignored_by_its_name(tmp_path):

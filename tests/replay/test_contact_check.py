@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact.pairs import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.replay import replay_log
 from ffsm_mj.replay.contact_check import _closed_points
 from tests.contact_models.persistent.random_pushes import LAWS

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ffsm_mj.contact.pairs import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.tolerances import RATE
 
 At = Callable[[float], Proximity]

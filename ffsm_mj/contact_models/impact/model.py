@@ -185,7 +185,7 @@ class ImpactModel(Detector):
         """End the run where a pair that is pressed at rest has no normal of its own: it would be asked again for ever."""
         speeds = met.impact.separation_speeds.tolist()
         for (pair, near, _), b, speed in zip(touching_points(touching), met.pressing.tolist(), speeds, strict=True):
-            if b > 0.0 and speed <= near.still and not self.closing.holds(pair):
+            if b > 0.0 and speed <= near.rate_tolerance and not self.closing.holds(pair):
                 message = f"{pair} would stay in contact from t = {time_s:.6g} s by a corner on a corner or on an edge"
                 raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}, which have no normal of their own")
 

@@ -18,7 +18,8 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.pairs import ContactPair, Proximity
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.contact import contact_jacobian
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import Impact, resolve
@@ -84,7 +85,7 @@ def resolve_resting(
     points = touching_points(touching)
     used = np.array([pair.restitution for pair, _, _ in points])
     impact = resolve_with(used)
-    still = np.array([near.still for _, near, _ in points])
+    still = np.array([near.rate_tolerance for _, near, _ in points])
     stated, speeds, pressing = used, np.zeros(len(points)), np.zeros(len(points))
     if np.all((stated >= 1.0) & (impact.separation_speeds > still)):
         return RestingResult(impact, used, pressing, speeds)

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsm_mj.contact.pairs import FAR, ContactPair, Proximity
+from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closing import NoPersistentContacts, PersistentContacts
 from ffsm_mj.contact_models.impact.first_touch import first_touch
 from ffsm_mj.contact_models.interface import ContactModel, Scene
@@ -58,7 +60,7 @@ class Detector(ContactModel):
         model, data = self._model, self._data = scene.system.mj, scene.data
         self.pairs = tuple(pairs)
         self.closing: PersistentContacts = NoPersistentContacts()
-        self._reach = [pair.reach_per_root_energy(model, data) for pair in self.pairs]
+        self._reach = [pair.speed_bound_per_root_energy(model, data) for pair in self.pairs]
         self.watched = frozenset(pair.geom_ids for pair in self.pairs)
         # What was seen in this step, by pair and time; at the start of the next one what was seen at the end of it.
         self._seen: dict[tuple[int, float], Proximity] = {}
@@ -74,7 +76,9 @@ class Detector(ContactModel):
     def _look_ahead(self) -> None:
         # How far the flight must go before each pair can have touched; held ones have no touch to come.
         self._safe = [
-            math.inf if self._elsewhere(pair) else (pair.gap(self._model, self._data, FAR) - DISTANCE_QUERY_M) / reach
+            math.inf
+            if self._elsewhere(pair)
+            else (pair.gap(self._model, self._data, DISTANCE_LIMIT_M) - DISTANCE_QUERY_M) / reach
             for pair, reach in zip(self.pairs, self._reach, strict=True)
         ]
         self.horizon = min(self._safe, default=math.inf)
@@ -92,7 +96,7 @@ class Detector(ContactModel):
         for i, (pair, reach) in enumerate(zip(self.pairs, self._reach, strict=True)):
             if flight.way < self._safe[i]:
                 continue
-            apart = pair.gap(self._model, self._data, FAR) - DISTANCE_QUERY_M
+            apart = pair.gap(self._model, self._data, DISTANCE_LIMIT_M) - DISTANCE_QUERY_M
             if apart <= 0.0 or reach * (self._safe[i] - before) + apart <= reach * flight.last:
                 return False
             self._safe[i] = flight.way + apart / reach
@@ -160,8 +164,8 @@ class Detector(ContactModel):
 
     def _edge(self, time: float) -> _Edge:
         model, data = self._model, self._data
-        bounds = tuple(pair.closing_bound(data) for pair in self.pairs)
-        gaps = tuple(pair.gap(model, data, FAR) for pair in self.pairs)
+        bounds = tuple(pair.closing_speed_bound(data) for pair in self.pairs)
+        gaps = tuple(pair.gap(model, data, DISTANCE_LIMIT_M) for pair in self.pairs)
         return _Edge(time, gaps, bounds)
 
     def due(self) -> bool:
@@ -184,7 +188,7 @@ class Detector(ContactModel):
             self.motion.path.move_to(time)
             return self._look(i, time)
 
-        return first_touch(at, start, end, lambda near: pair.pressed(model, data, near))
+        return first_touch(at, start, end, lambda near: pair.is_pressed(model, data, near))
 
     def _first_touch(self, a: _Edge, b: _Edge, depth: int) -> float | None:
         """Earliest touch in an interval, halving it until each pair that may touch moves simply."""

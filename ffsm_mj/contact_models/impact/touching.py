@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.pairs import ContactPair, Proximity
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.proximity import Proximity
 
 Touching = Sequence[tuple[ContactPair, Proximity]]
 

@@ -10,8 +10,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.contact.feature import Feature, FeatureState, features
-from ffsm_mj.contact.pairs import ContactPair, Proximity
+from ffsm_mj.contact.features.gap_function import Feature, FeatureState
+from ffsm_mj.contact.features.search import features
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.decision import Decision
@@ -276,17 +278,17 @@ def may_touch_at_several_points(pair: ContactPair) -> bool:
 
 def rate_tolerance(near: Proximity, approach: float) -> float:
     """Gap rates below this are rounding after an impact with a given approach speed, m/s."""
-    return near.still + _REST_SHARE * approach
+    return near.rate_tolerance + _REST_SHARE * approach
 
 
 def held_rate_tolerance(near: Proximity) -> float:
     """The same for a closed pair: its gap rate drifts by the truncation error of a step until the next projection."""
-    return CLOSED_RATE / RATE * near.still
+    return CLOSED_RATE / RATE * near.rate_tolerance
 
 
 def switched_rate_tolerance(near: Proximity) -> float:
     """The same for a pair that left a feature by FEATURE_BOUND_M: on a round geom the normal has turned by that / radius."""
-    return FEATURE_BOUND_M / _LEAST_RADIUS_M / RATE * near.still
+    return FEATURE_BOUND_M / _LEAST_RADIUS_M / RATE * near.rate_tolerance
 
 
 def closed_and_still(near: Proximity, still: float) -> bool:

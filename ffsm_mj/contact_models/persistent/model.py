@@ -17,7 +17,8 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact.pairs import ContactPair, Proximity
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.model import ImpactModel
 from ffsm_mj.contact_models.impact.touching import Touching
 from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventTime, Scene
@@ -91,7 +92,7 @@ class PersistentContactModel(ContactModel):
         for pair, near in self._impacts.contacts():
             # A deeper overlap at release is not a closed contact: the impact model resolves it.
             if abs(near.gap) <= CONTACT_GAP_M:
-                self._update_pair(pair, near, held_rate_tolerance(near) if pair in held else near.still)
+                self._update_pair(pair, near, held_rate_tolerance(near) if pair in held else near.rate_tolerance)
 
     def restart(self) -> None:
         """Discard the forces of the last step: the state or the efforts changed discontinuously."""
@@ -152,7 +153,9 @@ class PersistentContactModel(ContactModel):
         for pair in self._impacts.pairs:
             if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
                 near = pair.proximity(model, data)
-                self._update_pair(pair, near, held_rate_tolerance(near) if pair in self._logged_pairs else near.still)
+                self._update_pair(
+                    pair, near, held_rate_tolerance(near) if pair in self._logged_pairs else near.rate_tolerance
+                )
         self._update_activity()
 
     def due(self) -> bool:

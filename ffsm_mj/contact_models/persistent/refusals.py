@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.feature import lasting_fault
+from ffsm_mj.contact.features.search import persistence_fault
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.persistent.decision import Decision
 
@@ -22,7 +22,7 @@ _STICKS_M_S = 1e-9
 
 def refusal(model: Any, pair: ContactPair) -> str:
     """Why a pair cannot stay in contact; empty if it can."""
-    shapes = lasting_fault(model, *pair.ids)
+    shapes = persistence_fault(model, *pair.ids)
     if shapes:
         return shapes
     forces = ", ".join(_soft_forces(model))

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.feature import Feature, FeatureState
+from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.dynamics.motion import Motion
 

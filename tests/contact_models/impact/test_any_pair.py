@@ -215,5 +215,5 @@ def test_energy_bounds_how_fast_a_robot_closes_on_itself(tmp_path, rng):
         row = contact_jacobian(model, data, contact)
         M = np.empty((model.nv, model.nv))
         mujoco.mj_fullM(model, data, M)
-        shares.append(np.sqrt(row @ np.linalg.solve(M, row)) / pair.reach_per_root_energy(model, data))
+        shares.append(np.sqrt(row @ np.linalg.solve(M, row)) / pair.speed_bound_per_root_energy(model, data))
     assert 0.4 < max(shares) <= 1.0

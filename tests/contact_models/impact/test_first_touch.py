@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.contact.pairs import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.first_touch import first_touch
 
 ROUNDING = 1e-14
@@ -19,7 +19,7 @@ def path(gap, slope):
         looked.append(time)
         normal = np.array([1.0, 0.0, 0.0])
         rates = np.array([float(slope(time))])
-        return Proximity(float(gap(time)), normal, np.zeros((1, 3)), rates, still=1e-12, rounding=ROUNDING)
+        return Proximity(float(gap(time)), normal, np.zeros((1, 3)), rates, rate_tolerance=1e-12, rounding=ROUNDING)
 
     return at, looked
 
@@ -76,5 +76,7 @@ def test_two_extrema_are_looked_at_by_halves():
 )
 def test_slow_approach_counts_where_the_gap_has_fallen(gap, rate, approaches):
     """5e-13 m/s is rounding at a touch, but would be an overlap of 1e-9 m after half an hour."""
-    near = Proximity(gap, np.array([1.0, 0.0, 0.0]), np.zeros((1, 3)), np.array([rate]), still=1e-12, rounding=ROUNDING)
+    near = Proximity(
+        gap, np.array([1.0, 0.0, 0.0]), np.zeros((1, 3)), np.array([rate]), rate_tolerance=1e-12, rounding=ROUNDING
+    )
     assert near.approaches == approaches

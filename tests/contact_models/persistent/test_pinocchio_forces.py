@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ffsm_mj.contact.feature import features
+from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, rows

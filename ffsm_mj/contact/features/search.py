@@ -14,24 +14,28 @@ from typing import Any
 import mujoco
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.carrier import Vector, cross, dot
-from ffsm_mj.contact.cores import Circle, Core, Curve, Line
-from ffsm_mj.contact.feature_state import Feature, FeatureState, Pairing
-from ffsm_mj.contact.flat_outline import FlatOutline
-from ffsm_mj.contact.joining import join
-from ffsm_mj.contact.outline import Outline
-from ffsm_mj.contact.pairs import ContactPair, Proximity
-from ffsm_mj.contact.round_outline import CylinderOutline, EllipsoidOutline
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot
+from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
+from ffsm_mj.contact.features.gap_function import Feature, FeatureState, GapFunction
+from ffsm_mj.contact.features.outline import Outline
+from ffsm_mj.contact.features.point_line_gaps import LineOnCurve, PointOnCurve, PointOnFace, PointOnPoint
+from ffsm_mj.contact.features.polytope_outline import PolytopeOutline
+from ffsm_mj.contact.features.round_gaps import OnEllipsoid, RoundOnFace
+from ffsm_mj.contact.features.round_outline import CylinderOutline, EllipsoidOutline
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL
-
-__all__ = ["Feature", "FeatureState", "features", "lasting_fault"]
 
 _CYLINDER, _ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 _ROUND = {_CYLINDER: "a cylinder", _ELLIPSOID: "an ellipsoid"}
+_FIRST: tuple[type[Core], ...] = (Face, Ellipsoid, Circle, Line, Point)
+"""The first of two cores is the one whose kind comes first here."""
+_NAMES = ("sphere", "end", "side", "rim", "ellipsoid", "vertex", "edge", "cap", "face")
+"""Names of two cores of one kind are given in this order."""
 _OUTLINES: dict[int, type[Outline]] = {_CYLINDER: CylinderOutline, _ELLIPSOID: EllipsoidOutline}
 
 
-def lasting_fault(model: Any, geom_a: int, geom_b: int) -> str:
+def persistence_fault(model: Any, geom_a: int, geom_b: int) -> str:
     """Why two geoms (ids) cannot stay in persistent contact; empty if they can."""
     kinds = [_ROUND.get(int(model.geom_type[geom])) for geom in (geom_a, geom_b)]
     if None in kinds:
@@ -62,7 +66,7 @@ def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple
 
 def _outline(model: Any, data: Any, geom: int, outward: FloatArray) -> Outline:
     kind = int(model.geom_type[geom])
-    return _OUTLINES.get(kind, FlatOutline)(model, data, geom, outward)
+    return _OUTLINES.get(kind, PolytopeOutline)(model, data, geom, outward)
 
 
 class _Search:
@@ -70,11 +74,11 @@ class _Search:
 
     def __init__(self, a: Outline, b: Outline, data: Any, near: Proximity) -> None:
         self._a, self._b, self._data, self._near = a, b, data, near
-        self._vague = a.vague + b.vague
+        self._position_tolerance = a.position_tolerance + b.position_tolerance
         x, y, z = near.normal.tolist()
         self._normal: Vector = (x, y, z)
 
-    def on_faces(self) -> list[Pairing]:
+    def on_faces(self) -> list[GapFunction]:
         """Corners on faces, and crossings of edges over faces, without duplicates."""
         a, b = self._a, self._b
         face_a, face_b = a.face(), b.face()
@@ -91,7 +95,7 @@ class _Search:
         ]
         return [feature for feature, _ in found]
 
-    def between_lines(self) -> list[Pairing]:
+    def between_lines(self) -> list[GapFunction]:
         """Crossing lines; for parallel lines, the ends of their overlap."""
         found = []
         for one in self._a.edges(bounded=True):
@@ -103,13 +107,13 @@ class _Search:
                     found += self._touching([(one, other)])
         return [feature for feature, _ in found]
 
-    def on_lines(self) -> list[Pairing]:
+    def on_lines(self) -> list[GapFunction]:
         """The corner in contact with a line, if there is one."""
         found = self._touching((one, other) for one in self._a.tips() for other in self._b.curves(bounded=True))
         found += self._touching((one, other) for one in self._a.curves(bounded=True) for other in self._b.tips())
         return _most_inside(found)
 
-    def of_tips(self) -> list[Pairing]:
+    def of_tips(self) -> list[GapFunction]:
         """The corner in contact with a corner, if there is one."""
         return _most_inside(self._touching((one, other) for one in self._a.tips() for other in self._b.tips()))
 
@@ -120,47 +124,47 @@ class _Search:
         for one in a.curves(bounded=False):
             for other in others:
                 if isinstance(one, Circle) and isinstance(other, Line):
-                    yield from ((circle, other) for circle in a.met(one, b.centre(other), b.direction(other)))
+                    yield from ((circle, other) for circle in a.crossings(one, b.centre(other), b.direction(other)))
                 elif isinstance(one, Line) and isinstance(other, Circle):
-                    yield from ((one, circle) for circle in b.met(other, a.centre(one), a.direction(one)))
+                    yield from ((one, circle) for circle in b.crossings(other, a.centre(one), a.direction(one)))
                 elif not self._parallel(one, other):
                     yield one, other
 
     def _parallel(self, one: Curve, other: Curve) -> bool:
         return math.hypot(*cross(self._a.direction(one), self._b.direction(other))) <= PARALLEL
 
-    def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[Pairing, FeatureState]]:
+    def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[GapFunction, FeatureState]]:
         """Features of those pairs of cores, of a and of b, that touch."""
         found = []
         for one, other in cores:
             if isinstance(one, Line | Circle) and isinstance(other, Line | Circle) and self._parallel(one, other):
                 continue
-            feature = join(one, other, self._sense(one, other))
+            feature = gap_function(one, other, self._sense(one, other))
             if feature is None:
                 continue
             held = feature.at(self._data)
             if held.inside < -0.5 * FEATURE_BOUND_M or not self._closed(held.gap):
                 continue
-            levelled = self._levelled(one, other, held.gap)
-            found.append((levelled or feature, held))
+            aligned = self._aligned(one, other, held.gap)
+            found.append((aligned or feature, held))
         return found
 
     def _closed(self, gap: float) -> bool:
         near = self._near
-        if self._vague > 0.0:
-            return abs(gap - near.gap) <= self._vague + CONTACT_GAP_M
+        if self._position_tolerance > 0.0:
+            return abs(gap - near.gap) <= self._position_tolerance + CONTACT_GAP_M
         return abs(gap) <= max(CONTACT_GAP_M, abs(near.gap) + near.rounding)
 
-    def _levelled(self, one: Core, other: Core, gap: float) -> Pairing | None:
+    def _aligned(self, one: Core, other: Core, gap: float) -> GapFunction | None:
         """The same feature with the normal of the pair, if all features of a flat contact must share one.
 
         Normals that differ by rounding would over-constrain the tangential motion: the contact would jam.
         """
-        if self._vague == 0.0 and not (self._a.flat and self._b.flat):
+        if self._position_tolerance == 0.0 and not (self._a.flat and self._b.flat):
             return None
-        feature = join(self._a.levelled(one), self._b.levelled(other), self._sense(one, other))
+        feature = gap_function(self._a.aligned(one), self._b.aligned(other), self._sense(one, other))
         if feature is not None:
-            feature.absorb(feature.at(self._data).gap - (self._near.gap if self._vague > 0.0 else gap))
+            feature.subtract_length(feature.at(self._data).gap - (self._near.gap if self._position_tolerance > 0.0 else gap))
         return feature
 
     def _sense(self, one: Core, other: Core) -> float:
@@ -170,5 +174,39 @@ class _Search:
         return math.copysign(1.0, dot(self._normal, cross(self._a.direction(one), self._b.direction(other))))
 
 
-def _most_inside(found: list[tuple[Pairing, FeatureState]]) -> list[Pairing]:
+def _most_inside(found: list[tuple[GapFunction, FeatureState]]) -> list[GapFunction]:
     return [max(found, key=lambda each: each[1].inside)[0]] if found else []
+
+
+def gap_function(a: Core, b: Core, sense: float) -> GapFunction | None:
+    """The gap function of a core of geom a and a core of geom b.
+
+    Args:
+        a: Core of geom a, which the normal points away from.
+        b: Core of geom b.
+        sense: Sign of the normal along (direction of a) x (direction of b), for two lines or circles.
+
+    Returns:
+        None if the cores have none: the normal between two sharp points, or a sharp point and an edge, is undefined in
+        contact; the contact is then at another feature.
+    """
+    swapped = _FIRST.index(type(a)) > _FIRST.index(type(b))
+    first, second = (b, a) if swapped else (a, b)
+    names = [second.name, first.name]
+    name = " on ".join(sorted(names, key=_NAMES.index) if type(first) is type(second) else names)
+    sharp = first.radius + second.radius <= 0.0
+    feature: GapFunction | None = None
+    match first, second:
+        case Face(), Point():
+            feature = PointOnFace(name, swapped, first, second)
+        case Face(), Circle() | Ellipsoid():
+            feature = RoundOnFace(name, swapped, first, second)
+        case Ellipsoid(), Point() | Line():
+            feature = OnEllipsoid(name, swapped, first, second)
+        case Circle() | Line(), Line():
+            feature = LineOnCurve(name, swapped, first, second, sense)
+        case Circle() | Line(), Point() if not sharp:
+            feature = PointOnCurve(name, swapped, first, second)
+        case Point(), Point() if not sharp:
+            feature = PointOnPoint(name, swapped, first, second)
+    return feature

@@ -9,16 +9,16 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ffsm_mj.contact.carrier import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
-from ffsm_mj.contact.cores import Circle, Ellipsoid, Face, Line, Point
-from ffsm_mj.contact.feature_state import FeatureState, Pairing
+from ffsm_mj.contact.features.body_motion import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
+from ffsm_mj.contact.features.cores import Circle, Ellipsoid, Face, Line, Point
+from ffsm_mj.contact.features.gap_function import FeatureState, GapFunction
 from ffsm_mj.tolerances import NEWTON_STEP
 
 _TURNS = 100
 """Newton's steps, as a share: each leaves about its square."""
 
 
-class RoundOnFace(Pairing):
+class RoundOnFace(GapFunction):
     """The extreme point of a rim or an ellipsoid over a plane."""
 
     def __init__(self, name: str, swapped: bool, face: Face, extreme: Circle | Ellipsoid) -> None:
@@ -29,7 +29,7 @@ class RoundOnFace(Pairing):
     def at(self, data: Any) -> FeatureState:
         """With t = (omega_plane - omega_round) x n, the gap's second rate has 2 (omega_plane x n) . w - t . K t."""
         face, core = self._face, self._round
-        first, second = face.carrier.motion(data), core.carrier.motion(data)
+        first, second = face.body.motion(data), core.body.motion(data)
         normal = first.turned(face.normal)
         against = scaled(-1.0, normal)
         arm = core.extreme(second, against)
@@ -38,12 +38,12 @@ class RoundOnFace(Pairing):
         local = first.local(first_arm)
         w = minus(second.velocity_at(arm), first.velocity_at(first_arm))
         rolling = cross(minus(first.omega, second.omega), normal)
-        terms = (2.0 * dot(cross(first.omega, normal), w), -dot(rolling, core.bent(second, against, rolling)))
+        terms = (2.0 * dot(cross(first.omega, normal), w), -dot(rolling, core.extreme_rate(second, against, rolling)))
         gap = dot(face.normal, minus(local, face.centre))
-        return self._held(gap, dot(normal, w), normal, (point, point), terms, face.inside(local))
+        return self._state(gap, dot(normal, w), normal, (point, point), terms, face.inside(local))
 
 
-class OnEllipsoid(Pairing):
+class OnEllipsoid(GapFunction):
     """A point or a line against an ellipsoid: the nearest point by Newton's method in one unknown."""
 
     def __init__(self, name: str, swapped: bool, ellipsoid: Ellipsoid, other: Point | Line) -> None:
@@ -54,7 +54,7 @@ class OnEllipsoid(Pairing):
     def at(self, data: Any) -> FeatureState:
         """The normal turns so that n . d stays 0 along a line, and across it so that the contact points stay opposite."""
         core, other = self._ellipsoid, self._other
-        first, second = core.carrier.motion(data), other.carrier.motion(data)
+        first, second = core.body.motion(data), other.body.motion(data)
         arm = second.turned(other.centre)
         anchor = shifted(second.origin, 1.0, arm)
         direction = second.turned(other.direction) if isinstance(other, Line) else None
@@ -75,7 +75,7 @@ class OnEllipsoid(Pairing):
             inside = other.inside(second, offset)
         else:
             inside = other.inside(second, minus(there, second.origin), offset)
-        return self._held(gap, dot(normal, w), normal, (here, there), terms, inside)
+        return self._state(gap, dot(normal, w), normal, (here, there), terms, inside)
 
     def _normal(self, motion: BodyMotion, anchor: Vector, direction: Vector | None) -> Vector:
         """Outward normal of the ellipsoid towards a point, or towards a line: seen along it the ellipsoid is an ellipse."""
@@ -97,19 +97,19 @@ class OnEllipsoid(Pairing):
         core, own = self._ellipsoid, cross(first.omega, normal)
         fixed = (0.0, 0.0, 0.0) if direction is None else scaled(-turn, direction)
         one = cross(normal, direction or _across(normal))
-        bent = core.bent(first, normal, one)
+        bent = core.extreme_rate(first, normal, one)
         stiff, right = dot(one, bent) + gap, dot(one, w) + dot(bent, minus(own, fixed))
         if direction is not None:
             turning = shifted(fixed, right / stiff, one)
         else:
             other = cross(normal, one)
-            bent_other = core.bent(first, normal, other)
+            bent_other = core.extreme_rate(first, normal, other)
             stiff_other, right_other = dot(other, bent_other) + gap, dot(other, w) + dot(bent_other, own)
             mixed = dot(one, bent_other)
             whole = stiff * stiff_other - mixed * mixed
             turning = scaled((right * stiff_other - right_other * mixed) / whole, one)
             turning = shifted(turning, (right_other * stiff - right * mixed) / whole, other)
-        return turning, core.bent(first, normal, minus(turning, own))
+        return turning, core.extreme_rate(first, normal, minus(turning, own))
 
 
 def _across(vector: Vector) -> Vector:

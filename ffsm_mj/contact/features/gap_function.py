@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.carrier import Vector
+from ffsm_mj.contact.features.body_motion import Vector
 
 
 class FeatureState(NamedTuple):
@@ -52,7 +52,7 @@ class Feature(Protocol):
         ...
 
 
-class Pairing:
+class GapFunction:
     """Base of all features: a pair of cores, the first of which may belong to a or b.
 
     Attributes:
@@ -70,12 +70,12 @@ class Pairing:
         """Evaluate at the state in ``data``."""
         raise NotImplementedError
 
-    def absorb(self, length: float) -> None:
+    def subtract_length(self, length: float) -> None:
         """Subtract a constant length in m from the gap: mesh vertices are known to single precision only."""
         self._first_radius += length
         self._radius += length
 
-    def _held(
+    def _state(
         self,
         core_gap: float,
         rate: float,

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.carrier import Vector
-from ffsm_mj.contact.cores import Core, Face, Line, Point
-from ffsm_mj.contact.outline import Outline
-from ffsm_mj.contact.shape import Shape, vagueness
+from ffsm_mj.contact.features.body_motion import Vector
+from ffsm_mj.contact.features.cores import Core, Face, Line, Point
+from ffsm_mj.contact.features.outline import Outline
+from ffsm_mj.contact.shape import Shape, position_tolerance
 from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.hull import hull
 from ffsm_mj.tolerances import MERGED_M, PARALLEL, STRAIGHT
@@ -25,7 +25,7 @@ _BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
 _NAMES = {_SPHERE: "sphere", _CAPSULE: "end"}
 
 
-class FlatOutline(Outline):
+class PolytopeOutline(Outline):
     """Of a polytope with a radius about it."""
 
     def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray) -> None:
@@ -34,7 +34,7 @@ class FlatOutline(Outline):
         self._model, self._geom, self._kind = model, geom, int(model.geom_type[geom])
         self._name = _NAMES.get(self._kind, "vertex")
         self._radius = self._size[0] if self._kind in _NAMES else 0.0
-        self.vague = vagueness(model, geom)
+        self.position_tolerance = position_tolerance(model, geom)
         self._corners = self._ordered(Shape(model, data, geom).extreme(outward, PARALLEL) - self._radius * outward)
         self.flat = len(self._corners) > 2
 
@@ -71,7 +71,7 @@ class FlatOutline(Outline):
             inwards = cross(normal, end - start)
             inwards /= np.linalg.norm(inwards)
             sides.append((self._turned(inwards), float(inwards @ (start - self._motion.origin))))
-        return Face("face", self._carrier, self._place(corners.mean(axis=0)), self._turned(normal), tuple(sides))
+        return Face("face", self._body, self._place(corners.mean(axis=0)), self._turned(normal), tuple(sides))
 
     def _normal(self) -> FloatArray:
         """Of a box its axis, of a mesh that of the plane that is nearest to its corners."""
@@ -82,7 +82,7 @@ class FlatOutline(Outline):
         return np.asarray(axis if axis @ self._outward > 0.0 else -axis)
 
     def _point(self, point: FloatArray, cone: FloatArray) -> Point:
-        return Point(self._name, self._carrier, self._place(point), self._radius, cone)
+        return Point(self._name, self._body, self._place(point), self._radius, cone)
 
     def _towards(self, offsets: FloatArray) -> FloatArray:
         """Unit directions in the body's axes, (k, 3)."""
@@ -98,14 +98,14 @@ class FlatOutline(Outline):
         cone = np.array(wedge).reshape(-1, 3)
         ends = (self._point(start, cone), self._point(end, cone))
         name, centre = "side" if self._radius > 0.0 else "edge", self._place(0.5 * (start + end))
-        return Line(name, self._carrier, centre, self._turned(span / length), 0.5 * length, self._radius, wedge, ends)
+        return Line(name, self._body, centre, self._turned(span / length), 0.5 * length, self._radius, wedge, ends)
 
     def _wedge(self, start: FloatArray, direction: FloatArray) -> tuple[Vector, ...]:
         """Directions across an edge into its two faces: the outermost of those to all other points."""
         across = self._all() - start
         across -= np.outer(across @ direction, direction)
         lengths = np.linalg.norm(across, axis=1)
-        kept = lengths > max(MERGED_M, self.vague)
+        kept = lengths > max(MERGED_M, self.position_tolerance)
         if not kept.any():
             return ()
         across = across[kept] / lengths[kept, None]

@@ -6,25 +6,25 @@ from collections.abc import Iterator
 from typing import Any
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.carrier import Carrier, Vector, cross, shifted
-from ffsm_mj.contact.cores import Circle, Core, Curve, Face, Line
+from ffsm_mj.contact.features.body_motion import Body, Vector, cross, shifted
+from ffsm_mj.contact.features.cores import Circle, Core, Curve, Face, Line
 
 
 class Outline:
     """One geom as it lies against another along a direction.
 
     Attributes:
-        vague: How well the places of its points are known, in m: 0 but for meshes.
+        position_tolerance: How well the places of its points are known, in m: 0 but for meshes.
         flat: Whether it has a face there.
     """
 
-    vague = 0.0
+    position_tolerance = 0.0
     flat = False
 
     def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray) -> None:
         """Look at a geom along a unit vector that points out of it; positions and velocities in ``data`` current."""
-        self._carrier = Carrier(model, int(model.geom_bodyid[geom]))
-        self._motion = self._carrier.motion(data)
+        self._body = Body(model, int(model.geom_bodyid[geom]))
+        self._motion = self._body.motion(data)
         self._rotation: FloatArray = data.geom_xmat[geom].reshape(3, 3)
         self._position: FloatArray = data.geom_xpos[geom]
         self._size: list[float] = model.geom_size[geom].tolist()
@@ -58,13 +58,13 @@ class Outline:
         """Its middle in the world."""
         return shifted(self._motion.origin, 1.0, self._motion.turned(curve.centre))
 
-    def met(self, circle: Circle, centre: Vector, direction: Vector) -> Iterator[Circle]:
+    def crossings(self, circle: Circle, centre: Vector, direction: Vector) -> Iterator[Circle]:
         """A circle from where a line (world) enters and leaves it, seen along its axis; nothing where it passes it by."""
         raise NotImplementedError
 
-    def levelled(self, core: Core) -> Core:
+    def aligned(self, core: Core) -> Core:
         """A face or line square to the contact's normal; other cores as they are."""
-        return core.levelled(self._turned(self._outward)) if isinstance(core, Face | Line) else core
+        return core.aligned(self._turned(self._outward)) if isinstance(core, Face | Line) else core
 
     def _place(self, point: FloatArray) -> Vector:
         return self._turned(point - self._motion.origin)

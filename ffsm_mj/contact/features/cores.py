@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.carrier import BodyMotion, Carrier, Vector, cross, dot, minus, scaled, shifted, unit
+from ffsm_mj.contact.features.body_motion import Body, BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
 
 
 @dataclass(frozen=True)
@@ -19,14 +19,14 @@ class Point:
 
     Attributes:
         name: What it is.
-        carrier: The body.
+        body: The body.
         centre: Where it is.
         radius: About it.
         cone: Directions to its geom's other points: what lies towards one of them is nearer to another core, (k, 3).
     """
 
     name: str
-    carrier: Carrier
+    body: Body
     centre: Vector
     radius: float
     cone: FloatArray
@@ -42,7 +42,7 @@ class Line:
 
     Attributes:
         name: What it is.
-        carrier: The body.
+        body: The body.
         centre: Its middle.
         direction: Unit vector along it.
         half: Half its length.
@@ -52,7 +52,7 @@ class Line:
     """
 
     name: str
-    carrier: Carrier
+    body: Body
     centre: Vector
     direction: Vector
     half: float
@@ -75,7 +75,7 @@ class Line:
                 least = min(least, -dot(into, local))
         return least
 
-    def levelled(self, normal: Vector) -> Line:
+    def aligned(self, normal: Vector) -> Line:
         """The same, square to a normal (axes of the body)."""
         return replace(self, direction=unit(shifted(self.direction, -dot(self.direction, normal), normal)))
 
@@ -89,7 +89,7 @@ class Face:
 
     Attributes:
         name: What it is.
-        carrier: The body.
+        body: The body.
         centre: A point of it, the middle of a disc.
         normal: Unit normal, outwards.
         sides: Of a polygon: unit vector inwards across each side, and where that side is along it.
@@ -97,7 +97,7 @@ class Face:
     """
 
     name: str
-    carrier: Carrier
+    body: Body
     centre: Vector
     normal: Vector
     sides: tuple[tuple[Vector, float], ...]
@@ -112,7 +112,7 @@ class Face:
         x, y, z = point
         return min([p * x + q * y + r * z - side for (p, q, r), side in self.sides], default=math.inf)
 
-    def levelled(self, normal: Vector) -> Face:
+    def aligned(self, normal: Vector) -> Face:
         """The same with another normal (axes of the body)."""
         return replace(self, normal=normal)
 
@@ -123,7 +123,7 @@ class Circle:
 
     Attributes:
         name: What it is.
-        carrier: The body.
+        body: The body.
         centre: Middle of the circle.
         axis: Unit vector outwards along the cylinder.
         start: Unit vector across the axis from which angles count: towards the contact at the beginning.
@@ -131,7 +131,7 @@ class Circle:
     """
 
     name: str
-    carrier: Carrier
+    body: Body
     centre: Vector
     axis: Vector
     start: Vector
@@ -156,7 +156,7 @@ class Circle:
         outward = unit(shifted(direction, -dot(direction, axis), axis))
         return shifted(motion.turned(self.centre), self.size, outward)
 
-    def bent(self, motion: BodyMotion, direction: Vector, vector: Vector) -> Vector:
+    def extreme_rate(self, motion: BodyMotion, direction: Vector, vector: Vector) -> Vector:
         """How the extreme point along a unit direction moves when that turns by a vector; world axes."""
         axis = motion.turned(self.axis)
         across = shifted(direction, -dot(direction, axis), axis)
@@ -171,14 +171,14 @@ class Ellipsoid:
 
     Attributes:
         name: What it is.
-        carrier: The body.
+        body: The body.
         centre: Its centre.
         axes: Unit vectors along its axes.
         squares: Squares of its semi-axes.
     """
 
     name: str
-    carrier: Carrier
+    body: Body
     centre: Vector
     axes: tuple[Vector, Vector, Vector]
     squares: Vector
@@ -190,7 +190,7 @@ class Ellipsoid:
         reach = math.sqrt(dot(squared, motion.local(direction)))
         return motion.turned(shifted(self.centre, 1.0 / reach, squared))
 
-    def bent(self, motion: BodyMotion, direction: Vector, vector: Vector) -> Vector:
+    def extreme_rate(self, motion: BodyMotion, direction: Vector, vector: Vector) -> Vector:
         """How the extreme point along a unit direction moves when that turns by a vector; world axes."""
         local, turn = motion.local(direction), motion.local(vector)
         squared = self._squared(local)

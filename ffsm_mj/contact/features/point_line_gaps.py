@@ -12,23 +12,23 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ffsm_mj.contact.carrier import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
-from ffsm_mj.contact.cores import Circle, Curve, Face, Line, Point
-from ffsm_mj.contact.feature_state import FeatureState, Pairing
+from ffsm_mj.contact.features.body_motion import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
+from ffsm_mj.contact.features.cores import Circle, Curve, Face, Line, Point
+from ffsm_mj.contact.features.gap_function import FeatureState, GapFunction
 from ffsm_mj.tolerances import NEWTON_STEP
 
 _TURNS = 30
 """Newton's steps for the angle on a circle, in rad: each leaves about its square."""
 
 
-class PointOnFace(Pairing):
+class PointOnFace(GapFunction):
     """A point over a plane: both material points are at the point itself."""
 
     def __init__(self, name: str, swapped: bool, face: Face, point: Point) -> None:
         """Freeze them."""
         super().__init__(name, swapped, face.radius, point.radius)
         self._face, self._point = face, point
-        self._face_body, self._point_body = face.carrier, point.carrier
+        self._face_body, self._point_body = face.body, point.body
         self._level = dot(face.normal, face.centre)
 
     def at(self, data: Any) -> FeatureState:
@@ -42,10 +42,10 @@ class PointOnFace(Pairing):
         w = minus(second.velocity_at(arm), first.velocity_at(first_arm))
         turning = 2.0 * dot(cross(first.omega, normal), w)
         gap = dot(face.normal, local) - self._level
-        return self._held(gap, dot(normal, w), normal, (point, point), (turning,), face.inside(local))
+        return self._state(gap, dot(normal, w), normal, (point, point), (turning,), face.inside(local))
 
 
-class PointOnPoint(Pairing):
+class PointOnPoint(GapFunction):
     """Two points at a distance."""
 
     def __init__(self, name: str, swapped: bool, first: Point, second: Point) -> None:
@@ -55,7 +55,7 @@ class PointOnPoint(Pairing):
 
     def at(self, data: Any) -> FeatureState:
         """The line between them turns with what of w is across it."""
-        first, second = self._first.carrier.motion(data), self._second.carrier.motion(data)
+        first, second = self._first.body.motion(data), self._second.body.motion(data)
         arm, other_arm = first.turned(self._first.centre), second.turned(self._second.centre)
         here, there = shifted(first.origin, 1.0, arm), shifted(second.origin, 1.0, other_arm)
         offset = minus(there, here)
@@ -65,10 +65,10 @@ class PointOnPoint(Pairing):
         rate = dot(normal, w)
         across = shifted(w, -rate, normal)
         inside = min(self._first.inside(first, offset), self._second.inside(second, minus(here, there)))
-        return self._held(distance, rate, normal, (here, there), (dot(across, across) / distance,), inside)
+        return self._state(distance, rate, normal, (here, there), (dot(across, across) / distance,), inside)
 
 
-class PointOnCurve(Pairing):
+class PointOnCurve(GapFunction):
     """A point at a distance from a line or circle, on which its foot slides."""
 
     def __init__(self, name: str, swapped: bool, curve: Curve, point: Point) -> None:
@@ -78,7 +78,7 @@ class PointOnCurve(Pairing):
 
     def at(self, data: Any) -> FeatureState:
         """From n . d = 0 and the foot's curvature: n' . d = s (n . outward) - n . (omega x d)."""
-        curve, first, second = self._curve, self._curve.carrier.motion(data), self._point.carrier.motion(data)
+        curve, first, second = self._curve, self._curve.body.motion(data), self._point.body.motion(data)
         arm = second.turned(self._point.centre)
         point = shifted(second.origin, 1.0, arm)
         foot, tangent, outward = curve.foot(first, minus(point, first.origin))
@@ -99,10 +99,10 @@ class PointOnCurve(Pairing):
             -slide * turn,
         )
         inside = min(curve.inside(first, foot, offset), self._point.inside(second, minus(here, point)))
-        return self._held(distance, rate, normal, (here, point), terms, inside)
+        return self._state(distance, rate, normal, (here, point), terms, inside)
 
 
-class LineOnCurve(Pairing):
+class LineOnCurve(GapFunction):
     """A line across another, or across a circle: the normal is square to both."""
 
     def __init__(self, name: str, swapped: bool, curve: Curve, line: Line, sense: float) -> None:
@@ -114,7 +114,7 @@ class LineOnCurve(Pairing):
     def at(self, data: Any) -> FeatureState:
         """Both n . d stay 0, which gives n'; the slides follow from the contact points staying opposite each other."""
         curve, line = self._curve, self._line
-        first, second = curve.carrier.motion(data), line.carrier.motion(data)
+        first, second = curve.body.motion(data), line.body.motion(data)
         d, middle = second.turned(line.direction), shifted(second.origin, 1.0, second.turned(line.centre))
         if isinstance(curve, Circle):
             arm, c, outward = self._meet(curve, first, minus(middle, first.origin), d)
@@ -145,7 +145,7 @@ class LineOnCurve(Pairing):
         inside = line.half - abs(length)
         if isinstance(curve, Line):
             inside = min(inside, curve.half - abs(sideways))
-        return self._held(gap, dot(normal, w), normal, (here, there), terms, inside)
+        return self._state(gap, dot(normal, w), normal, (here, there), terms, inside)
 
     def _meet(self, circle: Circle, motion: BodyMotion, middle: Vector, d: Vector) -> tuple[Vector, Vector, Vector]:
         """Where the circle's direction is square to its offset from the line: by Newton's method, from the last angle."""

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.carrier import Vector, dot, minus, shifted, unit
-from ffsm_mj.contact.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
-from ffsm_mj.contact.outline import Outline
+from ffsm_mj.contact.features.body_motion import Vector, dot, minus, shifted, unit
+from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
+from ffsm_mj.contact.features.outline import Outline
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.tolerances import PARALLEL
 
@@ -23,7 +23,7 @@ class EllipsoidOutline(Outline):
     def tips(self) -> list[Core]:
         """The whole of it."""
         (a, b, c), (x, y, z) = self._size, (self._turned(axis) for axis in self._rotation.T)
-        return [Ellipsoid("ellipsoid", self._carrier, self._place(self._position), (x, y, z), (a * a, b * b, c * c))]
+        return [Ellipsoid("ellipsoid", self._body, self._place(self._position), (x, y, z), (a * a, b * b, c * c))]
 
     def edges(self, *, bounded: bool) -> Iterator[Line]:  # noqa: ARG002
         """None."""
@@ -51,7 +51,7 @@ class CylinderOutline(Outline):
         if self._rim_points is None:
             return self.tips()
         none = np.empty((0, 3))
-        return [Point("rim", self._carrier, self._place(point), 0.0, none) for point in self._rim_points]
+        return [Point("rim", self._body, self._place(point), 0.0, none) for point in self._rim_points]
 
     def tips(self) -> list[Core]:
         """The rim, or those of both ends of the side."""
@@ -63,7 +63,7 @@ class CylinderOutline(Outline):
         """The side: its axis with the radius about it."""
         if self._side:
             centre, axis = self._place(self._position), self._turned(self._axis)
-            yield Line("side", self._carrier, centre, axis, self._half, self._radius, (), self._rims())
+            yield Line("side", self._body, centre, axis, self._half, self._radius, (), self._rims())
 
     def curves(self, *, bounded: bool) -> Iterator[Curve]:
         """The side, or the rim around a cap."""
@@ -76,9 +76,9 @@ class CylinderOutline(Outline):
         if not self.flat:
             return None
         centre = self._place(self._position + self._half * self._axis)
-        return Face("cap", self._carrier, centre, self._turned(self._axis), (), self._radius)
+        return Face("cap", self._body, centre, self._turned(self._axis), (), self._radius)
 
-    def met(self, circle: Circle, centre: Vector, direction: Vector) -> Iterator[Circle]:
+    def crossings(self, circle: Circle, centre: Vector, direction: Vector) -> Iterator[Circle]:
         """A circle from where a line (world) enters and leaves it, seen along its axis; nothing where it passes it by."""
         axis = self._motion.turned(circle.axis)
         offset = minus(centre, self.centre(circle))
@@ -96,4 +96,4 @@ class CylinderOutline(Outline):
 
     def _rim(self, axis: FloatArray) -> Circle:
         centre = self._place(self._position + self._half * axis)
-        return Circle("rim", self._carrier, centre, self._turned(axis), self._turned(self._start), self._radius)
+        return Circle("rim", self._body, centre, self._turned(axis), self._turned(self._start), self._radius)

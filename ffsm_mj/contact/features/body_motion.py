@@ -73,7 +73,7 @@ class BodyMotion(NamedTuple):
         return u + q * z - r * y, v + r * x - p * z, w + p * y - q * x
 
 
-class Carrier:
+class Body:
     """A body of a model by its id; one that does not move will do."""
 
     def __init__(self, model: Any, body: int) -> None:
