@@ -8,8 +8,9 @@ from dataclasses import fields
 from typing import get_args, get_origin, get_type_hints
 
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.log.arrows import ARROW_M
 from ffsm_mj.log.foxglove import topics as viewer
-from ffsm_mj.log.instants import SHOWN_S, marks_topic
+from ffsm_mj.log.marks import SHOWN_S, marks_topic
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.records.events import ControllerReport
 from ffsm_mj.records.kinds import kinds
@@ -27,6 +28,7 @@ those of `foxglove.*` xyzw. Names end in their unit.
 
 def viewer_topics() -> dict[str, tuple[str, str]]:
     """When there is a message on a topic for viewers, and what it holds, in the order of the file."""
+    length = f"between {ARROW_M[0]} and {ARROW_M[1]} m"
     about = {
         viewer.TRANSFORMS_TOPIC: (
             "at `log.view_rate_hz`, 50 Hz by default",
@@ -37,19 +39,20 @@ def viewer_topics() -> dict[str, tuple[str, str]]:
             "the visible geoms of each body as primitives or triangles, fixed in the body's frame; "
             "a cross at the task's target",
         ),
-        viewer.FORCES_TOPIC: (
+        viewer.ARROWS_TOPIC: (
             "at every frame with a loaded contact, and at the next one",
             "an arrow for every loaded pair, along the force on its second geom and ending at the centre of pressure; "
-            "1 m is 1 N between 0.3 and 1.5 m; each message replaces all earlier ones",
+            f"1 m is 1 N {length}; each message replaces all earlier ones",
         ),
         viewer.PLUMES_TOPIC: (
-            "when the set of firing thrusters changes, evaluated once per frame",
-            "a cone at every firing site thruster; each message replaces all earlier ones",
+            "when the set of firing thrusters changes, evaluated once per frame; "
+            "at every frame while one on a joint of the base fires",
+            "a cone at every firing thruster; each message replaces all earlier ones",
         ),
         viewer.LOG_TOPIC: ("at every event", "every record, and the outcome, as text; `name` is `ffsm`"),
     }
     for kind in kinds():
-        drawn = f"the content of `{kind.topic}` as arrows with a text for {SHOWN_S:g} s; 1 m is 1 unit between 0.3 and 1.5 m"
+        drawn = f"the content of `{kind.topic}` as arrows with a text for {SHOWN_S:g} s; 1 m is 1 unit {length}"
         about[marks_topic(kind)] = (f"with `{kind.topic}`", drawn)
     about[f"{viewer.OUTLINE_TOPIC}/<body>"] = (
         "once, with the first frame",

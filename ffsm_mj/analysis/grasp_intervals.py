@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.grasp.columns import EVENT_LOADS, LOADS
 from ffsm_mj.contact_models.grasp.record import CAPTURE, RELEASE, CaptureRecord, ReleaseRecord
 from ffsm_mj.records.events import Event
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import CAPTURE_EVENT_LOADS, CAPTURE_LOADS, Layout
+from ffsm_mj.records.signals import Layout
 
 COLUMNS = {
     "grasp": ("", "name of the grasp"),
@@ -86,9 +87,9 @@ class GraspIntervals:
     def __init__(self, layout: Layout) -> None:
         """Start without records."""
         self._time = layout.time
-        known = layout.index.keys() >= {*CAPTURE_LOADS, *CAPTURE_EVENT_LOADS}
-        self._loads = layout.places(CAPTURE_LOADS) if known else None
-        self._events = layout.places(CAPTURE_EVENT_LOADS) if known else None
+        known = layout.index.keys() >= {*LOADS, *EVENT_LOADS}
+        self._loads = layout.places(LOADS) if known else None
+        self._events = layout.places(EVENT_LOADS) if known else None
         self._spells: list[_OpenGrasp] = []
         self._awaited: list[_OpenGrasp] = []
 

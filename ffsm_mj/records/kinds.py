@@ -1,18 +1,21 @@
 """Kinds of event records: what logs, tables, viewers and reports need to know of each.
 
 A registered kind appears everywhere: as a topic of the log, in ``/log``, as a list in ``summary.json`` and on a run, as a
-table, in comparisons of runs, and as marks in Rerun, Foxglove, animations and figures.
+table, in comparisons of runs, and as marks in Rerun, Foxglove, animations and figures. It also declares the arrows that
+viewers draw from the columns of its contact model.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
 from ffsm_mj.errors import unknown_name
+from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.events import ControllerReport
+from ffsm_mj.records.signals import Layout
 
 _TAKEN = frozenset(
     (
@@ -63,7 +66,7 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordKind:
-    """Description of one kind of record; all functions take a record.
+    """Description of one kind of record; all functions but ``arrows`` take a record.
 
     Attributes:
         record: Its class: a frozen dataclass whose fields are numbers and text, tuples of either, mappings from names to
@@ -79,6 +82,8 @@ class RecordKind:
             one column for each value of the field ``point_m``.
         lengths: How many values a field holds, ``point_m``, or the entry of a mapping, ``energy_before_J.total``.
         marks: Marks to draw; None for none.
+        arrows: Arrows that viewers draw from the columns of the contact model of the records; None for none. A contact model
+            with several kinds of records declares its arrows with one of them.
         state: State from the event on, in a word, for a track of states; None for none.
         warning: Whether to show it as a warning.
         in_every_run: Whether every log has its topic; otherwise those whose header names it.
@@ -95,6 +100,7 @@ class RecordKind:
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     lengths: Mapping[str, int] = field(default_factory=dict)
     marks: Callable[[Any], Sequence[Mark]] | None = None
+    arrows: Callable[[Layout], Iterable[ArrowColumns]] | None = None
     state: Callable[[Any], str] | None = None
     warning: Callable[[Any], bool] = _never
     in_every_run: bool = False

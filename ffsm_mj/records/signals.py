@@ -44,20 +44,6 @@ OVERLAP = "deepest_overlap_m"
 FORCE_RESIDUAL = "contact_force_residual_N"
 """Signal of the residual of the complementarity conditions of contact forces."""
 
-CAPTURE_EVENT_LOADS = {
-    "contact.capture_event_force_N": "N",
-    "contact.capture_event_torque_N_m": "N m",
-    "contact.capture_event_s": "s",
-}
-"""Greatest load on a grasped object right after an event since the last sample, and its time; units by column."""
-CAPTURE_LOADS = {
-    **{f"contact.capture_force_{x}_N": "N" for x in "xyz"},
-    **{f"contact.capture_torque_{x}_N_m": "N m" for x in "xyz"},
-}
-"""Columns of the load on a grasped object, with units."""
-CAPTURE_CENTRE = tuple(f"contact.capture_centre_{x}_m" for x in "xyz")
-"""Columns of its point of application, the object's site; NaN if no object is grasped."""
-
 _COORDINATES = {
     "free": ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"),
     "ball": ("qw", "qx", "qy", "qz"),

@@ -14,7 +14,9 @@ from matplotlib.lines import Line2D
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.contact_forces import ForceColumns, force_columns
+from ffsm_mj.log.arrows import arrow_series, declared_arrows
+from ffsm_mj.log.marks import drawn_marks
+from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.report.plots.motion import draw_plane, legend_columns, mark_handles, polygons, tree_colours, view_box
 from ffsm_mj.report.plots.silhouette import Plane
 from ffsm_mj.report.plots.style import BLACK, GREEN, YELLOW, plain
@@ -63,7 +65,8 @@ class _View:
         }
         self._tip = [axes.plot([], [], color=part.colour, linewidth=1.4, zorder=22)[0] for part in subject.tip_parts]
         self._star = axes.plot([], [], "*", markersize=16, markerfacecolor=YELLOW, markeredgecolor=BLACK, zorder=31)[0]
-        self._marks, self._forces = subject.run.log.marks(), force_columns(subject.run.log.header.layout)
+        log = subject.run.log
+        self._marks, self._arrows = drawn_marks(log.events()), declared_arrows(log.header)
 
     def show(self, row: int, speed: float) -> list[Any]:
         """Draw the state of a row; return the artists to remove before the next frame."""
@@ -74,9 +77,10 @@ class _View:
             self._trails[name].set_data(*path[past][:, plane.axes].T)
         for line, part in zip(self._tip, subject.tip_parts, strict=True):
             line.set_data(*part.points[part.rows <= row][:, plane.axes].T)
-        hits = [np.array(mark.point_m)[plane.axes] for _, at, mark in self._marks if 0.0 <= time - at <= _FLASH_S * speed]
+        flashing = [drawn for drawn in self._marks if 0.0 <= time - drawn.time_s <= _FLASH_S * speed]
+        hits = [np.array(drawn.mark.point_m)[plane.axes] for drawn in flashing]
         self._star.set_data(*np.array(hits).reshape(-1, 2).T)
-        pushes = _arrows(self._forces, np.asarray(subject.run.log.rows[row : row + 1]), plane, self._box)
+        pushes = _arrows(self._arrows, np.asarray(subject.run.log.rows[row : row + 1]), plane, self._box)
         return [self._axes.add_collection(part, autolim=False) for part in (shapes, pushes)]
 
 
@@ -119,13 +123,13 @@ def _legend(subject: Subject) -> list[Line2D]:
     return handles + mark_handles(subject)
 
 
-def _arrows(forces: list[ForceColumns], row: FloatArray, plane: Plane, box: Box) -> Any:
-    """Arrows of equal length along contact forces and loads on grasped objects, ending where they act."""
+def _arrows(arrows: list[ArrowColumns], row: FloatArray, plane: Plane, box: Box) -> Any:
+    """Arrows of one length in space along contact forces and loads on grasped objects, ending where they act."""
     length, drawn = _ARROW * (box[3] - box[2]), []
-    for pair in forces:
-        if not pair.turns and pair.pressing(row)[0]:
-            end, push = row[0, pair.centre][plane.axes], row[0, pair.vector][plane.axes]
-            along = length * push / max(float(np.hypot(*push)), 1e-300)
+    for series in (arrow_series(arrow, row) for arrow in arrows if not arrow.is_torque):
+        if series.acts[0]:
+            end = (series.origins[0] + series.vectors[0])[plane.axes]
+            along = length * (series.vectors[0] / np.linalg.norm(series.vectors[0]))[plane.axes]
             across = 0.2 * np.array([-along[1], along[0]])
             drawn += [[end - along, end], [end - 0.3 * along + across, end, end - 0.3 * along - across]]
     return LineCollection(drawn, colors=GREEN, linewidths=2.2, zorder=30)

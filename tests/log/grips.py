@@ -13,7 +13,9 @@ from ffsm_mj.log.memory_sink import MemorySink
 from ffsm_mj.log.model import compile_log
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.records import kinds as register_of_kinds
+from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.kinds import Mark, RecordKind
+from ffsm_mj.records.signals import momentum_keys
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,14 @@ class Grip:
 def marks(grip):
     yield Mark(grip.point_m, (0.0, 1.0, 0.0), 0.7, f"{grip.wrench_N['ball'][0]:g} N", "jaw")
     yield Mark(grip.point_m, text="held" if grip.holds else "released")
+
+
+def arrows(layout):
+    """The robot's momentum, drawn as a force, and its angular momentum, at the place of the target."""
+    keys = momentum_keys("robot")
+    point = layout.places(("state.q_target_x_m", *keys[1:3]))  # the target slides along x, and P has no y or z
+    yield ArrowColumns("pull", layout.places(keys[:3]), point)
+    yield ArrowColumns("twist", layout.places(keys[3:]), point, unit="N m")
 
 
 GRIP = RecordKind(

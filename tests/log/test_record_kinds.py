@@ -17,13 +17,18 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
+from ffsm_mj.log.arrows import declared_arrows
 from ffsm_mj.log.memory_sink import MemorySink
 from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.kinds import Mark, kinds, register
-from ffsm_mj.report.pictures import pictures
+from ffsm_mj.report.page import moving
+from ffsm_mj.report.page.poses import poses
+from ffsm_mj.report.pictures import _arrows, pictures
 from ffsm_mj.report.plots import comparison, figures
+from ffsm_mj.report.plots.silhouette import Plane
 from ffsm_mj.report.plots.subject import Subject
-from tests.log.grips import FIRST, GRIP, LAST, recorded
+from tests.log.grips import FIRST, GRIP, LAST, arrows, recorded
 from tests.log.test_recording import read as read_recording
 
 ROOT = Path(__file__).parents[2]
@@ -72,6 +77,42 @@ def test_a_record_has_its_topic_its_words_and_its_marks_in_the_log(plain_run, tm
     assert (arrow.texts[0].text, dot.texts[0].text) == ("1.5 N", "held")
     assert (dot.spheres[0].pose.position.x, dot.spheres[0].pose.position.y) == (0.2, 0.05)
     assert not {entity.id for entity in update.entities} & {entity.id for entity in other.entities}
+
+
+@pytest.mark.usefixtures("grips")
+def test_arrows_that_a_kind_declares_are_drawn_alike_in_every_view(plain_run, tmp_path, monkeypatch):
+    """Along the momentum, ending at the target's place, 0.4 m to 1.5 m long; no view draws a torque that is zero."""
+    monkeypatch.setitem(register_of_kinds._KINDS, "grip", replace(GRIP, arrows=arrows))
+    _, read = recorded(plain_run, tmp_path / "out", FIRST, LAST)
+    row = 20
+    force, end = read.momentum("robot")[row, :3], np.array([read["state.q_target_x_m"][row], 0.0, 0.0])
+    vector = np.clip(np.linalg.norm(force), 0.4, 1.5) * force / np.linalg.norm(force)
+    update = dict(messages(read.path)["/scene/contacts"])[round(1e9 * read.time[row])]
+    (entity,) = update.entities
+    (arrow,) = entity.arrows
+    start = [getattr(arrow.pose.position, axis) for axis in "xyz"]
+    assert (entity.id, arrow.shaft_length + arrow.head_length) == ("pull", pytest.approx(np.linalg.norm(vector)))
+    np.testing.assert_allclose(start, end - vector, atol=1e-12)
+    data = {
+        (path, name.rsplit(":")[-1]): dict(rows)
+        for (path, name), rows in read_recording(read.path.parent / "run.rrd").items()
+    }
+    (drawn,) = (
+        np.array(value)
+        for time, value in data["/world/contacts/pull", "vectors"].items()
+        if abs(time - read.time[row]) < 1e-9
+    )
+    np.testing.assert_allclose(drawn[0], vector, rtol=1e-6)
+    assert ("/world/contacts/twist", "vectors") not in data
+    subject = Subject(read, [])
+    (mesh,) = moving.forces(read.log.header, poses(subject))
+    matrix = mesh.model_matrix[moving.tick(float(read.time[row]))]
+    np.testing.assert_allclose((matrix[:3, 2], matrix[:3, 3]), (vector, end - vector), rtol=1e-6)
+    (line, *_) = _arrows(
+        declared_arrows(read.log.header), read.log.rows[row : row + 1], Plane(0, 1), (0.0, 10.0, 0.0, 10.0)
+    ).get_segments()
+    np.testing.assert_allclose(line[1], end[:2])
+    np.testing.assert_allclose((line[1] - line[0]) / 1.2, (force / np.linalg.norm(force))[:2], atol=1e-12)
 
 
 @pytest.mark.usefixtures("grips")

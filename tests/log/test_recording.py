@@ -13,8 +13,10 @@ from rerun.chunk import RrdReader
 
 import ffsm_mj
 from ffsm_mj.log.drawing import Frames
+from ffsm_mj.log.plumes import PLUME_M, plume_series, thrusters
 from ffsm_mj.log.rerun.from_log import write_recording
-from ffsm_mj.log.rerun.plumes import Switching, plume_vectors
+from ffsm_mj.log.rerun.states import Switching
+from ffsm_mj.records.signals import Layout, Signal, identifier
 from tests.conftest import MJCF
 from tests.scenes import compile_paths, two_balls
 
@@ -66,24 +68,28 @@ def test_a_recording_holds_scene_plots_phases_and_events(tmp_path, source):
     assert run.outcome == "completed"
 
 
-def test_arrow_and_plume_data():
-    """A plume leaves against the push; a thruster on a turned body turns with it."""
+def test_a_plume_leaves_against_the_push():
+    """Half as long at half the greatest force; a thruster on a turned body turns with it."""
     system = compile_paths(MJCF / "ffsm_3dof_hardware.xml", {"object": MJCF / "box_1m.xml"})
     model = system.mj
     data = mujoco.MjData(model)
     data.qpos[2] = 0.7  # base yaw
     mujoco.mj_forward(model, data)
-    actuator = next(i for i in range(model.nu) if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_SITE)
+    names = [f"{identifier(name)}_{what}_N" for name in system.names("actuator") for what in ("applied", "lower", "upper")]
+    layout = Layout(tuple(Signal("actuators", name, "N", "") for name in names if "jet" in name))
+    jets = thrusters(system, layout)
+    assert len(jets) == 8
+    rows = np.tile([2.0, 0.0, 4.0], len(jets))[None]
+    plume = plume_series(jets[0], Frames(np.zeros(1), rows, data.xpos[None].copy(), data.xquat[None].copy()))
+    actuator = system.names("actuator").index(jets[0].name)
     site = int(model.actuator_trnid[actuator, 0])
-    frames = Frames(np.zeros(1), np.zeros((1, 1)), data.xpos[None].copy(), data.xquat[None].copy())
-    origins, vectors = plume_vectors(system, actuator, frames, np.array([2.0]), full=4.0)
-    np.testing.assert_allclose(origins[0], data.site_xpos[site], atol=1e-12)
+    np.testing.assert_allclose(plume.origins[0], data.site_xpos[site], atol=1e-12)
     data.ctrl[actuator] = 1.0
     mujoco.mj_forward(model, data)
     jacobian = np.empty((3, model.nv))
     mujoco.mj_jacSite(model, data, jacobian, None, site)
     push = np.linalg.lstsq(jacobian.T, data.qfrc_actuator, rcond=None)[0]
-    assert vectors[0] @ push == pytest.approx(-np.linalg.norm(vectors[0]) * np.linalg.norm(push), rel=1e-9)
+    np.testing.assert_allclose(plume.vectors[0], -0.5 * PLUME_M * push / np.linalg.norm(push), atol=1e-12)
 
 
 def test_switching_is_followed_across_blocks():

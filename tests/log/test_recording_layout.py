@@ -12,8 +12,8 @@ from ffsm_mj.log.rerun.blueprint import Contents, blueprint
 from ffsm_mj.log.rerun.from_log import write_recording
 from ffsm_mj.log.rerun.marks import Marks
 from ffsm_mj.log.rerun.opening import Opening
-from ffsm_mj.log.rerun.phases import short_name
 from ffsm_mj.log.rerun.plots import Plot
+from ffsm_mj.log.rerun.states import short_name
 from ffsm_mj.records.events import ImpactRecord
 from tests.log.test_recording import read
 from tests.scenes import ball, compile_paths, scene, two_balls

@@ -223,11 +223,11 @@ def test_plumes_show_what_fires(tmp_path):
     (tmp_path / "jets.xml").write_text(jets.format(HEAD))
     system = compile_paths(tmp_path / "jets.xml")
     keys = ["state.time_s", *coordinate_keys(system.joints.values())]
-    keys += ["actuators.robot_left_applied_N", "actuators.robot_right_applied_N"]
+    keys += [f"actuators.robot_{jet}_{what}_N" for what in ("applied", "lower", "upper") for jet in ("left", "right")]
     layout = Layout(tuple(Signal(*key.split("."), "", "") for key in keys))
     viewer = ViewerTopics(system, 10.0)
     viewer.open(RunHeader("x", "", layout, {}, {}))
-    rows = np.zeros((6, 10))
+    rows = np.zeros((6, 14))
     rows[:, 0], rows[:, 4], rows[1:3, 8], rows[2:4, 9] = 0.1 * np.arange(6), 1.0, 2.0, 1.0
     sent = [
         (int(t[0]), viewer.topics[topic].FromString(d.tobytes())) for topic, t, d in viewer.rows(rows) if "plumes" in topic
@@ -241,6 +241,27 @@ def test_plumes_show_what_fires(tmp_path):
     assert all(update.deletions[0].type == 1 for _, update in sent)
     (cone,) = sent[0][1].entities[0].cylinders
     assert (sent[0][1].entities[0].frame_id, cone.pose.position.y) == ("robot/bus", pytest.approx(0.25))
+
+
+def test_a_plume_of_a_thruster_on_a_joint_of_the_base_follows_it_in_every_frame(tmp_path):
+    """Its direction is fixed in the world, so it has no frame of a body; the last message shows none."""
+    (tmp_path / "ball.xml").write_text(ball("ball", joints="x"))
+    keys = [
+        "state.time_s",
+        "state.q_robot_x_m",
+        *(f"actuators.robot_push_x_{what}_N" for what in ("applied", "lower", "upper")),
+    ]
+    viewer = ViewerTopics(compile_paths(tmp_path / "ball.xml"), 10.0)
+    viewer.open(RunHeader("x", "", Layout(tuple(Signal(*key.split("."), "", "") for key in keys)), {}, {}))
+    rows = np.zeros((5, 5))
+    rows[:, 0], rows[:, 1], rows[1:4, 2] = 0.1 * np.arange(5), 0.5 * np.arange(5), 2.0
+    sent = [viewer.topics[topic].FromString(data.tobytes()) for topic, _, data in viewer.rows(rows) if "plumes" in topic]
+    cones = [
+        (entity.frame_id, cone.pose.position.x) for update in sent for entity in update.entities for cone in entity.cylinders
+    ]
+    assert cones == [("world", pytest.approx(0.5 * i - 0.15)) for i in (1, 2, 3)]  # 0.3 m long, against the push
+    assert len(sent) == 4
+    assert not sent[-1].entities
 
 
 def test_a_block_is_written_as_the_package_would_write_it(rng):

@@ -14,14 +14,16 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.errors import MissingPackageError
 from ffsm_mj.log.drawing import shapes
+from ffsm_mj.log.marks import DrawnMark
 from ffsm_mj.records.kinds import Mark
 from ffsm_mj.records.signals import Layout, Signal, coordinate_keys
 from ffsm_mj.report.page import scene, write_page
 from ffsm_mj.report.page.moving import plumes
 from ffsm_mj.report.page.poses import Poses
-from ffsm_mj.report.page.solids import arrow, triangles
+from ffsm_mj.report.page.solids import arrow_solid, triangles
 from ffsm_mj.report.run import Run
 from tests.log.test_viewer_topics import ALL_SHAPES
 from tests.scenes import CHAIN, HEAD, compile_paths, three_balls, two_balls
@@ -78,7 +80,7 @@ def test_solids_enclose_the_volumes_of_their_geoms(tmp_path):
         (capsule, np.pi * 0.1**2 * 0.4 + 4 / 3 * np.pi * 0.1**3),
     ):
         assert 0.985 < made / exact < 1.0
-    assert volume(*arrow()) > 0
+    assert volume(*arrow_solid()) > 0
 
 
 def test_planes_are_drawn_below_their_surface(tmp_path):
@@ -122,7 +124,7 @@ def test_marks_are_those_of_all_records(tmp_path):
 
 
 def test_texts_of_marks_are_no_markup():
-    *_, label = scene._mark(0.0, Mark((0.0, 0.0, 0.0), text="<script>x</script>"), 1.0)
+    *_, label = scene._mark(DrawnMark(IMPACT, 0.0, 0, 0, Mark((0.0, 0.0, 0.0), text="<script>x</script>")), 1.0)
     assert label.text == '<span class="mark">&lt;script&gt;x&lt;/script&gt;</span>'
 
 

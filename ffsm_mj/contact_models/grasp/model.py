@@ -16,6 +16,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.contact_models.grasp.columns import EVENT_LOADS, LOADS, POINT
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.contact_models.grasp.impulse import plastic_impulse
 from ffsm_mj.contact_models.grasp.latch import Latch
@@ -30,7 +31,7 @@ from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import Outcome, RunEnded
-from ffsm_mj.records.signals import CAPTURE_CENTRE, CAPTURE_EVENT_LOADS, CAPTURE_LOADS, SUBSYSTEMS, Signal
+from ffsm_mj.records.signals import SUBSYSTEMS, Signal
 
 ARM, DISARM, RELEASE = "arm", "disarm", "release"
 """Requests of a grasp, after its name and a dot."""
@@ -48,7 +49,7 @@ _SIGNALS = (
     ),
     *(
         Signal("contact", key.partition(".")[2], unit, f"{_LOADS[i // 3]}, world axes, under the efforts of this row")
-        for i, (key, unit) in enumerate(CAPTURE_LOADS.items())
+        for i, (key, unit) in enumerate(LOADS.items())
     ),
     *(
         Signal(
@@ -57,11 +58,11 @@ _SIGNALS = (
             "m",
             "site of the grasped object, where the load acts; NaN if no grasp is closed",
         )
-        for key in CAPTURE_CENTRE
+        for key in POINT
     ),
     *(
         Signal("contact", key.partition(".")[2], unit, meaning)
-        for (key, unit), meaning in zip(CAPTURE_EVENT_LOADS.items(), _AT_EVENTS, strict=True)
+        for (key, unit), meaning in zip(EVENT_LOADS.items(), _AT_EVENTS, strict=True)
     ),
 )
 

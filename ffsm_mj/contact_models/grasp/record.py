@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from ffsm_mj.contact_models.grasp.columns import load_arrows
 from ffsm_mj.records.kinds import Mark, RecordKind, all_fields
 
 
@@ -252,6 +253,7 @@ CAPTURE = RecordKind(
         "momentum_after.total": 6,
     },
     marks=_capture_marks,
+    arrows=load_arrows,
 )
 
 RELEASE = RecordKind(

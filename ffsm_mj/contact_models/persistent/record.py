@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.kinds import Mark, RecordKind
+from ffsm_mj.records.signals import Layout
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,20 @@ def _marks(record: Any) -> list[Mark]:
     return [Mark(record.point_m, record.normal, record.force_after_N, f"{record.force_after_N:.4g} N", record.pair)]
 
 
+def _force_arrows(layout: Layout) -> Iterator[ArrowColumns]:
+    """Resultant force of each pair on its second geom, at the centre of pressure."""
+    for key in layout.keys:
+        name = key.removeprefix("contact.").removesuffix("_mode")
+        if key != f"contact.{name}_mode":
+            continue
+        vector = [f"contact.{name}_force_{axis}_N" for axis in "xyz"]
+        point = [f"contact.{name}_centre_{axis}_m" for axis in "xyz"]
+        size = f"contact.{name}_force_N"
+        # Columns of another contact model may end alike, but it has not all of these.
+        if {*vector, *point, size} <= layout.index.keys():
+            yield ArrowColumns(name, layout.places(vector), layout.places(point), layout.index[size])
+
+
 _COLUMNS = {
     "time_s": ("s", "simulation time"),
     "event": ("", "event number, counted over persistent contacts and grasps from 0"),
@@ -87,7 +103,14 @@ _COLUMNS = {
 _LENGTHS = {"geoms": 2, "point_m": 3, "normal": 3}
 
 
-def _kind(record: type, name: str, plural: str, when: str, says: str) -> RecordKind:
+def _kind(
+    record: type,
+    name: str,
+    plural: str,
+    when: str,
+    says: str,
+    arrows: Callable[[Layout], Iterable[ArrowColumns]] | None = None,
+) -> RecordKind:
     def sentence(record: Any) -> str:
         features = f", {record.mode}" if record.mode else ""
         force = f"force {record.force_before_N:.4g} N before, {record.force_after_N:.4g} N after"
@@ -104,12 +127,18 @@ def _kind(record: type, name: str, plural: str, when: str, says: str) -> RecordK
         columns=_COLUMNS,
         lengths=_LENGTHS,
         marks=_marks,
+        arrows=arrows,
         in_every_run=True,
     )
 
 
 CONTACT_BEGINS = _kind(
-    ContactBegins, "contact_begins", "contact_beginnings", "when a pair enters persistent contact", "begins"
+    ContactBegins,
+    "contact_begins",
+    "contact_beginnings",
+    "when a pair enters persistent contact",
+    "begins",
+    _force_arrows,  # of all closed pairs: declared once
 )
 CONTACT_ENDS = _kind(ContactEnds, "contact_ends", "contact_endings", "when it opens", "ends")
 CONTACT_CHANGES = _kind(

@@ -1,7 +1,7 @@
-"""What Foxglove and Lichtblick draw, as ``foxglove.SceneUpdate``: bodies, the target, marks of records, forces and plumes.
+"""Messages ``foxglove.SceneUpdate`` for Foxglove and Lichtblick: bodies, the target, marks of records, arrows and plumes.
 
 Bodies are sent once, fixed to frames that ``foxglove.FrameTransforms`` moves. A viewer that jumps in time asks for the last
-message of a topic, so each message states all that its topic shows from then on.
+message of a topic, so each message contains everything that its topic shows from then on.
 """
 
 from __future__ import annotations
@@ -20,28 +20,30 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.contact_forces import ForceColumns
+from ffsm_mj.log.arrows import ArrowSeries
 from ffsm_mj.log.drawing import DrawnShape
 from ffsm_mj.log.foxglove.messages import ROOT_FRAME, duration, timestamp
-from ffsm_mj.log.instants import SHOWN_S
+from ffsm_mj.log.marks import SHOWN_S, DrawnMark
+from ffsm_mj.log.palette import FORCE, MARK, PLUME, PLUME_OPACITY, TORQUE, YELLOW, shares
+from ffsm_mj.log.plumes import Thruster
 from ffsm_mj.model.system import System
-from ffsm_mj.records.kinds import Mark
 
-_ARROW_LENGTH_M = (0.3, 1.5)
-_YELLOW, _FLAME = (0.94, 0.89, 0.26, 1.0), (0.9, 0.62, 0.1, 0.7)
-_GREEN, _ORANGE = (0.0, 0.62, 0.45, 1.0), (0.9, 0.62, 0.0, 1.0)
+_TARGET, _MARK, _PLUME = shares(YELLOW), shares(MARK), shares(PLUME, PLUME_OPACITY)
+_FORCE, _TORQUE = shares(FORCE), shares(TORQUE)
+_PLUME_M = 0.3
+"""Length of a plume, whatever its force: a message is sent when it appears, not when the force changes."""
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def frame_id(system: System, body: int) -> str:
-    """Frame of a body: its full name, ``robot/base``; that of the world is the root."""
+    """Name of the frame of a body: its full name, such as ``robot/base``; ``world`` for the world."""
     return str(system.mj.body(body).name) if body else ROOT_FRAME
 
 
 def bodies_update(
     system: System, drawn: Mapping[int, Sequence[DrawnShape]], target_m: FloatArray | None, time_ns: int
 ) -> SceneUpdate:
-    """All drawn geoms, one entity per body, and a cross where the tip is wanted."""
+    """All drawn geoms, one entity per body, and a cross at the target of the tip."""
     update = SceneUpdate()
     for body, shapes in drawn.items():
         name = frame_id(system, body)
@@ -53,91 +55,89 @@ def bodies_update(
         for axis in range(3):
             size = np.full(3, 0.024)
             size[axis] = 0.3
-            cross.cubes.add(pose=_pose(target_m, _NO_TURN), size=_vector(size), color=_colour(_YELLOW))
+            cross.cubes.add(pose=_pose(target_m, _NO_TURN), size=_vector(size), color=_colour(_TARGET))
     return update
 
 
-def marks_update(marks: Sequence[tuple[str, Mark]], time_ns: int) -> SceneUpdate:
-    """What records of one instant draw, for two seconds: an arrow or a dot, and a text; 1 m for a unit within limits.
+def marks_update(marks: Sequence[tuple[str, DrawnMark]], time_ns: int) -> SceneUpdate:
+    """Marks of records of one instant, shown for two seconds: an arrow or a dot, and a text.
 
     Args:
         marks: A unique name for each mark, and the mark.
-        time_ns: When they are made.
+        time_ns: Time of the records.
     """
     update = SceneUpdate()
-    for name, mark in marks:
+    for name, drawn in marks:
         entity = _entity(update, name, ROOT_FRAME, time_ns)
         entity.lifetime.CopyFrom(duration(SHOWN_S))
-        point, along = np.array(mark.point_m), np.array(mark.direction)
-        if along.any():
-            away = -(_add_arrow(entity, point, along, mark.magnitude) + 0.15) * along
+        point, vector = np.array(drawn.mark.point_m), drawn.vector
+        if vector.any():
+            _add_arrow(entity, point - vector, vector, _MARK)
+            away = -vector - 0.15 * np.array(drawn.mark.direction)
         else:
             away = np.array([0.0, 0.0, 0.15])
-            entity.spheres.add(pose=_pose(point, _NO_TURN), size=_vector(np.full(3, 0.1)), color=_colour(_YELLOW))
+            entity.spheres.add(pose=_pose(point, _NO_TURN), size=_vector(np.full(3, 0.1)), color=_colour(_MARK))
         entity.texts.add(
             pose=_pose(point + away, _NO_TURN),
             billboard=True,
             font_size=0.15,
-            color=_colour(_YELLOW),
-            text=mark.text,
+            color=_colour(_MARK),
+            text=drawn.mark.text,
         )
     return update
 
 
-def _add_arrow(
-    entity: Any, point: FloatArray, along: FloatArray, magnitude: float, rgba: tuple[float, ...] = _YELLOW
-) -> float:
-    """An arrow that ends at a point, where what it pushes does not hide it; returns its length, m."""
-    length = float(np.clip(magnitude, *_ARROW_LENGTH_M))
+def _add_arrow(entity: Any, origin: FloatArray, vector: FloatArray, rgba: tuple[float, ...]) -> None:
+    length = float(np.linalg.norm(vector))
     head = min(0.12, 0.4 * length)
     entity.arrows.add(
-        pose=_pose(point - length * along, _turn(np.array([1.0, 0.0, 0.0]), along)),
+        pose=_pose(origin, _turn(np.array([1.0, 0.0, 0.0]), vector / length)),
         shaft_length=length - head,
         shaft_diameter=0.05,
         head_length=head,
         head_diameter=0.1,
         color=_colour(rgba),
     )
-    return length
 
 
-def forces_update(forces: Sequence[tuple[ForceColumns, FloatArray]], time_ns: int) -> SceneUpdate:
-    """An arrow for every force and torque that acts, and none for the others: up to where it acts.
+def arrows_update(arrows: Sequence[ArrowSeries], row: int, time_ns: int) -> SceneUpdate:
+    """The arrows of forces and torques that act in a row, and no others.
 
     Args:
-        forces: Of each its columns, and a row.
-        time_ns: When.
+        arrows: All arrows of the run.
+        row: Index of the row in these series.
+        time_ns: Time of the row.
     """
     update = SceneUpdate()
     update.deletions.add(type=SceneEntityDeletion.ALL, timestamp=timestamp(time_ns))
-    for pair, row in forces:
-        force, point = row[pair.vector], row[pair.centre]
-        size = float(np.linalg.norm(force))
-        if size > 0.0:
-            entity, colour = _entity(update, pair.pair, ROOT_FRAME, time_ns), _ORANGE if pair.turns else _GREEN
-            _add_arrow(entity, point, force / size, size, colour)
+    for series in arrows:
+        if series.acts[row]:
+            entity = _entity(update, series.columns.name, ROOT_FRAME, time_ns)
+            rgba = _TORQUE if series.columns.is_torque else _FORCE
+            _add_arrow(entity, series.origins[row], series.vectors[row], rgba)
     return update
 
 
-def plumes_update(system: System, firing: list[tuple[int, int]], time_ns: int) -> SceneUpdate:
-    """A cone at every thruster that fires, and none at the others.
+def plumes_update(
+    system: System, firing: Sequence[tuple[Thruster, int]], positions: FloatArray, time_ns: int
+) -> SceneUpdate:
+    """A cone at every thruster that fires, and no others.
 
     Args:
         system: The model.
-        firing: Ids of the actuators that fire and the signs of their efforts.
-        time_ns: When that begins.
+        firing: Thrusters that fire and the signs of their forces.
+        positions: World positions of all bodies, (nbody, 3), m.
+        time_ns: Time from which they fire.
     """
-    model, update = system.mj, SceneUpdate()
+    update = SceneUpdate()
     update.deletions.add(type=SceneEntityDeletion.ALL, timestamp=timestamp(time_ns))
-    for actuator, sign in firing:
-        site = int(model.actuator_trnid[actuator, 0])
-        entity = _entity(update, model.actuator(actuator).name, frame_id(system, int(model.site_bodyid[site])), time_ns)
-        exhaust = np.zeros(3)
-        push = -sign * model.actuator_gear[actuator, :3]
-        mujoco.mju_rotVecQuat(exhaust, push / np.linalg.norm(push), model.site_quat[site])
-        pose = _pose(model.site_pos[site] + 0.15 * exhaust, _turn(np.array([0.0, 0.0, 1.0]), exhaust))
-        size = _vector(np.array([0.16, 0.16, 0.3]))
-        entity.cylinders.add(pose=pose, size=size, bottom_scale=0.2, top_scale=1.0, color=_colour(_FLAME))
+    for thruster, sign in firing:
+        frame = frame_id(system, thruster.body) if thruster.turns else ROOT_FRAME
+        start = thruster.point if thruster.turns else positions[thruster.body]
+        entity, exhaust = _entity(update, thruster.name, frame, time_ns), sign * thruster.exhaust
+        pose = _pose(start + 0.5 * _PLUME_M * exhaust, _turn(np.array([0.0, 0.0, 1.0]), exhaust))
+        size = _vector(np.array([0.16, 0.16, _PLUME_M]))
+        entity.cylinders.add(pose=pose, size=size, bottom_scale=0.2, top_scale=1.0, color=_colour(_PLUME))
     return update
 
 
@@ -166,7 +166,7 @@ def _add_shape(entity: Any, shape: DrawnShape) -> None:
 
 
 def _add_caps(entity: Any, shape: DrawnShape) -> None:
-    """Foxglove knows no capsule: a sphere at each end of the cylinder."""
+    """Add a sphere at each end of the cylinder: Foxglove has no capsule."""
     radius, half_length = shape.size[:2]
     axis = np.zeros(3)
     mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, half_length]), shape.quaternion)
@@ -176,9 +176,9 @@ def _add_caps(entity: Any, shape: DrawnShape) -> None:
 
 
 def _turn(start: FloatArray, end: FloatArray) -> FloatArray:
-    """The shortest rotation of one unit vector onto another, wxyz."""
+    """Shortest rotation of one unit vector onto another, as quaternion wxyz."""
     half = start + end
-    if half @ half < 1e-12:  # opposite: half a turn about any axis across
+    if half @ half < 1e-12:  # opposite vectors: half a turn about any perpendicular axis
         across = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
         return np.concatenate(([0.0], across / np.linalg.norm(across)))
     half /= np.linalg.norm(half)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.drawing import Frames, geoms_to_draw
-from ffsm_mj.log.instants import SHOWN_S
+from ffsm_mj.log.marks import SHOWN_S
 from ffsm_mj.model.system import System
 
 _BEFORE_S, _AFTER_S = 1.0, SHOWN_S

@@ -9,17 +9,12 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import external_actuators
+from ffsm_mj.log.palette import BLUE, GREEN, GREY, ORANGE, PALE, PURPLE, SKY, VERMILION, Colour
 from ffsm_mj.model.system import System
 from ffsm_mj.records.facts import free_components
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Layout, effort_key, identifier
 
-Colour = tuple[int, int, int]
-# Okabe and Ito's colours: told apart by every eye. Orange is the robot, blue are the objects.
-# Those of curves are seen on black and on white, for a viewer has a dark and a light theme.
-PALE, GREY = (165, 165, 165), (130, 130, 130)
-ORANGE, VERMILION, YELLOW = (230, 159, 0), (213, 94, 0), (240, 228, 66)
-SKY, BLUE, GREEN, PURPLE = (86, 180, 233), (0, 114, 178), (0, 158, 115), (204, 121, 167)
-_OF_PARTY = {
+_COLOURS = {
     "total": (PALE, PALE, PALE),
     "robot": (ORANGE, VERMILION, PURPLE),
     "objects": (SKY, BLUE, GREEN),
@@ -66,9 +61,9 @@ def plots(layout: Layout, system: System, facts: Mapping[str, str]) -> list[Plot
     subsystems = [subsystem for subsystem in SUBSYSTEMS if subsystem != "objects" or system.objects]
     energy = [index[f"energy.{subsystem}_J"] for subsystem in subsystems]
     return [
-        Plot("plots/energy", energy, subsystems, [_OF_PARTY[subsystem][0] for subsystem in subsystems]),
+        Plot("plots/energy", energy, subsystems, [_COLOURS[subsystem][0] for subsystem in subsystems]),
         *_momenta(index, facts, subsystems[1:]),
-        _ledger(index, facts),
+        _residuals(index, facts),
         *_efforts(layout, system),
     ]
 
@@ -84,7 +79,7 @@ def _momenta(index: Mapping[str, int], facts: Mapping[str, str], subsystems: Seq
     for subsystem in subsystems:
         for kind, letter in (("linear", "P"), ("angular", "L")):
             components = [c for c in _free(facts, subsystem) if c.startswith(letter)]
-            colours = [_OF_PARTY[subsystem]["xyz".index(c[2])] for c in components]
+            colours = [_COLOURS[subsystem]["xyz".index(c[2])] for c in components]
             columns = [index[f"momentum.{subsystem}_{c}"] for c in components]
             names = [f"{subsystem} {c[:3]}" for c in components]
             if components:
@@ -92,7 +87,7 @@ def _momenta(index: Mapping[str, int], facts: Mapping[str, str], subsystems: Seq
     return found
 
 
-def _ledger(index: Mapping[str, int], facts: Mapping[str, str]) -> Plot:
+def _residuals(index: Mapping[str, int], facts: Mapping[str, str]) -> Plot:
     colours = dict(zip(COMPONENTS, (ORANGE, VERMILION, PURPLE, SKY, BLUE, GREEN), strict=True))
     components = _free(facts, "total")
     columns = [index["balance.total_energy_residual_J"], *(index[f"balance.total_residual_{c}"] for c in components)]
@@ -108,30 +103,4 @@ def _efforts(layout: Layout, system: System) -> list[Plot]:
         entity = f"{BASE if external[i] else JOINTS}/{identifier(name)}"
         names, unit = ["lower bound", "upper bound", name.rsplit("/", 1)[-1]], layout.signals[columns[-1]].unit
         found.append(Plot(entity, columns, names, [GREY, GREY, ORANGE], unit))
-    return found
-
-
-@dataclass(frozen=True)
-class Thruster:
-    """An actuator that pushes the base with a force.
-
-    Attributes:
-        actuator: Its id.
-        applied: Column of the force.
-        bounds: Columns of the least and the greatest force.
-    """
-
-    actuator: int
-    applied: int
-    bounds: tuple[int, int]
-
-
-def thrusters(layout: Layout, system: System) -> dict[str, Thruster]:
-    """All of them, by their names in the robot's model."""
-    names, found = system.names("actuator"), {}
-    for i in np.flatnonzero(external_actuators(system)).tolist():
-        keys = [effort_key(layout, names[i], what) for what in ("applied", "lower", "upper")]
-        applied, lower, upper = (layout.index[key] for key in keys)
-        if layout.signals[applied].unit == "N":
-            found[names[i].rsplit("/", 1)[-1]] = Thruster(i, applied, (lower, upper))
     return found

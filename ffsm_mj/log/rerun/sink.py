@@ -16,14 +16,15 @@ import rerun as rr
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies
+from ffsm_mj.log.palette import ORANGE, PLUME, PLUME_OPACITY, PURPLE, SKY, VERMILION, YELLOW
+from ffsm_mj.log.plumes import plume_series, thrusters
 from ffsm_mj.log.rerun.blueprint import TIMELINE, Contents, axes_of, blueprint
 from ffsm_mj.log.rerun.forces import Forces
 from ffsm_mj.log.rerun.marks import Marks
 from ffsm_mj.log.rerun.opening import Opening
-from ffsm_mj.log.rerun.phases import phase_looks
-from ffsm_mj.log.rerun.plots import ORANGE, PURPLE, SKY, VERMILION, YELLOW, plots, thrusters
-from ffsm_mj.log.rerun.plumes import Switching, plume_vectors
+from ffsm_mj.log.rerun.plots import plots
 from ffsm_mj.log.rerun.scene import body_path, log_shapes
+from ffsm_mj.log.rerun.states import OFF, Switching, phase_looks, thruster_looks
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import logged_task
@@ -31,7 +32,7 @@ from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.signals import TIP
 
-_FLAME = (255, 170, 60, 200)
+_PLUME = (*PLUME, round(255 * PLUME_OPACITY))
 _TIP_AFTER = PURPLE
 """The tip's path from the first event on."""
 
@@ -66,8 +67,8 @@ class RerunSink:
         for plot in self._plots:
             lines = rr.SeriesLines(names=plot.names, colors=plot.colours, widths=[1.5] * len(plot.names))
             self._recording.log(plot.entity, lines, static=True)
-        self._thrusters = thrusters(layout, self._system)
-        self._forces = Forces(self._recording, layout)
+        self._thrusters = {thruster.short_name: thruster for thruster in thrusters(self._system, layout)}
+        self._forces = Forces(self._recording, header)
         self._switching = Switching(layout.time, {name: thruster.applied for name, thruster in self._thrusters.items()})
         self._fired: set[str] = set()
         self._trail_colours()
@@ -109,12 +110,9 @@ class RerunSink:
         for name, times, states in self._switching.changes(block):
             if name not in self._fired:
                 self._fired.add(name)
-                self._at(0.0, f"states/thrusters/{name}", rr.StateChange.columns(state=["off"]))
-                colours = rr.StateConfiguration(
-                    values=["off", "fires +", "fires -"], labels=[" ", "+", "-"], colors=[(60, 60, 60), ORANGE, SKY]
-                )
-                self._recording.log(f"states/thrusters/{name}", colours, static=True)
-                look = rr.Arrows3D.from_fields(colors=[_FLAME], radii=[0.06])
+                self._at(0.0, f"states/thrusters/{name}", rr.StateChange.columns(state=[OFF]))
+                self._recording.log(f"states/thrusters/{name}", thruster_looks(), static=True)
+                look = rr.Arrows3D.from_fields(colors=[_PLUME], radii=[0.06])
                 self._recording.log(f"world/plumes/{name}", look, static=True)
             self._send(
                 f"states/thrusters/{name}", [rr.TimeColumn(TIMELINE, duration=times)], rr.StateChange.columns(state=states)
@@ -196,10 +194,8 @@ class RerunSink:
         for name, thruster in self._thrusters.items():
             if name not in self._fired:
                 continue
-            efforts, bounds = frames.rows[:, thruster.applied], frames.rows[0, thruster.bounds]
-            full = max(abs(bounds[np.isfinite(bounds)]), default=0.0) or max(np.abs(efforts).max(), 1.0)
-            origins, vectors = plume_vectors(self._system, thruster.actuator, frames, efforts, full)
-            plume = rr.Arrows3D.columns(origins=origins, vectors=vectors)
+            series = plume_series(thruster, frames)
+            plume = rr.Arrows3D.columns(origins=series.origins, vectors=series.vectors)
             self._send(f"world/plumes/{name}", index, plume)
 
     def _lines(self, frames: Frames, index: Any) -> None:
@@ -249,7 +245,7 @@ class RerunSink:
         for name, begins in self._states.items():
             self._recording.log(f"states/{name}", phase_looks(begins, self._opening.end_s), static=True)
         if self._opening.seen and not self._watched:
-            self._arrange(self._forces.pressed)
+            self._arrange(self._forces.begun)
         try:
             self._write()
         finally:

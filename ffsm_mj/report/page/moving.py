@@ -10,18 +10,18 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.contact_forces import force_columns
-from ffsm_mj.log.rerun.plots import thrusters
-from ffsm_mj.log.rerun.plumes import plume_vectors
+from ffsm_mj.log import palette
+from ffsm_mj.log.arrows import arrow_series, declared_arrows
+from ffsm_mj.log.palette import packed
+from ffsm_mj.log.plumes import plume_series, thrusters
 from ffsm_mj.model.system import System
+from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.report.page.poses import Poses
-from ffsm_mj.report.page.solids import Triangles, arrow, plume
+from ffsm_mj.report.page.solids import Triangles, arrow_solid, plume_solid
 
-FORCE, TORQUE, PLUME = 0x009E73, 0xF0E442, 0xFFAA3C
-"""Colours of forces, of torques and of plumes."""
-ARROW_M = (0.4, 1.5)
-"""Least and greatest length of an arrow, m; in between, 1 m is 1 N s of an impulse, or 1 N."""
+FORCE, TORQUE, PLUME = packed(palette.FORCE), packed(palette.YELLOW), packed(palette.PLUME)
+"""Colours of forces, of torques (the path of the tip is orange here) and of plumes."""
 TICKS_PER_S = 1000.0
 """K3D's time in ms: it merges times that differ by less than 0.001, whatever their unit."""
 FAR_M = 1e6
@@ -30,24 +30,19 @@ SWITCH_S = 1e-5
 """Transition time to appear or disappear: K3D switches values half-way between two times."""
 
 
-def forces(layout: Layout, poses: Poses) -> Iterator[Any]:
-    """An arrow along each contact force on the second geom of a pair, or load, that ends at its point of application."""
-    for pair in force_columns(layout):
-        pressing = pair.pressing(poses.rows) & (pair.sizes(poses.rows) > 0.0)
-        pushes, ends = (poses.rows[:, columns] for columns in (pair.vector, pair.centre))
-        sizes = np.linalg.norm(pushes, axis=1, keepdims=True)
-        pushes = np.clip(sizes, *ARROW_M) * pushes / np.maximum(sizes, 1e-300)
-        yield from _while(pressing, arrow(), TORQUE if pair.turns else FORCE, poses.times, ends - pushes, pushes)
+def forces(header: RunHeader, poses: Poses) -> Iterator[Any]:
+    """An arrow along each force and torque that a contact model declares; it ends at the point of application."""
+    for arrow in declared_arrows(header):
+        series = arrow_series(arrow, poses.rows)
+        colour = TORQUE if arrow.is_torque else FORCE
+        yield from _while(series.acts, arrow_solid(), colour, poses.times, series.origins, series.vectors)
 
 
 def plumes(layout: Layout, system: System, poses: Poses) -> Iterator[Any]:
     """A cone along the exhaust of each firing thruster, with length proportional to force over maximum force."""
-    for thruster in thrusters(layout, system).values():
-        efforts, bounds = poses.rows[:, thruster.applied], poses.rows[0, thruster.bounds]
-        full = max(abs(bounds[np.isfinite(bounds)]), default=0.0) or max(np.abs(efforts).max(), 1.0)
-        origins, exhausts = plume_vectors(system, thruster.actuator, poses, efforts, full)
-        fires = np.asarray(np.isfinite(exhausts).all(axis=1) & exhausts.any(axis=1))
-        yield from _while(fires, plume(), PLUME, poses.times, origins, exhausts)
+    for thruster in thrusters(system, layout):
+        series = plume_series(thruster, poses)
+        yield from _while(series.fires, plume_solid(), PLUME, poses.times, series.origins, series.vectors)
 
 
 def _while(

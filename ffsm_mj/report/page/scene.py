@@ -14,12 +14,11 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import one_line
 from ffsm_mj.log.drawing import DrawnShape, shapes
-from ffsm_mj.log.instants import SHOWN_S
+from ffsm_mj.log.marks import DrawnMark, drawn_marks
 from ffsm_mj.records.facts import logged_task
-from ffsm_mj.records.kinds import Mark
-from ffsm_mj.report.page.moving import ARROW_M, FAR_M, SWITCH_S, along_z, during, forces, plumes, single, solid, tick
+from ffsm_mj.report.page.moving import FAR_M, SWITCH_S, along_z, during, forces, plumes, single, solid, tick
 from ffsm_mj.report.page.poses import Poses
-from ffsm_mj.report.page.solids import arrow, joined, triangles
+from ffsm_mj.report.page.solids import arrow_solid, joined, triangles
 from ffsm_mj.report.plots.subject import Subject
 
 BEFORE, AFTER, MARK, TARGET = 0x56B4E9, 0xE69F00, 0xD55E00, 0xCC79A7
@@ -48,8 +47,7 @@ class PageScene:
 
 def scene(subject: Subject, poses: Poses) -> PageScene:
     """Draw the scene of a run."""
-    found = [(time, mark) for _, time, mark in subject.marks if np.isfinite((time, *mark.point_m, *mark.direction)).all()]
-    marks = sorted(found, key=lambda drawn: drawn[0])
+    marks = drawn_marks(subject.run.log.events())
     low, high = _box(subject, poses, marks)
     plot = k3d.plot(menu_visibility=False, camera_auto_fit=False, grid_auto_fit=False, axes_helper=0, camera_fov=45.0)
     middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, 0.6 * np.max(high - low))
@@ -63,10 +61,10 @@ def scene(subject: Subject, poses: Poses) -> PageScene:
     return PageScene(plot.get_binary_snapshot(), middle, radius, max(0, len(marks) - MOST_MARKS), colours)
 
 
-def _box(subject: Subject, poses: Poses, marks: list[tuple[float, Mark]]) -> tuple[FloatArray, FloatArray]:
+def _box(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> tuple[FloatArray, FloatArray]:
     """Corners of the initial view box: bodies at the start and at the first mark, marks, the target."""
-    moments = [0, *(poses.nearest(marks[0][0]) for _ in marks[:1])]
-    points = [poses.positions[moments, 1:].reshape(-1, 3), *(np.array([mark.point_m]) for _, mark in marks[:MOST_MARKS])]
+    moments = [0, *(poses.nearest(marks[0].time_s) for _ in marks[:1])]
+    points = [poses.positions[moments, 1:].reshape(-1, 3), *(np.array([each.mark.point_m]) for each in marks[:MOST_MARKS])]
     task = logged_task(subject.run.log.header.facts)
     points += [task.point_m[None]] if task is not None else []
     everything = np.concatenate(points)
@@ -76,18 +74,18 @@ def _box(subject: Subject, poses: Poses, marks: list[tuple[float, Mark]]) -> tup
     return everything.min(axis=0) - 0.8, everything.max(axis=0) + 0.8
 
 
-def _others(subject: Subject, poses: Poses, marks: list[tuple[float, Mark]]) -> Iterator[Any]:
+def _others(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> Iterator[Any]:
     yield from _paths(subject, marks)
     task = logged_task(subject.run.log.header.facts)
     if task is not None:
         arms = [task.point_m + sign * 0.2 * axis for axis in np.eye(3) for sign in (-1, 1)]
         yield k3d.lines(single(arms), [[0, 1], [2, 3], [4, 5]], indices_type="segment", width=0.03, color=TARGET)
-    for time, mark in marks:
-        ahead = min((other for other, _ in marks if other > time), default=np.inf)
-        yield from _mark(time, mark, min(time + SHOWN_S, ahead - 2.0 * SWITCH_S))
-    layout = subject.run.log.header.layout
-    yield from forces(layout, poses)
-    yield from plumes(layout, subject.system, poses)
+    for drawn in marks:
+        ahead = min((other.time_s for other in marks if other.time_s > drawn.time_s), default=np.inf)
+        yield from _mark(drawn, min(drawn.end_s, ahead - 2.0 * SWITCH_S))
+    header = subject.run.log.header
+    yield from forces(header, poses)
+    yield from plumes(header.layout, subject.system, poses)
 
 
 def _bodies(subject: Subject, poses: Poses) -> Iterator[Any]:
@@ -119,28 +117,28 @@ def _matrices(poses: Poses, body: int) -> Any:
     return dict(zip(map(tick, poses.times.tolist()), matrices, strict=True))
 
 
-def _paths(subject: Subject, marks: list[tuple[float, Mark]]) -> Iterator[Any]:
+def _paths(subject: Subject, marks: list[DrawnMark]) -> Iterator[Any]:
     """Path of the tip, or of the robot's base without a tip; it changes colour at the first mark."""
     robot = subject.system.robot
     path = subject.tip if subject.tip is not None else subject.roots[robot.name]
     times = subject.run.time[subject.chosen]
-    first = marks[0][0] if marks else np.inf
+    first = marks[0].time_s if marks else np.inf
     for part, colour in ((path[times <= first], BEFORE), (path[times >= first], AFTER)):
         if len(part) > 1:
             yield k3d.line(single(part), color=colour, width=0.02)
 
 
-def _mark(time: float, mark: Mark, told_until: float) -> Iterator[Any]:
+def _mark(drawn: DrawnMark, labelled_until: float) -> Iterator[Any]:
     """An arrow that ends at its point and is never occluded, or a dot; its text is shown until that of the next mark."""
-    shown, point = during([(time, time + SHOWN_S)]), np.array(mark.point_m)
-    push = np.array(mark.direction) * float(np.clip(mark.magnitude, *ARROW_M))
-    if push.any():
-        yield solid(arrow(), MARK, along_z(point - push, push), shown)
+    time, mark, vector = drawn.time_s, drawn.mark, drawn.vector
+    shown, point = during([(time, drawn.end_s)]), np.array(mark.point_m)
+    if vector.any():
+        yield solid(arrow_solid(), MARK, along_z(point - vector, vector), shown)
     else:
         yield k3d.points(single([point]), color=MARK, point_size=0.12, shader="3d", visible=shown)
     text = f'<span class="mark">{html.escape(one_line(mark.text))}</span>'
     look = {"color": MARK, "is_html": True, "label_box": False, "max_length": 0.08}
-    yield k3d.label(text, (point - push).tolist(), visible=during([(time, max(time, told_until))]), **look)
+    yield k3d.label(text, (point - vector).tolist(), visible=during([(time, max(time, labelled_until))]), **look)
 
 
 def _colour(rgba: tuple[float, ...]) -> int:

@@ -38,12 +38,12 @@ def triangles(shape: DrawnShape) -> Triangles:
     return corners @ rotation.reshape(3, 3).T + shape.position, faces
 
 
-def arrow() -> Triangles:
+def arrow_solid() -> Triangles:
     """An arrow from the origin to 1 m up the z axis."""
     return joined([_revolved(np.array(line)) for line in _ARROW])
 
 
-def plume() -> Triangles:
+def plume_solid() -> Triangles:
     """A cone that opens from the origin to 1 m up the z axis."""
     return joined([_revolved(np.array(line)) for line in ([(0.02, 0.0), (0.14, 1.0)], [(0.14, 1.0), (0.0, 1.0)])])
 

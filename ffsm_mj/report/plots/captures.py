@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ffsm_mj.records.signals import CAPTURE_LOADS
+from ffsm_mj.contact_models.grasp.columns import CLOSED_GRASP, LOADS
 from ffsm_mj.report.plots.panels import Curve, Panel, stacked
 from ffsm_mj.report.plots.subject import Subject
 
@@ -13,7 +13,7 @@ from ffsm_mj.report.plots.subject import Subject
 def captures(subject: Subject) -> Figure:
     """Components and norms of force and torque (about its site) on the grasped object, and the interval of each grasp."""
     run = subject.run
-    loads = [np.where(run["contact.capture_grasp"] > 0.0, run[key], np.nan) for key in CAPTURE_LOADS]
+    loads = [np.where(run[CLOSED_GRASP] > 0.0, run[key], np.nan) for key in LOADS]
     spells: dict[str, list[tuple[float, float]]] = {}
     for capture in run.captures:
         release_s = float(run.time[-1]) if capture.release_s is None else capture.release_s
