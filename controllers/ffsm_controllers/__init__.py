@@ -42,8 +42,12 @@ def kinds() -> Kinds:
 
     What is installed is looked up once: a run that starts takes what its scenario was validated with.
     """
-    found = Kinds({_kind_of(cls): cls for cls in _BUILT_IN}, {})
+    built_in = {_kind_of(cls): cls for cls in _BUILT_IN}
+    found = Kinds(dict(built_in), {})
     for entry_point in entry_points(group=GROUP):
+        if entry_point.name in built_in:
+            found.broken[entry_point.name] = f"{entry_point.value} has the name of a built-in control law; rename it"
+            continue
         try:
             found.classes[entry_point.name] = _load(entry_point)
         except Exception as error:  # noqa: BLE001 (a plugin may fail in any way)

@@ -30,6 +30,8 @@ from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.wrench import Wrench
 
 GROUP = "ffsm_mj.contact_models"
+BUILT_IN_KINDS = ("impact", "contact", "capture")
+"""Kinds of the built-in contact models, which no other may have."""
 
 
 class EventCounter:
@@ -243,6 +245,8 @@ def register(contact_model: type[ContactModel]) -> type[ContactModel]:
     Raises:
         ValueError: Another contact model has the same kind.
     """
+    if contact_model.kind in BUILT_IN_KINDS:
+        raise ValueError(f"{contact_model.kind!r} is the kind of a built-in contact model")
     if _REGISTERED.setdefault(contact_model.kind, contact_model) is not contact_model:
         raise ValueError(f"another contact model has the kind {contact_model.kind!r}")
     for kind in contact_model.records:
@@ -253,7 +257,9 @@ def register(contact_model: type[ContactModel]) -> type[ContactModel]:
 def contact_models() -> dict[str, type[ContactModel]]:
     """Contact models that a scenario may declare, by kind: registered ones and those of installed packages."""
     for entry_point in entry_points(group=GROUP):
-        if entry_point.name not in _REGISTERED:
+        if entry_point.name in BUILT_IN_KINDS:
+            _BROKEN[entry_point.name] = f"{entry_point.value} has the name of a built-in contact model; rename it"
+        elif entry_point.name not in _REGISTERED:
             try:
                 register(entry_point.load())
             except Exception as error:  # noqa: BLE001 (a package may fail in any way: only its contact model is unavailable)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from ffsm_mj.contact_models.impact.installed_laws import impact_law, impact_laws
+from ffsm_mj.contact_models.impact.installed_laws import impact_laws, plugin_fault
 
 UNUSABLE_LAW = "impact_law"
 """Type of the pydantic error of a name that no usable law has."""
@@ -32,12 +32,7 @@ def _known_law(name: Any) -> str:
     laws = impact_laws()
     if isinstance(name, str) and name in laws:
         return name
-    if isinstance(name, str):
-        try:
-            impact_law(name)
-        except LookupError as error:
-            reason = str(error.args[0])
-            if not reason.startswith("unknown"):  # it is installed, and broken
-                raise PydanticCustomError(UNUSABLE_LAW, "{reason}", {"reason": reason}) from None
+    if isinstance(name, str) and (fault := plugin_fault(name)):
+        raise PydanticCustomError(UNUSABLE_LAW, "{fault}", {"fault": fault})
     *first, last = map(repr, laws)
     raise PydanticCustomError(UNUSABLE_LAW, "Input should be {allowed}", {"allowed": f"{', '.join(first)} or {last}"})

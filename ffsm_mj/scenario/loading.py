@@ -11,7 +11,7 @@ from ffsm_controllers import kinds
 from pydantic import ValidationError
 
 from ffsm_mj.actuation.actuator_config import ACTUATOR_KINDS
-from ffsm_mj.contact_models.impact.installed_laws import impact_law
+from ffsm_mj.contact_models.impact.installed_laws import impact_law, plugin_fault
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.scenario.contact_models import fault_of_ending
 from ffsm_mj.scenario.faults import KindNames, plain_faults
@@ -117,6 +117,9 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
             faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, "until")))
         if phase.until == "impact" and not scenario.impact_pairs:
             faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
+        if reason := kinds().broken.get(phase.controller.kind):
+            fault = f"the plugin for kind {phase.controller.kind!r} cannot be used ({reason})"
+            faults.append(Fault(fault, ("phases", i, "controller", "kind")))
     faults += capture_faults(scenario)
     for i, phase in enumerate(scenario.phases[:-1]):
         if phase.until == "end":
@@ -127,6 +130,8 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
 def _impact_law_faults(scenario: Scenario) -> list[Fault]:
     """Friction and restitution of pairs that the impact law does not cover; several contacts are known at an impact only."""
     law, faults = impact_law(scenario.impact.law), []
+    if scenario.impact_pairs and (fault := plugin_fault(law.name)):
+        faults.append(Fault(fault, ("impact", "law")))
     friction = f"'impact.law: {law.name}' does not cover friction; let mu be 0, or the law 'blend' or 'poisson'"
     super_elastic = f"'impact.law: {law.name}' does not cover super-elastic impacts (e > 1)"
     for i, pair in enumerate(scenario.impact_pairs):

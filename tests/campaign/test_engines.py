@@ -355,6 +355,21 @@ def test_a_worker_with_other_packages_is_refused(tmp_path: Path, monkeypatch: py
         campaign.run(loop().open())
 
 
+@pytest.mark.parametrize("group", ["controllers", "metrics", "impact_laws", "contact_models"])
+def test_versions_of_plugins_are_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str) -> None:
+    path = collisions(tmp_path)
+    info = tmp_path / "site" / "some_plugin-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "entry_points.txt").write_text(f"[ffsm_mj.{group}]\nsomething = some_plugin:Thing\n")
+    metadata = info / "METADATA"
+    metadata.write_text("Metadata-Version: 2.1\nName: some_plugin\nVersion: 1.0\n")
+    monkeypatch.syspath_prepend(info.parent)
+    Campaign.load(path, tmp_path / "out").run(loop().open())
+    metadata.write_text("Metadata-Version: 2.1\nName: some_plugin\nVersion: 1.1\n")
+    with pytest.raises(InputError, match=r"versions\.some_plugin '1\.0' there, '1\.1' here"):
+        Campaign.open(tmp_path / "out").run(loop().open())
+
+
 def test_a_dispersion_that_is_not_applied_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = load_campaign(collisions(tmp_path))
     monkeypatch.setattr(type(plan.base.source), "overridden", lambda self, _: self)

@@ -16,14 +16,14 @@ import ffsm_mj
 DOC = Path(__file__).parents[2] / "docs" / "own-controller.md"
 
 
-def install(folder: Path, module: str, code: str, entry: str) -> dict[str, str]:
+def install(folder: Path, module: str, code: str, entry: str, group: str = "controllers") -> dict[str, str]:
     """What ``pip install`` leaves: a module and a dist-info with an entry point. Returns the environment to run in."""
     folder.mkdir(exist_ok=True)
     (folder / f"{module}.py").write_text(code)
     info = folder / f"{module}-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[ffsm_mj.controllers]\n{entry}\n")
+    (info / "entry_points.txt").write_text(f"[ffsm_mj.{group}]\n{entry}\n")
     return os.environ | {"PYTHONPATH": str(folder)}
 
 
@@ -115,3 +115,21 @@ def test_telemetry_that_cannot_be_columns_is_a_fault_of_the_phase(tmp_path, exam
     assert done.returncode == 2
     (line,) = done.stderr.strip().splitlines()
     assert f"phases.0.controller.kind: telemetry of kind 'damp': {fault}" in line
+
+
+@pytest.mark.parametrize(
+    ("group", "override", "message"),
+    [
+        ("controllers", "phases.1.controller={kind: off}", "phases.1.controller.kind: the plugin for kind 'off'"),
+        ("impact_laws", "impact.law=blend", "impact.law: the impact law 'blend' of an installed package"),
+        ("contact_models", "contact_models=[{kind: impact}]", "kind: the contact model 'impact' of an installed package"),
+    ],
+)
+def test_an_entry_point_with_the_name_of_a_built_in_class_is_refused(tmp_path, group, override, message):
+    """The scenario says which of the two it wants by the name alone."""
+    name = {"controllers": "off", "impact_laws": "blend", "contact_models": "impact"}[group]
+    environment = install(tmp_path, "same_names", "class Law: pass\n", f"{name} = same_names:Law", group)
+    done = ffsm(environment, "check", "baseline", "-s", override)
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert f"{message} cannot be used (same_names:Law has the name of a built-in " in line

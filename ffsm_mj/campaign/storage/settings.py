@@ -15,6 +15,7 @@ from ffsm_mj.assembly.run import versions
 from ffsm_mj.campaign.execution.metrics import GROUP as METRICS
 from ffsm_mj.compiled import is_compiled
 from ffsm_mj.contact_models.impact.installed_laws import GROUP as IMPACT_LAWS
+from ffsm_mj.contact_models.interface import GROUP as CONTACT_MODELS
 from ffsm_mj.yaml.parser import YamlFault, plain_value
 
 _LEAST_DIFFERENCES = 3
@@ -23,7 +24,7 @@ _LEAST_DIFFERENCES = 3
 def row_versions() -> dict[str, str]:
     """Versions of all that shapes a row: our packages, the compiled twins or their absence, and plug-in packages."""
     found = versions() | {"ffsm-mj-fast": version("ffsm-mj-fast") if is_compiled() else "none"}
-    for group in (LAWS, METRICS, IMPACT_LAWS):
+    for group in (LAWS, METRICS, IMPACT_LAWS, CONTACT_MODELS):
         for point in entry_points(group=group):
             if point.dist is not None:
                 found[point.dist.name] = point.dist.version

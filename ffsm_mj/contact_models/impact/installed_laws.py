@@ -14,7 +14,8 @@ from ffsm_mj.contact_models.impact.law import ImpactLaw
 from ffsm_mj.errors import described
 
 GROUP = "ffsm_mj.impact_laws"
-_REGISTERED: dict[str, ImpactLaw] = {law.name: law for law in (Blend(), Poisson(), Newton())}
+_BUILT_IN: dict[str, ImpactLaw] = {law.name: law for law in (Blend(), Poisson(), Newton())}
+_REGISTERED = dict(_BUILT_IN)
 
 
 def register(law: ImpactLaw) -> None:
@@ -41,9 +42,15 @@ def impact_law(name: str) -> ImpactLaw:
     """
     if law := _REGISTERED.get(name) or _plugins()[0].get(name):
         return law
-    if broken := _plugins()[1].get(name):
-        raise LookupError(f"the impact law {name!r} of an installed package cannot be used ({broken})")
+    if fault := plugin_fault(name):
+        raise LookupError(fault)
     raise LookupError(f"unknown impact law {name!r}; allowed: {', '.join(impact_laws())}")
+
+
+def plugin_fault(name: str) -> str:
+    """Why the law of this name of an installed package cannot be used; empty if it can, or if there is none."""
+    broken = _plugins()[1].get(name)
+    return f"the impact law {name!r} of an installed package cannot be used ({broken})" if broken else ""
 
 
 def law_of_record(name: str) -> ImpactLaw:
@@ -60,10 +67,13 @@ def law_of_record(name: str) -> ImpactLaw:
 def _plugins() -> tuple[dict[str, ImpactLaw], dict[str, str]]:
     """Laws of installed packages, and why others cannot be used; looked up once per process.
 
-    A broken package affects only the scenarios that name its law.
+    A broken package affects only the scenarios that name its law; so does a law with the name of a built-in one.
     """
     laws, broken = dict[str, ImpactLaw](), dict[str, str]()
     for entry_point in entry_points(group=GROUP):
+        if entry_point.name in _BUILT_IN:
+            broken[entry_point.name] = f"{entry_point.value} has the name of a built-in impact law; rename it"
+            continue
         try:
             laws[entry_point.name] = _loaded(entry_point)
         except Exception as error:  # noqa: BLE001 (a package may fail in any way)
