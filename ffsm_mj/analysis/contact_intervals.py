@@ -88,7 +88,7 @@ class _OpenContact:
         if (force_N, -time_s) > (self._peak, -self._peak_s):
             self._peak, self._peak_s = force_N, time_s
 
-    def told(self) -> ContactInterval:
+    def interval(self) -> ContactInterval:
         """The interval so far."""
         end_s = None if self.end_s == math.inf else self.end_s
         impulse = self._until - self._before
@@ -132,9 +132,9 @@ class ContactIntervals:
             spell.rows(times, block)
         self._awaited = [spell for spell in self._awaited if not spell.end_s < times[-1]]
 
-    def told(self) -> tuple[ContactInterval, ...]:
+    def intervals(self) -> tuple[ContactInterval, ...]:
         """All intervals so far in order of their start, except those of zero length."""
-        return tuple(spell.told() for spell in self._spells if spell.end_s > spell.start_s)
+        return tuple(spell.interval() for spell in self._spells if spell.end_s > spell.start_s)
 
 
 def contact_records(log: RunLog) -> list[Any]:

@@ -54,9 +54,9 @@ class Digest:
     """Digest of one run, independent of the division of its rows into blocks.
 
     Attributes:
-        audit: Checks.
+        check_accumulator: Residuals of the checks.
         contacts: Intervals of persistent contact.
-        captures: Intervals of grasps.
+        grasps: Intervals of grasps.
         tip: Tip error; None without a task.
         samples: Number of rows so far.
         end_s: Time of the last row, 0 without any.
@@ -65,8 +65,8 @@ class Digest:
     def __init__(self, header: RunHeader) -> None:
         """Start without rows."""
         self._layout = header.layout
-        self.audit = CheckAccumulator(header.layout, header.facts)
-        self.contacts, self.captures = ContactIntervals(header.layout), GraspIntervals(header.layout)
+        self.check_accumulator = CheckAccumulator(header.layout, header.facts)
+        self.contacts, self.grasps = ContactIntervals(header.layout), GraspIntervals(header.layout)
         task = logged_task(header.facts)
         self.tip = TipDigest(task) if task is not None else None
         self.samples, self.end_s = 0, 0.0
@@ -74,9 +74,9 @@ class Digest:
     def rows(self, block: FloatArray) -> None:
         """Process the next rows."""
         self.samples, self.end_s = self.samples + len(block), float(block[-1, self._layout.time])
-        self.audit.rows(block)
+        self.check_accumulator.rows(block)
         self.contacts.rows(block)
-        self.captures.rows(block)
+        self.grasps.rows(block)
         if self.tip is not None:
             self.tip.rows(block, self._layout)
 
@@ -87,7 +87,7 @@ def digest(log: RunLog) -> Digest:
     for record in contact_records(log):
         found.contacts.event(record)
     for held in grasp_records(log):
-        found.captures.event(held)
+        found.grasps.event(held)
     for block in log.blocks():
         found.rows(block)
     return found
@@ -113,7 +113,7 @@ class DigestSink:
     def event(self, event: Event) -> None:
         """Process records of contacts and grasps; all other events are few and kept in the log."""
         self.digest.contacts.event(event)
-        self.digest.captures.event(event)
+        self.digest.grasps.event(event)
 
     def flush(self) -> None:
         """Do nothing: a digest in memory does not survive a kill."""

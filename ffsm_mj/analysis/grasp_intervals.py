@@ -74,7 +74,7 @@ class _OpenGrasp:
             self._force, self._peak_s = force, at_s
         self._torque = max(self._torque, torque)
 
-    def told(self) -> GraspInterval:
+    def interval(self) -> GraspInterval:
         """The interval so far."""
         begins, end_s = self.begins, None if self.end_s == math.inf else self.end_s
         peaks = self._force, self._torque, self._peak_s
@@ -110,9 +110,9 @@ class GraspIntervals:
             spell.rows(times, block[:, self._loads], block[:, self._events])
         self._awaited = [spell for spell in self._awaited if not spell.end_s < times[-1]]
 
-    def told(self) -> tuple[GraspInterval, ...]:
+    def intervals(self) -> tuple[GraspInterval, ...]:
         """All intervals so far, in order."""
-        return tuple(spell.told() for spell in self._spells)
+        return tuple(spell.interval() for spell in self._spells)
 
 
 def grasp_records(log: RunLog) -> list[CaptureRecord | ReleaseRecord]:

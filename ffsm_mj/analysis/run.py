@@ -136,12 +136,12 @@ class Run:
     @property
     def contacts(self) -> tuple[ContactInterval, ...]:
         """Intervals of persistent contact."""
-        return self.digest.contacts.told()
+        return self.digest.contacts.intervals()
 
     @property
     def captures(self) -> tuple[GraspInterval, ...]:
         """Grasps, each from capture to release."""
-        return self.digest.captures.told()
+        return self.digest.grasps.intervals()
 
     @property
     def phases(self) -> tuple[PhaseRecord, ...]:
@@ -194,7 +194,7 @@ class Run:
         If a check of energy or momenta fails, the run is replayed with shorter steps: ``check.truncation`` is the residual
         that remains, ``check.fails_by_truncation`` whether the step alone makes it fail.
         """
-        checks = self.digest.audit.checks(self.log.impacts, tolerance, self._friction)
+        checks = self.digest.check_accumulator.checks(self.log.impacts, tolerance, self._friction)
         return explained(checks, tolerance, lambda: self._refined)
 
     @cached_property

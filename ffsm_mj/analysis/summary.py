@@ -61,7 +61,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
                 for p in log.phases
             ],
         },
-        "conservation": _conservation(digest.audit),
+        "conservation": _conservation(digest.check_accumulator),
         **logged_models(log.header.facts),
         "versions": dict(outcome.versions) if outcome else {},
     }
@@ -69,7 +69,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
 
 def _records(log: RunLog, digest: Digest, end_s: float) -> dict[str, list[dict[str, Any]]]:
     """Lists of records by kind, contacts and captures; a phase ends at the start of the next one."""
-    contacts = {"contacts": [all_fields(contact) for contact in digest.contacts.told()]}
+    contacts = {"contacts": [all_fields(contact) for contact in digest.contacts.intervals()]}
     lists = {
         kind.plural: [kind.summary(record) for record in log.records.get(kind.plural, ())]
         for kind in log.kinds
@@ -78,7 +78,7 @@ def _records(log: RunLog, digest: Digest, end_s: float) -> dict[str, list[dict[s
     ends = [phase.start_s for phase in log.phases[1:]] + [end_s] * bool(log.phases)
     for phase, end in zip(lists.get("phases", ()), ends, strict=True):
         phase["end_s"] = end
-    captures = [all_fields(capture) for capture in digest.captures.told()]
+    captures = [all_fields(capture) for capture in digest.grasps.intervals()]
     declared = {"captures": captures} if CAPTURE.name in log.header.kinds else {}
     return {"impacts": lists.pop("impacts"), **contacts, **declared, **lists}
 
@@ -124,9 +124,9 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _conservation(audit: CheckAccumulator) -> dict[str, float | None] | None:
+def _conservation(accumulator: CheckAccumulator) -> dict[str, float | None] | None:
     """Worst residuals since the first row, None for one that is not finite; None if conservation is not checked."""
-    judged = audit.checks(())
+    judged = accumulator.checks(())
     names = {
         "energy": "energy_residual_J",
         "linear momentum": "linear_momentum_residual_N_s",

@@ -96,9 +96,9 @@ def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> T
     if name == "checks":
         return _of_columns(name, _LAW_COLUMNS, evaluate_checks(log, tolerance))
     if name == "contacts":
-        return _of_columns(name, _CONTACT_COLUMNS, [_ended(contact) for contact in digest(log).contacts.told()])
+        return _of_columns(name, _CONTACT_COLUMNS, [_ended(contact) for contact in digest(log).contacts.intervals()])
     if name == "captures" and CAPTURE in log.kinds:
-        return _of_columns(name, _CAPTURE_COLUMNS, [_released(capture) for capture in digest(log).captures.told()])
+        return _of_columns(name, _CAPTURE_COLUMNS, [_released(capture) for capture in digest(log).grasps.intervals()])
     for kind in log.kinds:
         if kind.plural == name:
             return _of_columns(name, kind.columns, log.records.get(name, ()))

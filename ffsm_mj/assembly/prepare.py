@@ -19,7 +19,7 @@ from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
-from ffsm_mj.records.facts import gravity_facts, told_gravity
+from ffsm_mj.records.facts import gravity_facts, gravity_line
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.grasps import never_armed
 from ffsm_mj.scenario.loading import load_scenario
@@ -188,11 +188,11 @@ class PreparedRun:
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
             f" steps of {self.scenario.time_step_s:g} s",
         ]
-        falls = told_gravity(gravity_facts(system.mj.opt.gravity))
+        falls = gravity_line(gravity_facts(system.mj.opt.gravity))
         lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
             falls or "conservative: nothing in the models breaks it"
         ]
-        lines += [f"note: {change.told}" for change in self.changes]
+        lines += [f"note: {change.sentence}" for change in self.changes]
         lines += [f"note: {note}" for note in system.notes]
         lines += [
             f"note: {a} and {b} overlap at the start, and no contact force will separate them"

@@ -84,7 +84,9 @@ class Balance:
         self.momentum = momentum
         self._notes = SampleBuffer(system, data, notes, momentum, self._numbers)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
-        self.columns = (Columns(self._statement.signals, table=self.table, note=lambda _: self.note(), resume=self.resume),)
+        self.columns = (
+            Columns(self._statement.signals, table=self.table, on_sample=lambda _: self.note(), resume=self.resume),
+        )
         self.resume(np.zeros(len(self._statement.signals)))
 
     def resume(self, logged: FloatArray) -> None:

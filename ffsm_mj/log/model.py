@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from ffsm_mj.errors import THE_LOG, InputError, ScenarioFaults
 from ffsm_mj.log.scenario import logged_scenario
-from ffsm_mj.model.files import ModelFiles, carried_model, logged_name
+from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.records.run_log import RunLog
@@ -32,7 +32,7 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
         if not main.startswith(prefix):
             raise InputError(f"{place}: the model of {name} is {main!r}, not a file below {prefix}")
         files = {key.removeprefix(prefix): content for key, content in log.header.files.items() if key.startswith(prefix)}
-        model = carried_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
+        model = logged_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
         changed = (scenario.overrides[name],) if scenario.overrides.get(name) else ()
         return replace(model, strip=scenario.strip[name], overrides=changed, pose=scenario.poses.get(name))
 

@@ -98,7 +98,7 @@ def read_model(main: Path, folders: Sequence[Path] = (), packages: Sequence[Path
     )
 
 
-def carried_model(main: str, files: Mapping[str, bytes], label: str) -> ModelFiles:
+def logged_model(main: str, files: Mapping[str, bytes], label: str) -> ModelFiles:
     """A model out of what a log carries, without what it does not use.
 
     Args:

@@ -39,19 +39,19 @@ class _Handler:
     def enter(self) -> None:
         with self._lock:
             there = mujoco.get_mju_user_warning()
-            if there != self.tell:
+            if there != self.handle:
                 self._before = there
-                mujoco.set_mju_user_warning(self.tell)
+                mujoco.set_mju_user_warning(self.handle)
             self._collecting += 1
 
     def leave(self) -> None:
         with self._lock:
             self._collecting -= 1
             # One that somebody has set meanwhile stays.
-            if not self._collecting and mujoco.get_mju_user_warning() == self.tell:
+            if not self._collecting and mujoco.get_mju_user_warning() == self.handle:
                 mujoco.set_mju_user_warning(self._before)
 
-    def tell(self, message: str) -> None:
+    def handle(self, message: str) -> None:
         if _HERE.collectors:
             _HERE.collectors[-1].append(message)
         elif self._before is not None:
@@ -76,7 +76,7 @@ def collected_warnings(messages: list[str]) -> Iterator[None]:
         _HANDLER.leave()
 
 
-def told(warned: Mapping[str, Sequence[str]], files: Mapping[str, ModelFiles]) -> Iterator[str]:
+def warning_lines(warned: Mapping[str, Sequence[str]], files: Mapping[str, ModelFiles]) -> Iterator[str]:
     """What MuJoCo warned of, each once on a line: of a model with its file, of the scene what no model has alone."""
     known = set[str]()
     for name, model in files.items():

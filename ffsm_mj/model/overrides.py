@@ -58,7 +58,7 @@ class ModelOverrides:
     inertials: dict[str, Inertial] = field(default_factory=dict)
     changes: dict[tuple[str, ...], PropertyChange] = field(default_factory=dict)
 
-    def note(self, path: tuple[str, ...], before: Value, after: Value) -> None:
+    def add(self, path: tuple[str, ...], before: Value, after: Value) -> None:
         """A change, which takes the place of that of a lower layer."""
         below = self.changes.pop(next((known for known in self.changes if known[1:] == path[1:]), ()), None)
         self.changes[path] = PropertyChange(path, below.after if below else before, after)
@@ -132,7 +132,7 @@ def _resize(spec: Any, alone: Any, compiled: Any, layer: Overrides, done: ModelO
     """Write the sizes of geoms."""
     for body, asked in layer.bodies.items():
         for name, given in asked.geoms.items():
-            done.note(
+            done.add(
                 (layer.key, done.name, body, "geoms", name, "size_m"),
                 geom_size(compiled, compiled.geom(name).id),
                 given.size_m,
@@ -160,14 +160,14 @@ def _weigh(alone: Any, layer: Overrides, done: ModelOverrides, vfs: Any) -> None
             inertial.write(alone.body(body))
         done.inertials |= _of_geoms(alone, of_geoms, (layer.key, done.name), vfs)
     for body, asked in layer.bodies.items():
-        if asked.weighs:
+        if asked.sets_inertial:
             own, path = done.inertials[body], (layer.key, done.name, body)
             if not own.mass_kg > 0.0 and not (asked.mass_kg and asked.inertia_kg_m2):
                 raise ScenarioFaults([Fault(_NO_MASS, path)])
             now = done.inertials[body] = own.changed(asked.mass_kg, asked.inertia_kg_m2, asked.centre_of_mass_m)
             for key in INERTIAL:
-                if key in asked.told:
-                    done.note((*path, key), inertial_value(before[body], key), inertial_value(now, key))
+                if key in asked.inertial_keys:
+                    done.add((*path, key), inertial_value(before[body], key), inertial_value(now, key))
                 done.correct((done.name, body, key), inertial_value(now, key))
 
 
@@ -201,7 +201,7 @@ def _faults(
         yield unknown_name("body", name, names), ()
         return
     body = spec.body(name)
-    for key in asked.told:
+    for key in asked.inertial_keys:
         if compiled.body_weldid[compiled.body(name).id] == 0:
             yield (
                 f"{'it is fixed' if fixed else 'the body does not move'}: what it weighs has no effect; leave it out",

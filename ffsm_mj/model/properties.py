@@ -60,13 +60,13 @@ class BodyProperties(StrictModel):
         return value
 
     @property
-    def weighs(self) -> bool:
-        """Whether it says what the body weighs."""
-        return bool(self.told)
+    def sets_inertial(self) -> bool:
+        """Whether it changes the inertial of the body."""
+        return bool(self.inertial_keys)
 
     @property
-    def told(self) -> tuple[str, ...]:
-        """Keys of numbers that come out otherwise: those that are given, all of them where the geoms say."""
+    def inertial_keys(self) -> tuple[str, ...]:
+        """Keys of the inertial that change: those that are given, or all of them with ``mass_from_geoms``."""
         return tuple(key for key in INERTIAL if self.mass_from_geoms or getattr(self, key) is not None)
 
 
@@ -102,8 +102,8 @@ class PropertyChange:
     after: Value
 
     @property
-    def told(self) -> str:
-        """The change for a person."""
+    def sentence(self) -> str:
+        """The change as text."""
         return f"{'.'.join(self.path)} is {shown(self.after)}; without it {shown(self.before)}"
 
 

@@ -22,7 +22,7 @@ from ffsm_mj.model.conservative import gravity_faults, gravity_of, model_faults,
 from ffsm_mj.model.files import ModelFiles, logged_name
 from ffsm_mj.model.fixed import FixedModel, fixed_model, moving_parts, place
 from ffsm_mj.model.grasp import Grasp, join
-from ffsm_mj.model.mujoco_warnings import collected_warnings, told
+from ffsm_mj.model.mujoco_warnings import collected_warnings, warning_lines
 from ffsm_mj.model.part import Part, part
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.scene import compile_scene, empty_scene, take_options
@@ -243,7 +243,7 @@ def compile_system(
         notes=(
             *(what for each in parts for what in each.notes),
             *(_notes(model) if conservative else ()),
-            *told(warned, files),
+            *warning_lines(warned, files),
         ),
         joints={joint.name: joint for tree in trees for joint in tree.joints},
         changes=changes,

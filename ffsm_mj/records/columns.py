@@ -20,7 +20,7 @@ class Columns:
         signals: Signals of the columns.
         live: Current values, contiguous, (number of signals,); copied at each sample.
         table: Alternative to ``live``: values at all samples since the last call, (n, number of signals).
-        note: Called with the time in s at each sample before anything is copied, to update ``live`` or to buffer what
+        on_sample: Called with the time in s at each sample before anything is copied, to update ``live`` or to buffer what
             ``table`` needs.
         resume: Restores the state of the columns from their values at a sample, (number of signals,), when a log is replayed
             from there; zeros: from the start. None if they have no state.
@@ -29,7 +29,7 @@ class Columns:
     signals: tuple[Signal, ...]
     live: FloatArray | None = None
     table: Callable[[], FloatArray] | None = None
-    note: Callable[[float], None] | None = None
+    on_sample: Callable[[float], None] | None = None
     resume: Callable[[FloatArray], None] | None = None
 
     def __post_init__(self) -> None:

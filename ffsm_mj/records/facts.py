@@ -88,7 +88,7 @@ def gravity_facts(gravity: Iterable[float]) -> dict[str, str]:
     return {"gravity_m_s2": " ".join(shown)} if any(float(g) for g in shown) else {}
 
 
-def told_gravity(facts: Mapping[str, str]) -> str:
+def gravity_line(facts: Mapping[str, str]) -> str:
     """Line of a report on gravity; empty without gravity."""
     if "gravity_m_s2" not in facts:
         return ""
@@ -107,13 +107,13 @@ def why_not_conservative(facts: Mapping[str, str]) -> str:
 
 def model_facts(changes: Iterable[PropertyChange]) -> dict[str, str]:
     """Facts of the compiled values of body and geom properties that the scenario sets: JSON by the scenario's key."""
-    told: dict[str, Any] = {}
+    nested: dict[str, Any] = {}
     for change in changes:
-        place = told
+        place = nested
         for key in change.path[:-1]:
             place = place.setdefault(key, {})
         place[change.path[-1]] = change.after
-    return {key: json.dumps(told[key]) for key in _MODELS if key in told}
+    return {key: json.dumps(nested[key]) for key in _MODELS if key in nested}
 
 
 def logged_models(facts: Mapping[str, str]) -> dict[str, Any]:
@@ -121,7 +121,7 @@ def logged_models(facts: Mapping[str, str]) -> dict[str, Any]:
     return {key: json.loads(facts[key]) for key in _MODELS if key in facts}
 
 
-def told_models(facts: Mapping[str, str]) -> list[str]:
+def changed_property_lines(facts: Mapping[str, str]) -> list[str]:
     """One line of text per property, e.g. ``model.box.lid.mass_kg = 7``."""
     return [f"{one_line('.'.join(path))} = {shown(value)}" for path, value in _leaves(logged_models(facts))]
 

@@ -11,7 +11,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.summary import failing_checks, truncation_data
 from ffsm_mj.errors import one_line
 from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.records.facts import told_gravity, told_models
+from ffsm_mj.records.facts import changed_property_lines, gravity_line
 from ffsm_mj.report.json_text import json_text
 from ffsm_mj.report.record_lines import record_lines
 from ffsm_mj.report.text_table import table
@@ -72,7 +72,7 @@ def _sub_steps(run: Run) -> str:
 def _models(run: Run) -> str:
     """Compiled values of body and geom properties that the scenario sets; gravity."""
     facts = run.log.header.facts
-    return "\n".join([*told_models(facts), *filter(None, [told_gravity(facts)])])
+    return "\n".join([*changed_property_lines(facts), *filter(None, [gravity_line(facts)])])
 
 
 def what_is_missing(run: Run) -> str:

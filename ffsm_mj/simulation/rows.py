@@ -21,13 +21,13 @@ class RowWriter:
         self._sampler = sampler
         live = [(part.live, row.stretches(part)) for part in row.columns if part.live is not None]
         sampler.copy([(array[own], block[:, there]) for array, stretches in live for own, there in stretches])
-        self._notes = tuple(part.note for part in row.columns if part.note is not None)
+        self._on_sample = tuple(part.on_sample for part in row.columns if part.on_sample is not None)
         self._tables = [(part.table, list(row.stretches(part))) for part in row.columns if part.table is not None]
 
     def fill(self, line: int, time_s: float) -> None:
         """Write the state at a tick and the efforts set at it to a line; derived quantities must be current."""
-        for note in self._notes:
-            note(time_s)
+        for on_sample in self._on_sample:
+            on_sample(time_s)
         self._sampler.take(line)
 
     def complete(self, block: FloatArray) -> None:

@@ -32,7 +32,7 @@ class StateSignals:
         self._time = np.zeros(1)
         self.sampler = fastest(Sampler)(system.mj, data, tip=-1 if tip_site is None else tip_site)
         self.columns: tuple[Columns, ...] = (
-            Columns((Signal("state", "time_s", "s", "simulation time"),), live=self._time, note=self._clock),
+            Columns((Signal("state", "time_s", "s", "simulation time"),), live=self._time, on_sample=self._clock),
             Columns(_coordinates(system), live=data.qpos),
             Columns(_rates(system), live=data.qvel),
         )

@@ -34,8 +34,8 @@ class Refined:
     def judged(self, checks: tuple[Check, ...], tolerance: Tolerance) -> tuple[Check, ...]:
         """The checks; failing ones of energy and momenta with their share of truncation."""
         states, half, without = (
-            {(check.name, check.subsystem): check for check in audit.checks((), tolerance)}
-            for audit in (self.states, self.half, self.without)
+            {(check.name, check.subsystem): check for check in accumulator.checks((), tolerance)}
+            for accumulator in (self.states, self.half, self.without)
         )
         judged = []
         for check in checks:

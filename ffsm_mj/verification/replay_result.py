@@ -22,7 +22,7 @@ class ReplayResult:
         numbers: Number of compared values.
         gaps: Where samples are not one control period apart; empty if all are.
         obstacle: Why the log could not be replayed; empty if it was.
-        audit: Checks from the recomputed values.
+        accumulator: Checks from the recomputed values.
     """
 
     worst: Mapping[str, Discrepancy]
@@ -30,7 +30,7 @@ class ReplayResult:
     numbers: int
     gaps: str
     obstacle: str
-    audit: CheckAccumulator
+    accumulator: CheckAccumulator
     _impacts: tuple[ImpactRecord, ...]
     _friction: FrictionCheck
     _refined: Callable[[], Refined | None] = lambda: None
@@ -46,4 +46,4 @@ class ReplayResult:
         Args:
             tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
         """
-        return explained(self.audit.checks(self._impacts, tolerance, self._friction), tolerance, self._refined)
+        return explained(self.accumulator.checks(self._impacts, tolerance, self._friction), tolerance, self._refined)

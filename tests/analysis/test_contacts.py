@@ -111,8 +111,8 @@ def test_two_contacts_between_two_samples_are_told_apart_however_rows_and_record
     for each in records[1:]:
         live.event(each)
     live.rows(rows[2:])
-    assert first.told() == live.told()
-    one, other = first.told()
+    assert first.intervals() == live.intervals()
+    one, other = first.intervals()
     assert (one.start_s, one.end_s, one.peak_force_N, one.peak_force_s) == (0.05, 0.15, 3.0, 0.12)
     assert one.impulse_N_s == pytest.approx(0.25, abs=1e-15)
     assert (other.start_s, other.end_s, other.peak_force_N, other.peak_force_s) == (0.16, None, 4.0, 0.2)
@@ -122,4 +122,4 @@ def test_two_contacts_between_two_samples_are_told_apart_however_rows_and_record
 def test_of_a_contact_whose_beginning_is_lost_nothing_is_made_up():
     contacts = ContactIntervals(LAYOUT)
     contacts.event(record(ContactEnds, 2, 0.15, 0.0, 0.0, 0.75))
-    assert contacts.told() == ()
+    assert contacts.intervals() == ()

@@ -89,7 +89,7 @@ def test_the_same_verdict_however_the_rows_are_cut(baseline):
         for block in np.split(log.rows, sorted({*map(int, cuts)})):
             if len(block):
                 seen.rows(block)
-        found.add((seen.audit.checks(log.impacts), seen.samples, seen.end_s, str(seen.tip)))
+        found.add((seen.check_accumulator.checks(log.impacts), seen.samples, seen.end_s, str(seen.tip)))
     assert len(found) == 1
 
 

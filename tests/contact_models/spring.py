@@ -74,7 +74,7 @@ class Spring(ContactModel):
         self.watched = frozenset((self._pair.geom_ids,))
         self._force = np.zeros(1)
         signal = Signal("contact", "spring_force_N", "N", "force of the spring")
-        self.columns = (Columns((signal,), live=self._force, note=self._note),)
+        self.columns = (Columns((signal,), live=self._force, on_sample=self._note),)
 
     def is_clear(self):
         return (self._gap() < 0.0) == self.active

@@ -12,7 +12,7 @@ from PIL import Image
 
 import ffsm_mj
 from ffsm_mj.errors import InputError
-from ffsm_mj.model.files import carried_model, read_model
+from ffsm_mj.model.files import logged_model, read_model
 from ffsm_mj.model.source import load_spec
 from tests.scenario.test_scenario import faults
 from tests.scenes import HEAD, compile_paths, scene
@@ -85,7 +85,7 @@ def test_what_is_read_is_what_mujoco_uses(many):
         assert np.array_equal(getattr(from_memory, name), getattr(from_disk, name)), name
     for missing in USED - {"robot.xml"}:
         with pytest.raises(InputError, match=rf"x/.*\.xml:1: x/.*{missing[-7:]} is not in the log"):
-            carried_model("robot.xml", {k: v for k, v in files.files.items() if k != missing}, "x/")
+            logged_model("robot.xml", {k: v for k, v in files.files.items() if k != missing}, "x/")
 
 
 @pytest.mark.parametrize("missing", sorted(USED - {"robot.xml"}))

@@ -47,7 +47,7 @@ class Extra:
         self._first, self._samples = 100.0 * number + np.arange(len(groups)), itertools.count()
         self._now, self._kept = np.full(len(groups), np.nan), list[np.ndarray]()
         filled = {"live": self._now} if live else {"table": self._table}
-        self.columns = Columns(self.signals, note=self._note, **filled)
+        self.columns = Columns(self.signals, on_sample=self._note, **filled)
 
     def at(self, sample: int) -> np.ndarray:
         return self._first + sample / 8.0

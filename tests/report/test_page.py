@@ -95,7 +95,7 @@ def test_planes_are_drawn_below_their_surface(tmp_path):
 
 def test_events_are_in_a_page_at_their_very_instant(hit, page):
     """An impact between two of the evenly spaced times; the pose there is the one of its record."""
-    told = json.loads(part(page, "told"))
+    told = json.loads(part(page, "data"))
     (record,) = hit.impacts
     assert told["start"] == record.time_s
     robot = next(each for each in drawn(page) if each["type"] == "Mesh" and "data" not in each["model_matrix"])
@@ -186,7 +186,7 @@ def test_a_run_that_diverged_is_drawn_too(hit, tmp_path):
     lost = replace(record, point_m=(np.inf, 0.0, 0.0), qpos=(np.nan, 0.0))
     log = replace(hit.log, rows=rows, records=hit.log.records | {"impacts": (lost,)})
     write_page(Run(log), tmp_path / "x.html")
-    told = json.loads(part(tmp_path / "x.html", "told"), parse_constant=pytest.fail)
+    told = json.loads(part(tmp_path / "x.html", "data"), parse_constant=pytest.fail)
     assert np.isfinite([*told["centre"], told["radius"]]).all()
     for each in drawn(tmp_path / "x.html"):
         matrices = [each["model_matrix"]] if "data" in each["model_matrix"] else each["model_matrix"].values()

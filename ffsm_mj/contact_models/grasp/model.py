@@ -100,7 +100,9 @@ class GraspModel(ContactModel):
         self._requests: set[str] = set()
         self.requests = tuple(f"{name}.{what}" for name in self._latches for what in (ARM, DISARM, RELEASE))
         self._loads, self._logged_grasp = LoadBuffer(), 0.0
-        self.columns = (Columns(_SIGNALS, table=self._loads.table, note=self._write_values, resume=self._restore_values),)
+        self.columns = (
+            Columns(_SIGNALS, table=self._loads.table, on_sample=self._write_values, resume=self._restore_values),
+        )
 
     @property
     def disarmed(self) -> dict[str, frozenset[frozenset[int]]]:

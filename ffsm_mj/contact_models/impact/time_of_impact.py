@@ -66,7 +66,7 @@ class Detector(ContactModel):
         self._seen: dict[tuple[int, float], Proximity] = {}
         self._deepest, self._told = 0.0, np.zeros(1)
         meaning = "deepest overlap of an impact pair at the ends of the steps and sub-steps since the sample before"
-        self.columns = (Columns((Signal("balance", OVERLAP, "m", meaning),), live=self._told, note=self._tell),)
+        self.columns = (Columns((Signal("balance", OVERLAP, "m", meaning),), live=self._told, on_sample=self._tell),)
 
     def restart(self) -> None:
         """Look again after something changed at one instant."""

@@ -110,7 +110,7 @@ class ContactReport:
         )
         flat, self._residual = self._values.reshape(-1), np.zeros(1)
         self.columns = (
-            Columns(signals, live=flat, note=lambda _: self._write_values(), resume=self._restore_values),
+            Columns(signals, live=flat, on_sample=lambda _: self._write_values(), resume=self._restore_values),
             Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=self._residual),
         )
 

@@ -58,7 +58,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         figures="\n".join(
             f"<figure><figcaption>{_TITLES[name]}</figcaption>{svg}</figure>" for name, svg in inline_figures(run).items()
         ),
-        told=json.dumps(_script_data(run, drawn, poses)).replace("<", "\\u003c"),
+        data=json.dumps(_script_data(run, drawn, poses)).replace("<", "\\u003c"),
         library=_library(),
         snapshot=b64encode(drawn.snapshot).decode("ascii"),
         script=script,

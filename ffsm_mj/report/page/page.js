@@ -1,11 +1,11 @@
 "use strict";
 (async () => {
   const byId = (id) => document.getElementById(id);
-  const told = JSON.parse(byId("told").textContent);
+  const data = JSON.parse(byId("data").textContent);
   const [slider, play, now, message, events] = ["time", "play", "now", "message", "events"].map(byId);
   const dark = matchMedia("(prefers-color-scheme: dark)");
   let viewer = null;
-  let shown = told.start;
+  let shown = data.start;
   let wanted = null;
   let playing = null;
 
@@ -32,14 +32,14 @@
 
   function aim() {
     const { clientWidth, clientHeight } = byId("scene");
-    const far = (told.radius / Math.sin(0.125 * Math.PI)) / Math.min(1, clientWidth / clientHeight);
+    const far = (data.radius / Math.sin(0.125 * Math.PI)) / Math.min(1, clientWidth / clientHeight);
     const toEye = [-0.13, -0.55, 0.82];
-    viewer.setCamera([...told.centre.map((value, axis) => value + far * toEye[axis]), ...told.centre, 0, 0, 1]);
+    viewer.setCamera([...data.centre.map((value, axis) => value + far * toEye[axis]), ...data.centre, 0, 0, 1]);
   }
 
   function tell(time) {
     slider.value = time;
-    const phase = told.phases.filter(([start]) => start <= time).pop();
+    const phase = data.phases.filter(([start]) => start <= time).pop();
     now.textContent = `${time.toFixed(3)} s${phase ? `  ${phase[1]}` : ""}`;
     for (const line of document.querySelectorAll(".cursor")) {
       const { left, right, start, end } = line.dataset;
@@ -56,14 +56,14 @@
   }
 
   async function show(time) {
-    wanted = Math.min(Math.max(time, 0), told.end);
+    wanted = Math.min(Math.max(time, 0), data.end);
     tell(wanted);
     if (show.busy || !viewer) return;
     show.busy = true;
     while (wanted !== null) {
       const next = wanted;
       wanted = null;
-      await viewer.setTime(told.ticks_per_s * next);
+      await viewer.setTime(data.ticks_per_s * next);
       shown = next;
     }
     show.busy = false;
@@ -77,7 +77,7 @@
   }
 
   function run() {
-    playing = { from: Number(slider.value) >= told.end ? 0 : Number(slider.value), since: performance.now() };
+    playing = { from: Number(slider.value) >= data.end ? 0 : Number(slider.value), since: performance.now() };
     play.textContent = "\u275a\u275a";
     play.setAttribute("aria-label", "Pause");
     requestAnimationFrame(step);
@@ -87,14 +87,14 @@
     if (!playing) return;
     const time = playing.from + Math.max(0, moment - playing.since) / 1000 * Number(byId("speed").value);
     await show(time);
-    if (time >= told.end) pause();
+    if (time >= data.end) pause();
     else requestAnimationFrame(step);
   }
 
-  slider.max = told.end;
-  for (const time of told.marks) {
+  slider.max = data.end;
+  for (const time of data.marks) {
     const tick = document.createElement("i");
-    tick.style.left = `${100 * time / told.end}%`;
+    tick.style.left = `${100 * time / data.end}%`;
     byId("ticks").append(tick);
   }
   slider.addEventListener("input", () => { pause(); show(Number(slider.value)); });
@@ -104,7 +104,7 @@
   });
   byId("speed").addEventListener("change", () => { if (playing) run(); });
   play.addEventListener("click", () => (playing ? pause() : run()));
-  tell(told.start);
+  tell(data.start);
 
   try {
     const k3d = await library();
@@ -113,7 +113,7 @@
     colour();
     dark.addEventListener("change", colour);
     aim();
-    await show(told.start);
+    await show(data.start);
   } catch (fault) {
     message.textContent = `The scene cannot be drawn here: ${fault.message || fault}. Tables and plots are below.`;
     console.error(fault);

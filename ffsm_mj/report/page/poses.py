@@ -51,8 +51,10 @@ def poses(subject: Subject) -> Poses:
     found = dict(zip(run.time[rows].tolist(), run.qpos[rows], strict=True))
     # A log may hold any numbers: use a record only if its number of coordinates is that of the models.
     held = {kind_of(record).time(record): np.array(record.qpos) for record in run.log.events() if hasattr(record, "qpos")}
-    told = {time: qpos for time, qpos in held.items() if qpos.shape == (subject.system.mj.nq,) and np.isfinite(qpos).all()}
-    found |= told
+    at_events = {
+        time: qpos for time, qpos in held.items() if qpos.shape == (subject.system.mj.nq,) and np.isfinite(qpos).all()
+    }
+    found |= at_events
     times = np.array(sorted(found))
     bodies = subject.system.mj.nbody
     positions, quaternions = np.empty((len(times), bodies, 3)), np.empty((len(times), bodies, 4))
@@ -60,4 +62,4 @@ def poses(subject: Subject) -> Poses:
         data = subject.silhouette.place(found[time])
         positions[i], quaternions[i] = data.xpos, data.xquat
     after = np.clip(np.searchsorted(run.time, times - 1e-9), 0, len(run.time) - 1)
-    return Poses(times, np.asarray(run.log.rows[after]), positions, quaternions, len(told))
+    return Poses(times, np.asarray(run.log.rows[after]), positions, quaternions, len(at_events))

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.report.output_place import usable_folder, writing
-from ffsm_mj.report.plots.captures import captures
 from ffsm_mj.report.plots.compared import MOST_RUNS, comparison
 from ffsm_mj.report.plots.contacts import contacts
+from ffsm_mj.report.plots.grasps import grasps
 from ffsm_mj.report.plots.motion import motion
 from ffsm_mj.report.plots.style import FORMATS, publication, write
 from ffsm_mj.report.plots.subject import Subject
@@ -60,7 +60,7 @@ def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
     makers |= {"torques": torques} if subject.named("motor") else {}
     makers |= {"inputs": inputs} if subject.base_actuated else {}
     makers |= {"contacts": contacts} if run.contacts else {}
-    makers |= {"captures": captures} if run.captures else {}
+    makers |= {"captures": grasps} if run.captures else {}
     makers |= {"momenta": momenta, "energies": energies}
     makers |= {"conservation": conservation} if any(check.name in CONSERVED for check in run.checks()) else {}
     return {name: partial(make, subject) for name, make in makers.items() if not names or name in names}

@@ -10,7 +10,7 @@ from ffsm_mj.report.plots.panels import Curve, Panel, stacked
 from ffsm_mj.report.plots.subject import Subject
 
 
-def captures(subject: Subject) -> Figure:
+def grasps(subject: Subject) -> Figure:
     """Components and norms of force and torque (about its site) on the grasped object, and the interval of each grasp."""
     run = subject.run
     loads = [np.where(run[CLOSED_GRASP] > 0.0, run[key], np.nan) for key in LOADS]
