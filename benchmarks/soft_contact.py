@@ -22,7 +22,7 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, subtree_momenta
-from ffsm_mj.report.markdown import table
+from ffsm_mj.report.text_table import markdown_table
 from ffsm_mj.reproduction.markdown import fixed, small
 from ffsm_mj.reproduction.measure import tip_state
 
@@ -240,7 +240,7 @@ def results_table(outcomes: list[Outcome], reference: Outcome) -> str:
         ]
         for o in outcomes
     )
-    return table(head, rows)
+    return markdown_table(head, rows)
 
 
 def draw(outcomes: list[Outcome], reference: Outcome, path: Path) -> None:

@@ -22,9 +22,8 @@ from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.mcap.reader import stored_rows
 from ffsm_mj.log.memory_sink import MemorySink
-from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
+from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder, Sink
 from ffsm_mj.log.run_folder import RunFolder
-from ffsm_mj.log.sink import Sink
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.facts import FORMAT_VERSION, conservative_facts, free_facts, gravity_facts, model_facts, task_facts

@@ -13,7 +13,7 @@ from mcap.records import Attachment, Chunk
 from mcap.stream_reader import StreamReader
 
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.attachments import is_plain
+from ffsm_mj.log.mcap.format import is_plain
 
 MODELS = "mjcf"
 """Folder of the models in a run folder and in a log."""

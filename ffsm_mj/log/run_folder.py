@@ -15,8 +15,8 @@ from ffsm_mj.errors import InputError, LogWriteError
 from ffsm_mj.log.earlier_run import in_the_way, remove, replaceable
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.partial_file import PartialFile, nameless
-from ffsm_mj.log.rerun.rust_log import rust_log
-from ffsm_mj.log.sink import Sink
+from ffsm_mj.log.recorder import Sink
+from ffsm_mj.log.rerun.viewer import rust_log
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pydantic import ValidationError
 
-from ffsm_mj.errors import THE_LOG, InputError
+from ffsm_mj.errors import THE_LOG, InputError, ScenarioFaults
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
-from ffsm_mj.model.pose import Pose
-from ffsm_mj.model.properties import BodyProperties, Overrides
+from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
+from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.properties import BodyProperties, Overrides, Pose
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.strip import STRIPPABLE
+from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.yaml.parser import YamlFault, plain_value
 
@@ -132,3 +134,39 @@ def _positive(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
         raise TypeError(f"{value!r} should be a positive number")
     return float(value)
+
+
+def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -> System:
+    """Compile what the log carries, by what a run compiles with; control laws of others need not be installed for that.
+
+    Nothing is written, and nothing but the log is read: a model of the log that refers to another file is refused.
+
+    Args:
+        log: The log.
+        place: Its name for messages.
+        grasp: Let an object be held; None: the scene as it begins.
+
+    Raises:
+        InputError: The log carries no scenario, or a model that is not whole or does not compile any more.
+    """
+    scenario = logged_scenario(log, place)
+
+    def carried(name: str, main: str) -> ModelFiles:
+        prefix = logged_name(name, "")
+        if not main.startswith(prefix):
+            raise InputError(f"{place}: the model of {name} is {main!r}, not a file below {prefix}")
+        files = {key.removeprefix(prefix): content for key, content in log.header.files.items() if key.startswith(prefix)}
+        model = logged_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
+        changed = (scenario.overrides[name],) if scenario.overrides.get(name) else ()
+        return replace(model, strip=scenario.strip[name], overrides=changed, pose=scenario.poses.get(name))
+
+    try:
+        return compile_system(
+            replace(carried("robot", scenario.robot), sites=scenario.sites),
+            {name: carried(name, main) for name, main in scenario.objects.items()},
+            time_step_s=scenario.time_step_s,
+            conservative=scenario.conservative,
+            grasp=grasp,
+        )
+    except ScenarioFaults as unplaced:
+        raise InputError([f"{place}: {fault.message}" for fault in unplaced.faults]) from unplaced

@@ -15,8 +15,7 @@ from pathlib import Path
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.packages import SCHEME, find_in_package
-from ffsm_mj.model.pose import Pose
-from ffsm_mj.model.properties import Overrides
+from ffsm_mj.model.properties import Overrides, Pose
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.walk import Shelf, collect
 

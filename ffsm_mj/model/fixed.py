@@ -10,7 +10,7 @@ import numpy as np
 
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.places import Places
-from ffsm_mj.model.pose import Pose
+from ffsm_mj.model.properties import Pose
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ INERTIAL = ("mass_kg", "inertia_kg_m2", "centre_of_mass_m")
 
 _Length = Annotated[float, Field(gt=0.0, le=MOST_LENGTH)]
 _Coordinate = Annotated[float, Field(ge=-MOST_LENGTH, le=MOST_LENGTH)]
+_UNIT_LENGTH = 1e-3
 _Moment = Annotated[float, Field(ge=-MOST_MASS, le=MOST_MASS)]
 _Name = Annotated[str, Field(min_length=1)]
 Value = float | tuple[float, ...]
@@ -68,6 +69,23 @@ class BodyProperties(StrictModel):
     def inertial_keys(self) -> tuple[str, ...]:
         """Keys of the inertial that change: those that are given, or all of them with ``mass_from_geoms``."""
         return tuple(key for key in INERTIAL if self.mass_from_geoms or getattr(self, key) is not None)
+
+
+class Pose(StrictModel):
+    """Where a fixed body stands: the pose of its file's world frame in the scene's."""
+
+    position_m: Annotated[tuple[_Coordinate, ...], Field(min_length=3, max_length=3)] = (0.0, 0.0, 0.0)
+    """Position in world axes, m."""
+    quaternion: Annotated[tuple[float, ...], Field(min_length=4, max_length=4)] = (1.0, 0.0, 0.0, 0.0)
+    """Orientation w, x, y, z; of length 1 to within 1e-3, made exact."""
+
+    @field_validator("quaternion")
+    @classmethod
+    def _unit(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        length = np.linalg.norm(value)
+        if not abs(length - 1.0) <= _UNIT_LENGTH:
+            raise ValueError(f"the quaternion (w, x, y, z) must have length 1, it has {length:.6g}")
+        return value
 
 
 Trees = dict[_Name, dict[_Name, BodyProperties]]

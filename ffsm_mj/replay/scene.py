@@ -14,8 +14,7 @@ from ffsm_mj.assembly.impact_pairs import impact_pairs
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.controller_protocol import Task
 from ffsm_mj.errors import InputError, ScenarioFaults
-from ffsm_mj.log.model import compile_log
-from ffsm_mj.log.scenario import scenario_data
+from ffsm_mj.log.scenario import compile_log, scenario_data
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.scenario.impact_law import UNUSABLE_LAW

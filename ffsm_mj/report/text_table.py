@@ -49,3 +49,9 @@ def _parts(widths: Sequence[int], room: int | None, keys: int) -> Iterator[list[
             part = first
         part = [*part, i]
     yield part
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table with the first column left-aligned."""
+    lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])

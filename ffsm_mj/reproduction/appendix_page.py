@@ -9,7 +9,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.impact import Contact, resolve, solve_paper_system
 from ffsm_mj.model.system import System
-from ffsm_mj.report.markdown import table
+from ffsm_mj.report.text_table import markdown_table
 from ffsm_mj.reproduction.appendix import (
     PRINTED_ENERGY,
     PRINTED_MOMENTUM,
@@ -59,12 +59,12 @@ def _equation_35(system: System, data: Any) -> str:
         [name, constant, fixed(v, 5), factor, fixed(s, 6)]
         for name, (constant, factor), v, s in zip(_RATES, _PRINTED_35, data.qvel[:6], factors, strict=True)
     )
-    return table(["rate", "constant, paper", "ours", "factor of I, paper", "ours"], rows)
+    return markdown_table(["rate", "constant, paper", "ours", "factor of I, paper", "ours"], rows)
 
 
 def _momentum(system: System, data: Any) -> str:
     ours = momentum_row(system, data)
-    return table(
+    return markdown_table(
         ["coefficient of", "paper", "ours"], ([key, f"{v:g}", fixed(ours[key], 4)] for key, v in PRINTED_MOMENTUM.items())
     )
 
@@ -77,7 +77,7 @@ def _energy(system: System, data: Any) -> str:
     before = sum(term.factor * term.constant**2 for term in energy_terms(system, data))
     total = ["energy before, J", "", "", "", "", f"{PRINTED_ENERGY:g}", _like(before)]
     head = ["square", "factor, paper", "ours", "slope, paper", "ours", "constant, paper", "ours"]
-    return table(head, [*rows, total])
+    return markdown_table(head, [*rows, total])
 
 
 def _like(value: float) -> str:
@@ -92,7 +92,7 @@ def _solution(*columns: FloatArray) -> str:
     texts = [[fixed(x, 6) for x in column] for column in columns]
     head = ["", "paper", "(36) as printed", "paper's route", "ours", "paper's route, y printed", "ours, y printed"]
     rows = ([name, *cells] for name, *cells in zip(names, _PRINTED_SOLUTION, first, *texts, strict=True))
-    return table(head, rows)
+    return markdown_table(head, rows)
 
 
 def _agreement(*pairs: tuple[FloatArray, FloatArray]) -> str:

@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from string import Template
 
-from ffsm_mj.report.markdown import table
+from ffsm_mj.report.text_table import markdown_table
 from ffsm_mj.reproduction.cases import SCENARIOS, paper_case, run_cases
 from ffsm_mj.reproduction.inputs import stated_inputs
 from ffsm_mj.reproduction.judged import ComparedNumber
@@ -59,7 +59,7 @@ def _spread(tolerance: str) -> float:
 
 
 def _inputs() -> list[str]:
-    return table(INPUTS_HEAD, stated_inputs()).splitlines()
+    return markdown_table(INPUTS_HEAD, stated_inputs()).splitlines()
 
 
 def _missing_texts(committed: str) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsm_mj.report.markdown import table
+from ffsm_mj.report.text_table import markdown_table
 from ffsm_mj.reproduction.cases import STEPS_S, VELOCITY, Case, Result, paper_case
 from ffsm_mj.reproduction.drift import DriftExperiment
 from ffsm_mj.reproduction.judged import ComparedNumber, Verdict, decided_cases
@@ -57,7 +57,7 @@ def reproduction_page(report: Report) -> str:
         PAGE,
         {
             "total": "{} printed results: {} agree, {} are consistent, {} differ".format(len(report.judged), *counts),
-            "inputs": table(INPUTS_HEAD, report.inputs),
+            "inputs": markdown_table(INPUTS_HEAD, report.inputs),
             **{f"section_{_key(section)}": _section(report, section) for section in sections},
             "study": _study(report.results),
             "parameterizations": _parameterizations(report.results),
@@ -86,7 +86,7 @@ def _section(report: Report, section: str) -> str:
 def _judged_table(rows: Sequence[ComparedNumber]) -> str:
     declared = any(c.threshold is not None for c in rows)
     head = ["quantity", "paper", "ours", *(["at the 1 mm step"] if declared else []), "difference", "tolerance", "verdict"]
-    return table(head, (judged_cells(c, declared=declared) for c in rows))
+    return markdown_table(head, (judged_cells(c, declared=declared) for c in rows))
 
 
 def judged_cells(c: ComparedNumber, *, declared: bool) -> list[str]:
@@ -124,14 +124,14 @@ def _study(results: Mapping[Case, Result]) -> str:
         rows.append(
             [f"{scenario}: {name}", *(cell for group in cells for cell in group), small(max(decided) - min(decided))]
         )
-    return table([*head, "spread"], rows)
+    return markdown_table([*head, "spread"], rows)
 
 
 def _parameterizations(results: Mapping[Case, Result]) -> str:
     facts = [_facts(results[case]) for case in (paper_case("baseline"), VELOCITY)]
     printed = ("7.77", "1.2226", "7.77", "-0.3172", "0.118", "1.169")
     rows = ([name, text, facts[0][name], facts[1][name]] for name, text in zip(facts[0], printed, strict=True))
-    return table(["", "paper", "`output_stack`", "`velocity`"], rows)
+    return markdown_table(["", "paper", "`output_stack`", "`velocity`"], rows)
 
 
 def _facts(result: Result) -> dict[str, str]:
@@ -167,4 +167,4 @@ def _drift(drifts: Mapping[str, DriftExperiment]) -> str:
         ]
         for name, d in drifts.items()
     )
-    return table(head, rows)
+    return markdown_table(head, rows)

@@ -21,8 +21,7 @@ from ffsm_mj.actuation.actuator_config import ActuatorConfig
 from ffsm_mj.config import StrictModel
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
-from ffsm_mj.model.pose import Pose
-from ffsm_mj.model.properties import Trees
+from ffsm_mj.model.properties import Pose, Trees
 from ffsm_mj.model.strip import Strippable
 from ffsm_mj.scenario.contact_models import REGIME_SCHEMA, validated_contact_models
 from ffsm_mj.scenario.element_names import element_name

@@ -114,7 +114,7 @@ class FrictionCheck:
         """The system of the log and its data; None if the log has no models that compile."""
         import mujoco
 
-        from ffsm_mj.log.model import compile_log
+        from ffsm_mj.log.scenario import compile_log
 
         try:
             system = compile_log(self._log)

@@ -84,7 +84,7 @@ def test_rerun_logs_as_the_user_says_or_as_the_run_does(level):
     """Its SDK reads RUST_LOG at its import: at ``trace`` it would say a lot."""
     code = """
 import os, sys
-from ffsm_mj.log.rerun.rust_log import rust_log
+from ffsm_mj.log.rerun.viewer import rust_log
 stated = os.environ.get("RUST_LOG")
 with rust_log("trace"):
     import rerun as rr

@@ -10,8 +10,8 @@ import numpy as np
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.log.memory_sink import MemorySink
-from ffsm_mj.log.model import compile_log
 from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.kinds import Mark, RecordKind

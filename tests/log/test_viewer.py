@@ -99,7 +99,7 @@ def test_a_viewer_opened_by_a_live_run_listens_here_only(tmp_path, monkeypatch, 
 
 @TABLE
 def test_the_relay_of_a_live_run_listens_here_only():
-    from ffsm_mj.log.rerun.relay import Relay
+    from ffsm_mj.log.rerun.live import Relay
 
     relay = Relay("127.0.0.1", free_port())
     try:

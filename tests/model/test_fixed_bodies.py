@@ -13,7 +13,7 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.model import compile_log
+from ffsm_mj.log.scenario import compile_log
 from tests.scenes import HEAD, ball, scene
 
 PORT = f"""<mujoco>{HEAD}

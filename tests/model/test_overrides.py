@@ -14,7 +14,7 @@ import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError, ScenarioFaults
-from ffsm_mj.log.model import compile_log
+from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.model import overrides as overrides_of
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.inertial import Inertial

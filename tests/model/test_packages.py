@@ -10,7 +10,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.model import compile_log
+from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.system import compile_system
 from tests.model.test_attached_models import robot

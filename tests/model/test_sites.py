@@ -12,7 +12,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.model import compile_log
+from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.scenario.source import write_yaml
 from ffsm_mj.yaml.parser import plain_value
 from tests.scenes import ARM, ball, scene

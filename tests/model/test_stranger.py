@@ -12,10 +12,10 @@ from mcap.writer import Writer
 import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError, LogError
-from ffsm_mj.log import model as log_model
+from ffsm_mj.log import scenario as log_scenario
 from ffsm_mj.log.mcap.reader import read_log
-from ffsm_mj.log.model import compile_log
 from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.log.scenario import compile_log
 from tests.scenes import two_balls
 
 PNG = b"\x89PNG\r\n\x1a\nof the reader"
@@ -159,7 +159,7 @@ def test_a_log_can_make_nobody_read_another_file(tmp_path, log, monkeypatch, hea
     def untouched(*_: Any, **__: Any) -> None:
         raise AssertionError("MuJoCo is given the model")
 
-    monkeypatch.setattr(log_model, "compile_system", untouched)
+    monkeypatch.setattr(log_scenario, "compile_system", untouched)
     with pytest.raises(InputError) as refused:
         compile_log(read_log(forgery), "log log.mcap")
     (line,) = refused.value.lines

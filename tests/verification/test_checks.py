@@ -13,8 +13,8 @@ import pytest
 import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.log.mcap.sink import McapSink
-from ffsm_mj.log.model import compile_log
 from ffsm_mj.log.partial_file import PartialFile
+from ffsm_mj.log.scenario import compile_log
 from tests.log.test_damage import chunks
 from tests.scenes import two_balls
 

@@ -16,7 +16,7 @@ from ffsm_mj.campaign.evaluation.results import Results, is_good, measured, numb
 from ffsm_mj.campaign.evaluation.sensitivity import rank_correlation, sobol_indices
 from ffsm_mj.campaign.evaluation.statistics import CONFIDENCE, Proportion, is_constant, quantile, values_for_upper_end
 from ffsm_mj.errors import one_line
-from ffsm_mj.report.markdown import table
+from ffsm_mj.report.text_table import markdown_table
 
 _SHARES = (0.05, 0.5, 0.95)
 _SHOWN_RUNS = 6
@@ -90,7 +90,7 @@ def _outcomes(results: Results) -> str:
         rows.append(_share_row(how, short, len(sample)))
     if results.judges:
         rows.append(_share_row("success", sum(map(is_good, sample)), len(sample)))
-    parts = [table(("", "runs", "share", "interval"), rows)]
+    parts = [markdown_table(("", "runs", "share", "interval"), rows)]
     for column, what in _ACCURACY.items():
         values = numbers(results.rows, column)  # of every run, those that failed above all
         if np.isfinite(values).any():
@@ -122,7 +122,9 @@ def _metrics(results: Results) -> str:
                 _number(float(values.max())),
             ]
         rows.append([_code(metric), str(len(values)), *told])
-    return "Over the runs that did not fail and have the metric; each quantile with its interval.\n\n" + table(head, rows)
+    return "Over the runs that did not fail and have the metric; each quantile with its interval.\n\n" + markdown_table(
+        head, rows
+    )
 
 
 def _quantile(values: FloatArray, share: float) -> str:
@@ -149,7 +151,7 @@ def _convergence(results: Results) -> str:
         for what, by in found.items()
     ]
     head = ("width of the interval at", *(f"{runs} runs" for runs in counts))
-    return "Of the share of successes, else of the median.\n\n" + table(head, rows)
+    return "Of the share of successes, else of the median.\n\n" + markdown_table(head, rows)
 
 
 def _width(width: float | None) -> str:
@@ -166,10 +168,12 @@ def _sensitivity(results: Results) -> Iterator[str]:
         rows.append([_code(metric), *("constant" if constant else "" if rho is None else f"{rho:.2f}" for rho in found)])
     chance = f" By chance alone one stays below {1.96 / math.sqrt(count - 1):.2f} in 95 % of cases." if count > 2 else ""
     yield f"Spearman's rank correlations.{chance}"
-    yield table(("metric", *map(_code, results.parameters)), rows)
+    yield markdown_table(("metric", *map(_code, results.parameters)), rows)
     if results.kind == "saltelli":
         yield "Sobol's indices: first order, the share of the variance that a parameter explains by itself, and total."
-        yield table(("metric", *map(_code, results.parameters)), (_indices(results, metric) for metric in results.metrics))
+        yield markdown_table(
+            ("metric", *map(_code, results.parameters)), (_indices(results, metric) for metric in results.metrics)
+        )
 
 
 def _indices(results: Results, metric: str) -> list[str]:
@@ -193,7 +197,7 @@ def _failures(results: Results) -> Iterator[str]:
     rows = [
         [_cell(each.how), _cell(each.phase), str(len(each.runs)), _runs(each.runs), _cell(each.message)] for each in found
     ]
-    yield table(("what", "last phase", "number", "runs", "the first says"), rows)
+    yield markdown_table(("what", "last phase", "number", "runs", "the first says"), rows)
     differing = differences(results)
     if not differing:
         yield "Too few on one side to say by which parameters they differ from the others."
@@ -202,7 +206,7 @@ def _failures(results: Results) -> Iterator[str]:
         "By which parameters they differ from the others: greatest distance of the distribution functions (Kolmogorov and "
         "Smirnov), and its probability by chance, corrected for the number of parameters (Holm)."
     )
-    yield table(
+    yield markdown_table(
         ("parameter", "distance", "probability"),
         ([_code(each.parameter), f"{each.statistic:.2f}", f"{each.probability:.2g}"] for each in differing),
     )
@@ -224,7 +228,7 @@ def _drawn(results: Results) -> str:
             rows.append(
                 [_code(name), ", ".join(f"{_cell(value)}: {count}" for value, count in counts.most_common()), "", ""]
             )
-    return table(("parameter", "least", "median", "greatest"), rows)
+    return markdown_table(("parameter", "least", "median", "greatest"), rows)
 
 
 def _code(name: str) -> str:

@@ -15,7 +15,7 @@ from google.protobuf.duration_pb2 import Duration
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from ffsm_mj.log.drawing import Frames
-from ffsm_mj.log.wire import varint
+from ffsm_mj.log.mcap.format import varint
 
 ROOT_FRAME = "world"
 _NS = 1_000_000_000

@@ -19,8 +19,8 @@ from ffsm_mj.log.foxglove.messages import TransformsCodec, timestamp
 from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.foxglove.scene import arrows_update, bodies_update, frame_id, marks_update, plumes_update
 from ffsm_mj.log.marks import MarkSequence, marks_topic
+from ffsm_mj.log.mcap.format import nanoseconds
 from ffsm_mj.log.plumes import thrusters
-from ffsm_mj.log.wire import nanoseconds
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.facts import logged_task

@@ -6,14 +6,14 @@ constant template with float64 values at fixed offsets, and a block of rows is e
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import posixpath
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 from google.protobuf import descriptor_pb2
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.wire import varint
 from ffsm_mj.records.signals import GROUPS, TIME, Layout, Signal
 
 SAMPLE_TOPIC = "/ffsm/sample"
@@ -22,6 +22,7 @@ SIGNALS_METADATA = "ffsm.signals"
 FACTS_METADATA = "ffsm.run"
 SCENARIO_ATTACHMENT = "scenario.yaml"
 
+_MOST_ATTACHMENTS, _MOST_NAME_CHARACTERS = 10_000, 512
 _MOST_SCHEMA_BYTES = 1 << 22
 """Of a sample: a column takes some 60 bytes."""
 _Field = descriptor_pb2.FieldDescriptorProto
@@ -142,3 +143,43 @@ def _groups(layout: Layout) -> list[str]:
 
 def _members(layout: Layout, group: str) -> list[Signal]:
     return [signal for signal in layout.signals if signal.group == group]
+
+
+def nanoseconds(time_s: float) -> int:
+    """Simulation time as MCAP's integer ``log_time``."""
+    return round(time_s * 1e9)
+
+
+def varint(value: int) -> bytes:
+    """A whole number as protobuf writes it."""
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+def fault_of_names(names: Iterable[str]) -> str:
+    """What is wrong with the names of attachments, in a sentence; empty where nothing is."""
+    known = list(names)
+    if len(known) > _MOST_ATTACHMENTS:
+        return f"{len(known)} attachments; at most {_MOST_ATTACHMENTS} are read"
+    bad = next((name for name in known if not is_plain(name)), None)
+    if bad is None:
+        return ""
+    shown = bad if len(bad) <= 80 else f"{bad[:80]}..."
+    allowed = f"forward slashes, no '..', at most {_MOST_NAME_CHARACTERS} characters"
+    return f"the attachment {shown!r} has no plain relative path ({allowed})"
+
+
+def is_plain(name: str) -> bool:
+    """Whether a name is a relative path that leads nowhere else on any system."""
+    return (
+        0 < len(name) <= _MOST_NAME_CHARACTERS
+        and name.isprintable()
+        and not any(character in name for character in ":\\")
+        and not name.startswith("/")
+        and posixpath.normpath(name) == name
+        and name.split("/", maxsplit=1)[0] not in (".", "..")
+    )

@@ -15,10 +15,10 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 
 from ffsm_mj.contact_models.interface import contact_models
 from ffsm_mj.errors import LogError, one_line
-from ffsm_mj.log.attachments import fault_of_names
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.chunks import MESSAGE_HEAD, Batch, content_of
 from ffsm_mj.log.mcap.file_bytes import FileBytes
+from ffsm_mj.log.mcap.format import fault_of_names
 from ffsm_mj.log.mcap.record_format import decode_record, is_schema_of
 from ffsm_mj.log.mcap.salvage import MAGIC, Salvage
 from ffsm_mj.log.mcap.stored_rows import StoredRows

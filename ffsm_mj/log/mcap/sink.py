@@ -16,9 +16,9 @@ from ffsm_mj.log.foxglove.messages import descriptor_set
 from ffsm_mj.log.foxglove.topics import Packet, ViewerTopics
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.block_writer import BlockWriter
+from ffsm_mj.log.mcap.format import nanoseconds
 from ffsm_mj.log.mcap.record_format import encode_record, record_schema
 from ffsm_mj.log.partial_file import PartialFile
-from ffsm_mj.log.wire import nanoseconds
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader

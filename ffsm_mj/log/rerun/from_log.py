@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ffsm_mj.errors import THE_LOG, InputError
-from ffsm_mj.log.model import compile_log
 from ffsm_mj.log.rerun.sink import RerunSink
-from ffsm_mj.log.scenario import logged_scenario
+from ffsm_mj.log.scenario import compile_log, logged_scenario
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import coordinate_keys
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import logging
 import socket
 import subprocess
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.rerun.relay import Relay
-from ffsm_mj.log.rerun.rust_log import rust_log
-from ffsm_mj.log.rerun.viewer import has_display, viewer_command
+from ffsm_mj.log.rerun.viewer import has_display, rust_log, viewer_command
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
@@ -26,6 +26,7 @@ _CONNECT_S = 0.5
 _START_S = 15.0
 _CHECK_PERIOD_S = 0.2
 _PATIENCE_S = 2.0
+_CHUNK = 1 << 16
 
 
 def split_address(address: str) -> tuple[str, int]:
@@ -129,3 +130,41 @@ class LiveSink:
                 return True
             time.sleep(0.05)
         return False
+
+
+class Relay:
+    """Listens on a free local port and passes every connection on to one address."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Start listening; nobody is connected yet."""
+        self._to = (host, port)
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._sockets: list[socket.socket] = [self._listener]
+        self.port: int = self._listener.getsockname()[1]
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def cut(self) -> None:
+        """Close every connection and take no more."""
+        for each in self._sockets:
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+            each.close()
+
+    def _serve(self) -> None:
+        with suppress(OSError):
+            while True:
+                here, _ = self._listener.accept()
+                self._sockets.append(here)
+                there = socket.create_connection(self._to)
+                self._sockets.append(there)
+                for source, sink in ((here, there), (there, here)):
+                    threading.Thread(target=_pump, args=(source, sink), daemon=True).start()
+
+
+def _pump(source: socket.socket, sink: socket.socket) -> None:
+    with suppress(OSError):
+        while data := source.recv(_CHUNK):
+            sink.sendall(data)
+    for each in (source, sink):  # the end of one direction is the end of both
+        with suppress(OSError):
+            each.shutdown(socket.SHUT_RDWR)

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock
 
 ONLY_HERE = "127.0.0.1"
 """The address that a viewer listens on unless told otherwise: that of this machine, unreachable from any other."""
+
+_VARIABLE = "RUST_LOG"
+_ONE_AT_A_TIME = Lock()
 
 
 def has_display() -> bool:
@@ -22,3 +28,20 @@ def viewer_command(*arguments: str, listen: str = ONLY_HERE) -> list[str]:
         listen: Address it takes data on; its own default is every address of the machine, for anybody in the network.
     """
     return [sys.executable, "-m", "rerun", "--bind", listen, *arguments]
+
+
+@contextmanager
+def rust_log(level: str) -> Iterator[None]:
+    """Where Rerun is imported in here it says what a level lets pass, or what the user's environment states.
+
+    The environment is afterwards as it was.
+    """
+    with _ONE_AT_A_TIME:
+        if _VARIABLE in os.environ:
+            yield
+            return
+        os.environ[_VARIABLE] = level
+        try:
+            yield
+        finally:
+            del os.environ[_VARIABLE]

@@ -12,8 +12,7 @@ import numpy as np
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.model import compile_log
-from ffsm_mj.log.scenario import logged_scenario
+from ffsm_mj.log.scenario import compile_log, logged_scenario
 from ffsm_mj.model.system import Joint
 from ffsm_mj.records.kinds import Mark, RecordKind
 from ffsm_mj.records.signals import identifier
