@@ -149,6 +149,9 @@ class StepControl:
                 self._reach_s = trial_s if parts > _AT_ONCE // 2 else 2.0 * trial_s
                 return None
             motion.path.move_to(0.0)
+            if trial_s <= self._shortest_s and before is None and trial_s < left_s:
+                trial_s = min(2.0 * trial_s, left_s)  # two trials show whether the error falls with the duration
+                continue
             if trial_s <= self._shortest_s:
                 falls = before is not None and rate < before[1] * (trial_s / before[0]) ** _FALLS
                 if error > _LOST or (falls and error > _SMALL):

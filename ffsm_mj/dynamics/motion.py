@@ -68,6 +68,11 @@ class Motion:
             self.flight, self.path.integrate = self._unpushed, self._free_integrate
             clear_applied_forces(self.model, self.data)
 
+    def refresh_forces(self) -> None:
+        """Evaluate the applied forces at the state in ``data`` again, after it was set; no effect if there are none."""
+        if isinstance(self.flight, ForcedStepper):
+            self.flight.refresh()
+
     def follow(self) -> None:
         """Transfer positions and velocities to the logged system; no effect for the motion of that system itself."""
 

@@ -47,6 +47,10 @@ class Feature(Protocol):
         """The two features in contact, such as ``sphere on face``."""
         ...
 
+    def tilt(self, data: Any) -> Vector | None:
+        """Tilt of a rim over a face; None for features of bounded curvature."""
+        ...
+
     def at(self, data: Any) -> FeatureState:
         """Evaluate at the state in ``data`` (``xpos``, ``xmat``, ``cvel`` and ``subtree_com`` current)."""
         ...
@@ -69,6 +73,14 @@ class GapFunction:
     def at(self, data: Any) -> FeatureState:
         """Evaluate at the state in ``data``."""
         raise NotImplementedError
+
+    def tilt(self, data: Any) -> Vector | None:  # noqa: ARG002
+        """Tilt of a rim over a face; None for features of bounded curvature.
+
+        It is the component of the normal of the face across the axis of the rim, in axes of the body of the rim. The contact
+        point travels at the rate of the tilt over the tilt itself: there is no other scale of time.
+        """
+        return None
 
     def subtract_length(self, length: float) -> None:
         """Subtract a constant length in m from the gap: mesh vertices are known to single precision only."""

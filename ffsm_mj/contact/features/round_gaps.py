@@ -26,6 +26,14 @@ class RoundOnFace(GapFunction):
         super().__init__(name, swapped, face.radius, extreme.radius)
         self._face, self._round = face, extreme
 
+    def tilt(self, data: Any) -> Vector | None:
+        """Tilt of a rim; None for an ellipsoid."""
+        core = self._round
+        if not isinstance(core, Circle):
+            return None
+        normal = core.body.motion(data).local(self._face.body.motion(data).turned(self._face.normal))
+        return shifted(normal, -dot(normal, core.axis), core.axis)
+
     def at(self, data: Any) -> FeatureState:
         """With t = (omega_plane - omega_round) x n, the gap's second rate has 2 (omega_plane x n) . w - t . K t."""
         face, core = self._face, self._round

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair
@@ -39,6 +41,9 @@ _LEAST_RADIUS_M = 1e-4
 """Smallest radius of curvature assumed where a rounded geom slides over an edge, m."""
 _SLOW_M_S = 1e-3
 """Only contacts that separate below this speed may stay closed for their small lift-off."""
+_TILT_SHARE = 0.2
+"""A step ends early where the tilt of a rim over a face has changed by this share: forces grow as its inverse, and the steps
+of a disc that falls flat must shrink with it. RK4 then errs by about 0.2^5 / 120 of them."""
 _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 """Strictly convex geoms: they touch any convex geom at one point only."""
 
@@ -63,6 +68,7 @@ class ActiveContactSet:
         self.pressing: tuple[ContactPoint, ...] = ()
         self.stages: list[Stage] = []
         self._multi_point_pairs: list[ContactPair] = []
+        self._tilts: list[tuple[ContactPoint, Vector, float]] = []
         self._other_forces = np.zeros(self._model.nv)
         self._rows_cache: tuple[tuple[Any, ...], ContactRows] | None = None
         self._problem_cache: tuple[tuple[Any, ...], ContactAcceleration] | None = None
@@ -151,11 +157,15 @@ class ActiveContactSet:
         self._other_forces = applied.copy()
         if not self.pressing:
             return
-        problem = self._problem(self.pressing)
-        forces = problem.bilateral_forces(range(len(self.pressing)))
-        generalised = forces.dot(problem.rows.J)
+        rows_now, forces = self.active_forces()
+        generalised = forces.dot(rows_now.J)
         applied += generalised
-        self.stages.append(Stage(problem.rows, forces, generalised * data.qvel))
+        self.stages.append(Stage(rows_now, forces, generalised * data.qvel))
+
+    def active_forces(self) -> tuple[ContactRows, FloatArray]:
+        """Rows of the active set at the state in ``data`` under its efforts, and its forces, N, (k,)."""
+        problem = self._problem(self.pressing)
+        return problem.rows, problem.bilateral_forces(range(len(self.pressing)))
 
     def _problem(self, contact_points: tuple[ContactPoint, ...]) -> ContactAcceleration:
         """Gap accelerations of some contact points at the state and efforts in ``data``, cached bit by bit.
@@ -188,12 +198,14 @@ class ActiveContactSet:
         """Set the active set to the contact points that carry force at the state in ``data``."""
         decision = self.decide() if self.contact_points else None
         self.pressing = tuple(decision.contact_points[i] for i in decision.pressing) if decision else ()
+        tilts = ((contact, contact.feature.tilt(self._scene.data)) for contact in self.pressing)
+        self._tilts = [(contact, tilt, _TILT_SHARE * math.hypot(*tilt)) for contact, tilt in tilts if tilt is not None]
 
     def witness_value(self) -> float:
         """Witness function of the active set: positive while it is valid at the state in ``data``, negative after a change.
 
         Valid means: active contact points push, the others do not accelerate into contact, every contact point is within
-        its feature, no gap has drifted too far, and no pair touches at another point.
+        its feature, no gap has drifted and no rim has tilted too far, and no pair touches at another point.
         """
         if not self.contact_points:
             return math.inf
@@ -201,7 +213,16 @@ class ActiveContactSet:
         held = decision.rows.states
         inside, drift = min([here.inside for here in held]) + FEATURE_BOUND_M, max([abs(here.gap) for here in held])
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
-        return min(inside, DRIFT_M - drift, self._clearance_elsewhere(), decision.validity_margin(self.pressing))
+        tilt = min([left for _, left, _ in self._tilts_left()], default=math.inf)
+        return min(inside, DRIFT_M - drift, tilt, self._clearance_elsewhere(), decision.validity_margin(self.pressing))
+
+    def _tilts_left(self) -> Iterator[tuple[ContactPoint, float, float]]:
+        """Rims that carry force, with what their tilt may still change in this step and may change in one step."""
+        data = self._scene.data
+        for contact, start, most in self._tilts:
+            now = contact.feature.tilt(data)
+            assert now is not None
+            yield contact, most - math.dist(now, start), most
 
     def _clearance_elsewhere(self) -> float:
         """Least clearance of closed pairs outside their active contact points: gap less drift, plus the threshold, m."""
@@ -262,6 +283,10 @@ class ActiveContactSet:
     def pairs_with_drift(self) -> list[ContactPair]:
         """Pairs with a gap that has drifted to the limit of a step."""
         return self._pairs_where(lambda at: abs(at.gap) > 0.99 * DRIFT_M)
+
+    def pairs_with_tilt(self) -> list[ContactPair]:
+        """Pairs with a rim whose tilt has changed to the limit of a step."""
+        return [contact.pair for contact, left, most in self._tilts_left() if left < 0.01 * most]
 
     def _pairs_where(self, holds: Callable[[FeatureState], bool]) -> list[ContactPair]:
         if not self.contact_points:

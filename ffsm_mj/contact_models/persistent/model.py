@@ -345,7 +345,7 @@ class PersistentContactModel(ContactModel):
         return (CONTACT_CHANGES, list(dict.fromkeys(changes))) if changes else None
 
     def _change_during_step(self) -> tuple[RecordKind, list[ContactPair]] | None:
-        """Pairs that ended a step early without opening: they entered the active set, or their gap drifted to the limit."""
+        """Pairs that ended a step early without opening: they entered the active set, or drifted or tilted to the limit."""
         closed = self._active_set
         decision = closed.decide() if closed.contact_points else None
         if decision is None:
@@ -353,7 +353,7 @@ class PersistentContactModel(ContactModel):
         presses = [
             decision.contact_points[i].pair for i in decision.pressing if decision.contact_points[i] not in closed.pressing
         ]
-        pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift()]))
+        pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
         return (CONTACT_CHANGES, pairs) if pairs else None
 
     def _apply_change(self, pairs: Sequence[ContactPair]) -> None:
