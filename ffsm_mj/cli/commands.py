@@ -15,7 +15,7 @@ from ffsm_mj.errors import InputError, unknown_name, working_on
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.comparison_report import comparison_report
-from ffsm_mj.report.output_place import folder_below, usable_file, usable_folder
+from ffsm_mj.report.output_place import folder_below, refuse_link, usable_file, usable_folder
 from ffsm_mj.report.run import Run, load_run
 from ffsm_mj.report.text_report import (
     as_json,
@@ -154,6 +154,7 @@ def _refuse_impossible(options: argparse.Namespace) -> None:
     if options.compare and len(options.runs) < 2:
         raise InputError("--compare: name two runs or more")
     if options.plots:
+        refuse_link(Path(options.plots))
         usable_folder(Path(options.plots))
 
 

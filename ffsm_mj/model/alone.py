@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.compilation import compile_spec
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.source import REFUSALS, digest_of, load_spec, mujoco_line
@@ -103,6 +104,6 @@ def _compile(load: Any, asked: _Request) -> CompiledAlone:
     with collected_warnings(warnings):
         spec = load(asked.files, asked.vfs)
         try:
-            return CompiledAlone(spec.compile(vfs=asked.vfs), tuple(warnings))
+            return CompiledAlone(compile_spec(spec, asked.vfs), tuple(warnings))
         except REFUSALS as error:
             raise InputError(mujoco_line(asked.files, error)) from error

@@ -17,6 +17,7 @@ import numpy as np
 
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.alone import compiled_alone, spec_alone
+from ffsm_mj.model.compilation import compile_spec
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.inertial import Inertial
 from ffsm_mj.model.properties import (
@@ -184,7 +185,7 @@ def _of_geoms(alone: Any, bodies: list[str], path: tuple[str, str], vfs: Any) ->
         Inertial(0.0, np.full(3, np.nan), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])).write(body)
         body.explicitinertial = False  # and without a centre MuJoCo asks the geoms
     try:
-        compiled = alone.compile(vfs=vfs)
+        compiled = compile_spec(alone, vfs)
     except REFUSALS as error:
         text = " ".join(str(error).split())
         raise ScenarioFaults([Fault(f"mass_from_geoms: MuJoCo finds no mass in the geoms: {text}", path)]) from error

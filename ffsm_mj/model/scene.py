@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.model.compilation import compile_spec
 from ffsm_mj.model.conservative import authored_integrator
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.fixed import weightless
@@ -46,7 +47,7 @@ def empty_scene(time_step_s: float) -> Any:
 def compile_scene(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any:
     """Compile the scene, and refuse numbers that MuJoCo takes though no run could work with them."""
     try:
-        model = scene.compile(vfs=vfs)
+        model = compile_spec(scene, vfs)
     except REFUSALS as error:
         _refuse_overrides(files, vfs)
         raise InputError(own_words(files.values(), vfs, error)) from error
@@ -69,7 +70,7 @@ def _refuse_overrides(files: Mapping[str, ModelFiles], vfs: Any) -> None:
             spec = load_spec(each, vfs)
             override(spec, name, each, vfs)
             try:
-                spec.compile(vfs=vfs)
+                compile_spec(spec, vfs)
             except REFUSALS as error:
                 text = " ".join(str(error).split())
                 fault = Fault(f"MuJoCo refuses what this makes of the model: {text}", (each.overrides[-1].key, name))

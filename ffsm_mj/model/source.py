@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.compilation import compile_spec
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.packages import SCHEME
 from ffsm_mj.model.xml import elements
@@ -139,7 +140,7 @@ def own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:
     models = tuple(models)
     for files in models:
         try:
-            load_spec(files, vfs).compile(vfs=vfs)
+            compile_spec(load_spec(files, vfs), vfs)
         except REFUSALS as own:
             return mujoco_line(files, own)
     return f"{' and '.join(files.place for files in models)}: {' '.join(str(error).split())}"

@@ -12,6 +12,7 @@ from warnings import catch_warnings
 import mujoco
 
 from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.model.compilation import compile_spec
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.source import load_spec, parse_spec
@@ -123,7 +124,7 @@ def _motors(spec: Any, joints: Iterator[Any]) -> dict[str, float | None]:
 
 def _mass(files: ModelFiles, vfs: Any, root: str) -> float:
     try:
-        model = load_spec(files, vfs).compile(vfs=vfs)
+        model = compile_spec(load_spec(files, vfs), vfs)
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{files.place}: {' '.join(str(error).split())}") from error
     return float(model.body_subtreemass[model.body(root).id if root else 0])

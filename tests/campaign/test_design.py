@@ -227,8 +227,8 @@ def test_an_extended_design_keeps_its_runs(tmp_path):
     [
         ("lhs", 16, "a sample of kind lhs cannot be extended, a larger one is all new; allowed: random, sobol"),
         ("saltelli", 16, "a sample of kind saltelli cannot be extended"),
-        ("sobol", 12, "12 runs; a power of 2 above 8, the runs that there are, is needed"),
-        ("random", 8, "8 runs; above 8, the runs that there are, is needed"),
+        ("sobol", 12, "12 runs; a power of 2 above 8, the number of runs so far, is needed"),
+        ("random", 8, "8 runs; above 8, the number of runs so far, is needed"),
     ],
 )
 def test_what_cannot_be_extended(tmp_path, kind, n, message):

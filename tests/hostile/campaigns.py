@@ -79,15 +79,15 @@ def campaign_folder_case(rng: Random, made: Files) -> Case:
         (
             *(("status", "D"), ("status", "D"), ("report", "D"), ("report", "D"), ("report", "D")),
             *(("report", "D", "--page", "page.md"), ("resume", "D"), ("resume", "D", "--retry", "error")),
-            *(("extend", "D", "6"), ("replay", "D", "0"), ("replay", "D", "3", "99")),
+            *(("extend", "D", "6"), ("rerun", "D", "0"), ("rerun", "D", "3", "99")),
         )
     )
     return Case(f"campaign {command[0]}", files, (("campaign", *command),), links=tuple(links))
 
 
 def _bytes(rng: Random, files: Files, _: Any) -> None:
-    name = rng.choice(sorted(files))
-    if name in files:
+    if files:
+        name = rng.choice(sorted(files))
         files[name] = mutate_bytes(rng, files[name])
 
 
@@ -185,6 +185,8 @@ def _yaml(rng: Random, files: Files, _: Any) -> None:
 
 
 def _gone(rng: Random, files: Files, _: Any) -> None:
+    if not files:
+        return
     name = rng.choice(sorted(files))
     del files[name]
     if rng.random() < 0.3:
@@ -192,7 +194,7 @@ def _gone(rng: Random, files: Files, _: Any) -> None:
 
 
 def _log(rng: Random, files: Files, _: Any) -> None:
-    name = "D/replays/000000/run.mcap"
+    name = "D/reruns/000000/run.mcap"
     if name in files:
         files[name] = mutate_log(rng, files[name])
 
@@ -215,8 +217,8 @@ _WRITTEN = (
         "D/figures/report",
         "D/figures/report/convergence.png",
     ),
-    *("D/driver.lock", "D/replays", "D/replays/000000", "D/replays/000003", "D/rows.sqlite", "D/rows.sqlite-journal"),
+    *("D/driver.lock", "D/reruns", "D/reruns/000000", "D/reruns/000003", "D/rows.sqlite", "D/rows.sqlite-journal"),
     *("D/rows.sqlite-wal", "D/rows.sqlite-shm", "D/design.json", "D/campaign.yaml", "D/scenario", "page.md", "figures"),
-    *("D/replays/000000/run.mcap", "D/replays/000000/mjcf", "D/replays/000000/summary.json", "D"),
+    *("D/reruns/000000/run.mcap", "D/reruns/000000/mjcf", "D/reruns/000000/summary.json", "D"),
 )
 _MUTATIONS = (_bytes, _table_bytes, _table, _table, _table, _journal, _json, _json, _yaml, _yaml, _gone, _log, _link, _link)

@@ -6,7 +6,7 @@ import re
 
 from tests.hostile.cases import Case
 
-_CODES = (0, 1, 2, 3, 4, 130)
+_CODES = (0, 1, 2, 3, 4, 5, 130)
 _NOISE = re.compile(r"Traceback|Warning\b|WARNING|Fatal Python error|Timeout \(|Exception ignored|^Error", re.MULTILINE)
 _OUTCOMES = "diverged|event_limit|unsupported_contact|controller_failed|write_failed|violated"
 
@@ -39,6 +39,8 @@ def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
     """Whether a line says where a fault is, and what it is."""
     if re.search(r"', line 0\b", line):
         return False
+    if re.match(r"/\S+:\d+:\d+: \S", line):  # the target of a link
+        return True
     if re.match(r"-s |--\w+[: ]|'': |ffsm[: ]|new: |new-law: |logs/\S+: |workers: |run \d+: |\S+: no such run\b", line):
         return ": " in line or "--" in line
     names = sorted(

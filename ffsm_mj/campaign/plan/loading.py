@@ -78,18 +78,21 @@ class Plan:
         """
         if design.kind not in EXTENDABLE:
             allowed = ", ".join(EXTENDABLE)
-            raise InputError(
+            raise self._refusal(
                 f"a sample of kind {design.kind} cannot be extended, a larger one is all new; allowed: {allowed}"
             )
         if n <= design.n or (design.kind == "sobol" and n & (n - 1)):
             power = "a power of 2 " if design.kind == "sobol" else ""
-            raise InputError(f"{n} runs; {power}above {design.n}, the runs that there are, is needed")
+            raise self._refusal(f"{n} runs; {power}above {design.n}, the number of runs so far, is needed")
         longer = self._drawn(design.kind, n, design.seed)
         if longer.rows[: len(design.rows)] != design.rows or longer.bindings != design.bindings:
-            raise InputError(
-                "the first runs would not be those of the design: it was made from another file or by other versions"
+            raise self._refusal(
+                "the first runs would not be those of the design, which was made from another file or by other versions"
             )
         return longer
+
+    def _refusal(self, message: str) -> InputError:
+        return InputError(self.source.line(Fault(message, ("samples",))))
 
 
 def load_campaign(
