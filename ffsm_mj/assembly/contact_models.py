@@ -5,7 +5,7 @@ from __future__ import annotations
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.record import KINDS
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
-from ffsm_mj.contact_models.impact.resting import RestRule
+from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.contact_models.interface import ContactModel, Scene, contact_model_of
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.errors import Fault, ScenarioFaults

@@ -321,7 +321,7 @@ class LogReplay:
         return bool(np.abs(self._state_now() - state).max() <= _FOLLOWED * (1.0 + np.abs(state).max()))
 
     def _add_to_balance(self, duration_s: float) -> None:
-        self._impacts.note_overlap()
+        self._impacts.update_overlap()
         self._balance.close(duration_s)
         for booking in self._course.exchanges(duration_s):
             self._balance.book(*booking)

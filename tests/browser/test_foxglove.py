@@ -42,7 +42,7 @@ def test_an_independent_reader_draws_the_scene(reader, tmp_path):
     (_, _, begun), (at, level, hit), *_ = reader.run("return log()")
     assert "phase coast" in begun
     assert (abs(at - HIT_S) < 1e-9, level) == (True, "INFO")
-    assert "robot/ball on target/target" in hit
+    assert hit.startswith("impact ball-target/target: impulse ")
     start = draw(reader, 0.0)
     assert reader.counts["spheres"] == 2
     assert reader.counts["points"] > 100

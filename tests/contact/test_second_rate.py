@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact_models.impact.resting import RestRule, resolve_resting
+from ffsm_mj.contact_models.impact.rest_rule import RestRule, resolve_resting
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.impact import Contact, resolve
 from tests.contact.test_geometry import PAIRS, shape

@@ -20,4 +20,4 @@ def test_an_arm_that_spins_too_fast_to_follow(tmp_path):
     short = {"duration_s": 0.06, "control_period_s": 0.02, "conservative": False}
     run = ffsm_mj.run("coasting", {**short, **fast, "robot.mjcf": str(tmp_path / "robot.xml")})
     assert run.outcome == "diverged"
-    assert "robot/gripper - object/box changes too often within a step to follow" in run.message
+    assert "robot/gripper - object/box changes too often within a step to be followed" in run.message

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import subprocess
 import sys
 from collections import defaultdict
@@ -119,9 +120,7 @@ def test_what_happens_is_told_in_words(tumbling):
     texts = [message.message for _, message in topics["/log"]]
     assert [text.split()[0] for text in (texts[0], texts[-1])] == ["phase", "completed"]
     (impact,) = texts[1:-1]
-    number, unit, *_ = impact.split()  # what differs from impact to impact leads
-    assert (float(number) > 0.0, unit) == (True, "N")
-    assert ": impact of " in impact
+    assert re.match(r"impact \S+: impulse [0-9.e+-]+ N s, e = ", impact)
     overlap = UnhandledContactRecord(("a", "b"), 0.5, 1.25, 1e-3)
     kind = kind_of(overlap)
     assert kind.sentence(overlap) == "unhandled contact: a and b overlapped from 0.500 to 1.250 s, up to 0.001 m deep"

@@ -134,8 +134,7 @@ def test_viewers_are_told_the_pair(tmp_path):
     ]
     assert [hit.robot_geom for hit in told["/ffsm/impact"]] == ["robot/ball", ""]
     (line,) = (line.message for line in told["/log"] if "behind" in line.message)
-    assert line.startswith("0.81 N s, left/left on right/right, e = 0.5, ")
-    assert line.endswith(": impact of behind")
+    assert line.startswith("impact behind: impulse 0.81 N s, e = 0.5, approach ")
     command = [sys.executable, "-m", "rerun", "rrd", "print", "-v", str(tmp_path / "out" / "run.rrd")]
     recorded = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert "/world/impacts/1/behind_1" in recorded

@@ -127,9 +127,11 @@ class GraspModel(ContactModel):
 
     def restart(self) -> None:
         """Discard the tracked path; an impact of one of its pairs closes an armed grasp."""
-        struck, self._impacts.struck = self._impacts.struck, frozenset()
-        if struck and self._closing is None:
-            self._closing = next((latch for latch in self._latches.values() if latch.armed and latch.pairs & struck), None)
+        hit_pairs, self._impacts.hit_pairs = self._impacts.hit_pairs, frozenset()
+        if hit_pairs and self._closing is None:
+            self._closing = next(
+                (latch for latch in self._latches.values() if latch.armed and latch.pairs & hit_pairs), None
+            )
         for latch in self._latches.values():
             latch.clear_path()
         self._update_watched()

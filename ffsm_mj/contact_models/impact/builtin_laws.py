@@ -1,4 +1,4 @@
-"""The impact laws ``blend``, ``poisson`` and ``newton``: one closed form for one contact, and each its own for several.
+"""The impact laws ``blend``, ``poisson`` and ``newton``: one closed form for one contact, three laws for several contacts.
 
 The mathematics is in :mod:`ffsm_mj.contact_models.impact.laws` and, with friction, in
 :mod:`ffsm_mj.contact_models.impact.friction`.
@@ -18,10 +18,10 @@ from ffsm_mj.records.events import ImpactRecord
 
 
 class _BuiltIn(ImpactLaw):
-    """What the built-in laws share: the closed form of one contact, and Stronge's law for one with friction."""
+    """Base of the built-in laws: the closed form for one contact, and Stronge's law for one contact with friction."""
 
     def solve(self, problem: ImpactProblem) -> ImpactSolution:
-        """Normal impulses, and friction where any contact has it."""
+        """Normal impulses, and friction impulses if any contact has friction."""
         if problem.with_friction:
             return self._with_friction(problem)
         e = problem.restitution
@@ -34,16 +34,16 @@ class _BuiltIn(ImpactLaw):
     def friction_residuals(
         self, event: Sequence[ImpactRecord], problem: ImpactProblem, impulses: FloatArray
     ) -> Iterator[float]:
-        """One contact is solved again; under Stronge's law its works also obey the energetic coefficient of restitution."""
+        """For one contact under Stronge's law, the works also satisfy the energetic definition of restitution."""
         yield from super().friction_residuals(event, problem, impulses)
         contact = event[0]
         if len(event) == 1 and contact.law == "stronge":
             yield max(contact.friction_work_J, 0.0)
-            if contact.status != "wedged":  # e^2 = -W_restitution / W_compression; a wedged contact has no restitution
+            if contact.status != "wedged":  # e^2 = -W_restitution / W_compression; wedged: no restitution
                 yield abs(contact.normal_work_J - (1.0 - contact.restitution_used**2) * contact.compression_work_J)
 
     def _with_friction(self, problem: ImpactProblem) -> ImpactSolution:
-        # Not imported where nothing has friction: its solvers take time to load.
+        # Imported only for contacts with friction: its solvers take time to load.
         from ffsm_mj.contact_models.impact.friction import impact_with_friction
 
         found = impact_with_friction(problem.A, problem.w, problem.mu, problem.restitution, self.name)
@@ -51,7 +51,7 @@ class _BuiltIn(ImpactLaw):
 
 
 class Blend(_BuiltIn):
-    """Plastic solution and generalised reflections, mixed by e; with friction Stronge's law, or ``coulomb`` for several."""
+    """Plastic solution and generalised reflections, mixed by e; with friction ``stronge`` (one contact) or ``coulomb``."""
 
     name: ClassVar[str] = "blend"
     covers: ClassVar[Coverage] = Coverage(friction=True, super_elastic=True)
@@ -60,7 +60,7 @@ class Blend(_BuiltIn):
 
 
 class Poisson(_BuiltIn):
-    """Compression, then expansion by e times its impulses; with friction Stronge's law for one contact."""
+    """Compression, then expansion by e times the compression impulses; with friction, ``stronge`` for one contact."""
 
     name: ClassVar[str] = "poisson"
     covers: ClassVar[Coverage] = Coverage(friction=True, super_elastic=True)
@@ -68,7 +68,7 @@ class Poisson(_BuiltIn):
 
 
 class Newton(_BuiltIn):
-    """Each contact separates at e times its approach or faster, where that is consistent; none has friction."""
+    """Each contact separates at e times its approach speed or faster, if that is consistent; without friction."""
 
     name: ClassVar[str] = "newton"
     covers: ClassVar[Coverage] = Coverage(super_elastic=True)

@@ -1,4 +1,4 @@
-"""A contact of an impact, and how the bodies move there: normal and tangents at one common point."""
+"""A contact point of two bodies and its Jacobian rows along the normal and two tangents."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ffsm_mj.tolerances import CANCELLED
 
 @dataclass(frozen=True)
 class Contact:
-    """Two bodies touching at a point.
+    """Two bodies in contact at one point.
 
     Attributes:
         body_a: Body id of the first body; the impulse on it points along ``-normal``.
@@ -36,15 +36,15 @@ class Contact:
 def contact_jacobian(model: Any, data: Any, contact: Contact) -> FloatArray:
     """J_n = n^T (J_b(p) - J_a(p)), shape (nv,): the normal velocity of b relative to a.
 
-    Both bodies are evaluated at the one common point, so that the impulse pair has no moment and L is exact. A row in which
-    the two cancel to rounding, as those of links about a hinge that the normal goes through, is zero.
+    Both bodies are evaluated at the one common point, so that the pair of impulses has no moment and L is conserved exactly.
+    A row in which the two parts cancel to rounding is zero, as for two links whose hinge axis meets the normal.
     """
     jac_a, jac_b = _jacobians(model, data, contact)
     return _row(np.asarray(contact.normal, dtype=np.float64), jac_a, jac_b)
 
 
 def contact_rows(model: Any, data: Any, contact: Contact, tangents: FloatArray) -> FloatArray:
-    """Rows of the normal and of two tangents at the common point, (3, nv): the velocity of b relative to a along each.
+    """Velocity of b relative to a along the normal and two tangents, as rows of a Jacobian, (3, nv).
 
     Args:
         model: MuJoCo model.
@@ -58,7 +58,7 @@ def contact_rows(model: Any, data: Any, contact: Contact, tangents: FloatArray) 
 
 
 def _jacobians(model: Any, data: Any, contact: Contact) -> tuple[FloatArray, FloatArray]:
-    """Of both bodies at the common point, (3, nv) each."""
+    """Jacobians of both bodies at the common point, (3, nv) each."""
     jac_a, jac_b = np.empty((3, model.nv)), np.empty((3, model.nv))
     point = np.asarray(contact.point, dtype=np.float64)
     mujoco.mj_jac(model, data, jac_a, None, point, contact.body_a)

@@ -1,7 +1,7 @@
-"""The first touch of one pair on a stretch of its path where the gap is monotone or has one extremum.
+"""First touch of one pair in an interval where its gap has at most one extremum.
 
-A touch is an instant at which the gap is used up and the pair approaches. A pair that starts in contact first has to leave
-it, or is pressed from there: a root of the gap at which the pair separates is where it comes from, not where it goes.
+A touch is a time at which the gap is zero and the pair approaches. A root of the gap at which the pair separates is the end
+of an earlier contact, not a touch: a pair that starts in contact must first leave it, or is pressed from the start.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from ffsm_mj.tolerances import RATE
 At = Callable[[float], Proximity]
 
 _FALL = 100.0
-"""A pair in contact has moved on when its gap has fallen by so many times its rounding."""
+"""A pair that starts in contact touches again when its gap has fallen by this many times its rounding."""
 _ITERATIONS = 100
 
 
 def first_touch(at: At, start: float, end: float, pressed: Callable[[Proximity], bool]) -> float | None:
-    """First touch between two times, or None.
+    """First touch in an interval, s, or None.
 
     Args:
-        at: Goes to a time, and looks.
-        start: Begin of the stretch, s.
-        end: Its end, s.
-        pressed: Whether a pair that is closed and still, where ``at`` has gone last, is pressed together.
+        at: Moves to a time in s and evaluates the pair there.
+        start: Start of the interval, s.
+        end: End of the interval, s.
+        pressed: Whether a closed pair at rest begins to overlap, at the time that ``at`` moved to last.
     """
     first, last = at(start), at(end)
     if first.approaches:
@@ -33,12 +33,15 @@ def first_touch(at: At, start: float, end: float, pressed: Callable[[Proximity],
     level, fall = min(first.gap, 0.0), _FALL * last.rounding
     if last.gap > level - (fall if first.gap <= 0.0 else 0.0):
         return None
-    # It leaves, or rests, and falls later: it touches on the way down, at the gap that it started with or at none.
+    # The pair separates or is at rest at the start, and its gap is lower at the end: the touch is where the gap falls back
+    # to zero, or, for a pair that already overlaps by rounding, to its value at the start.
     if first.rate > 0.0 and last.rate >= 0.0:
         return _by_halves(at, start, end, pressed)
     highest = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), RATE) if first.rate > 0.0 else start
     top = at(highest)
     if top.gap <= level + top.rounding:
+        # The pair never leaves contact. If efforts press it, contact begins at the maximum; else it must fall by more than
+        # rounding, or every evaluation would report a touch.
         if pressed(top):
             return highest
         level -= fall
@@ -46,7 +49,7 @@ def first_touch(at: At, start: float, end: float, pressed: Callable[[Proximity],
 
 
 def _by_halves(at: At, start: float, end: float, pressed: Callable[[Proximity], bool]) -> float | None:
-    """A gap that rises at both ends and is lower at the second has more than one extremum: look at each half."""
+    """First touch by bisection: a gap that rises at both ends and is lower at the second has more than one extremum."""
     middle = 0.5 * (start + end)
     if not start < middle < end:
         return None
@@ -55,19 +58,19 @@ def _by_halves(at: At, start: float, end: float, pressed: Callable[[Proximity], 
 
 
 def _falling(at: At, start: float, end: float, first: Proximity, last: Proximity) -> float | None:
-    """Where a pair that is apart and approaches touches."""
+    """First touch of a pair that is apart and approaches at the start."""
     if last.gap > 0.0:
         if last.rate <= 0.0:
             return None
         end = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), RATE)
-        last = at(end)  # it dips in between: a graze, or a touch on the way down
+        last = at(end)  # the minimum of the gap: positive for a near miss, else a touch precedes it
         if last.gap > 0.0:
             return None
     return root(lambda t: at(t).gap, (start, first.gap), (end, last.gap), last.rounding)
 
 
 def root(f: Callable[[float], float], left: tuple[float, float], right: tuple[float, float], tolerance: float) -> float:
-    """Root of f between two points (t, f(t)) of different sign: Illinois' secant, kept inside its bracket."""
+    """Root of a function between two points (t, f(t)) of different sign, by the Illinois variant of regula falsi."""
     (a, fa), (b, fb) = left, right
     if fa == 0.0:
         return a

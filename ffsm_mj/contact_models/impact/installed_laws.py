@@ -1,7 +1,8 @@
-"""Impact laws by name: the built-in ones, those registered, and those of installed packages.
+"""Impact laws by name: built-in laws, registered laws, and laws of installed packages.
 
-A package brings one by the entry-point group ``ffsm_mj.impact_laws``: the entry point has the name of the law, its object is
-a subclass of :class:`~ffsm_mj.contact_models.impact.law.ImpactLaw` that is built without arguments.
+A package provides a law through the entry-point group ``ffsm_mj.impact_laws``: the name of the entry point is the name of
+the law, and its object a subclass of :class:`~ffsm_mj.contact_models.impact.law.ImpactLaw` with a constructor without
+arguments.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ _REGISTERED = dict(_BUILT_IN)
 
 
 def register(law: ImpactLaw) -> None:
-    """Make a law known in this process, as a script or a test does that is no installed package.
+    """Register a law in this process, for scripts and tests that are not installed packages.
 
     Raises:
         ValueError: Another law has that name.
@@ -29,16 +30,16 @@ def register(law: ImpactLaw) -> None:
 
 
 def impact_laws() -> dict[str, ImpactLaw]:
-    """All laws by name, the built-in ones first."""
+    """All laws by name, built-in laws first."""
     plugins, _ = _plugins()
     return _REGISTERED | {name: law for name, law in plugins.items() if name not in _REGISTERED}
 
 
 def impact_law(name: str) -> ImpactLaw:
-    """The law of a name.
+    """Look up a law by name.
 
     Raises:
-        LookupError: There is none, or that of an installed package cannot be used; the message says which.
+        LookupError: The law is unknown, or an installed package provides it and cannot be used; the message says which.
     """
     if law := _REGISTERED.get(name) or _plugins()[0].get(name):
         return law
@@ -54,9 +55,9 @@ def plugin_fault(name: str) -> str:
 
 
 def law_of_record(name: str) -> ImpactLaw:
-    """The law that checks records of a name: the law of that name, or one that has a rule of that name.
+    """The law that checks records with a given name: the law of that name, or one with a rule of that name.
 
-    A name that is not known here is checked as the default law is: a log cannot escape a check by naming another law.
+    Records of an unknown law are checked by the default law, so a log cannot avoid a check by its name.
     """
     laws = impact_laws()
     by_rule = (law for law in laws.values() if name in law.rules)
@@ -65,7 +66,7 @@ def law_of_record(name: str) -> ImpactLaw:
 
 @cache
 def _plugins() -> tuple[dict[str, ImpactLaw], dict[str, str]]:
-    """Laws of installed packages, and why others cannot be used; looked up once per process.
+    """Laws of installed packages, and why others cannot be used; evaluated once per process.
 
     A broken package affects only the scenarios that name its law; so does a law with the name of a built-in one.
     """
@@ -84,8 +85,8 @@ def _plugins() -> tuple[dict[str, ImpactLaw], dict[str, str]]:
 def _loaded(entry_point: EntryPoint) -> ImpactLaw:
     cls = entry_point.load()
     if not (isinstance(cls, type) and ImpactLaw in cls.__mro__):
-        raise TypeError(f"{entry_point.value} is no subclass of ffsm_mj.impact.ImpactLaw")
+        raise TypeError(f"{entry_point.value} is not a subclass of ffsm_mj.impact.ImpactLaw")
     law: ImpactLaw = cls()
     if law.name != entry_point.name:
-        raise TypeError(f"{entry_point.value}: the name of the entry point must be that of the law, {law.name!r}")
+        raise TypeError(f"{entry_point.value}: the entry point must have the name of the law, {law.name!r}")
     return law

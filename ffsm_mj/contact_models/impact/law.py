@@ -1,4 +1,4 @@
-"""The interface of impact laws: which problem a law is given, what it answers, what it covers, how its records are checked.
+"""Interface of impact laws: problem, solution, coverage, and the checks of a law on its records.
 
 See ``docs/impact-laws.md``; :mod:`ffsm_mj.contact_models.impact.installed_laws` finds the laws by name.
 """
@@ -23,12 +23,12 @@ if TYPE_CHECKING:  # its package takes time to load, and most impacts have no fr
 
 @dataclass(frozen=True)
 class Coverage:
-    """Which impacts a law has an answer for; the others are refused before the law is asked.
+    """Impacts that a law covers; others are refused without calling it.
 
     Attributes:
         several: More than one contact at one instant.
         friction: Contacts with mu > 0.
-        super_elastic: e > 1, at one contact without friction.
+        super_elastic: e > 1, for one contact without friction.
     """
 
     several: bool = True
@@ -38,17 +38,17 @@ class Coverage:
 
 @dataclass(frozen=True)
 class ImpactProblem:
-    """k closed contacts at one instant.
+    """Impact problem: k closed contacts at one instant.
 
     With M = L L^T, w = L^T qvel and A = J L^-T the kinetic energy is |w|^2 / 2, the contact velocities are A w, and impulses
     p along the rows of J give w+ = w + A^T p.
 
     Attributes:
         M: Mass matrix, (n, n).
-        J: Contact Jacobian. Without friction one row per contact, the normal velocity, (k, n); where any contact has
-            friction three rows per contact, (normal, t1, t2), (3k, n).
+        J: Contact Jacobian. Without friction one row per contact, the normal velocity, (k, n); if any contact has friction
+            three rows per contact, (normal, t1, t2), (3k, n).
         qvel: Velocities before the impact, (n,).
-        restitution: Coefficients e, (k,). 0 demands a plastic impact: the contact is to stay closed.
+        restitution: Coefficients e, (k,). 0 requires a plastic impact: the contact stays closed.
         mu: Coefficients of Coulomb friction, (k,).
     """
 
@@ -75,7 +75,7 @@ class ImpactProblem:
 
     @cached_property
     def speeds(self) -> FloatArray:
-        """Normal velocities before, (k,), m/s; negative where a contact approaches."""
+        """Normal velocities before, (k,), m/s; negative for contacts that approach."""
         return np.array([row @ self.qvel for row in self.normals])
 
     @cached_property
@@ -85,7 +85,7 @@ class ImpactProblem:
 
     @cached_property
     def inverse_masses(self) -> FloatArray:
-        """J M^-1 J^T of each contact alone, (k,), 1/kg."""
+        """Diagonal of J M^-1 J^T: inverse effective mass of each contact, (k,), 1/kg."""
         return np.array([row @ response for row, response in zip(self.normals, self.responses, strict=True)])
 
     @cached_property
@@ -106,13 +106,13 @@ class ImpactProblem:
 
 @dataclass(frozen=True)
 class ImpactSolution:
-    """What a law answers; the velocities after follow from the impulses.
+    """Solution of a law; the post-impact velocities follow from the impulses.
 
     Attributes:
         impulses: Normal impulses, (k,), N s, >= 0.
-        status: ``ok``; ``jammed``: energy was lost because bodies are squeezed without clearance; other words with friction.
-        rule: Name that the record bears, where a law has several rules; else the name of the law.
-        friction: Of a problem with friction: impulses along the rows of J, and their works.
+        status: ``ok``, or ``jammed`` if energy was lost because bodies are squeezed without clearance; more with friction.
+        rule: Name for the record if the law has several rules; empty: the name of the law.
+        friction: For a problem with friction: impulses along the rows of J, and their works.
     """
 
     impulses: FloatArray
@@ -122,12 +122,12 @@ class ImpactSolution:
 
 
 class ImpactLaw(Protocol):
-    """An impact law; subclass it, and a name, a coverage and :meth:`solve` are enough.
+    """An impact law. A subclass needs a name, a coverage and :meth:`solve`.
 
     Attributes:
         name: Name in ``impact.law`` of a scenario and in the records.
-        covers: Which impacts it has an answer for.
-        rules: Names, beside its own, that its solutions bear in records.
+        covers: Impacts that it covers.
+        rules: Names that its solutions may have in records, besides its own.
     """
 
     name: ClassVar[str]
@@ -135,21 +135,21 @@ class ImpactLaw(Protocol):
     rules: ClassVar[tuple[str, ...]] = ()
 
     def solve(self, problem: ImpactProblem) -> ImpactSolution:
-        """Impulses of an impact that the law covers; one contact alone approaches.
+        """Solve an impact that the law covers; a single contact approaches.
 
         Raises:
-            UnsupportedContactError: It has no answer; the run ends with this message.
+            UnsupportedContactError: It has no solution; the run ends with this message.
         """
         ...
 
     def restitution_residual(self, event: Sequence[ImpactRecord]) -> float | None:
-        """Check ``impact restitution``: by how much recorded speeds of an impact without friction miss this law, m/s.
+        """Residual of the check ``impact restitution``: recorded speeds without friction against this law, m/s.
 
-        By default one contact separates at e times its approach, with the e that the record says was used, and several
-        are not judged: the energy balance of the impact is, under any law.
+        By default a single contact separates at e times its approach speed, with the recorded e. Several contacts have no
+        such rule; the energy balance of their impact is checked under any law.
 
         Returns:
-            The residual, or None where the law says nothing of these contacts.
+            The residual, or None if the law makes no statement about these contacts.
         """
         if len(event) > 1:
             return None
@@ -159,10 +159,10 @@ class ImpactLaw(Protocol):
     def friction_residuals(
         self, event: Sequence[ImpactRecord], problem: ImpactProblem, impulses: FloatArray
     ) -> Iterator[float]:
-        """Check ``impact energy`` with friction: by how much records miss what the law makes of the logged state, J.
+        """Residuals of the check ``impact energy`` with friction: records against the law at the logged state, J.
 
-        By default one contact is solved again. That impulses explain the change of velocity, lie in their friction cones
-        and create no energy is checked under any law.
+        By default a single contact is solved again. Under any law it is also checked that the impulses explain the change
+        of velocity, lie in their friction cones and create no energy.
 
         Args:
             event: Records of the impact.
@@ -191,22 +191,22 @@ class ImpactLaw(Protocol):
 
 
 def solve_impact(law: ImpactLaw, problem: ImpactProblem) -> ImpactSolution:
-    """The solution of a law, one contact or many.
+    """Solve an impact by a law, and validate the solution.
 
     Raises:
-        UnsupportedContactError: The law does not cover the problem, or its answer is none.
+        UnsupportedContactError: The law does not cover the problem, or its solution is invalid.
     """
     if reason := uncovered(law, problem):
         raise UnsupportedContactError(reason)
     solution = law.solve(problem)
-    # A pulling impulse or a missing one would enter the balance as if it were physics.
+    # A negative or missing impulse would enter the balance as if it were physics.
     if solution.impulses.shape != problem.mu.shape or np.any(solution.impulses < 0.0):
         raise UnsupportedContactError(f"impact law {law.name!r} does not return one impulse >= 0 per contact")
     return solution
 
 
 def uncovered(law: ImpactLaw, problem: ImpactProblem) -> str:
-    """Why a law does not cover a problem; empty where it does."""
+    """Why a law does not cover a problem; empty if it does."""
     several, super_elastic = len(problem.mu) > 1, problem.restitution.max() > 1.0
     if problem.with_friction and not law.covers.friction:
         return f"impact law {law.name!r} does not cover friction; with mu > 0 use 'blend' or 'poisson'"
@@ -222,10 +222,10 @@ def uncovered(law: ImpactLaw, problem: ImpactProblem) -> str:
 
 
 def friction_of(law: ImpactLaw, solution: ImpactSolution) -> FrictionResult:
-    """What a solution says of friction.
+    """Friction impulses and works of a solution.
 
     Raises:
-        UnsupportedContactError: Nothing, although its problem has friction.
+        UnsupportedContactError: The solution has none, although its problem has friction.
     """
     if solution.friction is None:
         raise UnsupportedContactError(f"impact law {law.name!r} returns no friction impulses")

@@ -4,10 +4,10 @@ With M = L L^T, w = L^T qdot and A = J L^-T (one row per touching contact) the k
 velocities are A w, and an impulse lambda >= 0 gives w+ = w + A^T lambda.
 
 ``blend`` mixes the plastic solution with generalised reflections (Smith, Kaufman, Vouga, Tamstorf, Grinspun, ACM TOG
-31(4), 2012): kinetic energy never grows, e = 1 conserves it, nothing ends approaching, no impulse pulls, symmetric scenes
-stay symmetric. ``poisson`` never gains energy either and dissipates more; ``newton`` is the textbook law, allowed only where
-it is consistent. One contact: all are the closed form of :func:`reflect`, -(1 + e) u / (J M^-1 J^T). Several contacts have
-no one physical answer; the law is a choice.
+31(4), 2012): kinetic energy never grows, e = 1 conserves it, every post-impact normal velocity and every normal impulse is
+non-negative, and symmetric scenes stay symmetric. ``poisson`` never gains energy either and dissipates more. ``newton`` is
+the textbook law, allowed only where it is consistent. For one contact all three are the closed form of :func:`reflect`,
+-(1 + e) u / (J M^-1 J^T). Several contacts have no unique physical answer: the law is a modelling choice.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.tolerances import APPROACHING, CANCELLED, EPSILON, SOLVED
 
 IMMOVABLE = "neither body can move along the contact normal"
-"""What is wrong with a contact whose J M^-1 J^T is zero."""
-_ROUNDING = 1e-13
-_PASSES = 300
-_SWEEPS = 20_000
+"""Message for a contact whose J M^-1 J^T is zero."""
+_VELOCITY_ROUNDING = 1e-13
+"""Rounding of a contact velocity, relative to the norm of the mass-weighted velocity: some hundred EPSILON."""
+_MAX_REFLECTIONS = 300
+_MAX_SWEEPS = 20_000
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,9 @@ class LawResult:
     """Outcome of a law.
 
     Attributes:
-        impulses: Normal impulses, (m,), >= 0; where contacts are redundant, those of least norm.
+        impulses: Normal impulses, (m,), >= 0; of least norm if contacts are redundant.
         w: Mass-weighted velocity after, (n,).
-        jammed: No elastic way out (bodies squeezed without clearance): energy was lost, never gained.
+        jammed: Whether no elastic solution was found, because bodies are squeezed without clearance: energy is lost.
     """
 
     impulses: FloatArray
@@ -44,7 +45,7 @@ class LawResult:
 
 
 def impulse_of_one(u: float, inverse_mass: float, restitution: float) -> float:
-    """Closed form for one contact, -(1 + e) u / (J M^-1 J^T), N s: what takes the normal velocity u to -e u.
+    """Closed form for one contact, -(1 + e) u / (J M^-1 J^T), N s: takes the normal velocity from u to -e u.
 
     Args:
         u: Normal velocity before, m/s.
@@ -55,12 +56,12 @@ def impulse_of_one(u: float, inverse_mass: float, restitution: float) -> float:
 
 
 def reflect(M: FloatArray, J_n: FloatArray, qvel: FloatArray, restitution: float = 1.0) -> tuple[FloatArray, float]:
-    """The unconditional single-contact map, approaching or not: (qvel after, impulse in N s).
+    """Single-contact map, applied whether the contact approaches or not: (qvel after, impulse in N s).
 
-    For e = 1 it is a reflection in the metric of M: applied twice it returns the velocity it was given.
+    For e = 1 it is a reflection in the metric of M: applied twice, it returns the initial velocity.
 
     Raises:
-        ValueError: Nothing can move along the normal (J_n = 0).
+        ValueError: Neither body can move along the normal (J_n = 0).
     """
     response = np.linalg.solve(M, J_n)
     inverse_mass = float(J_n @ response)
@@ -73,8 +74,8 @@ def reflect(M: FloatArray, J_n: FloatArray, qvel: FloatArray, restitution: float
 def blend(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
     """Plastic solution and generalised reflections, mixed by restitution per contact.
 
-    With equal e: (1 - e) plastic + e elastic. With different e: each contact gets at least its own mix and at most that of
-    the largest e; the rest is the least energetic velocity that leaves nothing approaching.
+    With equal e: (1 - e) plastic + e elastic. With different e, each contact gets at least its own mix and at most that of
+    the largest e; a plastic step then makes all post-impact normal velocities non-negative.
     """
     plastic = project(A, w)
     if not np.any(e > 0.0):
@@ -98,7 +99,7 @@ def newton(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
     """0 <= lambda, u+ + e u- >= 0, complementary.
 
     Raises:
-        UnsupportedContactError: Restitutions differ, or a contact separates already: the law would gain energy or leave
+        UnsupportedContactError: Restitutions differ, or a contact already separates: the law could then gain energy or leave
             contacts approaching.
     """
     speeds = A @ w
@@ -112,21 +113,22 @@ FRICTIONLESS: dict[str, Callable[[FloatArray, FloatArray, FloatArray], LawResult
     "poisson": poisson,
     "newton": newton,
 }
-"""Solutions of (A, w, e) by the name of the built-in law that uses them for several contacts."""
+"""Solvers (A, w, e) by the name of the built-in law that uses them for several contacts."""
 
 
 def project(A: FloatArray, w: FloatArray) -> FloatArray:
     """Impulse lambda >= 0 that minimises |w + A^T lambda|: the plastic solution, unique in velocity.
 
-    Non-negative least squares needs no inverse of A A^T, so redundant contacts are no special case. Its optimality
-    conditions, 0 <= lambda and A (w + A^T lambda) >= 0, complementary, are verified: else a solution could create energy.
+    Non-negative least squares needs no inverse of A A^T, so redundant contacts need no special case. The optimality
+    conditions, 0 <= lambda and A (w + A^T lambda) >= 0, complementary, are verified: otherwise a solution could create
+    energy.
     """
     speeds = A @ w
     if not np.any(speeds < 0.0):
         return np.zeros(len(A))
     if len(A) == 1:
         return np.array([impulse_of_one(float(speeds[0]), float(A[0] @ A[0]), 0.0)])
-    from scipy.optimize import nnls  # a second to import, needed when several contacts meet
+    from scipy.optimize import nnls  # takes a second to import: only impacts with several contacts pay
 
     lengths = np.linalg.norm(A, axis=1)
     rows = A / lengths[:, None]
@@ -141,19 +143,19 @@ def project(A: FloatArray, w: FloatArray) -> FloatArray:
 
 def _optimal(rows: FloatArray, w: FloatArray, impulses: FloatArray) -> bool:
     after = rows @ (w + rows.T @ impulses)
-    # Relative to the approach, but not below what rounding of the whole velocity leaves, nor below that of the impulses: a
-    # sum of k products of theirs with unit rows is known to k units of rounding of all of them. Where a light body is
-    # between heavy ones the rows almost cancel, and impulses are so much larger than what they change.
-    tolerance = SOLVED * float(np.abs(rows @ w).max()) + _ROUNDING * float(np.linalg.norm(w))
+    # Relative to the approach, but not below the rounding of the whole velocity, nor below that of the impulses: a sum of
+    # products of k impulses with unit rows has a rounding error of k EPSILON times their sum. For a light body between
+    # heavy ones the rows almost cancel, and the impulses are much larger than the velocities that they change.
+    tolerance = SOLVED * float(np.abs(rows @ w).max()) + _VELOCITY_ROUNDING * float(np.linalg.norm(w))
     tolerance += len(rows) * EPSILON * float(impulses.sum())
     return bool(after.min() >= -tolerance and np.abs(after * (impulses > 0.0)).max() <= tolerance)
 
 
 def _sweeps(rows: FloatArray, w: FloatArray, impulses: FloatArray) -> FloatArray:
-    """Hildreth's cyclic projections: slow, and they always converge."""
+    """Hildreth's cyclic projections: slow, but they always converge."""
     impulses = impulses.copy()
     velocity = w + rows.T @ impulses
-    for _ in range(_SWEEPS):
+    for _ in range(_MAX_SWEEPS):
         for i, row in enumerate(rows):
             change = max(-float(row @ velocity), -impulses[i])
             impulses[i] += change
@@ -164,11 +166,11 @@ def _sweeps(rows: FloatArray, w: FloatArray, impulses: FloatArray) -> FloatArray
 
 
 def _reflections(A: FloatArray, w: FloatArray) -> tuple[FloatArray, bool]:
-    """Generalised reflections: reflect across the projection onto the violated contacts until none is violated."""
+    """Generalised reflections: reflect across the projection onto violated contacts until none is violated, else jammed."""
     impulses = np.zeros(len(A))
     velocity = w.copy()
     limit = -APPROACHING * float(np.abs(A @ w).max())
-    for _ in range(_PASSES):
+    for _ in range(_MAX_REFLECTIONS):
         violated = A @ velocity < limit
         if not violated.any():
             return impulses, False
@@ -183,25 +185,25 @@ def _result(A: FloatArray, w: FloatArray, impulses: FloatArray, *, jammed: bool 
 
 
 def least_norm(A: FloatArray, impulses: FloatArray) -> FloatArray:
-    """Among non-negative impulses with the same effect, the shortest: four corners share a face's load evenly."""
+    """The shortest non-negative impulse with the same effect: four corners of a face share its load evenly."""
     along, sizes, _ = np.linalg.svd(A, full_matrices=True)
     rank = int(np.count_nonzero(sizes > CANCELLED * sizes[0]))
     scale = float(np.abs(impulses).max())
     if rank == len(A) or scale == 0.0:
         return impulses
-    idle = along[:, rank:]  # changes of the impulses, as columns, that have no effect
+    idle = along[:, rank:]  # columns: changes of the impulses without effect on the velocity
     shortest = impulses / scale
     shortest = shortest - idle @ (idle.T @ shortest)
     if shortest.min() < 0.0:
         change = _least_change(idle, -shortest)
         if change is None:
-            return impulses  # they do have this effect, only others could be shorter
+            return impulses  # valid, though not the shortest
         shortest = np.maximum(shortest + idle @ change, 0.0)
     return np.asarray(scale * shortest)
 
 
 def _least_change(G: FloatArray, h: FloatArray) -> FloatArray | None:
-    """The shortest x with G x >= h, by non-negative least squares (Lawson and Hanson, chapter 23); None where it fails."""
+    """The shortest x with G x >= h, by non-negative least squares (Lawson and Hanson, chapter 23); None if it fails."""
     from scipy.optimize import nnls
 
     stacked, wanted = np.vstack((G.T, h)), np.zeros(G.shape[1] + 1)

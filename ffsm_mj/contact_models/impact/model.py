@@ -1,4 +1,4 @@
-"""The impact as a contact model: touch, resolve at once, fly on."""
+"""Impacts as a contact model: detect contact, resolve the impulses, change the velocities."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, contact_points
 from ffsm_mj.contact_models.impact.contact import Contact
 from ffsm_mj.contact_models.impact.record import impact_energies, impact_records, impulses_between
 from ffsm_mj.contact_models.impact.resolution import Impact, resolve
-from ffsm_mj.contact_models.impact.resting import RestingResult, RestRule, resolve_resting
+from ffsm_mj.contact_models.impact.rest_rule import RestingResult, RestRule, resolve_resting
 from ffsm_mj.contact_models.impact.time_of_impact import Detector
-from ffsm_mj.contact_models.impact.touching import Touching, touching_points
 from ffsm_mj.contact_models.interface import EventEffect, EventTime, Scene
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
@@ -28,14 +28,14 @@ _HEAT = Signal(
     "balance",
     "friction_heat_J",
     "J",
-    "heat of friction at impacts: the kinetic energy lost in those with friction, less what the work of the normal impulses "
-    "took, as restitution does without friction; where several contacts meet, that split is a convention",
+    "heat of friction at impacts: kinetic energy lost in impacts with friction, less the loss by the work of the normal "
+    "impulses, which restitution explains; for several contacts at one instant this split is a convention",
 )
 
 
 @dataclass(frozen=True)
 class ImpactRules:
-    """What a scenario says of its impacts; see its keys of the same names."""
+    """Settings of the impacts in a scenario; see its keys of the same names."""
 
     law: str
     rest: RestRule
@@ -44,14 +44,14 @@ class ImpactRules:
 
 
 class ImpactModel(Detector):
-    """Resolves what its pairs run into; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
+    """Resolves the impacts of its pairs; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
 
     kind = "impact"
-    struck: frozenset[str] = frozenset()
-    """Names of the pairs of the last impact, until somebody has heard of it."""
+    hit_pairs: frozenset[str] = frozenset()
+    """Names of the pairs of the last impact; a grasp that closes by contact reads and clears them."""
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair], rules: ImpactRules) -> None:
-        """Watch pairs from the state in ``scene.data`` on."""
+        """Start at the state in ``scene.data``."""
         super().__init__(scene, pairs)
         self._rules = rules
         self._impacts = 0
@@ -59,18 +59,18 @@ class ImpactModel(Detector):
         if any(pair.mu > 0.0 for pair in pairs):
             self.columns = (*self.columns, Columns((_HEAT,), live=self._heat, resume=self._resume_heat))
 
-    def _resume_heat(self, told: FloatArray) -> None:
-        self._heat[:] = told
+    def _resume_heat(self, logged: FloatArray) -> None:
+        self._heat[:] = logged
 
     def names(self) -> str:
         """The pairs in contact."""
         return "; ".join(str(pair) for pair, _ in self.contacts())
 
     def act(self, instant: EventTime) -> EventEffect | None:
-        """Resolve all contacts at this instant at once.
+        """Resolve all contacts at this instant together.
 
         Raises:
-            RunEnded: A contact is not supported, has no solution, or would last and cannot.
+            RunEnded: A contact is not supported, has no solution, or would have to persist and cannot.
         """
         system, data, time_s = self.scene.system, self.scene.data, instant.time_s
         touching = self.contacts()
@@ -81,7 +81,9 @@ class ImpactModel(Detector):
         self._refuse_unsolved(met.impact, time_s)
         self._refuse_rest(touching, met, time_s)
         if not any(near.approaches for _, near in touching):
-            self.closing.close(touching)  # a root at rounding level, or closed and still: what comes next decides
+            # Nothing approaches: the root of the gap was found to rounding, or a pair at rest is pressed. There is no
+            # impulse; persistent contact takes over the pairs at rest.
+            self.closing.close(touching)
             self._refuse_corners(touching, met, time_s)
             return None
         impact = self.apply(touching, met.impact)
@@ -91,13 +93,13 @@ class ImpactModel(Detector):
         self.closing.close(touching)
         self._refuse_unmoved(touching, impact, time_s)
         self._impacts += 1
-        self.struck = frozenset(pair.name for pair, _ in touching)
+        self.hit_pairs = frozenset(pair.name for pair, _ in touching)
         return EventEffect(records, self.exchange(energies, impact), end=self._end())
 
-    def resolve(self, touching: Touching) -> RestingResult:
-        """The impact in the coordinates of what moves, plastic where a contact comes to rest."""
+    def resolve(self, touching: ClosedPairs) -> RestingResult:
+        """Resolve an impact in the coordinates of the motion, plastic for contacts that come to rest."""
         bodies, model, data = self.motion.bodies, self.motion.model, self.motion.data
-        points = touching_points(touching)
+        points = contact_points(touching)
 
         def with_restitution(e: FloatArray) -> Impact:
             contacts = [
@@ -110,8 +112,8 @@ class ImpactModel(Detector):
             self.scene.system.mj, self.scene.data, touching, self._rules.rest, with_restitution, self.motion
         )
 
-    def apply(self, touching: Touching, impact: Impact) -> Impact:
-        """Give what moves its velocities after; returns the impact in the coordinates of the system."""
+    def apply(self, touching: ClosedPairs, impact: Impact) -> Impact:
+        """Set the post-impact velocities of the motion; returns the impact in the coordinates of the logged system."""
         motion, data = self.motion, self.scene.data
         before = np.array(data.qvel)
         motion.data.qvel[:] = impact.after.qvel
@@ -119,7 +121,7 @@ class ImpactModel(Detector):
         motion.path.on_event_located()
         if motion.data is data:
             return impact
-        pairs = [pair for pair, _, _ in touching_points(touching)]
+        pairs = [pair for pair, _, _ in contact_points(touching)]
         return replace(
             impact,
             contacts=tuple(
@@ -131,15 +133,16 @@ class ImpactModel(Detector):
         )
 
     def exchange(self, energies: FloatArray, impact: Impact) -> Exchange:
-        """What an impact did: its contacts, and what a grip passed on where objects are part of others; counts the heat.
+        """Energy and momentum that an impact exchanged between the subsystems; accumulates the heat of friction.
 
         Args:
-            energies: From :func:`~ffsm_mj.contact_models.impact.record.impact_energies`.
-            impact: In the coordinates of the system.
+            energies: Kinetic energies from :func:`~ffsm_mj.contact_models.impact.record.impact_energies`.
+            impact: Impact in the coordinates of the logged system.
         """
         system, data = self.scene.system, self.scene.data
         on_objects, *outside = impulses_between(system, impact)
         if self.motion.data is not data:
+            # A closed grasp passes impulses on between robot and object; no contact shows them, the momenta of objects do.
             change = impact.after.qvel - impact.before.qvel
             momenta = (momentum_matrix(system.mj, data, tree.root) @ change for tree in system.objects)
             on_objects = sum(momenta, -outside[1])
@@ -151,47 +154,42 @@ class ImpactModel(Detector):
         if self._rules.stop_on_impact:
             return RunEnded(Outcome.COMPLETED)
         if self._impacts >= self._rules.max_impacts:
-            return RunEnded(Outcome.EVENT_LIMIT, f"{self._impacts} impacts; raise impact.max_impacts to go on")
+            return RunEnded(Outcome.EVENT_LIMIT, f"{self._impacts} impacts; raise impact.max_impacts to continue")
         return None
 
     def _refuse_unsolved(self, impact: Impact, time_s: float) -> None:
-        """End the run where friction has no solution: its velocities are none."""
+        """End the run if no solution with friction was found."""
         if impact.status == "unconverged" and impact.friction is not None:
-            of = (
-                f"the friction of {len(impact.contacts)} contacts"
-                if len(impact.contacts) > 1
-                else "the friction of a contact"
-            )
-            message = (
-                f"{of} has no solution at t = {time_s:.6g} s, status unconverged, residual {impact.friction.residual:.1e}"
-            )
+            count = len(impact.contacts)
+            what = f"an impact of {count} contacts with friction" if count > 1 else "an impact with friction"
+            message = f"no solution for {what} at t = {time_s:.6g} s, residual {impact.friction.residual:.1e}"
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message} ({self.names()})")
 
-    def _refuse_unmoved(self, touching: Touching, impact: Impact, time_s: float) -> None:
-        """End the run where a pair approaches that no impulse stops and nobody holds: it would be asked for ever.
+    def _refuse_unmoved(self, touching: ClosedPairs, impact: Impact, time_s: float) -> None:
+        """End the run if a pair still approaches and no impulse stops it: the same event would repeat for ever.
 
-        Its approach is slower than the law resolves: where a light body is between heavy ones, impulses are known to a share
-        of rounding that is a velocity for the light one.
+        The approach is slower than the impact law resolves: between heavy bodies the impulses on a light one are known to a
+        share of rounding, which is a velocity of the light one.
         """
         left = [pair for pair, near in touching if near.approaches and not self.closing.holds(pair)]
         if left and not impact.impulses.any():
             speed = float(impact.approach_speeds.max())
             message = (
-                f"{left[0]} approaches at {speed:.2g} m/s at t = {time_s:.6g} s, which no impulse in double precision stops"
+                f"{left[0]} approaches at {speed:.2g} m/s at t = {time_s:.6g} s, and no impulse in double precision stops it"
             )
-            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: masses of what touches differ too much")
+            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: the masses of the bodies in contact differ too much")
 
-    def _refuse_corners(self, touching: Touching, met: RestingResult, time_s: float) -> None:
-        """End the run where a pair that is pressed at rest has no normal of its own: it would be asked again for ever."""
+    def _refuse_corners(self, touching: ClosedPairs, met: RestingResult, time_s: float) -> None:
+        """End the run if a pair pressed at rest has no defined normal: the same event would repeat for ever."""
         speeds = met.impact.separation_speeds.tolist()
-        for (pair, near, _), b, speed in zip(touching_points(touching), met.pressing.tolist(), speeds, strict=True):
+        for (pair, near, _), b, speed in zip(contact_points(touching), met.pressing.tolist(), speeds, strict=True):
             if b > 0.0 and speed <= near.rate_tolerance and not self.closing.holds(pair):
                 message = f"{pair} would stay in contact from t = {time_s:.6g} s by a corner on a corner or on an edge"
-                raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}, which have no normal of their own")
+                raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}, where the contact normal is not defined")
 
-    def _refuse_rest(self, touching: Touching, met: RestingResult, time_s: float) -> None:
-        """End the run where a pair comes to rest, pressed, that nobody can hold."""
-        for (pair, _, _), used, b in zip(touching_points(touching), met.used.tolist(), met.pressing.tolist(), strict=True):
+    def _refuse_rest(self, touching: ClosedPairs, met: RestingResult, time_s: float) -> None:
+        """End the run if a pair comes to rest under load and cannot persist."""
+        for (pair, _, _), used, b in zip(contact_points(touching), met.used.tolist(), met.pressing.tolist(), strict=True):
             if used == 0.0 and b > 0.0 and (why := self.closing.refusal(pair)):
                 message = f"{pair} would stay in contact from t = {time_s:.6g} s, pressed at {b:.3g} m/s^2: {why}"
                 raise RunEnded(Outcome.UNSUPPORTED_CONTACT, message)

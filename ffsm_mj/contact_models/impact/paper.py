@@ -1,4 +1,4 @@
-"""The paper's own way to the impulse: conservation of momentum (17) and energy (18) with (16) put in, as an oracle.
+"""The paper's own equations of an elastic impact, as an oracle: momentum (17) and energy (18) with (16) substituted.
 
 The unknowns are the object's twist after the impact (6) and the normal impulse (1). The momentum equations are linear in
 all of them, so the twist is expressed through the impulse; the energy equation is then a quadratic with the trivial root
@@ -39,21 +39,21 @@ class PaperSolution:
 def solve_paper_system(system: System, data: Any, contact: Contact) -> PaperSolution:
     """Solve (17) and (18) with (16) for one elastic contact between the robot and one object.
 
-    Unlike :mod:`ffsm_mj.contact_models.impact.resolution` this never forms the contact Jacobian of the object or the
-    effective mass: the object is found from the momentum that the FFSM loses.
+    Unlike :mod:`ffsm_mj.contact_models.impact.resolution`, this forms neither the contact Jacobian of the object nor the
+    effective mass: the velocity of the object follows from the momentum that the FFSM loses.
 
     Args:
         system: Robot and objects.
         data: State before the impact, kinematics current.
-        contact: The contact; its restitution is taken as 1.
+        contact: The contact; its restitution is ignored and taken as 1.
 
     Raises:
-        ValueError: The contact is not of the robot (a) on an object (b).
+        ValueError: The contact is not between the robot (a) and a floating object (b).
     """
     model = system.mj
     tree = system.tree_of_body(contact.body_b)
     if tree not in system.objects or contact.body_a not in system.robot.bodies:
-        raise ValueError("the paper's system is for one contact between the robot and an object")
+        raise ValueError("the paper's equations are for one contact of the robot (a) on a floating object (b)")
     M = mass_matrix(model, data)
     robot, target = system.robot.dofs, tree.dofs
     v, v_o = np.array(data.qvel[robot]), np.array(data.qvel[target])
@@ -61,7 +61,7 @@ def solve_paper_system(system: System, data: Any, contact: Contact) -> PaperSolu
     mujoco.mj_jac(model, data, jacobian, None, np.asarray(contact.point), contact.body_a)
     slope = _solve(M[robot, robot], jacobian[:, robot].T @ contact.normal)
 
-    # (17): what the FFSM loses per unit impulse is what the object gains, as a momentum about the origin.
+    # (17): the momentum about the origin that the FFSM loses per unit impulse is the gain of the object.
     lost = momentum_matrix(model, data, system.robot.root)[:, robot] @ slope
     gained = momentum_matrix(model, data, tree.root)[:, target]
     allowed = base_jacobian(model, data, tree)

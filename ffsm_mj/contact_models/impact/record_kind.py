@@ -1,4 +1,4 @@
-"""The impact as a kind of record: what logs, tables, reports and viewers show of each of its contacts."""
+"""Record kind of impacts: how logs, tables, reports and viewers present each contact."""
 
 from __future__ import annotations
 
@@ -12,23 +12,22 @@ from ffsm_mj.records.kinds import Mark, RecordKind
 
 def _sentence(record: ImpactRecord) -> str:
     rests = record.restitution_used == 0.0 < record.restitution
-    apart = "comes to rest" if rests else f"{record.separation_speed_m_s:.4g} m/s apart"
-    speeds = f"{record.approach_speed_m_s:.4g} m/s together, {apart}"
-    pair = f"{' on '.join(record.geoms)}, e = {record.restitution:g}"
-    return f"{record.impulse_N_s:.5g} N s, {pair}, {speeds}{_rubs(record)}{_went(record)}: impact of {record.pair}"
+    after = "comes to rest" if rests else f"separation {record.separation_speed_m_s:.4g} m/s"
+    speeds = f"e = {record.restitution:g}, approach {record.approach_speed_m_s:.4g} m/s, {after}"
+    return f"impact {record.pair}: impulse {record.impulse_N_s:.5g} N s, {speeds}{_friction(record)}{_status(record)}"
 
 
-def _rubs(record: ImpactRecord) -> str:
-    """What friction did, or nothing where there was none."""
+def _friction(record: ImpactRecord) -> str:
+    """Impulse and slip of a contact with friction; empty without friction."""
     if not record.mu:
         return ""
     size, before, after = map(_size, (record.tangential_impulse_N_s, record.slip_before_m_s, record.slip_after_m_s))
     path = f" ({record.path})" if record.path else ""
-    return f", mu = {record.mu:g}: friction {size:.4g} N s, slip {before:.4g} to {after:.4g} m/s{path}"
+    return f", mu = {record.mu:g}, friction impulse {size:.4g} N s, slip {before:.4g} to {after:.4g} m/s{path}"
 
 
-def _went(record: ImpactRecord) -> str:
-    """What a user should look into."""
+def _status(record: ImpactRecord) -> str:
+    """Status of the solution; empty if it is ``ok``."""
     if record.status == "ok":
         return ""
     theta = f", restitution times theta = {record.theta:.6g}" if record.theta < 1.0 else ""
@@ -98,33 +97,33 @@ _COLUMNS = {
     "event": ("", "number of the impact, from 0; contacts at one instant share it"),
     "pair": ("", "name of the pair of geoms that touch"),
     "geoms_{ab}": ("", "geom of the pair; the normal points from a to b"),
-    "robot_geom": ("", "geom a where the robot touches an object, else empty"),
-    "object_geom": ("", "geom b where the robot touches an object, else empty"),
+    "robot_geom": ("", "geom a if the robot touches an object, else empty"),
+    "object_geom": ("", "geom b if the robot touches an object, else empty"),
     "manifold": ("", "point, edge or face"),
-    "law": ("", "contact law that made the result"),
-    "status": ("", "how it went: ok, energy_guard, jammed or wedged"),
-    "theta": ("", "share of the restitution that the energy guard left; 1 where it was not needed"),
+    "law": ("", "impact law that gave the result"),
+    "status": ("", "status of the solution: ok, energy_guard, jammed or wedged"),
+    "theta": ("", "factor by which the energy guard reduced the restitution; 1 if it was not needed"),
     "restitution": ("", "coefficient of restitution of the pair"),
-    "restitution_used": ("", "the one that made the result: 0 where the contact comes to rest"),
-    "dropped_gap_m": ("m", "where it comes to rest: the highest gap of the flights that it would have made yet"),
-    "dropped_flights_s": ("s", "how long those would have lasted in all"),
+    "restitution_used": ("", "coefficient of restitution that was used: 0 if the contact comes to rest"),
+    "dropped_gap_m": ("m", "if the contact comes to rest: highest gap of the omitted flights"),
+    "dropped_flights_s": ("s", "total duration of the omitted flights"),
     "point_{xyz}_m": ("m", "contact point, world frame"),
     "normal_{xyz}": ("", "normal from a to b, world frame"),
-    "approach_speed_m_s": ("m/s", "normal speed of approach before"),
-    "separation_speed_m_s": ("m/s", "normal speed of separation after"),
+    "approach_speed_m_s": ("m/s", "approach speed along the normal before the impact"),
+    "separation_speed_m_s": ("m/s", "separation speed along the normal after the impact"),
     "impulse_N_s": ("N s", "impulse on b along the normal"),
     "angular_impulse_{xyz}_N_m_s": (
         "N m s",
-        "angular impulse on b, with friction, about the mass centre of its robot or object, or the origin of a fixed model",
+        "angular impulse on b, with friction, about the centre of mass of its robot or object; if fixed, its model's origin",
     ),
     "mu": ("", "coefficient of friction of the pair"),
-    "tangential_impulse_{xyz}_N_s": ("N s", "impulse of friction on b, world frame"),
-    "slip_before_{xyz}_m_s": ("m/s", "velocity of b along a before, world frame; zero where nothing has friction"),
-    "slip_after_{xyz}_m_s": ("m/s", "velocity of b along a after, world frame; zero where nothing has friction"),
-    "path": ("", "what the contact passed through: slip, stick, reverse slip"),
+    "tangential_impulse_{xyz}_N_s": ("N s", "friction impulse on b, world frame"),
+    "slip_before_{xyz}_m_s": ("m/s", "tangential velocity of b relative to a before, world frame; zero without friction"),
+    "slip_after_{xyz}_m_s": ("m/s", "tangential velocity of b relative to a after, world frame; zero without friction"),
+    "path": ("", "sequence of slip, stick and reverse slip during the impact"),
     "normal_work_J": ("J", "work of the normal impulse"),
-    "friction_work_J": ("J", "work of friction"),
-    "compression_work_J": ("J", "work of the normal impulse up to the end of compression, with friction"),
+    "friction_work_J": ("J", "work of the friction impulse"),
+    "compression_work_J": ("J", "work of the normal impulse until the end of compression; contacts with friction only"),
     "gap_m": ("m", "signed distance at the event"),
     "energy_change_J": ("J", "kinetic energy gained by the whole system"),
     "linear_momentum_change_N_s": ("N s", "norm of the change of the whole system's linear momentum"),
@@ -135,7 +134,7 @@ IMPACT = RecordKind(
     record=ImpactRecord,
     name="impact",
     plural="impacts",
-    when="one per contact of every impact, at its instant",
+    when="at every impact, one per contact point",
     time=lambda record: record.time_s,
     sentence=_sentence,
     summary=_summary,

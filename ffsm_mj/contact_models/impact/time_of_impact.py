@@ -1,8 +1,10 @@
-"""When, within a step, does a pair first touch?
+"""Event detection of impacts: the first time within a step at which a pair touches.
 
-The step is a smooth path that can be evaluated at any fraction (restore, step for a shorter time). A closing-speed bound
-rules out most intervals; the rest are halved until each gap is a simple function of time on them, and there the first
-root is bracketed and found. So a thin plate is never jumped over, and a graze is neither missed nor invented.
+Most steps evaluate no distance: the kinetic energy bounds how fast any gap can close, so a pair that was far apart is
+evaluated again only after a motion that could have closed it. Otherwise the step is a smooth path that can be evaluated at
+any time of it. A bound on the closing speed excludes most intervals; the others are bisected until each gap has at most one
+extremum on them, and there the first root is bracketed. A fast body therefore cannot pass through a thin plate between two
+samples, and a graze is neither missed nor invented.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.impact.closing import NoPersistentContacts, PersistentContacts
+from ffsm_mj.contact_models.impact.closed_pairs import NoPersistentContacts, PersistentContacts
 from ffsm_mj.contact_models.impact.first_touch import first_touch
 from ffsm_mj.contact_models.interface import ContactModel, Scene
 from ffsm_mj.errors import UnsupportedContactError
@@ -24,18 +26,19 @@ from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import OVERLAP, Signal
 from ffsm_mj.tolerances import CONTACT_GAP_M, DISTANCE_QUERY_M
 
-# Where only near pairs count, gaps beyond this in m need not be told apart.
-_LOOK = 1e-3
-_MAX_HALVINGS = 48
-# In one step; a hit at 1000 m/s on a plate of 1 mm within 10 ms takes about 60.
-_MOST_HALVINGS = 20_000
-# At pairs in one step, at instants of their own; a graze takes some tens.
-_MOST_LOOKS = 2_000
+_NEAR_LIMIT_M = 1e-3
+"""Limit of distance queries that look for near pairs only: a small limit ends a query early."""
+_MAX_DEPTH = 48
+"""Depth of bisection at which an interval is shorter than the rounding of time."""
+_MAX_BISECTIONS = 20_000
+"""Bisections in one step; an impact at 1000 m/s on a plate of 1 mm within 10 ms takes about 60."""
+_MAX_EVALUATIONS = 2_000
+"""Evaluations of pairs at different times of one step; a graze takes some tens."""
 
 
 @dataclass(frozen=True)
-class _Edge:
-    """All pairs at one end of an interval: time since the start of the step, gaps and closing bounds."""
+class _Sample:
+    """All pairs at one time since the start of the step: distances in m and closing speed bounds in m/s."""
 
     time: float
     gaps: tuple[float, ...]
@@ -43,174 +46,177 @@ class _Edge:
 
 
 class Detector(ContactModel):
-    """Watches impact pairs along the motion, and finds the first touch within a step.
-
-    Most steps ask for no distance at all: the kinetic energy bounds how fast any gap can close, so a pair that was far
-    apart is looked at again only when it could have come near.
+    """Detects impacts of pairs: evaluates them along the motion and locates the first touch within a step.
 
     Attributes:
-        pairs: Those that it watches.
-        closing: Takes over those that stay closed.
+        pairs: Contact pairs.
+        closing: Persistent contact, which takes over the pairs that stay closed.
         columns: Deepest overlap of any pair at the ends of (sub-)steps since the sample before.
     """
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
-        """Watch pairs by the state of a scene."""
+        """Start at the state of a scene."""
         super().__init__(None, scene)
         model, data = self._model, self._data = scene.system.mj, scene.data
         self.pairs = tuple(pairs)
         self.closing: PersistentContacts = NoPersistentContacts()
-        self._reach = [pair.speed_bound_per_root_energy(model, data) for pair in self.pairs]
+        self._speeds = [pair.speed_bound_per_root_energy(model, data) for pair in self.pairs]
         self.watched = frozenset(pair.geom_ids for pair in self.pairs)
-        # What was seen in this step, by pair and time; at the start of the next one what was seen at the end of it.
-        self._seen: dict[tuple[int, float], Proximity] = {}
-        self._deepest, self._told = 0.0, np.zeros(1)
+        # Evaluations of this step by pair and time; those at its end are kept as the start of the next step.
+        self._evaluated: dict[tuple[int, float], Proximity] = {}
+        self._deepest, self._logged_depth = 0.0, np.zeros(1)
         meaning = "deepest overlap of an impact pair at the ends of the steps and sub-steps since the sample before"
-        self.columns = (Columns((Signal("balance", OVERLAP, "m", meaning),), live=self._told, on_sample=self._tell),)
+        signal = Signal("balance", OVERLAP, "m", meaning)
+        self.columns = (Columns((signal,), live=self._logged_depth, on_sample=self._write_depth),)
 
     def restart(self) -> None:
-        """Look again after something changed at one instant."""
-        self._seen = {}
-        self._look_ahead()
+        """Discard all evaluations, because the state or the efforts changed discontinuously."""
+        self._evaluated = {}
+        self._bound_all()
 
-    def _look_ahead(self) -> None:
-        # How far the flight must go before each pair can have touched; held ones have no touch to come.
+    def _bound_all(self) -> None:
+        """Motion bound at which each pair may be in contact; infinite for pairs that are not detected."""
         self._safe = [
-            math.inf
-            if self._elsewhere(pair)
-            else (pair.gap(self._model, self._data, DISTANCE_LIMIT_M) - DISTANCE_QUERY_M) / reach
-            for pair, reach in zip(self.pairs, self._reach, strict=True)
+            math.inf if self._is_skipped(pair) else self._clearance(pair) / speed
+            for pair, speed in zip(self.pairs, self._speeds, strict=True)
         ]
         self.horizon = min(self._safe, default=math.inf)
 
-    def _elsewhere(self, pair: ContactPair) -> bool:
-        """Whether a pair is none to watch now: somebody holds it closed, or what moves has it on one rigid body."""
+    def _clearance(self, pair: ContactPair) -> float:
+        """Distance in m that a pair can certainly close before it is near contact."""
+        return pair.gap(self._model, self._data, DISTANCE_LIMIT_M) - DISTANCE_QUERY_M
+
+    def _is_skipped(self, pair: ContactPair) -> bool:
+        """Whether a pair has no impacts now: persistent contact holds it, or both geoms are on one rigid body."""
         return self.closing.holds(pair) or pair.geom_ids in self.motion.rigid
 
     def is_clear(self) -> bool:
-        """Whether no pair can have touched in the last step, given how far it went; distances are asked as needed."""
+        """Whether the motion bound excludes contact of all pairs in the last step; evaluates distances where needed."""
         flight = self.motion.flight
         before = flight.way - flight.last
         if before > 0.0:
-            self._seen.clear()  # it tells of an earlier step
-        for i, (pair, reach) in enumerate(zip(self.pairs, self._reach, strict=True)):
+            self._evaluated.clear()  # of an earlier step
+        for i, (pair, speed) in enumerate(zip(self.pairs, self._speeds, strict=True)):
             if flight.way < self._safe[i]:
                 continue
-            apart = pair.gap(self._model, self._data, DISTANCE_LIMIT_M) - DISTANCE_QUERY_M
-            if apart <= 0.0 or reach * (self._safe[i] - before) + apart <= reach * flight.last:
+            apart = self._clearance(pair)
+            # The pair is at least ``speed * (safe - before)`` apart at the start of the step and ``apart`` at its end:
+            # contact in between needs a motion of at least the sum of both.
+            if apart <= 0.0 or speed * (self._safe[i] - before) + apart <= speed * flight.last:
                 return False
-            self._safe[i] = flight.way + apart / reach
+            self._safe[i] = flight.way + apart / speed
         self.horizon = min(self._safe, default=math.inf)
         return True
 
     def first_event(self, duration_s: float) -> float | None:
-        """When a pair touches within so much of the last step: it approaches, or is closed and pressed together.
+        """First time in the first ``duration_s`` of the last step at which a pair touches: approaching, or pressed at rest.
 
         Raises:
-            UnsupportedContactError: Bodies close in too fast, or spin too fast, to follow.
+            UnsupportedContactError: Bodies close or spin too fast to be followed.
         """
         path = self.motion.path
         path.move_to(duration_s)
-        end = self._edge(duration_s)
+        end = self._sample(duration_s)
         path.move_to(0.0)
-        start = self._edge(0.0)
-        self._halvings = 0
-        return self._first_touch(start, end, 0)
+        start = self._sample(0.0)
+        self._bisections = 0
+        return self._first_in(start, end, 0)
 
     def on_event_located(self, time_s: float) -> None:
-        """Keep account of overlaps, and look ahead from here."""
-        self.note_overlap(time_s)
-        self._seen = {(i, 0.0): near for (i, time), near in self._seen.items() if time == time_s}
-        self._look_ahead()
+        """Update the deepest overlap, and start new motion bounds from here."""
+        self.update_overlap(time_s)
+        self._evaluated = {(i, 0.0): near for (i, time), near in self._evaluated.items() if time == time_s}
+        self._bound_all()
 
     def contacts(self) -> list[tuple[ContactPair, Proximity]]:
         """All pairs in contact at the state in ``data``."""
-        model, data = self._model, self._data
-        rigid = self.motion.rigid
-        close = [
-            pair for pair in self.pairs if pair.geom_ids not in rigid and pair.gap(model, data, _LOOK) <= DISTANCE_QUERY_M
-        ]
+        model, data, rigid = self._model, self._data, self.motion.rigid
+        close = [pair for pair in self.pairs if pair.geom_ids not in rigid and self._is_near(pair)]
         near = [(pair, pair.proximity(model, data)) for pair in close]
         return [(pair, proximity) for pair, proximity in near if proximity.gap <= CONTACT_GAP_M]
 
-    def note_overlap(self, time: float | None = None) -> None:
-        """Keep account of how deep pairs overlap at the state in ``data``; far pairs are asked for no exact gap.
+    def update_overlap(self, time: float | None = None) -> None:
+        """Update the deepest overlap with that of the pairs at the state in ``data``.
 
         Args:
-            time: Since the start of the step, where what was seen in it may be used.
+            time: Time since the start of the step, if evaluations of this step may be used.
         """
         for i, pair in enumerate(self.pairs):
-            if not self._elsewhere(pair) and pair.gap(self._model, self._data, _LOOK) <= DISTANCE_QUERY_M:
-                self.deepen(-self._look(i, time).gap)
+            if not self._is_skipped(pair) and self._is_near(pair):
+                self.add_overlap(-self._proximity(i, time).gap)
 
-    def deepen(self, depth: float) -> None:
-        """Keep account of an overlap, m, of a pair that somebody else looks after."""
+    def add_overlap(self, depth: float) -> None:
+        """Update the deepest overlap with a depth in m, of a pair that persistent contact holds."""
         self._deepest = max(self._deepest, depth)
 
-    def _tell(self, _: float) -> None:
-        self._told[0], self._deepest = self._deepest, 0.0
+    def _write_depth(self, _: float) -> None:
+        self._logged_depth[0], self._deepest = self._deepest, 0.0
 
-    def _look(self, i: int, time: float | None) -> Proximity:
-        """A pair at the state in ``data``; looked at once where the time since the start of the step is known."""
+    def _is_near(self, pair: ContactPair) -> bool:
+        """Whether a pair is so close that its gap must be evaluated on the support functions."""
+        return pair.gap(self._model, self._data, _NEAR_LIMIT_M) <= DISTANCE_QUERY_M
+
+    def _proximity(self, i: int, time: float | None) -> Proximity:
+        """Proximity of a pair at the state in ``data``; evaluated once per time since the start of the step, if given."""
         if time is None:
             return self.pairs[i].proximity(self._model, self._data)
-        if (i, time) not in self._seen:
-            if len(self._seen) >= _MOST_LOOKS:
+        if (i, time) not in self._evaluated:
+            if len(self._evaluated) >= _MAX_EVALUATIONS:
                 raise UnsupportedContactError(
-                    f"the gap of {self.pairs[i]} changes too often within a step to follow; try a shorter one"
+                    f"the gap of {self.pairs[i]} changes too often within a step to be followed; use a shorter time_step_s"
                 )
-            self._seen[i, time] = self.pairs[i].proximity(self._model, self._data)
-        return self._seen[i, time]
+            self._evaluated[i, time] = self.pairs[i].proximity(self._model, self._data)
+        return self._evaluated[i, time]
 
-    def _edge(self, time: float) -> _Edge:
+    def _sample(self, time: float) -> _Sample:
         model, data = self._model, self._data
         bounds = tuple(pair.closing_speed_bound(data) for pair in self.pairs)
         gaps = tuple(pair.gap(model, data, DISTANCE_LIMIT_M) for pair in self.pairs)
-        return _Edge(time, gaps, bounds)
+        return _Sample(time, gaps, bounds)
 
     def due(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
         flight = self.motion.flight
         if flight.way > 0.0:
-            self._seen.clear()  # it tells of an earlier step
+            self._evaluated.clear()  # of an earlier step
         for i, safe in enumerate(self._safe):
             if safe <= flight.way:
-                near = self._look(i, 0.0)
+                near = self._proximity(i, 0.0)
                 if near.gap <= 0.0 and near.approaches:
                     return True
         return False
 
     def _touch_of(self, i: int, start: float, end: float) -> float | None:
-        """First touch of one pair on a stretch where its gap is simple."""
+        """First touch of one pair in an interval where its gap has at most one extremum."""
         pair, model, data = self.pairs[i], self._model, self._data
 
         def at(time: float) -> Proximity:
             self.motion.path.move_to(time)
-            return self._look(i, time)
+            return self._proximity(i, time)
 
         return first_touch(at, start, end, lambda near: pair.is_pressed(model, data, near))
 
-    def _first_touch(self, a: _Edge, b: _Edge, depth: int) -> float | None:
-        """Earliest touch in an interval, halving it until each pair that may touch moves simply."""
+    def _first_in(self, a: _Sample, b: _Sample, depth: int) -> float | None:
+        """First touch between two samples, by bisection until each pair that may touch moves by less than its size."""
         span = b.time - a.time
-        open_pairs = [
+        # The gap cannot fall faster than the bound from either end, so contact needs bound * span >= the sum of both gaps.
+        candidates = [
             i
             for i, pair in enumerate(self.pairs)
             if a.gaps[i] + b.gaps[i] - 2.0 * DISTANCE_QUERY_M <= max(a.bounds[i], b.bounds[i]) * span
-            and not self._elsewhere(pair)
+            and not self._is_skipped(pair)
         ]
-        if not open_pairs:
+        if not candidates:
             return None
-        simple = all(max(a.bounds[i], b.bounds[i]) * span <= self.pairs[i].size for i in open_pairs)
-        if simple or depth >= _MAX_HALVINGS:
-            touches = [t for t in (self._touch_of(i, a.time, b.time) for i in open_pairs) if t is not None]
+        simple = all(max(a.bounds[i], b.bounds[i]) * span <= self.pairs[i].size for i in candidates)
+        if simple or depth >= _MAX_DEPTH:
+            touches = [t for t in (self._touch_of(i, a.time, b.time) for i in candidates) if t is not None]
             return min(touches, default=None)
-        self._halvings += 1
-        if self._halvings > _MOST_HALVINGS:
-            raise UnsupportedContactError(
-                f"bodies close in at up to {max(*a.bounds, *b.bounds):.3g} m/s, too fast to follow"
-            )
+        self._bisections += 1
+        if self._bisections > _MAX_BISECTIONS:
+            fastest = max(*a.bounds, *b.bounds)
+            raise UnsupportedContactError(f"bodies close at up to {fastest:.3g} m/s, too fast to be followed")
         self.motion.path.move_to(a.time + 0.5 * span)
-        middle = self._edge(a.time + 0.5 * span)
-        first = self._first_touch(a, middle, depth + 1)
-        return first if first is not None else self._first_touch(middle, b, depth + 1)
+        middle = self._sample(a.time + 0.5 * span)
+        first = self._first_in(a, middle, depth + 1)
+        return first if first is not None else self._first_in(middle, b, depth + 1)

@@ -1,4 +1,4 @@
-"""An impact with friction: normal and tangents of every contact go to an impact law that covers friction."""
+"""Impacts with friction: normal and tangent rows of every contact are passed to an impact law that covers friction."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, friction
 
 @dataclass(frozen=True)
 class Friction:
-    """What friction did in an impact of k contacts.
+    """Friction in an impact of k contacts.
 
     Attributes:
         impulses: Tangential impulse on b at each contact, world axes, N s, (k, 3).
-        slip_before: Velocity of b relative to a at each contact before, less its normal part, world axes, m/s, (k, 3).
+        slip_before: Tangential velocity of b relative to a at each contact before, world axes, m/s, (k, 3).
         slip_after: The same after.
-        paths: What each contact passed through: ``slip``, ``stick``, ``reverse slip``, in order.
-        theta: Share of the restitution that the energy guard left; 1 where it was not needed.
-        residual: How far the solution misses the law, over the speeds before.
+        paths: Sequence of ``slip``, ``stick`` and ``reverse slip`` of each contact.
+        theta: Factor by which the energy guard reduced the restitution; 1 if it was not needed.
+        residual: Residual of the law, relative to the contact speeds before.
         normal_work: Work of the normal impulses, J, (k,): for one contact the integral of u_n dp along its path.
         friction_work: Work of the tangential impulses, J, (k,); the sum of both is the change of kinetic energy.
-        compression_work: Work of the normal impulses up to the end of compression, J, (k,).
+        compression_work: Work of the normal impulses until the end of compression, J, (k,).
     """
 
     impulses: FloatArray
@@ -40,8 +40,8 @@ class Friction:
     compression_work: FloatArray
 
 
-class Answer(NamedTuple):
-    """What a law answers: velocities (nv,), normal impulses (k,), its name, how it went, and what friction did, if any."""
+class ImpactOutcome(NamedTuple):
+    """Outcome of a law: velocities (nv,), normal impulses (k,), name of the law, status, and friction, if any."""
 
     qvel: FloatArray
     impulses: FloatArray
@@ -52,17 +52,17 @@ class Answer(NamedTuple):
 
 def resolve_with_friction(
     model: Any, data: Any, M: FloatArray, contacts: Sequence[Contact], qvel: FloatArray, law: ImpactLaw
-) -> Answer:
-    """Velocities and impulses after an impact in which at least one contact has mu > 0.
+) -> ImpactOutcome:
+    """Velocities and impulses of an impact in which at least one contact has mu > 0.
 
-    The contacts are put in an order of their own first, by bodies and points: the answer does not depend on how they are
-    listed, and a run repeats to the last bit.
+    The contacts are sorted by bodies and points first, so the result does not depend on the order in which they are given
+    and a run repeats bit for bit.
 
     Args:
         model: MuJoCo model.
         data: Its data, kinematics current.
         M: Mass matrix, (nv, nv).
-        contacts: All touching points.
+        contacts: All contact points.
         qvel: Velocities before, (nv,).
         law: The impact law.
 
@@ -70,9 +70,9 @@ def resolve_with_friction(
         UnsupportedContactError: The law does not cover friction, or a restitution is above 1.
         ValueError: A contact between bodies that cannot move along its normal.
     """
-    from ffsm_mj.contact_models.impact.friction import tangents  # loaded where a contact has friction only
+    from ffsm_mj.contact_models.impact.friction import tangents  # its solvers take time to load
 
-    order = sorted(range(len(contacts)), key=lambda i: _place(contacts[i]))
+    order = sorted(range(len(contacts)), key=lambda i: _sort_key(contacts[i]))
     placed = [contacts[i] for i in order]
     e, mu = (np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu"))
     axes = np.array([tangents(np.asarray(contact.normal)) for contact in placed])
@@ -80,12 +80,12 @@ def resolve_with_friction(
     problem = ImpactProblem(M, J, qvel, e, mu)
     solution = solve_impact(law, problem)
     found = friction_of(law, solution)
-    # The change, not the state, is brought back from mass-weighted velocities: what nothing pushes stays as it was.
+    # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.
     after = qvel + np.linalg.solve(problem.L.T, problem.A.T @ found.impulses.ravel())
     back = np.argsort(order)
 
     def in_world(across: FloatArray) -> FloatArray:
-        """Vectors along the tangents, (k, 2), in world axes and in the order that was given."""
+        """Vectors along the tangents, (k, 2), in world axes and in the given order of contacts, (k, 3)."""
         return np.asarray(np.einsum("ki,kij->kj", across, axes)[back])
 
     friction = Friction(
@@ -99,10 +99,10 @@ def resolve_with_friction(
         friction_work=found.friction_work[back],
         compression_work=found.compression_work[back],
     )
-    return Answer(after, found.impulses[back, 0], solution.rule or law.name, solution.status, friction)
+    return ImpactOutcome(after, found.impulses[back, 0], solution.rule or law.name, solution.status, friction)
 
 
-def _place(contact: Contact) -> tuple[float, ...]:
-    """What a contact is sorted by."""
+def _sort_key(contact: Contact) -> tuple[float, ...]:
+    """Sort key of a contact."""
     where = np.concatenate((contact.point, contact.normal)).tolist()
     return contact.body_a, contact.body_b, *where, contact.mu, contact.restitution

@@ -19,8 +19,8 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs
 from ffsm_mj.contact_models.impact.model import ImpactModel
-from ffsm_mj.contact_models.impact.touching import Touching
 from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventTime, Scene
 from ffsm_mj.contact_models.persistent.active_set import (
     ActiveContactSet,
@@ -102,7 +102,7 @@ class PersistentContactModel(ContactModel):
         """Whether a pair is closed; see ``PersistentContacts`` in ``contact_models/impact``."""
         return pair in self._active_set.by_pair
 
-    def close(self, touching: Touching) -> None:
+    def close(self, touching: ClosedPairs) -> None:
         """Close the pairs in contact whose normal velocity is zero after an impact, at the velocities in ``data``."""
         approach = max((-near.rate for _, near in touching), default=0.0)
         held = set(self._active_set.by_pair)
@@ -264,7 +264,7 @@ class PersistentContactModel(ContactModel):
         """Energy and momentum exchanged by the contact forces, and by the drift projection at the start of the step."""
         done, impulses = self._exchanged(duration_s)
         self._report.add_impulses(impulses)
-        self._impacts.deepen(-min([at.gap for at in self._active_set.decide().rows.states], default=0.0))
+        self._impacts.add_overlap(-min([at.gap for at in self._active_set.decide().rows.states], default=0.0))
         return done
 
     def exchanged(self, duration_s: float) -> Exchange | None:

@@ -169,7 +169,7 @@ def test_records_tell_friction(one):
     assert {"mu": 0.3, "law": "stronge", "status": "ok", "theta": 1.0}.items() <= told.items()
     assert told["tangential_impulse_N_s"] == list(hit.tangential_impulse_N_s)
     assert hit.path == "slip, stick"
-    assert ", mu = 0.3: friction 0.1415 N s, slip 0.2907 to " in IMPACT.sentence(hit)
+    assert ", mu = 0.3, friction impulse 0.1415 N s, slip 0.2907 to " in IMPACT.sentence(hit)
     normal, across = IMPACT.marks(hit)
     assert normal.direction == hit.normal
     np.testing.assert_allclose(np.array(across.direction) * across.magnitude, hit.tangential_impulse_N_s, atol=1e-15)
@@ -488,7 +488,7 @@ def test_an_impact_without_solution_ends_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(contact_model, "resolve", unsolved)
     run = ffsm_mj.run(flat(tmp_path))
     assert run.outcome == "unsupported_contact"
-    assert "the friction of 4 contacts has no solution at t = 0.3 s, status unconverged, residual" in run.message
+    assert "no solution for an impact of 4 contacts with friction at t = 0.3 s, residual" in run.message
     assert "robot/slab - box/box" in run.message
     assert not run.impacts
 

@@ -14,7 +14,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.impact import model as impact_regime
-from ffsm_mj.contact_models.impact.resting import resolve_resting
+from ffsm_mj.contact_models.impact.rest_rule import resolve_resting
 from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.dynamics.step_path import StepPath
 from ffsm_mj.simulation import loop as simulation
@@ -392,7 +392,7 @@ def _never_stalls(folder, drawn):
 
 def test_an_overlap_is_never_reported_as_good(tmp_path, monkeypatch, capsys):
     """Were every touch missed, the log would say how deep, and the run, its summary and `analyze` would not hold."""
-    monkeypatch.setattr(Detector, "_first_touch", lambda *_: None)
+    monkeypatch.setattr(Detector, "_first_in", lambda *_: None)
     monkeypatch.setattr(Detector, "due", lambda _: False)
     path = two_balls(tmp_path, speed=1.0, gap=0.01, duration_s=0.05, conservative=False)
     assert main(["run", str(path), "--no-rerun", "--out", str(tmp_path / "through")]) == 1

@@ -1,7 +1,7 @@
-"""Coulomb friction at an impact that never creates energy: pure mathematics in mass-weighted velocities.
+"""Coulomb friction at impacts, without energy gain: pure mathematics in mass-weighted velocities.
 
-One contact goes by Stronge's energetic restitution along Routh's path of impulse, several by a law of discrete Coulomb
-friction under a guard of the energy.
+One contact is solved with Stronge's energetic restitution along Routh's impulse path, several contacts with discrete Coulomb
+friction and an energy guard.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact_models.impact.friction.lemke import on_pyramids
-from ffsm_mj.contact_models.impact.friction.result import on_cone
+from ffsm_mj.contact_models.impact.friction.result import clip_to_cone
 from ffsm_mj.tolerances import SOLVED
 
 _AIM = 1e-11
@@ -88,7 +88,7 @@ def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
     open_ = _split(contacts, best)[1] <= contacts.least
     best[open_, 0] = contacts.least[open_]
     best[:, 0] = np.maximum(best[:, 0], contacts.least)
-    return np.stack([on_cone(impulse, mu) for impulse, mu in zip(best, contacts.mu, strict=True)]), residual
+    return np.stack([clip_to_cone(impulse, mu) for impulse, mu in zip(best, contacts.mu, strict=True)]), residual
 
 
 def _pyramids(count: int) -> Iterator[tuple[int, float | None, float]]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
-from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, on_cone
+from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone
 from ffsm_mj.contact_models.impact.friction.routh import stronge
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.errors import UnsupportedContactError
@@ -154,7 +154,7 @@ def _several(impact: _Impact, e: FloatArray, law: str) -> FrictionResult:
 def _answer(
     impact: _Impact, law: str, plastic: FloatArray, expansion: FloatArray, theta: float, jammed: bool
 ) -> FrictionResult:
-    impulses = np.stack([on_cone(p, mu) for p, mu in zip(plastic + expansion, impact.mu, strict=True)])
+    impulses = np.stack([clip_to_cone(p, mu) for p, mu in zip(plastic + expansion, impact.mu, strict=True)])
     w = impact.w + impact.A.T @ impulses.ravel()
     u = [impact.u.reshape(-1, 3), (impact.A @ (impact.w + impact.A.T @ plastic.ravel())).reshape(-1, 3)]
     u.append((impact.A @ w).reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""Where the path of one contact stands, and its straight segments in closed form."""
+"""State on the impulse path of one contact, and the straight segments of the path in closed form."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ STOP = "slip is zero"
 TURN = "normal velocity is zero"
 END = "normal work is given back"
 NONE = "nothing ahead"
-_STRAIGHT = 1e-13
+_NO_TURN = 1e-13
+"""Slip whose direction changes by less than this share of the largest inverse mass is straight: some hundred EPSILON."""
 _ITERATIONS = 100
 
 
 @dataclass
 class Problem:
-    """One contact in units of G_nn and of the largest speed before.
+    """Impact of one contact, in units of G_nn and of the largest contact speed before.
 
     Attributes:
         G: A A^T, (3, 3), G_nn = 1.
@@ -36,14 +37,15 @@ class Problem:
         self.g: FloatArray = self.G[1:, 0].copy()
         self.H: FloatArray = self.G[1:, 1:].copy()
         values, vectors = np.linalg.eigh(self.H)
+        # A tangent along which nothing moves, as in a planar scene, has no slip to stop: it is left out of the inverse.
         moves = values > CANCELLED * max(1.0, float(values[-1]))
         self._values, self._vectors = values[moves], vectors[:, moves]
         self._g = self._vectors.T @ self.g
         self.hold: FloatArray = -self._vectors @ (self._g / self._values)
-        """Friction per normal impulse that keeps slip as it is, -H^-1 g, (2,)."""
+        """Friction per normal impulse that keeps the slip velocity constant, -H^-1 g, (2,)."""
 
     def pull(self, direction: FloatArray) -> FloatArray:
-        """Change of tangential velocity per normal impulse in slip along ``direction``, g - mu H s, (2,)."""
+        """Change of tangential velocity per normal impulse for slip along ``direction``, g - mu H s, (2,)."""
         pull: FloatArray = self.g - self.mu * (self.H @ direction)
         return pull
 
@@ -53,10 +55,10 @@ class Problem:
         return impulse
 
     def slip_from_rest(self) -> FloatArray | None:
-        """Direction in which slip grows out of rest, (2,), or None where friction holds it.
+        """Direction in which slip starts from rest, (2,), or None if the contact sticks.
 
-        Slip along s grows at the rate a > 0 if g - mu H s = a s, so s = (mu H + a)^-1 g of length one. The length falls
-        with a and is above one at a = 0; Newton's method on its inverse, which is concave, rises to the root from below.
+        Slip along s grows at the rate a > 0 if g - mu H s = a s, so s = (mu H + a)^-1 g with |s| = 1. The length falls with
+        a and exceeds one at a = 0; Newton's method on its inverse, which is concave, converges to the root from below.
         """
         if hypot(*self.hold) <= self.mu:
             return None
@@ -66,7 +68,7 @@ class Problem:
             length = float(np.linalg.norm(parts))
             slope = float(parts @ (parts / (self.mu * self._values + rate)))
             step = (length - 1.0) * length * length / slope
-            if not step > 1e-16 * rate:
+            if not step > 1e-16 * rate:  # below half an EPSILON: the rate no longer changes
                 break
             rate += step
         direction: FloatArray = self._vectors @ parts
@@ -75,15 +77,15 @@ class Problem:
 
 @dataclass
 class Path:
-    """Where the path of one contact stands.
+    """State on the impulse path of one contact, in the units of :class:`Problem`.
 
     Attributes:
         u_n: Normal velocity.
-        speed: Of slip, |u_t|.
-        direction: Of slip, (2,), or None where the contact sticks.
-        impulse: So far, (3,).
-        normal_work: So far.
-        friction_work: So far.
+        speed: Slip speed, |u_t|.
+        direction: Direction of slip, (2,), or None if the contact sticks.
+        impulse: Impulse so far, (3,).
+        normal_work: Work of the normal impulse so far.
+        friction_work: Work of friction so far.
     """
 
     u_n: float
@@ -95,17 +97,17 @@ class Path:
 
     @classmethod
     def begin(cls, problem: Problem) -> Path:
-        """Before the impact."""
+        """The state before the impact."""
         speed = hypot(problem.u[1], problem.u[2])
         return cls(float(problem.u[0]), speed, problem.u[1:] / speed if speed > 0.0 else np.zeros(2))
 
     @property
     def sticks(self) -> bool:
-        """Whether it sticks."""
+        """Whether the contact sticks."""
         return self.direction is None
 
     def force(self, problem: Problem) -> FloatArray:
-        """Impulse per normal impulse, (3,): (1, -mu s) in slip, (1, f) where it sticks."""
+        """Impulse per normal impulse, (3,): (1, -mu s) for slip, (1, f) for stick."""
         return np.append(1.0, problem.hold if self.direction is None else -problem.mu * self.direction)
 
     def normal_rate(self, problem: Problem) -> float:
@@ -113,23 +115,23 @@ class Path:
         return float(problem.G[0] @ self.force(problem))
 
     def is_straight(self, problem: Problem) -> bool:
-        """Whether slip keeps its direction: then velocities are linear in the impulse."""
+        """Whether slip keeps its direction; velocities are then linear in the impulse."""
         assert self.direction is not None
         s, pull = self.direction, problem.pull(self.direction)
-        return bool(abs(s[0] * pull[1] - s[1] * pull[0]) <= _STRAIGHT * (1.0 + problem.mu) * np.abs(problem.G).max())
+        return bool(abs(s[0] * pull[1] - s[1] * pull[0]) <= _NO_TURN * (1.0 + problem.mu) * np.abs(problem.G).max())
 
     def stop(self, problem: Problem, direction: FloatArray | None) -> None:
-        """Slip is zero, exactly; from here on it slips along ``direction`` or sticks."""
+        """Set slip to exactly zero; the contact then slips along ``direction`` or sticks."""
         self.impulse[1:] -= problem.impulse_for(problem.u[1:] + problem.G[1:] @ self.impulse)
         self.u_n = float(problem.u[0] + problem.G[0] @ self.impulse)
         self.speed, self.direction = 0.0, direction
 
     def straight(self, problem: Problem, target: float | None) -> str:
-        """Go straight to the next event and name it.
+        """Advance to the next event along a straight segment; returns the event.
 
         Args:
-            problem: What does not change.
-            target: Normal work at which the impact ends; None in compression.
+            problem: The impact.
+            target: Normal work at which the impact ends; None during compression.
         """
         rate = self.normal_rate(problem)
         grows = 0.0 if self.direction is None else float(self.direction @ problem.pull(self.direction))
@@ -146,7 +148,7 @@ class Path:
         return event
 
     def advance(self, problem: Problem, impulse: float, rate: float, grows: float) -> None:
-        """Velocities linear, works quadratic in the normal impulse given."""
+        """Advance by a normal impulse: velocities are linear in it, works quadratic."""
         self.normal_work += impulse * (self.u_n + 0.5 * rate * impulse)
         if self.direction is not None:
             self.friction_work -= problem.mu * impulse * (self.speed + 0.5 * grows * impulse)
@@ -156,9 +158,9 @@ class Path:
 
 
 def _until(work: float, u_n: float, rate: float) -> float:
-    """Normal impulse that does a work >= 0 from u_n >= 0 on; infinite where u_n falls to zero before."""
+    """Normal impulse whose work from u_n >= 0 on is ``work`` >= 0; infinite if u_n falls to zero before."""
     square = u_n * u_n + 2.0 * rate * work
     if square < 0.0:
         return inf
-    through = u_n + sqrt(square)
+    through = u_n + sqrt(square)  # the form of the quadratic root without cancellation
     return 2.0 * work / through if through > 0.0 else (0.0 if work <= 0.0 else inf)

@@ -17,7 +17,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.friction.path import END, NONE, STOP, TURN, Path, Problem
-from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, on_cone
+from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone
 from ffsm_mj.contact_models.impact.friction.slip import curved_slip
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.tolerances import CANCELLED, SOLVED
@@ -48,7 +48,7 @@ def stronge(A: FloatArray, w: FloatArray, mu: float, e: float) -> FrictionResult
     scale, speed = float(G[0, 0]), float(np.abs(u).max())
     course = _ImpulsePath(Problem(G / scale, u / speed, mu), e)
     status = course.run()
-    impulse = on_cone(course.path.impulse * (speed / scale), mu)
+    impulse = clip_to_cone(course.path.impulse * (speed / scale), mu)
     after = w + A.T @ impulse
     normal, friction, compression = np.array([[course.path.normal_work], [course.path.friction_work], [course.deepest]]) * (
         speed * speed / scale

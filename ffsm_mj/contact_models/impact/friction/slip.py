@@ -1,6 +1,6 @@
-"""Slip that turns: the curved segments of the path of one contact, integrated.
+"""Curved segments of the impulse path of one contact, where the direction of slip turns: integrated numerically.
 
-Slip u_t = R (cos theta, sin theta) and dp = R dtau take the singularity out of u_t = 0:
+With slip u_t = R (cos theta, sin theta) and the parameter dp = R dtau, the singularity at u_t = 0 disappears:
 
     theta' = s x (g - mu H s),  (ln R)' = s . (g - mu H s),  p' = R,  lambda_t' = -mu R s,  W' = R u_n
 """
@@ -17,7 +17,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.friction.path import END, NONE, STOP, TURN, Path, Problem
 
 _STOPPED = -23.0
-"""Of ln(R / R0): the rest of the way to u_t = 0 is straight."""
+"""ln(R / R0) at which integration ends, a slip of 1e-10 of the initial one: the rest of the path to u_t = 0 is straight."""
 _FAR = 1e12
 _STEPS = 3000
 _ROUNDING = 1e-15
@@ -25,12 +25,12 @@ _THETA, _LOG, _U_N, _WORK, _FRICTION = 0, 1, 5, 6, 7
 
 
 def curved_slip(problem: Problem, path: Path, target: float | None) -> str:
-    """Integrate to the next event and name it; the path then stands there.
+    """Integrate to the next event, which is returned; the path is advanced to it.
 
     Args:
-        problem: What does not change.
-        path: Where it begins, in slip.
-        target: Normal work at which the impact ends; None in compression.
+        problem: The impact.
+        path: State at the start of the segment, slipping.
+        target: Normal work at which the impact ends; None during compression.
     """
     assert path.direction is not None
     begin = path.speed
@@ -41,7 +41,7 @@ def curved_slip(problem: Problem, path: Path, target: float | None) -> str:
             (path.u_n, path.normal_work, path.friction_work),
         )
     )
-    # A slow bounce beside a fast slip is as exact as any: what rounds is measured by the bounce.
+    # Absolute tolerances follow the normal motion, so that a slow bounce with fast slip is as accurate as any other.
     bounce = max(abs(path.u_n), sqrt(2.0 * abs(path.normal_work)))
     sizes = np.array([1.0, 1.0, *4 * (bounce,), bounce**2, bounce * max(bounce, begin)])
     event, y = _until_event(_rates(problem, begin), start, _events(target), _ROUNDING * sizes)
@@ -49,7 +49,7 @@ def curved_slip(problem: Problem, path: Path, target: float | None) -> str:
     if event == STOP:
         s, pull = path.direction, problem.pull(path.direction)
         grows = float(s @ pull)
-        if grows >= 0.0:
+        if grows >= 0.0:  # slip does not reach zero after all: the segment has no event
             return NONE
         path.advance(problem, -path.speed / grows, path.normal_rate(problem), grows)
     return event
@@ -79,7 +79,7 @@ def _rates(problem: Problem, begin: float) -> Callable[[float, FloatArray], list
 
 
 def _events(target: float | None) -> dict[str, Callable[[FloatArray], float]]:
-    """What each event waits for: a value that rises through zero."""
+    """Witness function of each event, which rises through zero there."""
     events: dict[str, Callable[[FloatArray], float]] = {STOP: lambda y: _STOPPED - float(y[_LOG])}
     if target is None:
         return {**events, TURN: lambda y: float(y[_U_N])}
@@ -94,7 +94,7 @@ def _until_event(
 ) -> tuple[str, FloatArray]:
     from scipy.integrate import LSODA
 
-    # Of many methods the stiff ones: where slip is slow against the bounce, its direction settles at once.
+    # A stiff method: for slip that is slow compared with the bounce, its direction settles at once.
     solver: Any = LSODA(rates, 0.0, start, _FAR, rtol=1e-13, atol=rounding)
     before = start
     for _ in range(_STEPS):
@@ -111,11 +111,11 @@ def _until_event(
 
 
 def _rise(solver: Any, value: Callable[[FloatArray], float]) -> tuple[float, FloatArray]:
-    """When in the last step a value rose through zero, and where the path was."""
+    """Parameter and state at which a value rose through zero in the last step of the solver."""
     from scipy.optimize import brentq
 
     dense = solver.dense_output()
-    for end in (solver.t_old, solver.t):  # the ends of the interpolation are rounded: zero may lie just outside
+    for end in (solver.t_old, solver.t):  # interpolation is rounded at its ends: zero may lie just outside
         if (value(dense(end)) >= 0.0) == (end == solver.t_old):
             return end, dense(end)
     tau = brentq(lambda tau: value(dense(tau)), solver.t_old, solver.t, xtol=1e-300, rtol=1e-15)

@@ -1,4 +1,4 @@
-"""Two tangents of a contact, from its normal alone: a run repeats to the last bit."""
+"""Two tangents of a contact, a function of its normal alone, so that a run repeats bit for bit."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from ffsm_mj.arrays import FloatArray
 def tangents(normal: FloatArray) -> FloatArray:
     """Unit vectors t1, t2 with (n, t1, t2) right-handed and orthonormal, (2, 3).
 
-    In a planar scene one of them is the axis that the plane leaves out, exactly: the axis furthest from the normal is taken.
+    The first is built from the coordinate axis furthest from the normal; in a planar scene it is exactly the axis
+    perpendicular to the plane.
 
     Args:
         normal: Unit vector, (3,).

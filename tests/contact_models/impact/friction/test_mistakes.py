@@ -12,14 +12,14 @@ from tests.contact_models.impact.friction.test_several_contacts import box_on_ed
 
 
 def wrong_sign(impulse, mu):
-    return result.on_cone(impulse, mu) * (1, -1, -1)
+    return result.clip_to_cone(impulse, mu) * (1, -1, -1)
 
 
 def test_friction_of_one_contact_with_the_wrong_sign(monkeypatch):
     """The works that the path integrated are not those of the impulse, and then not those of the path either."""
     A, w = rows(SPHERE, (-1, 0.72, 0.96))
     assert stronge(A, w, 0.2, 0.5).status == "ok"
-    monkeypatch.setattr(routh, "on_cone", wrong_sign)
+    monkeypatch.setattr(routh, "clip_to_cone", wrong_sign)
     assert stronge(A, w, 0.2, 0.5).status == "unconverged"
     monkeypatch.undo()
 
@@ -34,7 +34,7 @@ def test_friction_of_several_contacts_with_the_wrong_sign(monkeypatch):
     A, _, w = spheres(1.0, 2.0)
     mu, e = np.full(2, 0.2), np.ones(2)
     assert impact_with_friction(A, w, mu, e, "blend").status == "ok"
-    monkeypatch.setattr(laws, "on_cone", wrong_sign)
+    monkeypatch.setattr(laws, "clip_to_cone", wrong_sign)
     gains = impact_with_friction(A, w, mu, e, "blend")
     assert energy(gains.w) > energy(w)
     assert gains.status == "unconverged"

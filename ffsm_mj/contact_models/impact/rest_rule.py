@@ -1,10 +1,9 @@
-"""Which contacts come to rest: rule (10), the next flight is shorter than a time that the scenario states.
+"""Rule (10): an impact brings a contact to rest if its next flight would be shorter than a time that the scenario states.
 
-At an impact the accelerations of the gaps follow from the velocities that a plastic impact of all touching contacts would
-leave and from what pushes there besides contacts: the efforts held, gravity, springs. Where they press, contact forces
-lambda >= 0 answer so that no gap accelerates inwards; b = G_ii lambda_i is the acceleration that contact i takes
-off its pair, -gap'' without it and with the forces of the others.
-A contact that separates at u flies for 2 u / b.
+The gap accelerations at an impact follow from the velocities after a plastic impact of all closed contacts and from all
+forces other than those of contacts: the current efforts, gravity, springs. Contact forces lambda >= 0 keep every gap
+acceleration non-negative. b_i = G_ii lambda_i is the acceleration that presses contact i: -gap'' without its force and with
+those of the other contacts. A contact that separates at speed u is in flight for 2 u / b.
 """
 
 from __future__ import annotations
@@ -20,40 +19,40 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, contact_points
 from ffsm_mj.contact_models.impact.contact import contact_jacobian
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import Impact, resolve
-from ffsm_mj.contact_models.impact.touching import Touching, touching_points
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 
 
 @dataclass(frozen=True)
 class RestRule:
-    """When a contact counts as lasting.
+    """When an impact brings a contact to rest.
 
     Attributes:
-        interval_s: Flights shorter than this are none, s.
-        speed_m_s: Nor is what separates slower than this, m/s.
+        interval_s: Flights shorter than this are omitted, s.
+        speed_m_s: Contacts that separate slower than this come to rest too, m/s.
     """
 
     interval_s: float
     speed_m_s: float
 
     def least_speeds(self, pressing: FloatArray) -> FloatArray:
-        """Contacts pressed at these accelerations that separate slower do not fly, m/s, (k,)."""
+        """Separation speeds below which contacts pressed at these accelerations come to rest, m/s, (k,)."""
         return np.maximum(self.speed_m_s, 0.5 * self.interval_s * pressing)
 
 
 @dataclass(frozen=True)
 class RestingResult:
-    """An impact, and which of its contacts come to rest in it.
+    """An impact under the rest rule.
 
     Attributes:
-        impact: Resolved.
-        used: Coefficient of restitution of each contact that made it so: 0 where one comes to rest, (k,).
-        pressing: The b of each, m/s^2, (k,).
-        speeds: Speed at which each would have separated had it not come to rest, m/s, (k,); 0 where it flies on.
+        impact: The resolved impact.
+        used: Coefficient of restitution used for each contact: 0 if it comes to rest, (k,).
+        pressing: Acceleration b that presses each contact, m/s^2, (k,).
+        speeds: Separation speed that each contact at rest would have had without the rule, m/s, (k,); 0 for the others.
     """
 
     impact: Impact
@@ -65,34 +64,35 @@ class RestingResult:
 def resolve_resting(
     model: Any,
     data: Any,
-    touching: Touching,
+    touching: ClosedPairs,
     rule: RestRule,
     resolve_with: Callable[[FloatArray], Impact],
     motion: Motion,
 ) -> RestingResult:
-    """Resolve an impact, plastic where a contact would fly for too short a time.
+    """Resolve an impact, plastic for contacts whose next flight would be too short.
 
-    A contact with e = 1 never comes to rest, except where it does not even approach; one that rests may let others rest.
+    A contact with e = 1 comes to rest only if it does not approach.
 
     Args:
-        model: MuJoCo model of the system.
-        data: Its data at the impact, before it, with the efforts held.
+        model: MuJoCo model of the logged system.
+        data: Its data before the impact, with the current efforts.
         touching: Pairs in contact.
-        rule: What counts as lasting.
-        resolve_with: Resolves the impact of all their points with a coefficient of restitution for each.
-        motion: What moves and stands for it; the bodies of its impacts are those of it.
+        rule: When a contact comes to rest.
+        resolve_with: Resolves the impact of all contact points with given coefficients of restitution, (k,).
+        motion: The current motion; bodies of the impacts are bodies of its model.
     """
-    points = touching_points(touching)
+    points = contact_points(touching)
     used = np.array([pair.restitution for pair, _, _ in points])
     impact = resolve_with(used)
-    still = np.array([near.rate_tolerance for _, near, _ in points])
+    tolerance = np.array([near.rate_tolerance for _, near, _ in points])
     stated, speeds, pressing = used, np.zeros(len(points)), np.zeros(len(points))
-    if np.all((stated >= 1.0) & (impact.separation_speeds > still)):
+    if np.all((stated >= 1.0) & (impact.separation_speeds > tolerance)):
         return RestingResult(impact, used, pressing, speeds)
     pressing = _pressing(model, data, points, impact, motion)
+    # A contact that comes to rest takes velocity from others, which may then come to rest too. At most all of them do.
     for _ in points:
         after = impact.separation_speeds
-        rests = (after <= still) | ((stated < 1.0) & (after < rule.least_speeds(pressing)))
+        rests = (after <= tolerance) | ((stated < 1.0) & (after < rule.least_speeds(pressing)))
         rests &= (pressing > 0.0) & (used > 0.0)
         if not rests.any():
             break
@@ -109,7 +109,7 @@ def _pressing(
     impact: Impact,
     motion: Motion,
 ) -> FloatArray:
-    """The b of each contact in m/s^2, (k,); zero where it is not pressed."""
+    """Acceleration b that presses each contact, m/s^2, (k,); zero for contacts that are not pressed."""
     plastic_contacts = [replace(contact, restitution=0.0) for contact in impact.contacts]
     plastic = resolve(motion.model, motion.data, plastic_contacts)
     with _without_contacts(motion, plastic.after.qvel):
@@ -117,7 +117,7 @@ def _pressing(
         free, rounding = np.array([[rate.value, rate.rounding] for rate in rates]).T
         J = np.stack([contact_jacobian(motion.model, motion.data, contact) for contact in impact.contacts])
         A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, motion.data)), J.T).T
-    # The laws of impact solve the same problem in velocities: any w with A w = gap'' will do.
+    # A plastic impact solves the same complementarity problem in velocities: any w with A w = gap'' gives its forces.
     w = np.linalg.lstsq(A, free, rcond=None)[0]
     pressing = np.sum(A * A, axis=1) * least_norm(A, project(A, w))
     return np.where(pressing > rounding, pressing, 0.0)
@@ -125,10 +125,10 @@ def _pressing(
 
 @contextmanager
 def _without_contacts(motion: Motion, qvel: FloatArray) -> Iterator[None]:
-    """What moves, and what follows it, at other velocities under all forces but those of contacts.
+    """Context with the motion at other velocities, under all forces except those of contacts.
 
-    What ``qfrc_applied`` holds is of the last stage: forces of contacts that answer what was before the impact, and of
-    springs at the velocities before it. Who depends on the state alone is asked anew, who answers is left out.
+    ``qfrc_applied`` holds forces of the last stage: contact forces, which answer the state before the impact, and forces of
+    contact models such as springs at the velocities before it. The latter are evaluated again, the former are left out.
     """
     data = motion.data
     before, pushed = data.qvel.copy(), data.qfrc_applied.copy()

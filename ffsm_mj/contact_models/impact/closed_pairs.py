@@ -1,0 +1,46 @@
+"""Closed pairs at an impact, their contact points, and the interface through which persistent contact takes them over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.proximity import Proximity
+
+ClosedPairs = Sequence[tuple[ContactPair, Proximity]]
+"""Pairs in contact at one instant, each with its proximity."""
+
+
+def contact_points(closed: ClosedPairs) -> list[tuple[ContactPair, Proximity, FloatArray]]:
+    """All contact points with their pairs, world axes, m: the order of resolution, rest rule and records."""
+    return [(pair, near, point) for pair, near in closed for point in near.points]
+
+
+class PersistentContacts(Protocol):
+    """Keeps pairs closed after an impact; impact detection skips the pairs that it holds."""
+
+    def holds(self, pair: ContactPair) -> bool:
+        """Whether it keeps this pair closed now."""
+
+    def refusal(self, pair: ContactPair) -> str:
+        """Why it cannot keep a pair closed; empty if it can."""
+
+    def close(self, touching: ClosedPairs) -> None:
+        """Take over the pairs that neither approach nor separate at the velocities in ``data``."""
+
+
+class NoPersistentContacts:
+    """Keeps no pair closed: each contact is an impact or a separation."""
+
+    def holds(self, _: ContactPair) -> bool:
+        """False."""
+        return False
+
+    def refusal(self, _: ContactPair) -> str:
+        """Always a reason."""
+        return "the scenario has no persistent contact"
+
+    def close(self, _: ClosedPairs) -> None:
+        """Take over nothing."""
