@@ -14,17 +14,13 @@ from ffsm_mj.cli.progress import Report
 from ffsm_mj.errors import InputError, unknown_name, working_on
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.replay import replay_log
+from ffsm_mj.report.check_report import fail_by_truncation
 from ffsm_mj.report.comparison_report import comparison_report
+from ffsm_mj.report.json_text import json_text
 from ffsm_mj.report.output_place import folder_below, refuse_link, usable_file, usable_folder
 from ffsm_mj.report.run import Run, load_run
-from ffsm_mj.report.text_report import (
-    as_json,
-    damage_of,
-    fail_by_truncation,
-    verification,
-    verification_data,
-    what_is_missing,
-)
+from ffsm_mj.report.run_report import what_is_missing
+from ffsm_mj.report.verification_report import damage_of, verification, verification_data
 from ffsm_mj.verification.checks import CHECK_NAMES, DEEPEST_M, DEFAULT_TOLERANCE, RELATIVE_CHECKS, Tolerance
 from ffsm_mj.verification.replay_result import ReplayResult
 
@@ -77,7 +73,7 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
         if several and (options.compare or options.plots):
             kept.append((name, run))
     if options.json:
-        say(as_json(data if several else data[0]))
+        say(json_text(data if several else data[0]))
     elif several:
         words = (
             (CHECK_FAILED, "; FAILED in "),

@@ -124,7 +124,8 @@ def _run(options: argparse.Namespace, output: Output) -> int:
         run = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
     if not options.out:
         folder.link_latest()
-    from ffsm_mj.report.text_report import any_check_failed, fail_by_truncation, run_report, verdict
+    from ffsm_mj.report.check_report import any_check_failed, fail_by_truncation, verdict
+    from ffsm_mj.report.run_report import run_report
     from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
 
     output.say(run_report(run))

@@ -17,7 +17,7 @@ from ffsm_mj.analysis.summary import tip_summary
 from ffsm_mj.errors import LogError, one_line
 from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
 from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.report.text_report import what_is_missing
+from ffsm_mj.report.run_report import what_is_missing
 from ffsm_mj.verification.checks import Check
 
 _SHOWN = 5

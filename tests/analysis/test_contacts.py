@@ -9,7 +9,8 @@ import ffsm_mj
 from ffsm_mj.analysis.contact_intervals import ContactIntervals
 from ffsm_mj.contact_models.persistent.record import ContactBegins, ContactChanges, ContactEnds
 from ffsm_mj.records.signals import Layout, Signal
-from ffsm_mj.report.text_report import contact_table, run_report
+from ffsm_mj.report.record_tables import contact_table
+from ffsm_mj.report.run_report import run_report
 from tests.scenes import two_balls
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from ffsm_mj.cli.main import main
 from ffsm_mj.report.run import load_run
-from ffsm_mj.report.text_report import run_report
+from ffsm_mj.report.run_report import run_report
 from tests.scenes import two_balls
 from tests.terminal import ffsm, on_terminal
 

@@ -20,12 +20,13 @@ import numpy as np
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
 from ffsm_mj.records.kinds import kind_of
+from ffsm_mj.report.check_report import verdict
 from ffsm_mj.report.page import moving, scene
 from ffsm_mj.report.page.inline_figures import inline_figures
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.scene import PageScene
 from ffsm_mj.report.run_card import card_html
-from ffsm_mj.report.text_report import verdict, what_is_missing
+from ffsm_mj.report.run_report import what_is_missing
 from ffsm_mj.verification.checks import Check
 
 _TITLES = {

@@ -15,7 +15,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
-from ffsm_mj.report.text_report import run_report
+from ffsm_mj.report.run_report import run_report
 from tests.contact_models.grasp.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, TARGET, TOUCH, grasping, stone
 from tests.scenes import ball, scene
 

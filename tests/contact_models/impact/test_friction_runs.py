@@ -22,7 +22,7 @@ from ffsm_mj.contact_models.impact.resolution import Impact
 from ffsm_mj.errors import InputError
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
-from ffsm_mj.report.text_report import impact_table
+from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.verification import friction_check
 from tests.contact_models import scenes as regime_scenes
 from tests.contact_models.grasp import scenes as captures

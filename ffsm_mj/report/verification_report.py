@@ -1,0 +1,106 @@
+"""Output of ``ffsm analyze``: the verification of a run from its log, as text and as plain data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.summary import failing_checks, truncation_data
+from ffsm_mj.errors import one_line
+from ffsm_mj.report.check_report import conservation_table, truncation_lines, verdict
+from ffsm_mj.report.record_tables import impact_table
+from ffsm_mj.report.run_report import details, headline
+from ffsm_mj.verification.agreement import Discrepancy
+from ffsm_mj.verification.checks import Check, Tolerance
+from ffsm_mj.verification.replay_result import ReplayResult
+
+
+def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
+    """Output of ``ffsm analyze``: checks recomputed from the states in the log."""
+    damage = damage_of(run, again)
+    impacts = impact_table(run.impacts, whole=run.complete and not damage)
+    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts, *details(run)]
+    checks = again.checks(tolerance)
+    if run.conservative or checks:
+        parts.append(conservation_table(checks))
+    if not run.conservative:
+        fault = one_line(run.why_not_conservative)
+        parts.append(f"energy and momenta are not checked, the run is not conservative: {fault}")
+    if checks:
+        left = " in the readable part" if damage else ""
+        parts.append(verdict(run, checks) + left + truncation_lines(checks))
+    parts.append(agreement(again))
+    if not run.complete:
+        parts.append("incomplete: the log breaks off before the end of the run")
+    if run.note:
+        parts.append(f"note: {run.note}")
+    if damage:
+        parts.append(f"damaged: {damage}")
+    return "\n\n".join(part for part in parts if part)
+
+
+def agreement(again: ReplayResult) -> str:
+    """One line: whether the columns of the log agree with its states; one more line per difference if not."""
+    if again.obstacle:
+        why = f"nothing can be recomputed ({one_line(again.obstacle)})"
+        return f"NOT VERIFIED: {why}; the checks use the logged balances"
+    worst = sorted(again.worst.values(), key=lambda one: -one.excess)
+    if again.agrees:
+        of = f"{again.numbers} numbers of {again.samples} samples"
+        return f"columns agree with states ({of}); the worst difference:\n  {_difference(worst[0])}"
+    return "COLUMNS DO NOT AGREE WITH STATES:" + "".join(f"\n  {_difference(one)}" for one in worst if not one.passes)
+
+
+def _difference(worst: Discrepancy) -> str:
+    unit = f" {worst.unit}" if worst.unit else ""
+    return f"{worst.size:.1e}{unit} in {one_line(worst.what)} at {worst.time_s:.3f} s (allowed {worst.allowed:.1e})"
+
+
+def damage_of(run: Run, again: ReplayResult) -> str:
+    """Damage of the log: unreadable bytes, and gaps in the times of its samples."""
+    return run.damage if again.gaps in run.damage else "; ".join(part for part in (run.damage, again.gaps) if part)
+
+
+def verification_data(run: Run, again: ReplayResult, tolerance: Tolerance) -> dict[str, Any]:
+    """The content of :func:`verification` as plain data."""
+    checks = again.checks(tolerance)
+    return {
+        "summary": run.summary(checks=False) | {"checks": failing_checks(checks)},
+        "checks": [_check_data(check) for check in checks],
+        "states": {
+            "agree": again.agrees,
+            "obstacle": again.obstacle,
+            "samples": again.samples,
+            "numbers": again.numbers,
+            "worst": {name: _difference_data(worst) for name, worst in again.worst.items()},
+        },
+        "complete": run.complete,
+        "note": run.note,
+        "damage": damage_of(run, again),
+    }
+
+
+def _check_data(check: Check) -> dict[str, Any]:
+    return {
+        "check": check.name,
+        "of": check.subsystem,
+        "component": check.component,
+        "residual": check.residual,
+        "unit": check.unit,
+        "time_s": check.time_s,
+        "tolerance": check.tolerance,
+        "passes": check.passes,
+        "drift": check.drift,
+        "fails_by_truncation": check.fails_by_truncation,
+        "truncation": truncation_data(check.truncation),
+    }
+
+
+def _difference_data(worst: Discrepancy) -> dict[str, Any]:
+    return {
+        "in": worst.what,
+        "difference": worst.size,
+        "allowed": worst.allowed,
+        "unit": worst.unit,
+        "time_s": worst.time_s,
+    }
