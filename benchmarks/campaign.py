@@ -28,7 +28,7 @@ from unittest.mock import patch
 
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.execution.engines import executor, loop
-from ffsm_mj.campaign.execution.worker import make_rows
+from ffsm_mj.campaign.execution.worker import execute_runs
 from ffsm_mj.simulation.loop import Simulation
 
 GOALS = {"pool": 0.95, "dask": 0.90}
@@ -64,7 +64,7 @@ def overhead(found: Campaign, runs: int) -> float:
         return outcome
 
     with patch.object(Simulation, "run", measured):
-        rows = make_rows(job, [(i, found.design.overrides(i)) for i in range(runs)])
+        rows = execute_runs(job, [(i, found.design.overrides(i)) for i in range(runs)])
     return statistics.median(row.cpu_s - spent for row, spent in zip(rows, simulated, strict=True))
 
 
@@ -73,7 +73,7 @@ def dispersed(folder: Path, runs: int) -> float:
     found = Campaign.load("baseline-dispersed", folder / "dispersed", overrides=["keep.failures=0"])
     job = found._job(own=False)
     with executor(2) as pool:
-        made = [pool.submit(make_rows, job, [(i, found.design.overrides(i))]) for i in range(runs)]
+        made = [pool.submit(execute_runs, job, [(i, found.design.overrides(i))]) for i in range(runs)]
         return statistics.median(row.cpu_s for future in made for row in future.result())
 
 
@@ -81,7 +81,7 @@ def rate(found: Campaign, pool: Executor, first: int, runs: int) -> float:
     """Runs a second, of some that were not made yet, one a task."""
     job = found._job(own=False)
     begun = time.perf_counter()
-    made = [pool.submit(make_rows, job, [(i, found.design.overrides(i))]) for i in range(first, first + runs)]
+    made = [pool.submit(execute_runs, job, [(i, found.design.overrides(i))]) for i in range(first, first + runs)]
     for future in made:
         future.result()
     return runs / (time.perf_counter() - begun)
@@ -99,9 +99,9 @@ def growth(found: Campaign, runs: int) -> tuple[float, float]:
     with executor(1) as pool:
         job = found._job(own=False)
         batch = [(i, found.design.overrides(i)) for i in range(runs)]
-        pool.submit(make_rows, job, batch[: runs * 2 // 5]).result()
+        pool.submit(execute_runs, job, batch[: runs * 2 // 5]).result()
         early = memory_MiB(pool)
-        pool.submit(make_rows, job, batch[runs * 2 // 5 :]).result()
+        pool.submit(execute_runs, job, batch[runs * 2 // 5 :]).result()
         return early, memory_MiB(pool)
 
 

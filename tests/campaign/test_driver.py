@@ -73,6 +73,54 @@ def test_a_run_that_waited_is_not_late(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [(row.index, row.outcome) for row in rows] == [(0, "completed")]
 
 
+class Fragile(Executor):
+    """A pool of three workers: it is lost as soon as one of them begins a certain run."""
+
+    workers, deadly = 3, 17
+
+    def __init__(self, begun: list[list[int]]) -> None:
+        self._begun, self._waiting = begun, dict[Future[Any], list[int]]()
+
+    def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if fn is probe:
+            future.set_result("here")
+            return future
+        if not self._waiting:
+            Timer(0.01, self._work).start()
+        self._waiting[future] = [index for index, _ in args[1]]
+        return future
+
+    def _work(self) -> None:
+        batches = dict(list(self._waiting.items())[: self.workers])
+        self._begun.append([index for batch in batches.values() for index in batch])
+        lost = self.deadly in self._begun[-1]
+        taken = dict(self._waiting) if lost else batches
+        for future in taken:
+            del self._waiting[future]
+        if self._waiting:
+            Timer(0.01, self._work).start()
+        for future, batch in taken.items():
+            if lost:
+                future.set_exception(BrokenProcessPool("lost"))
+            else:
+                future.set_result([RunRow(index, "completed") for index in batch])
+
+
+def test_after_a_loss_runs_go_on_in_parallel_until_the_one_that_ends_its_worker_is_found() -> None:
+    """First batches, then one run per worker; only the runs that had begun at the second loss go alone."""
+    begun: list[list[int]] = []
+    rows: list[RunRow] = []
+    engine = Engine("fragile", Fragile.workers, lambda: Fragile(begun))
+    Driver(engine, Job("", (), MappingProxyType({})), rows.extend, lambda: False).drive([(i, {}) for i in range(240)])
+    assert sorted(row.index for row in rows) == list(range(240))
+    assert [row.index for row in rows if row.outcome == "crashed"] == [Fragile.deadly]
+    losses = [indices for indices in begun if Fragile.deadly in indices]
+    assert [len(indices) for indices in losses] == [12, 3, 1, 1]  # batches of 4
+    alone = {indices[0] for indices in begun if len(indices) == 1}
+    assert alone <= set(losses[1]) | {239}
+
+
 class Cut(Executor):
     """Its scheduler is gone after three batches: what was asked of it is cancelled, as by the client of a dask cluster."""
 
@@ -105,7 +153,9 @@ def test_a_scheduler_that_does_not_come_back_is_a_loss_of_nothing(tmp_path: Path
     path = rock_hits(tmp_path)
     campaign = Campaign.load(path, tmp_path / "out")
     monkeypatch.setattr(engines, "dask", lambda _: Engine("2 dask workers", 2, connect))
-    with pytest.raises(EngineLostError, match="no scheduler answers there; the rows so far are kept, resume goes on"):
+    with pytest.raises(
+        EngineLostError, match="no scheduler answers there; the rows so far are kept, resume continues the campaign"
+    ):
         campaign.run(dask="tcp://127.0.0.1:1")
     assert (len(opened), campaign.status().done) == (1, 3)
     campaign.run(loop().open())
@@ -162,7 +212,7 @@ def test_the_status_tells_failing_checks_by_name_and_size(tmp_path: Path, capfd:
         4: {"excess.energy": 40.0},
         5: {"excess.no_penetration": None},
     }
-    with campaign._open_table() as store:
+    with campaign._writable_table() as store:
         store.add([RunRow(i, "completed", metrics={"checks_pass": i not in fails, **fails.get(i, {})}) for i in range(7)])
         store.add([RunRow(7, "diverged", "too fast", metrics={"checks_pass": False, "excess.energy": 1.5})])
     checks = campaign.status().checks

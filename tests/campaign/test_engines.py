@@ -313,13 +313,13 @@ def test_an_interrupted_replay_is_no_replay(tmp_path: Path, monkeypatch: pytest.
             campaign.rerun(0)
     assert (campaign.folder.rerun(0) / "run.mcap").is_file()
     assert not campaign.folder.has_rerun(0)
-    assert campaign.rerun(0).verdict == "run 0 is the row's, bit by bit"
+    assert campaign.rerun(0).verdict == "run 0 agrees with its row bit for bit"
     assert campaign.folder.has_rerun(0)
 
 
 def test_a_second_driver_is_refused(tmp_path: Path) -> None:
     campaign = Campaign.load(collisions(tmp_path), tmp_path / "out")
-    with campaign.folder.driven(), pytest.raises(InputError, match="another process is running this campaign"):
+    with campaign.folder.locked(), pytest.raises(InputError, match="another process is running this campaign"):
         campaign.run(loop().open())
 
 

@@ -29,7 +29,7 @@ def made(tmp_path_factory):
     base = tmp_path_factory.mktemp("made")
     plan = load_campaign(rock_hits(base, samples={"kind": "random", "n": 4, "seed": 1}))
     folder = CampaignFolder(base / "D")
-    with folder.driven():
+    with folder.locked():
         config = plan.config.model_dump(mode="json", exclude_none=True)
         folder.write(config, plan.base.scenario_yaml, plan.base.system.logged_files, plan.design())
     store = Store(folder.table)
@@ -84,20 +84,20 @@ def test_as_it_was_made_it_is_read(capsys):
 def test_a_database_with_more_than_the_two_tables(folder, capsys, statements, action):
     edit(folder, *statements)
     line = refused(capsys, action, "D")
-    assert line.startswith("D/rows.sqlite: is no table of a campaign (")
-    assert line.endswith(" is not that of a campaign)")
+    assert line.startswith("D/rows.sqlite: is not a table of a campaign (")
+    assert line.endswith(" does not belong to a campaign)")
 
 
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
         ("metrics = '{'", "Expecting property name"),
-        ("metrics = '[]'", "what was measured is no mapping"),
-        ("metrics = '{\"a\": 1' || replace(hex(zeroblob(200)), '0', '0') || '}'", "what was measured"),
+        ("metrics = '[]'", "metrics or model values are no mapping"),
+        ("metrics = '{\"a\": 1' || replace(hex(zeroblob(200)), '0', '0') || '}'", "metrics or model values are no mapping"),
         (f"model = replace(hex(zeroblob({50_000})), '0', '[')", "maximum recursion depth"),
-        ("wall_s = 'long'", "a number is none"),
+        ("wall_s = 'long'", "a number column holds no valid number"),
         ("message = CAST(x'ff' AS TEXT)", "Could not decode to UTF-8"),
-        ("i = 7", "has a row of run 7, which the design has not"),
+        ("i = 7", "has a row of run 7, which is not in the design"),
     ],
 )
 def test_a_row_that_no_run_leaves(folder, capsys, change, reason):
@@ -114,7 +114,7 @@ def test_damaged_pages(folder, capsys, page):
     size = int.from_bytes(data[16:18], "big")
     data[(page - 1) * size : (page - 1) * size + 64] = b"\x05" * 64
     file.write_bytes(data)
-    assert refused(capsys, "status", "D").startswith("D/rows.sqlite: is no table of a campaign (")
+    assert refused(capsys, "status", "D").startswith("D/rows.sqlite: is not a table of a campaign (")
 
 
 def test_a_journal_that_names_a_file_to_delete(folder, capsys):
@@ -183,7 +183,7 @@ def test_settings_that_are_none(folder, capsys, content):
     with db:
         db.execute("UPDATE settings SET content = ?", (content,))
     db.close()
-    assert refused(capsys, "resume", "D") == "D: its rows were made with other settings: those there cannot be read"
+    assert refused(capsys, "resume", "D") == "D: its rows were made with other settings: the stored settings cannot be read"
 
 
 def test_control_characters_of_a_row_stay_off_the_terminal(folder, capsys):

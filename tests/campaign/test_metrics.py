@@ -24,7 +24,7 @@ def measured(
     effort = Effort(assembly.system, assembly.actuation.keys)
     watcher: Any = effort if block is None else Cut(effort, block)
     run = simulate(assembly, watchers=(watcher,))
-    return run, evaluated(run, effort.told(), names) | {"effort": effort.told()}
+    return run, evaluated(run, effort.by_actuator(), names) | {"effort": effort.by_actuator()}
 
 
 class Cut:
@@ -126,7 +126,7 @@ def test_metrics_of_somebody(monkeypatch: pytest.MonkeyPatch) -> None:
         return np.float64(np.ptp(run["state.q_robot_joint_1_rad"]))
 
     swing.columns = ("state.q_robot_joint_1_rad",)  # type: ignore[attr-defined]
-    monkeypatch.setattr(metrics, "plugged", lambda: {"swing": swing, "kind": lambda run: run})
+    monkeypatch.setattr(metrics, "plugin_metrics", lambda: {"swing": swing, "kind": lambda run: run})
     assembly = prepare("baseline", {"duration_s": 1.0}).assemble()
     run = simulate(assembly, columns=columns_of(["swing"]))
     whole = ffsm_mj.run("baseline", {"duration_s": 1.0})["state.q_robot_joint_1_rad"]

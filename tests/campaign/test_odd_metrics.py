@@ -25,7 +25,7 @@ def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Made:
     """Runs two runs whose metric ``odd`` is what a function says."""
 
     def of(odd: Callable[[Any], Any], **more: Any) -> Campaign:
-        monkeypatch.setattr(metrics, "plugged", lambda: {"odd": odd})
+        monkeypatch.setattr(metrics, "plugin_metrics", lambda: {"odd": odd})
         path = rock_hits(tmp_path, **{"samples": _TWO, "metrics": ["odd"], "limits": {"max_failed": 1.0}, **more})
         campaign = Campaign.load(path, tmp_path / "out")
         campaign.run(loop().open())
@@ -76,5 +76,5 @@ def test_a_run_whose_metric_fails_can_be_looked_at(made: Made) -> None:
 
 
 def test_a_metric_that_no_run_has_is_no_quantile(made: Made) -> None:
-    with pytest.raises(InputError, match="odd: no run that did not fail has it as a number"):
+    with pytest.raises(InputError, match="odd: no run that did not fail has a number for it"):
         made(lambda _: None).quantile("odd", 0.5)

@@ -1,4 +1,4 @@
-"""What each actuator did in a run, gathered as its rows go past: effort, work, peak, time at a bound."""
+"""Effort statistics of each actuator in a run, accumulated during the run: integral, work, peak, time at a bound."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ MEASURES = {
     "peak": "greatest magnitude of the applied effort, N or N m",
     "at_bound": "share of the ticks at which the applied effort is at the least or greatest possible one",
 }
-"""By name, what is told of each actuator."""
+"""Statistics of each actuator, by name."""
 
 
 class Effort:
-    """Gathers what actuators did. An effort is held from one row to the next, so sums over rows are integrals.
+    """Accumulates the effort statistics. An effort is held from one row to the next, so sums over rows are integrals.
 
-    Work of an effort on a joint is effort times displacement, exact while the effort is held; that of one on a site is its
-    power at the rows by the trapezoidal rule, since it moves with the site.
+    The work of an effort on a joint is effort times displacement, exact while the effort is held. The work of an effort at a
+    site, whose direction moves with the site, is its power at the rows, integrated by the trapezoidal rule.
     """
 
     def __init__(self, system: System, keys: Mapping[str, Sequence[str]]) -> None:
-        """Bind to a model; nothing was told yet.
+        """Bind to a model.
 
         Args:
-            system: What moves.
+            system: Robot and objects.
             keys: Columns of ``applied``, ``lower`` and ``upper`` by actuator, in MuJoCo's order.
         """
         self._system, self._keys = system, keys
@@ -46,19 +46,19 @@ class Effort:
         self._last: tuple[float, FloatArray, FloatArray, FloatArray] | None = None
 
     def open(self, header: RunHeader) -> None:
-        """Begin a run."""
+        """Find the columns of a run."""
         layout, joints = header.layout, self._system.joints.values()
         self._time = layout.time
         self._applied, self._lower, self._upper = (layout.places(self._keys[what]) for what in ("applied", "lower", "upper"))
         self._qpos, self._qvel = layout.places(coordinate_keys(joints)), layout.places(rate_keys(joints))
 
     def rows(self, block: FloatArray) -> None:
-        """Take the next rows."""
+        """Process the next rows."""
         applied, lower, upper = block[:, self._applied], block[:, self._lower], block[:, self._upper]
         self._ticks += len(block)
         self._peak = np.maximum(self._peak, np.abs(applied).max(axis=0, initial=0.0))
         self._bounded += (((applied <= lower) | (applied >= upper)) & (upper > lower)).sum(axis=0)
-        length, power = self._driven(block[:, self._qpos], block[:, self._qvel], applied)
+        length, power = self._lengths_and_powers(block[:, self._qpos], block[:, self._qvel], applied)
         times = block[:, self._time]
         if self._last is not None:
             t, held, at, rate = self._last
@@ -69,8 +69,8 @@ class Effort:
         self._work = _added(self._work, held * np.diff(length, axis=0) + 0.5 * (power[1:] + power[:-1]) * steps)
         self._last = float(times[-1]), applied[-1].copy(), length[-1].copy(), power[-1].copy()
 
-    def _driven(self, qpos: FloatArray, qvel: FloatArray, applied: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """By row and actuator: displacement of the joint that it drives, and power of what drives no scalar joint."""
+    def _lengths_and_powers(self, qpos: FloatArray, qvel: FloatArray, applied: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Coordinates of driven scalar joints, and power of all other actuators, both (rows, actuators)."""
         model, scalar = self._system.mj, self._joint >= 0
         length, power = np.zeros_like(applied), np.zeros_like(applied)
         length[:, scalar] = qpos[:, model.jnt_qposadr[self._joint[scalar]]]
@@ -91,29 +91,29 @@ class Effort:
         return mujoco.MjData(self._system.mj)
 
     def event(self, event: Event) -> None:
-        """Nothing to do: efforts are told by rows."""
+        """Do nothing: efforts are in the rows."""
 
     def flush(self) -> None:
-        """Nothing to do: memory does not survive a kill."""
+        """Do nothing: data in memory does not survive a kill."""
 
     def close(self, outcome: OutcomeRecord | None) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
-    def told(self) -> dict[str, dict[str, float]]:
-        """By actuator, its name as in the columns of a log: each of :data:`MEASURES`."""
+    def by_actuator(self) -> dict[str, dict[str, float]]:
+        """Each of :data:`MEASURES` by actuator, under its name in the columns of a log."""
         share = self._bounded / max(self._ticks, 1)
-        by_actuator = np.column_stack([self._square, self._work, self._peak, share]).tolist()
+        rows = np.column_stack([self._square, self._work, self._peak, share]).tolist()
         names = map(identifier, self._names)
-        return {name: dict(zip(MEASURES, each, strict=True)) for name, each in zip(names, by_actuator, strict=True)}
+        return {name: dict(zip(MEASURES, each, strict=True)) for name, each in zip(names, rows, strict=True)}
 
 
 def _added(total: FloatArray, terms: FloatArray) -> FloatArray:
-    """One term after the other, so that the sum is the same bit by bit however the rows are cut into blocks."""
+    """Sum term by term, so that its bits do not depend on the division of the rows into blocks."""
     return np.asarray(np.cumsum(np.vstack([total, terms]), axis=0)[-1])
 
 
 def _drives(model: Any) -> tuple[IntArray, FloatArray]:
-    """By actuator: the hinge or slide that it drives, -1 for none; and MuJoCo's actuator velocity over the joint's."""
+    """Hinge or slide that each actuator drives, -1 for none; ratio of MuJoCo's actuator velocity to the joint's."""
     on_joint = np.asarray(model.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
     joint = np.where(on_joint, np.asarray(model.actuator_trnid)[:, 0], -1).astype(np.intp)
     kinds = np.asarray(model.jnt_type)[joint]

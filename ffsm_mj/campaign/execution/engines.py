@@ -1,4 +1,4 @@
-"""Where runs are made: executors of :mod:`concurrent.futures`, and how to get another one when one is lost."""
+"""Engines that execute the runs of a campaign: they open executors of :mod:`concurrent.futures`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,20 +21,20 @@ from ffsm_mj.errors import InputError, MissingPackageError
 Result = TypeVar("Result")
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _ANSWER_S = 10
-"""A scheduler that does not answer for so long is not there."""
+"""Timeout of the connection to a Dask scheduler, s."""
 
 
 @dataclass(frozen=True)
 class Engine:
-    """Where runs are made.
+    """A way to execute runs.
 
     Attributes:
-        name: For people.
-        workers: How many runs go on at once.
-        open: Gives a new executor, and closes it when it is left.
-        own_processes: Whether its processes do nothing else, so that a stuck one may be ended.
-        lasting: Whether another executor can be had when one is lost.
-        here: Whether runs are made by the thread that asks for them, so that an interrupt of one is meant for all.
+        name: Name for messages.
+        workers: Number of runs at the same time.
+        open: Opens an executor as a context.
+        own_processes: Whether its processes execute nothing else, so that a process with a stuck run may be ended.
+        reopens: Whether it can open another executor after one is lost.
+        in_this_thread: Whether runs are executed by the calling thread, so that the interrupt of a run ends the campaign.
         ahead: Batches per worker that are handed out at once.
     """
 
@@ -42,57 +42,87 @@ class Engine:
     workers: int
     open: Callable[[], Any]
     own_processes: bool = True
-    lasting: bool = True
-    here: bool = False
+    reopens: bool = True
+    in_this_thread: bool = False
     ahead: int = 4
 
 
+def chosen(
+    executor: Executor | None,
+    workers: int | None,
+    dask_address: str,
+    controllers: Iterable[Any],
+    default_workers: int | None,
+) -> Engine:
+    """Engine for the arguments of :meth:`ffsm_mj.campaign.campaign.Campaign.run`.
+
+    Args:
+        executor: Executor of the caller, if there is one.
+        workers: Number of processes asked for.
+        dask_address: Address of a Dask scheduler; empty: none.
+        controllers: Control laws of a script; other processes cannot import all of them.
+        default_workers: Number of processes of the campaign file.
+
+    Raises:
+        InputError: The number of workers is less than 1, or see :func:`dask`.
+    """
+    if workers is not None and workers < 1:
+        raise InputError(f"workers: {workers} is less than 1")
+    if executor is not None:
+        return given(executor, workers)
+    if dask_address:
+        return dask(dask_address)
+    if not all(map(importable, controllers)):
+        return loop()
+    return pool(workers or default_workers)
+
+
 class Loop(Executor):
-    """Makes each run at once, in this thread."""
+    """Executor that calls each function immediately, in the calling thread."""
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
-        """Call it now; what it raises is in the future, an interrupt comes through."""
+        """Call the function; the future holds its result or exception, except that KeyboardInterrupt is raised."""
         future: Future[Result] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
-        except Exception as error:  # noqa: BLE001 (the future carries it, as that of any executor)
+        except Exception as error:  # noqa: BLE001 (the future holds it, as for any executor)
             future.set_exception(error)
         return future
 
 
 def loop() -> Engine:
-    """Runs one after the other in this process."""
-    return Engine("this process", 1, Loop, own_processes=False, here=True, ahead=1)
+    """Engine that executes runs one after the other in this process."""
+    return Engine("this process", 1, Loop, own_processes=False, in_this_thread=True, ahead=1)
 
 
 def pool(workers: int | None = None) -> Engine:
-    """Processes of this machine.
+    """Engine with processes on this machine.
 
     Args:
-        workers: How many; None: as many as this process may use processors.
+        workers: Number of processes; None: one per processor that this process may use.
     """
     count = workers or usable_processors()
     return Engine(f"{count} processes", count, lambda: _processes(count))
 
 
 def usable_processors() -> int:
-    """Processors that this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def importable(law: Any) -> bool:
-    """Whether a process that knows nothing of this script can have a class of it."""
+    """Whether another process can import a class; it cannot if the class is defined in a script or a function."""
     module = getattr(law, "__module__", "__main__")
     return module != "__main__" and "<locals>" not in law.__qualname__ and find_spec(module) is not None
 
 
 def executor(workers: int | None = None) -> Any:
-    """Processes of this machine as a context that gives a :class:`concurrent.futures.Executor`."""
+    """Context of a :class:`concurrent.futures.Executor` with processes on this machine; None: one per processor."""
     return _processes(workers or usable_processors())
 
 
 def given(executor: Executor, workers: int | None = None) -> Engine:
-    """Somebody's executor, which is theirs to close."""
+    """Engine with an executor of the caller, who closes it."""
 
     @contextmanager
     def same() -> Iterator[Executor]:
@@ -101,23 +131,23 @@ def given(executor: Executor, workers: int | None = None) -> Engine:
     if isinstance(executor, Loop):
         return loop()
     count = workers or getattr(executor, "_max_workers", None) or usable_processors()
-    return Engine(type(executor).__name__, int(count), same, own_processes=False, lasting=False)
+    return Engine(type(executor).__name__, int(count), same, own_processes=False, reopens=False)
 
 
 def dask(address: str) -> Engine:
-    """Workers of a dask cluster, one thread each.
+    """Engine with the workers of a Dask cluster, one thread each.
 
     Args:
-        address: Of its scheduler, as ``tcp://host:8786``.
+        address: Address of the scheduler, e.g. ``tcp://host:8786``.
 
     Raises:
         MissingPackageError: ``distributed`` is not installed.
-        InputError: Nobody answers there, there are no workers, or one has several threads.
+        InputError: The scheduler does not answer, it has no workers, or a worker has several threads.
     """
     try:
         import distributed
     except ImportError as error:
-        raise MissingPackageError("a campaign on a dask cluster", "distributed", "cluster") from error
+        raise MissingPackageError("a campaign on a Dask cluster", "distributed", "cluster") from error
 
     def client() -> Any:
         try:
@@ -129,7 +159,7 @@ def dask(address: str) -> Engine:
     @contextmanager
     def connected() -> Iterator[Executor]:
         with client() as connection:
-            # Without pure=False equal calls would be one.
+            # By default, Dask executes calls with equal arguments only once.
             yield connection.get_executor(pure=False)
 
     with client() as connection:
@@ -141,12 +171,12 @@ def dask(address: str) -> Engine:
         raise InputError(
             f"--dask {address}: worker {several[0]} has {threads[several[0]]} threads; start it with --nthreads 1"
         )
-    return Engine(f"{len(threads)} dask workers", len(threads), connected)
+    return Engine(f"{len(threads)} Dask workers", len(threads), connected)
 
 
 @contextmanager
 def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool of processes; left by an exception, it does not wait for runs that nobody wants any more."""
+    """Pool of processes; if an exception leaves the context, running processes are terminated."""
     executor = ProcessPoolExecutor(workers, mp_context=_Spawn(), initializer=_begin_worker)
     try:
         yield executor
@@ -160,11 +190,11 @@ def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _begin_worker() -> None:
-    """One BLAS thread; Ctrl-C is the driver's to hear; no worker outlives its driver."""
+    """Initialise a worker: one BLAS thread, Ctrl-C left to the driver, and the end of the process with the driver."""
     for variable in _THREADS:
         os.environ.setdefault(variable, "1")
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_driver, name="driver's end", daemon=True).start()
+    threading.Thread(target=_end_with_driver, name="end with driver", daemon=True).start()
 
 
 def _end_with_driver() -> None:
@@ -178,9 +208,9 @@ _STARTING = threading.Lock()
 
 
 class _Process(SpawnProcess):
-    """A process that does not import the script that is running: it needs nothing of it.
+    """Process that does not import the running script.
 
-    So a campaign runs from a script without a main guard, from standard input and from a notebook.
+    A campaign can therefore run from a script without a main guard, from standard input and from a notebook.
     """
 
     @staticmethod

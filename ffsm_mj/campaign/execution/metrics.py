@@ -1,4 +1,4 @@
-"""Metrics: what of a run becomes a column of the campaign's table, by name."""
+"""Metrics: scalars of a run that become columns of the campaign's table, by name."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from ffsm_mj.report.run import Run
 from ffsm_mj.verification.checks import CHECK_NAMES, Check
 
 GROUP = "ffsm_mj.metrics"
-"""Entry points of metrics of other packages: the name is the metric's, the object a function on a
-:class:`~ffsm_mj.report.run.Run`. Its attribute ``columns``, where it has one, names the columns that it needs: only those
-are kept while the run goes."""
+"""Entry-point group of metrics of other packages: the name is that of the metric, the object a function of a
+:class:`~ffsm_mj.report.run.Run`. An optional attribute ``columns`` lists the columns it needs; only these are stored during
+the run."""
 
 _EXACT = 1 << 53
-"""Whole numbers up to this are doubles."""
+"""Integers up to this magnitude are exact as doubles."""
 
 Scalar = float | int | str | bool | None
 Effort = Mapping[str, Mapping[str, float]]
 
 _DRIFTING = CHECK_NAMES[:3]
 COUNT, FAIL = "count", "fail"
-"""What becomes of runs whose checks fail by the truncation of the step alone."""
+"""Whether runs whose checks fail by the truncation of the step alone pass (``count``) or not (``fail``)."""
 _ALWAYS = (
     "checks_pass",
     "fails_by_truncation",
@@ -40,11 +40,11 @@ _ALWAYS = (
     "deepest_overlap_m",
     *(f"checks.{name.replace(' ', '_')}" for name in CHECK_NAMES),
 )
-"""What is told of every run: whether every check holds; whether those that do not fail by the truncation of the step alone;
-whether it passes as the campaign counts; the worst drift of energy and momenta, over (1 + scale) each; the
-deepest overlap in m; the worst residual of each check, in its unit, null where it is not judged."""
+"""Metrics of every run: whether all checks pass; whether the failing ones fail by the truncation of the step alone; whether
+the run passes by the rule of the campaign; the worst drift of energy and momenta over (1 + scale); the deepest overlap in m;
+the worst residual of each check in its unit, null if the check was not evaluated."""
 _EXCESS = {name: f"excess.{name.replace(' ', '_')}" for name in CHECK_NAMES}
-"""Told of each check that fails: its residual over its tolerance, the worst of its subsystems."""
+"""Metric of each failing check: residual over tolerance, the worst of its subsystems."""
 _TIP = ("min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s", *(f"target_m.{axis}" for axis in range(3)))
 _SCALARS = ("outcome", "message", "duration_s", "steps", "conservative", "controller.ticks")
 _CONSERVATION = ("energy_residual_J", "linear_momentum_residual_N_s", "angular_momentum_residual_N_m_s")
@@ -52,11 +52,11 @@ _ENDS = {"phases": ("end_s",)}
 
 
 def always(checks: Sequence[Check], *, truncated: str = COUNT) -> dict[str, Scalar]:
-    """What every row tells of the checks of its run.
+    """Metrics of the checks, which every row has.
 
     Args:
-        checks: The checks, with what of those that fail is truncation.
-        truncated: ``count``: a run that fails by the truncation of the step alone counts as one that passes; or ``fail``.
+        checks: Results of the checks, failing ones with their share of truncation.
+        truncated: ``count``: a run whose checks fail by the truncation of the step alone passes; ``fail``: it does not.
     """
     found: dict[str, Scalar] = dict.fromkeys(_ALWAYS)
     failing = [check for check in checks if not check.passes]
@@ -78,39 +78,40 @@ def always(checks: Sequence[Check], *, truncated: str = COUNT) -> dict[str, Scal
 
 
 def _excess(check: Check) -> float:
-    """Residual over tolerance; infinite where either is no positive number."""
+    """Residual over tolerance; infinite if either is not a positive number."""
     return check.residual / check.tolerance if check.residual > 0.0 and check.tolerance > 0.0 else math.inf
 
 
 def evaluated(
     run: Run, effort: Effort, names: Sequence[str], checks: Mapping[str, Scalar] | None = None
 ) -> dict[str, Scalar]:
-    """The metrics of a run, in the order asked for.
+    """Values of metrics of a run.
 
     Args:
         run: The run.
-        effort: What its actuators did, by actuator and measure.
-        names: Metrics.
-        checks: What :func:`always` tells of it; None: of its checks, those that fail by truncation alone counted.
+        effort: Effort statistics by actuator and measure.
+        names: Names of the metrics, in the order of the result.
+        checks: Result of :func:`always`; None: computed from the checks of the run, with ``count``.
 
     Raises:
-        ValueError: What is asked for is no scalar of the run; the message says which.
+        ValueError: A metric is not a scalar of the run; the message names it.
     """
     summary = run.summary(checks=False) | {"effort": effort}
-    told, plugins = {name: _scalar(name, value) for name, value in (checks or always(run.checks())).items()}, plugged()
+    of_checks = {name: _scalar(name, value) for name, value in (checks or always(run.checks())).items()}
+    plugins = plugin_metrics()
     found: dict[str, Scalar] = {}
     for name in names:
-        if name in told:
-            found[name] = told[name]
+        if name in of_checks:
+            found[name] = of_checks[name]
         elif name in plugins:
             found[name] = _scalar(name, plugins[name](run))
         else:
             found[name] = _scalar(name, _at(summary, name))
-    return told | {"impacts.count": len(summary["impacts"])} | found
+    return of_checks | {"impacts.count": len(summary["impacts"])} | found
 
 
 def _at(summary: Any, name: str) -> Any:
-    """What a dotted path leads to; None where the run has no such thing."""
+    """Value at a dotted path; None if the run has none."""
     for part in name.split("."):
         if isinstance(summary, Mapping):
             summary = summary.get(part)
@@ -124,13 +125,13 @@ def _at(summary: Any, name: str) -> Any:
 
 
 def _scalar(name: str, value: Any) -> Scalar:
-    """A number, text or flag as plain Python; None for a number that is not finite, a float for one that no double holds.
+    """A number, text or flag as a plain Python object; None for a number that is not finite, a float for a large integer.
 
     Raises:
-        ValueError: It is something else.
+        ValueError: The value is of another type.
     """
     if hasattr(value, "item"):
-        value = value.item()  # of numpy
+        value = value.item()  # a scalar of NumPy
     if isinstance(value, float):
         return value if abs(value) < float("inf") else None
     if isinstance(value, str):
@@ -143,10 +144,10 @@ def _scalar(name: str, value: Any) -> Scalar:
 
 
 def columns_of(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Columns of rows that these metrics need; None: all, since one of them does not say."""
+    """Columns that metrics need; None: all, because one of them does not declare its columns."""
     needed: list[str] = []
     for name in names:
-        plugin = plugged().get(name)
+        plugin = plugin_metrics().get(name)
         if plugin is not None:
             columns = getattr(plugin, "columns", None)
             if columns is None:
@@ -156,15 +157,15 @@ def columns_of(names: Sequence[str]) -> tuple[str, ...] | None:
 
 
 @cache
-def plugged() -> dict[str, Callable[[Run], Any]]:
-    """Metrics of installed packages; one that cannot be loaded says so when it is used."""
+def plugin_metrics() -> dict[str, Callable[[Run], Any]]:
+    """Metrics of installed packages; one that cannot be loaded raises when it is used."""
     return {point.name: _loaded(point) for point in entry_points(group=GROUP)}
 
 
 def _loaded(point: Any) -> Callable[[Run], Any]:
     try:
         return point.load()  # type: ignore[no-any-return]
-    except Exception as error:  # noqa: BLE001 (a plug-in may fail in any way)
+    except Exception as error:  # noqa: BLE001 (a plug-in may raise anything)
         why = described(error)
 
         def broken(_: Run) -> Any:
@@ -174,11 +175,11 @@ def _loaded(point: Any) -> Callable[[Run], Any]:
 
 
 def fault_of(name: str, actuators: Sequence[str]) -> str | None:
-    """Why a name is no metric; None where it may be one.
+    """Why a name is not a metric; None if it may be one.
 
     Args:
-        name: Metric.
-        actuators: Those of the scenario, as columns of a log name them.
+        name: Name to check.
+        actuators: Names of the scenario's actuators in the columns of a log.
     """
     head, _, rest = name.partition(".")
     lists = _lists()
@@ -191,7 +192,7 @@ def fault_of(name: str, actuators: Sequence[str]) -> str | None:
         return unknown_name("metric", name, [f"effort.{each}.{measure}" for each in actuators for measure in MEASURES])
     if re.fullmatch(r"controller\.phases\.\d+\.reports\.\w+", name):
         return None
-    known = [*_ALWAYS, *_EXCESS.values(), *_SCALARS, *plugged()]
+    known = [*_ALWAYS, *_EXCESS.values(), *_SCALARS, *plugin_metrics()]
     known += [f"tip.{key}" for key in _TIP] + [f"conservation.{key}" for key in _CONSERVATION]
     known += [f"{each}.{what}" for each in lists for what in ("count", "0.KEY")] + [
         "effort.ACTUATOR.MEASURE",
@@ -201,9 +202,9 @@ def fault_of(name: str, actuators: Sequence[str]) -> str | None:
 
 
 def _lists() -> dict[str, Any]:
-    """Lists of ``summary.json`` and what their items are: records of all kinds, and spells that are worked out of them."""
-    told = {kind.plural: kind.record for kind in kinds() if kind.plural and kind.summarised}
-    return told | {"contacts": ContactInterval, "captures": GraspInterval}
+    """Types of the items of lists in ``summary.json``: records of all kinds, and intervals derived from them."""
+    records = {kind.plural: kind.record for kind in kinds() if kind.plural and kind.summarised}
+    return records | {"contacts": ContactInterval, "captures": GraspInterval}
 
 
 def _fault_in_list(head: str, rest: str, record: Any) -> str | None:

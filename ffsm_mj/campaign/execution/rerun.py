@@ -1,4 +1,4 @@
-"""A run of a campaign made again, with its log, and whether it is the one of the table."""
+"""Repetition of a run of a campaign with its log, and comparison with the row in the table."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
 
 TOLERANCE = 1e-6
-"""How far a number x may be from that of a row of another machine or of other versions, times max(1, |x|)."""
+"""Allowed difference from a row of another processor or other versions, times max(1, |x|) for a number x."""
 _RESIDUALS = ("checks.", "drift", "conservation.", "deepest_overlap_m")
-"""What is rounding, and another on another machine."""
+"""Metrics that are rounding errors, which differ between processors."""
 
 
 @dataclass(frozen=True)
 class Rerun:
-    """A run made again.
+    """A repeated run.
 
     Attributes:
-        index: Its number in the design.
-        run: The run, with everything that it logged.
-        exact: Whether it was made as the row was, so that every number must be the same bit by bit.
-        differences: What is not as it must be, one line each.
+        index: Index of the run in the design.
+        run: The run with its log.
+        exact: Whether processor, versions and settings are those of the row, so that all numbers must agree bit for bit.
+        differences: Unexpected differences from the row, one line each.
     """
 
     index: int
@@ -41,43 +41,42 @@ class Rerun:
 
     @property
     def verdict(self) -> str:
-        """What was compared and found, in a sentence."""
+        """Result of the comparison, in a sentence."""
         if self.differences:
-            return f"run {self.index} is not the row's: {'; '.join(self.differences)}"
+            return f"run {self.index} differs from its row: {'; '.join(self.differences)}"
         if self.exact:
-            return f"run {self.index} is the row's, bit by bit"
-        why = f"made by another processor or other versions: outcome and impacts are the same, numbers to {TOLERANCE:g}"
-        return f"run {self.index} is the row's, {why}"
+            return f"run {self.index} agrees with its row bit for bit"
+        return f"run {self.index} agrees with its row to {TOLERANCE:g} (another processor, or other versions or settings)"
 
 
 def rerun(
     job: Job, index: int, overrides: Mapping[str, Any], folder: Path, row: RunRow | None, *, same_settings: bool
 ) -> Rerun:
-    """Make a run again and keep its log.
+    """Repeat a run and write its log.
 
     Args:
         job: The campaign.
-        index: Number of the run.
-        overrides: What the design sets for it.
-        folder: Run folder to write; one that is there is replaced.
-        row: What it came to before; None: nothing to compare.
-        same_settings: Whether that was with the same settings, versions of packages among them.
+        index: Index of the run.
+        overrides: Overrides of the run from the design.
+        folder: Run folder to write; an existing one is replaced.
+        row: Row to compare with; None: no comparison.
+        same_settings: Whether the row has the present settings, including package versions.
 
     Raises:
-        InputError: The run cannot be made.
+        InputError: The run cannot be prepared.
     """
     assembly = prepared_run(job, overrides).assemble()
     effort = Effort(assembly.system, assembly.actuation.keys)
     run = simulate(assembly, RunFolder(folder, force=True), with_rerun=False, watchers=(effort,))
     if run.outcome == Outcome.INTERRUPTED:
-        raise KeyboardInterrupt  # its log is kept, the rest of what was asked for is not made
+        raise KeyboardInterrupt  # its log is kept; the remaining runs are not executed
     if row is None:
         return Rerun(index, run, True, ())
     exact = row.cpu == processor() and same_settings
     outcome, metrics = run.outcome, dict[str, Scalar]()
     try:
-        metrics = evaluated(run, effort.told(), job.metrics, always(run.checks(), truncated=job.truncated))
-    except (Exception, SystemExit):  # noqa: BLE001 (as it may where rows are made, and is such a row there)
+        metrics = evaluated(run, effort.by_actuator(), job.metrics, always(run.checks(), truncated=job.truncated))
+    except (Exception, SystemExit):  # noqa: BLE001 (a worker makes a row with the outcome error of it)
         outcome = ERROR
     return Rerun(index, run, exact, tuple(_differences(row, outcome, metrics, job.metrics, exact=exact)))
 

@@ -1,4 +1,4 @@
-"""When a campaign ends before its last run: too much fails, or enough is known."""
+"""Early end of a campaign: too many runs fail, or an interval is narrow enough."""
 
 from __future__ import annotations
 
@@ -10,48 +10,48 @@ from ffsm_mj.campaign.plan.config import CampaignFile
 from ffsm_mj.campaign.storage.store import RunRow
 
 FIRST = 50
-"""So many runs tell whether the campaign is worth going on with."""
+"""Number of first runs whose failures decide whether the campaign continues."""
 
 
 class StoppingRule:
-    """Follows the rows as they come.
+    """Decides from the rows so far whether a campaign ends.
 
     Attributes:
-        failing: Why too much fails to go on, in a sentence; empty to go on.
-        enough: What is known well enough to end, in a sentence; empty to go on.
+        failing: Message that too many runs fail; empty if they do not.
+        enough: Message that the interval of ``stop`` is narrow enough; empty if it is not.
     """
 
     def __init__(
         self, config: CampaignFile, runs: int, done: Iterable[int], failed: int, results: Callable[[], Results]
     ) -> None:
-        """Begin with what there is.
+        """Start with the rows of a campaign that may have been interrupted.
 
         Args:
-            config: Which states the limits.
-            runs: How many there are in all.
-            done: Numbers of those that have a row.
-            failed: How many of the first of them failed.
-            results: Gives all rows so far.
+            config: Campaign file with the limits.
+            runs: Total number of runs.
+            done: Indices of runs that have a row.
+            failed: Number of failures among the first ``FIRST`` runs.
+            results: Returns all rows so far.
         """
         self._config, self._results = config, results
         self._first, self._failed = min(FIRST, runs), failed
-        self._done, self._beginning, self._looked = set(done), 0, 0
+        self._done, self._complete, self._evaluated_at = set(done), 0, 0
         self._advance()
         self.failing, self.enough = "", ""
 
     def add(self, rows: Iterable[RunRow]) -> None:
-        """Rows came."""
+        """Count new rows."""
         for row in rows:
             self._done.add(row.index)
             self._failed += row.failed and row.index < self._first
         self._advance()
 
     def _advance(self) -> None:
-        while self._beginning in self._done:
-            self._beginning += 1
+        while self._complete in self._done:
+            self._complete += 1
 
     def ends(self) -> bool:
-        """Whether it ends here."""
+        """Whether the campaign ends now."""
         self.failing, self.enough = self._failing(), self._enough()
         return bool(self.failing or self.enough)
 
@@ -62,11 +62,11 @@ class StoppingRule:
         return f"{self._failed} of the first {self._first} runs failed, more than limits.max_failed = {share:g}"
 
     def _enough(self) -> str:
-        """Looked at when a power of 2 of the first runs is there: an interval that is looked at often means less."""
-        stop, power = self._config.stop, 1 << (self._beginning.bit_length() - 1) if self._beginning else 0
-        if stop is None or power <= self._looked:
+        """Evaluated when the first 2^k runs are complete: more frequent evaluation would spoil the confidence."""
+        stop, power = self._config.stop, 1 << (self._complete.bit_length() - 1) if self._complete else 0
+        if stop is None or power <= self._evaluated_at:
             return ""
-        self._looked = power
+        self._evaluated_at = power
         if not narrow_enough(self._results(), stop.metric, stop.width):
             return ""
         return f"the 95 % interval of {stop.metric} is narrower than {stop.width:g} after {power} runs"

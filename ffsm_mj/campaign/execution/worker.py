@@ -1,4 +1,4 @@
-"""One run of a campaign, where it is made: in a worker process, on a cluster, or here."""
+"""Execution of single runs of a campaign, in a worker process, on a cluster or in this process."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ from ffsm_mj.verification.refined import explained
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker must know to make runs of a campaign; it pickles.
+    """Data that a worker needs to execute runs of a campaign; picklable.
 
     Attributes:
-        scenario: The base scenario, every default written out, beside its models: where all workers can read it.
-        metrics: What is measured.
-        versions: Packages with which the campaign was begun.
-        digest: Hash of the campaign's settings: where it is the same, so are the scenario and its models.
-        timeout_s: Wall time that a run may take; 0: any.
-        laws: Control laws of a script, classes by kind.
-        truncated: What becomes of runs whose checks fail by the truncation of the step alone: ``count`` or ``fail``.
-        own_process: Whether the process is the campaign's own, so that it may be ended where a run is stuck.
-        grace_s: A run that does not end by itself so long after its time is up is stuck.
+        scenario: Path of the resolved base scenario, beside its models; every worker must be able to read it.
+        metrics: Names of the metrics.
+        versions: Package versions of the campaign.
+        digest: Hash of the campaign's settings; it identifies the scenario and its models.
+        timeout_s: Greatest wall time of a run, s; 0: no limit.
+        controllers: Control laws of a script, classes by kind.
+        own_process: Whether the process executes nothing else, so that it may be ended if a run is stuck.
+        grace_s: Time after the timeout at which a run that has not stopped is stuck, s.
+        truncated: Whether runs whose checks fail by the truncation of the step alone pass: ``count``, or not: ``fail``.
     """
 
     scenario: str
@@ -54,25 +54,25 @@ class Job:
     versions: Mapping[str, str]
     digest: str = ""
     timeout_s: float = 0.0
-    checks: Mapping[str, Any] = field(default_factory=dict)
+    controllers: Mapping[str, Any] = field(default_factory=dict)
     own_process: bool = True
     grace_s: float = 5.0
     truncated: str = COUNT
 
 
 class OtherVersionsError(FfsmError):
-    """A worker has other packages than those with which the campaign was begun."""
+    """The package versions of a worker differ from those of the campaign."""
 
 
-class _TimeIsUpError(Exception):
-    """A run takes too long."""
+class _TimeoutError(Exception):
+    """A run exceeds its wall time."""
 
 
 def probe(job: Job) -> str:
-    """Whether runs can be made here at all; returns the name of this machine.
+    """Check that runs can be executed here; returns the name of this machine.
 
     Raises:
-        OtherVersionsError: There are other packages here.
+        OtherVersionsError: The package versions differ from those of the campaign.
         InputError: The scenario cannot be read here.
     """
     here = row_versions()
@@ -85,22 +85,25 @@ def probe(job: Job) -> str:
     return platform.node()
 
 
-def make_rows(job: Job, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> list[RunRow]:
-    """Make some runs, one after the other; those after an interrupted one are left out.
+def execute_runs(job: Job, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> list[RunRow]:
+    """Execute runs one after the other, up to the first that is interrupted.
 
     Args:
         job: The campaign.
-        runs: Number and overrides of each.
+        runs: Index and overrides of each run.
+
+    Returns:
+        A row per completed run.
 
     Raises:
-        OtherVersionsError: There are other packages here.
+        OtherVersionsError: The package versions differ from those of the campaign.
         InputError: The scenario cannot be read here.
     """
     _probed(job.scenario, tuple(sorted(job.versions.items())), job.digest)
     rows: list[RunRow] = []
-    with one_blas_thread():  # asked for once, not by every run
+    with one_blas_thread():  # set once instead of in every run
         for index, overrides in runs:
-            row = make_row(job, index, overrides)
+            row = execute_run(job, index, overrides)
             if row.outcome == "interrupted":
                 break
             rows.append(row)
@@ -112,38 +115,38 @@ def _probed(scenario: str, versions: tuple[tuple[str, str], ...], digest: str) -
     probe(Job(scenario, (), dict(versions), digest))
 
 
-def make_row(job: Job, index: int, overrides: Mapping[str, Any]) -> RunRow:
-    """Make one run. Whatever goes wrong in it is a row, too."""
-    begun, used = time.perf_counter(), time.process_time()
+def execute_run(job: Job, index: int, overrides: Mapping[str, Any]) -> RunRow:
+    """Execute one run; a failure of any kind gives a row too."""
+    started, used = time.perf_counter(), time.process_time()
     try:
-        told = _run(job, overrides, begun)
-    except _TimeIsUpError:
-        told = {"outcome": TIMEOUT, "message": f"took more than {job.timeout_s:g} s"}
+        result = _run(job, overrides, started)
+    except _TimeoutError:
+        result = {"outcome": TIMEOUT, "message": f"took more than {job.timeout_s:g} s"}
     except InputError as error:
-        told = {"outcome": ERROR, "message": f"InputError: {'; '.join(error.lines)}"}
-    except (Exception, SystemExit) as error:  # noqa: BLE001 (a law or a metric of somebody's may fail in any way)
-        told = {"outcome": ERROR, "message": described(error) + raised_at(error)}
-    wall, cpu = time.perf_counter() - begun, time.process_time() - used
-    return RunRow(index, cpu=processor(), wall_s=round(wall, 6), cpu_s=round(cpu, 6), **told)
+        result = {"outcome": ERROR, "message": f"InputError: {'; '.join(error.lines)}"}
+    except (Exception, SystemExit) as error:  # noqa: BLE001 (a control law or metric of a plug-in may raise anything)
+        result = {"outcome": ERROR, "message": described(error) + raised_at(error)}
+    wall, cpu = time.perf_counter() - started, time.process_time() - used
+    return RunRow(index, cpu=processor(), wall_s=round(wall, 6), cpu_s=round(cpu, 6), **result)
 
 
-def _run(job: Job, overrides: Mapping[str, Any], begun: float) -> dict[str, Any]:
+def _run(job: Job, overrides: Mapping[str, Any], started: float) -> dict[str, Any]:
     assembly = prepared_run(job, overrides).assemble()
     effort = Effort(assembly.system, assembly.actuation.keys)
 
-    def look(*_: float) -> None:
-        if job.timeout_s and time.perf_counter() - begun > job.timeout_s:
-            raise _TimeIsUpError
+    def check_time(*_: float) -> None:
+        if job.timeout_s and time.perf_counter() - started > job.timeout_s:
+            raise _TimeoutError
 
-    with _stopped_when_stuck(job):
-        run = simulate(assembly, columns=columns_of(job.metrics), watchers=(effort,), report=look)
-        laws = run.checks()
-        if _may_be_truncation(run, laws):
-            # Its rows are not kept: it is made once more, and replayed in shorter steps.
-            log = simulate(prepared_run(job, overrides).assemble(), report=look).log
-            laws = explained(laws, DEFAULT_TOLERANCE, lambda: refined(log, look))
-        counted = always(laws, truncated=job.truncated)
-        metrics = evaluated(run, effort.told(), job.metrics, counted)
+    with _ended_if_stuck(job):
+        run = simulate(assembly, columns=columns_of(job.metrics), watchers=(effort,), report=check_time)
+        checks = run.checks()
+        if _may_be_truncation(run, checks):
+            # A replay with shorter steps needs all rows, which are not kept: the run is repeated.
+            log = simulate(prepared_run(job, overrides).assemble(), report=check_time).log
+            checks = explained(checks, DEFAULT_TOLERANCE, lambda: refined(log, check_time))
+        counted = always(checks, truncated=job.truncated)
+        metrics = evaluated(run, effort.by_actuator(), job.metrics, counted)
     return {
         "outcome": run.outcome,
         "message": run.message,
@@ -153,10 +156,10 @@ def _run(job: Job, overrides: Mapping[str, Any], begun: float) -> dict[str, Any]
     }
 
 
-def _may_be_truncation(run: Run, laws: Sequence[Check]) -> bool:
-    """Whether only checks of energy and momenta fail, in a run that came to its end."""
-    failing = [law for law in laws if not law.passes]
-    return run.outcome == Outcome.COMPLETED and bool(failing) and all(law.name in STEP_LAWS for law in failing)
+def _may_be_truncation(run: Run, checks: Sequence[Check]) -> bool:
+    """Whether the run completed and only checks of energy and momenta fail."""
+    failing = [check for check in checks if not check.passes]
+    return run.outcome == Outcome.COMPLETED and bool(failing) and all(check.name in STEP_LAWS for check in failing)
 
 
 def _by_dotted_key(nested: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -167,15 +170,15 @@ def _by_dotted_key(nested: Mapping[str, Any], above: str = "") -> Iterator[tuple
             yield above + key, value
 
 
-class _stopped_when_stuck:  # noqa: N801 (a context manager)
-    """Ends this process where a run in it is stuck: C code that does not come back hears no exception."""
+class _ended_if_stuck:  # noqa: N801 (a context manager)
+    """Context that ends the process if a run is stuck: no exception stops C code that does not return."""
 
     def __init__(self, job: Job) -> None:
         self._after = job.timeout_s + job.grace_s if job.timeout_s and job.own_process else 0.0
 
     def __enter__(self) -> None:
         if self._after:
-            faulthandler.dump_traceback_later(self._after, exit=True, file=_nowhere())
+            faulthandler.dump_traceback_later(self._after, exit=True, file=_null_device())
 
     def __exit__(self, *_: object) -> None:
         if self._after:
@@ -183,21 +186,21 @@ class _stopped_when_stuck:  # noqa: N801 (a context manager)
 
 
 @cache
-def _nowhere() -> Any:
+def _null_device() -> Any:
     return Path(os.devnull).open("w", encoding="utf-8")
 
 
 def prepared_run(job: Job, overrides: Mapping[str, Any]) -> PreparedRun:
-    """A run of the campaign, made ready.
+    """Prepare a run of a campaign.
 
     Raises:
-        InputError: The overrides or what they make of a model are wrong.
+        InputError: The overrides are invalid, or a model does not compile with them.
     """
     source = _read(job.scenario, job.digest).overridden(as_overrides(overrides))
-    return recipe(validated(source, job.checks), source, job.checks, _model_reader(job.scenario, job.digest))
+    return recipe(validated(source, job.controllers), source, job.controllers, _model_reader(job.scenario, job.digest))
 
 
-# A worker makes runs of several campaigns, and a folder may hold another one than it did: the digest tells them apart.
+# A worker may serve several campaigns, and the content of a folder may change: the digest distinguishes them.
 @lru_cache(maxsize=4)
 def _read(scenario: str, digest: str) -> YamlSource:  # noqa: ARG001
     return read_yaml(Path(scenario))
@@ -205,13 +208,13 @@ def _read(scenario: str, digest: str) -> YamlSource:  # noqa: ARG001
 
 @lru_cache(maxsize=4)
 def _model_reader(scenario: str, digest: str) -> Reader:  # noqa: ARG001
-    """Reads each model of a campaign once."""
+    """Reader that reads each model of a campaign once."""
     return cache(read_model)
 
 
 @cache
 def processor() -> str:
-    """Model of the processor."""
+    """Name of the processor model."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))

@@ -1,4 +1,4 @@
-"""The folder of a campaign: all that is needed to go on with it, anywhere."""
+"""Folder of a campaign; it holds everything that is needed to continue the campaign on any machine."""
 
 from __future__ import annotations
 
@@ -27,37 +27,37 @@ _LOCK = "driver.lock"
 
 
 class CampaignFolder:
-    """Names and files of a campaign.
+    """File names and files of a campaign.
 
     Attributes:
         path: The folder.
     """
 
     def __init__(self, path: Path) -> None:
-        """Nothing is made yet."""
+        """Store the path; nothing is created."""
         self.path = path
 
     @property
-    def begun(self) -> bool:
-        """Whether it holds a campaign: its design is written, before the first run."""
+    def is_initialized(self) -> bool:
+        """Whether the folder holds a campaign: the design is written before the first run."""
         return (self.path / DESIGN).is_file()
 
     @property
     def table(self) -> Path:
-        """The SQLite file."""
+        """Path of the SQLite file with the rows."""
         return self.path / TABLE
 
     @property
     def scenario(self) -> Path:
-        """The base scenario, every default written out, beside its models."""
+        """Path of the resolved base scenario, beside its models."""
         return self.path / SCENARIO
 
     def rerun(self, index: int) -> Path:
-        """Run folder of a run that was made again."""
+        """Run folder of a repeated run."""
         return self.path / RERUNS / f"{index:06d}"
 
     def has_rerun(self, index: int) -> bool:
-        """Whether a run was made again, to its end."""
+        """Whether a run was repeated without interruption."""
         try:
             summary = json.loads((self.rerun(index) / SUMMARY).read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -65,20 +65,20 @@ class CampaignFolder:
         return bool(summary.get("outcome") != Outcome.INTERRUPTED)
 
     def refuse_links(self) -> None:
-        """Refuse to write into a folder through symbolic links, which may lead anywhere; the folder itself may be one.
+        """Refuse symbolic links inside the folder: nothing is written through them. The folder itself may be a link.
 
         Raises:
-            InputError: One of its names is a symbolic link.
+            InputError: A file or folder of the campaign is a symbolic link.
         """
         for name in (_LOCK, CAMPAIGN, DESIGN, TABLE, "scenario", RERUNS):
             refuse_link(self.path / name)
 
     @contextmanager
-    def driven(self) -> Iterator[None]:
-        """One driver at a time; the operating system gives the lock back when a process ends, however.
+    def locked(self) -> Iterator[None]:
+        """Context with exclusive access for one driver; the operating system releases the lock when the process ends.
 
         Raises:
-            InputError: Another process drives this campaign, or the folder cannot be made.
+            InputError: Another process runs this campaign, or the folder cannot be created.
         """
         self.refuse_links()
         try:
@@ -88,33 +88,33 @@ class CampaignFolder:
         except Timeout as error:
             raise InputError(f"{self.path}: another process is running this campaign") from error
         except OSError as error:
-            raise InputError(f"{self.path}: cannot be used as a campaign's folder ({error.strerror})") from error
+            raise InputError(f"{self.path}: cannot be used as a campaign folder ({error.strerror})") from error
         try:
             yield
         finally:
             lock.release()
 
     def write(self, config: Mapping[str, Any], scenario_yaml: str, files: Mapping[str, bytes], design: Design) -> None:
-        """Write what the runs are made of; the design last, which says that all the rest is there.
+        """Write all files of a new campaign; the design comes last and marks the folder as complete.
 
         Args:
             config: The campaign file.
-            scenario_yaml: Its base scenario with every default written out.
-            files: Models by name.
-            design: What is drawn.
+            scenario_yaml: Resolved base scenario.
+            files: Model files by name.
+            design: Samples of all runs.
 
         Raises:
-            InputError: Something else is there.
+            InputError: The folder holds other files.
             LogWriteError: A file cannot be written (full disk).
         """
         ours = (_LOCK, CAMPAIGN, TABLE, "scenario")
-        unfinished = (f".{CAMPAIGN}-", f".{DESIGN}-")  # of a process that was killed as it began
+        unfinished = (f".{CAMPAIGN}-", f".{DESIGN}-")  # of a process that was killed while it wrote them
         others = [
             each.name for each in self.path.iterdir() if each.name not in ours and not each.name.startswith(unfinished)
         ]
         if others:
-            raise InputError(f"{self.path}: holds {sorted(others)[0]} and no campaign; choose another --out")
-        if (self.path / CAMPAIGN).is_file() and (self.path / CAMPAIGN).read_bytes() != _stated(config):
+            raise InputError(f"{self.path}: holds {sorted(others)[0]} but no campaign; choose another --out")
+        if (self.path / CAMPAIGN).is_file() and (self.path / CAMPAIGN).read_bytes() != _file_content(config):
             raise InputError(f"{self.path}: holds {CAMPAIGN}, which would be overwritten; choose another --out")
         models = {f"scenario/{name}": data for name, data in files.items()}
         for name, data in {SCENARIO: scenario_yaml.encode(), **models}.items():
@@ -123,15 +123,15 @@ class CampaignFolder:
         self.write_design(design)
 
     def write_config(self, config: Mapping[str, Any]) -> None:
-        """Write the campaign file, which means the scenario of the folder."""
-        self._put(CAMPAIGN, _stated(config))
+        """Write the campaign file; its scenario is the one in the folder."""
+        self._put(CAMPAIGN, _file_content(config))
 
     def write_design(self, design: Design) -> None:
-        """Write the design, whole or not at all."""
+        """Write the design, completely or not at all."""
         self._put(DESIGN, design.to_json().encode())
 
     def design(self) -> Design:
-        """The design.
+        """Read the design.
 
         Raises:
             InputError: There is none, or it cannot be read.
@@ -158,6 +158,6 @@ class CampaignFolder:
             raise LogWriteError(file, error) from error
 
 
-def _stated(config: Mapping[str, Any]) -> bytes:
-    """The campaign file as it is written, which means the scenario of the folder."""
+def _file_content(config: Mapping[str, Any]) -> bytes:
+    """Content of the campaign file; its scenario is the one in the folder."""
     return write_yaml({**config, "scenario": SCENARIO, "overrides": {}}).encode()

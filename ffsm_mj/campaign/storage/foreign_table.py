@@ -1,7 +1,7 @@
-"""A campaign's SQLite file that may be somebody else's: what SQLite would do for it beyond reading rows, and what rows hold.
+"""Validation of a campaign's SQLite file of unknown origin, and of its rows.
 
-A database file is a program as well: views and triggers run when a table is read or written, and a rollback journal names a
-file that is deleted when it is played back. So nothing but the tables of a campaign is accepted, page by page.
+A database file can act: views and triggers run when a table is read or written, and a rollback journal may name a file that
+is deleted when the journal is played back. Therefore only the tables of a campaign are accepted, and all pages are checked.
 """
 
 from __future__ import annotations
@@ -15,37 +15,37 @@ from typing import Any
 from ffsm_mj.errors import InputError
 
 _BESIDE = ("", "-journal", "-wal", "-shm")
-"""Endings of the files that SQLite opens for a database."""
+"""Suffixes of the files that SQLite opens for a database."""
 _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 _LARGEST = 2**63
 
 
 def refuse_foreign_file(path: Path) -> None:
-    """Look at the files before SQLite does.
+    """Refuse files that SQLite must not open.
 
     Raises:
-        InputError: One is a symbolic link, or the journal names a file to delete.
+        InputError: A file is a symbolic link, or the journal names a file to delete.
     """
     for ending in _BESIDE:
         file = path.with_name(path.name + ending)
         if file.is_symlink():
             raise InputError(f"{file}: is a symbolic link; nothing is written through it")
     journal = path.with_name(f"{path.name}-journal")
-    # SQLite file format, "The Rollback Journal": the magic number stands at the end only after the name of a super-journal,
-    # which a transaction over several databases has. Playing the journal back deletes the file of that name.
+    # SQLite file format, "The Rollback Journal": the magic number is at the end only after the name of a super-journal,
+    # which belongs to a transaction over several databases. Playing the journal back deletes the file of that name.
     if journal.is_file() and journal.stat().st_size > len(_JOURNAL_MAGIC):
         with journal.open("rb") as stream:
             stream.seek(-len(_JOURNAL_MAGIC), 2)
             if stream.read() == _JOURNAL_MAGIC:
-                raise InputError(f"{journal}: names another file, which no journal of a campaign does")
+                raise InputError(f"{journal}: names another file; a journal of a campaign does not")
 
 
 def fault_of_tables(db: sqlite3.Connection, tables: str) -> str:
-    """What is wrong with a database beside these tables, in a few words; empty where nothing is.
+    """What is wrong with a database; empty if it has exactly these tables and no damage.
 
     Args:
         db: The database.
-        tables: The statements that make its tables.
+        tables: SQL statements that create the expected tables.
 
     Raises:
         sqlite3.DatabaseError: It cannot be read.
@@ -57,8 +57,8 @@ def fault_of_tables(db: sqlite3.Connection, tables: str) -> str:
     expected.close()
     if made != wanted:
         other = next((name for name in made if name not in wanted), next(iter(wanted)))
-        return f"{' '.join(other[:2])} is not that of a campaign"
-    # Pages may lead to each other in circles or a thousand times to one; the check visits each once.
+        return f"{' '.join(other[:2])} does not belong to a campaign"
+    # Damaged pages may refer to each other in circles; the check visits each page once.
     damage = str(db.execute("PRAGMA quick_check(1)").fetchone()[0])
     return "" if damage == "ok" else f"damaged: {' '.join(damage.split())}"
 
@@ -68,20 +68,20 @@ def _schema(db: sqlite3.Connection) -> dict[tuple[str, str, str], None]:
     return {(str(kind), str(name), " ".join(str(sql).split())): None for kind, name, sql in found}
 
 
-def fault_of_row(texts: tuple[Any, ...], numbers: tuple[Any, ...], told: tuple[Any, ...]) -> str:
-    """What is wrong with a row, in a few words; empty where nothing is.
+def fault_of_row(texts: tuple[Any, ...], numbers: tuple[Any, ...], mappings: tuple[Any, ...]) -> str:
+    """What is wrong with a row; empty if it is valid.
 
     Args:
-        texts: What must be texts.
-        numbers: What must be finite numbers from 0.
-        told: What must be mappings of names to numbers, flags, texts, nothing, or lists of these.
+        texts: Values that must be texts.
+        numbers: Values that must be finite and not negative.
+        mappings: Values that must map names to numbers, flags, texts, None, or lists of these.
     """
     if not all(isinstance(text, str) for text in texts):
-        return "a text is none"
+        return "a text column holds no text"
     if not all(isinstance(number, int | float) and 0.0 <= number < math.inf for number in numbers):
-        return "a number is none"
-    if not all(isinstance(each, Mapping) and all(map(_is_plain, each.values())) for each in told):
-        return "what was measured is no mapping of plain values"
+        return "a number column holds no valid number"
+    if not all(isinstance(each, Mapping) and all(map(_is_plain, each.values())) for each in mappings):
+        return "metrics or model values are no mapping of plain values"
     return ""
 
 
@@ -89,5 +89,5 @@ def _is_plain(value: Any) -> bool:
     if isinstance(value, list):
         return all(_is_plain(item) for item in value)
     if isinstance(value, int):
-        return abs(value) < _LARGEST  # SQLite's and Arrow's integers
+        return abs(value) < _LARGEST  # 64-bit integers of SQLite and Arrow
     return value is None or isinstance(value, float | str)

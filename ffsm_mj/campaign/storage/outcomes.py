@@ -1,8 +1,8 @@
-"""How a run of a campaign may end beside the outcomes of any run: it could not be made."""
+"""Outcomes of campaign runs that gave no result, in addition to the outcomes of runs."""
 
 from __future__ import annotations
 
 ERROR, TIMEOUT, CRASHED = "error", "timeout", "crashed"
-"""Something was raised; it took too long; the process that made it ended."""
+"""An exception was raised; the run exceeded its wall time; its process ended."""
 RETRIED = (ERROR, CRASHED, TIMEOUT)
-"""What another try may change."""
+"""Outcomes that a repetition may change."""

@@ -1,4 +1,4 @@
-"""What the rows of a campaign depend on, and its hash: rows of one hash may stand in one table."""
+"""Settings that determine the rows of a campaign, and their hash: a table holds rows of one hash only."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ from typing import Any
 from ffsm_controllers import GROUP as LAWS
 
 from ffsm_mj.assembly.run import versions
+from ffsm_mj.campaign.execution.metrics import COUNT
 from ffsm_mj.campaign.execution.metrics import GROUP as METRICS
+from ffsm_mj.campaign.plan.loading import Plan
 from ffsm_mj.compiled import is_compiled
 from ffsm_mj.contact_models.impact.installed_laws import GROUP as IMPACT_LAWS
 from ffsm_mj.contact_models.interface import GROUP as CONTACT_MODELS
 from ffsm_mj.yaml.parser import YamlFault, plain_value
 
-_LEAST_DIFFERENCES = 3
+_MOST_DIFFERENCES = 3
 
 
 def row_versions() -> dict[str, str]:
-    """Versions of all that shapes a row: our packages, the compiled twins or their absence, and plug-in packages."""
+    """Versions of all packages that affect rows: the libraries, the compiled twins (or ``none``) and plug-in packages."""
     found = versions() | {"ffsm-mj-fast": version("ffsm-mj-fast") if is_compiled() else "none"}
     for group in (LAWS, METRICS, IMPACT_LAWS, CONTACT_MODELS):
         for point in entry_points(group=group):
@@ -31,35 +33,53 @@ def row_versions() -> dict[str, str]:
     return found
 
 
+def campaign_settings(plan: Plan, controllers: Mapping[str, Any]) -> str:
+    """Settings of a campaign as JSON text.
+
+    Args:
+        plan: Campaign file and base scenario.
+        controllers: Control laws of a script, classes by kind.
+    """
+    config = plan.config
+    sampling = {
+        "samples": config.samples.model_dump(mode="json", exclude={"n"}),
+        "dispersions": config.model_dump(mode="json", exclude_none=True)["dispersions"],
+    }
+    # Campaigns with the default have the same settings as before the key existed.
+    counted = {} if config.truncated == COUNT else {"truncated": config.truncated}
+    files = plan.base.system.logged_files
+    return settings_of(plan.base.scenario_yaml, files, sampling | counted, config.kept_metrics, controllers)
+
+
 def settings_of(
     scenario_yaml: str,
     files: Mapping[str, bytes],
     sampling: Mapping[str, Any],
     metrics: Sequence[str],
-    laws: Mapping[str, Any],
+    controllers: Mapping[str, Any],
 ) -> str:
-    """The settings as JSON text with sorted keys.
+    """Settings as JSON text with sorted keys.
 
     Args:
-        scenario_yaml: The base scenario with every default written out.
-        files: Its models by name.
-        sampling: How runs are drawn, without how many.
-        metrics: What is measured.
-        laws: Control laws of a script, classes by kind.
+        scenario_yaml: Resolved base scenario.
+        files: Model files by name.
+        sampling: Sampling and dispersions, without the number of samples.
+        metrics: Names of the metrics.
+        controllers: Control laws of a script, classes by kind.
     """
     content = {
         "scenario": scenario_yaml,
         "models": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},
         "sampling": dict(sampling),
         "metrics": list(metrics),
-        "controllers": {kind: source_of(law) for kind, law in laws.items()},
+        "controllers": {kind: source_of(law) for kind, law in controllers.items()},
         "versions": row_versions(),
     }
     return json.dumps(content, sort_keys=True, indent=1)
 
 
 def source_of(law: Any) -> str:
-    """Source of a class, by which it is known; its full name where there is none to read."""
+    """Source code of a class; its full name if there is no source."""
     try:
         return inspect.getsource(law)
     except (OSError, TypeError):
@@ -72,21 +92,21 @@ def settings_hash(settings: str) -> str:
 
 
 def differences(stored: str, now: str) -> str:
-    """What differs between two settings, for a person; somebody else may have written the stored ones."""
+    """Differences between two settings as text; the stored settings may be damaged."""
     try:
-        a, b = (_leaves(_with_scenario_as_data(json.loads(text))) for text in (stored, now))
+        a, b = (_leaves(_with_parsed_scenario(json.loads(text))) for text in (stored, now))
     except (ValueError, TypeError, KeyError, RecursionError, YamlFault):
-        return "those there cannot be read"
+        return "the stored settings cannot be read"
     found = [
         f"{key} {_short(a.get(key))} there, {_short(b.get(key))} here"
         for key in sorted({*a, *b})
         if a.get(key) != b.get(key)
     ]
-    more = f"; and {len(found) - _LEAST_DIFFERENCES} more" if len(found) > _LEAST_DIFFERENCES else ""
-    return "; ".join(found[:_LEAST_DIFFERENCES]) + more
+    more = f"; and {len(found) - _MOST_DIFFERENCES} more" if len(found) > _MOST_DIFFERENCES else ""
+    return "; ".join(found[:_MOST_DIFFERENCES]) + more
 
 
-def _with_scenario_as_data(settings: dict[str, Any]) -> dict[str, Any]:
+def _with_parsed_scenario(settings: dict[str, Any]) -> dict[str, Any]:
     return settings | {"scenario": plain_value(settings["scenario"])}
 
 

@@ -1,4 +1,4 @@
-"""How far a campaign is."""
+"""Progress of a campaign: rows by outcome, failed runs and failing checks."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from ffsm_mj.campaign.storage.store import RunRow, Store
 
 _SHOWN = 3
-"""So many failures are told of."""
+"""Number of failed runs that are listed."""
 EXCESS = "excess."
-"""How metrics begin that say of a check that fails how many times its tolerance the residual is."""
+"""Prefix of metrics with the residual of a failing check over its tolerance."""
 
 
 @dataclass(frozen=True)
@@ -19,10 +19,10 @@ class FailingCheck:
     """A check that fails in some runs.
 
     Attributes:
-        name: Of the check.
-        runs: In how many.
-        excess: The largest residual over its tolerance; infinite where one is not finite.
-        worst: Number of that run.
+        name: Name of the check.
+        runs: Number of runs in which it fails.
+        excess: Largest residual over tolerance; infinite if one is not finite.
+        worst: Index of the run with the largest residual.
     """
 
     name: str
@@ -33,18 +33,18 @@ class FailingCheck:
 
 @dataclass(frozen=True)
 class Status:
-    """How far a campaign is.
+    """Progress of a campaign.
 
     Attributes:
-        name: Of the campaign.
-        runs: How many the design has.
-        done: How many have a row.
-        failed: How many of those failed: did not come to their end, or fails a check.
-        outcomes: How many by outcome.
-        messages: The first failed runs, a line each.
-        checks: The checks that fail, the most frequent first.
-        stopped: Why it was given up before its end; empty where it was not.
-        enough: What was known well enough to end it; empty where that is not why it ended.
+        name: Name of the campaign.
+        runs: Number of runs of the design.
+        done: Number of runs that have a row.
+        failed: Number of failed runs: not completed, or a check fails.
+        outcomes: Number of runs by outcome.
+        messages: One line for each of the first failed runs.
+        checks: Failing checks, the most frequent first.
+        stopped: Why the campaign stopped early because runs fail; empty if it did not.
+        enough: Why the campaign ended early because a result is known; empty if it did not.
     """
 
     name: str
@@ -59,17 +59,17 @@ class Status:
 
     @property
     def left(self) -> int:
-        """How many are to be made."""
+        """Number of runs without a row."""
         return self.runs - self.done
 
 
 def status_of(store: Store, name: str, runs: int) -> Status:
-    """What the table of a campaign tells.
+    """Progress of a campaign according to its table.
 
     Args:
         store: The table.
         name: Name of the campaign.
-        runs: How many its design has.
+        runs: Number of runs of the design.
     """
     outcomes = store.outcomes()
     failed = store.failures(runs)
@@ -78,12 +78,12 @@ def status_of(store: Store, name: str, runs: int) -> Status:
 
 
 def failing_checks(failed: Iterable[RunRow]) -> tuple[FailingCheck, ...]:
-    """What the failed runs say of their checks, whatever their outcome; the most frequent first."""
+    """Failing checks of failed runs of any outcome, the most frequent first."""
     found: dict[str, list[tuple[float, int]]] = {}
     for row in failed:
         for name, excess in _excesses(row).items():
             found.setdefault(name, []).append((excess, row.index))
-    # Of equal ones the first run is the worst.
+    # The first of several runs with the largest excess.
     worst = {name: max(each, key=lambda one: (one[0], -one[1])) for name, each in found.items()}
     made = [FailingCheck(name, len(each), *worst[name]) for name, each in found.items()]
     return tuple(sorted(made, key=lambda check: (-check.runs, -check.excess, check.name)))
@@ -91,14 +91,15 @@ def failing_checks(failed: Iterable[RunRow]) -> tuple[FailingCheck, ...]:
 
 def _excesses(row: RunRow) -> dict[str, float]:
     """Residual over tolerance of each check that fails in a run."""
-    told = {key.removeprefix(EXCESS): value for key, value in row.metrics.items() if key.startswith(EXCESS)}
+    excesses = {key.removeprefix(EXCESS): value for key, value in row.metrics.items() if key.startswith(EXCESS)}
     return {
-        name.replace("_", " "): float(value) if isinstance(value, int | float) else math.inf for name, value in told.items()
+        name.replace("_", " "): float(value) if isinstance(value, int | float) else math.inf
+        for name, value in excesses.items()
     }
 
 
 def _why(row: RunRow) -> str:
-    """Why a run failed."""
+    """Reason for the failure of a run."""
     if row.outcome == "completed":
         fails = [f"{name} ({excess:.3g} times its tolerance)" for name, excess in _excesses(row).items()]
         short = " by the truncation of the step alone" if row.metrics.get("fails_by_truncation") is True else ""

@@ -1,4 +1,4 @@
-"""The table of a campaign: one SQLite file, one writer; what is in it is all that is remembered."""
+"""Table of a campaign: one SQLite file with one writer; a campaign has no other state."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _FORMAT = 1
 
 @dataclass(frozen=True)
 class RunRow:
-    """What a run came to.
+    """Result of a run.
 
     Attributes:
-        index: Number of the run in the design.
-        outcome: That of the run; ``error`` where it could not be made, ``timeout`` where it took too long, ``crashed`` where
-            the process that made it ended.
-        message: What there is to say of the outcome; of an error its type first.
-        phase: The last phase that began; empty where none did.
-        metrics: What was measured, by name; None for what the run does not have.
-        model: Values of the model that were set, as they were read back once it was compiled.
-        cpu: Model of the processor, which results may depend on bit by bit.
-        wall_s: Wall time.
-        cpu_s: Time of the processor.
+        index: Index of the run in the design.
+        outcome: Outcome of the run, or ``error``, ``timeout`` or ``crashed``, see
+            :mod:`ffsm_mj.campaign.storage.outcomes`.
+        message: Explanation of the outcome; for an error it begins with the type.
+        phase: Last phase that began; empty if none did.
+        metrics: Metrics by name; None if the run has no value.
+        model: Properties of the model that were set, read back from the compiled model.
+        cpu: Name of the processor model; the last bits of results may depend on it.
+        wall_s: Wall time, s.
+        cpu_s: CPU time, s.
     """
 
     index: int
@@ -54,29 +54,29 @@ class RunRow:
 
     @property
     def failed(self) -> bool:
-        """Whether the run did not come to its end, or does not pass its checks as the campaign counts."""
+        """Whether the run did not complete, or does not pass its checks by the rule of the campaign."""
         return self.outcome != "completed" or self.metrics.get("passes", self.metrics.get("checks_pass")) is False
 
 
 class Store:
-    """The file. Numbers come back bit by bit: JSON keeps every digit that a double has.
+    """The SQLite file. Numbers are read as they were written, bit for bit: JSON has all digits of a double.
 
     Attributes:
-        digest: Hash of the settings with which its rows were made; empty before :meth:`begin`.
-        settings: Those settings.
+        digest: Hash of the settings of its rows; empty before :meth:`begin`.
+        settings: These settings.
     """
 
     def __init__(self, path: Path | str, *, write: bool = True, max_pages: int | None = None) -> None:
-        """Open it; it is made where it is not there and may be written.
+        """Open the file; with ``write``, create it if it does not exist.
 
         Args:
-            path: The file; ``:memory:`` keeps it in memory.
-            write: Whether anything will be written.
-            max_pages: Pages that it may have (for tests: a full disk).
+            path: The file, or ``:memory:``.
+            write: Whether rows will be written.
+            max_pages: Greatest number of database pages (for tests: a full disk).
 
         Raises:
-            InputError: There is no such file, or it is no table of a campaign.
-            LogWriteError: It cannot be made.
+            InputError: The file does not exist, or is not a table of a campaign.
+            LogWriteError: The file cannot be created.
         """
         self.path = Path(path)
         in_memory = str(path) == ":memory:"
@@ -84,29 +84,29 @@ class Store:
             raise InputError(f"{self.path}: no such campaign")
         if not in_memory:
             refuse_foreign_file(self.path)
-        # The rollback journal, SQLite's own default, works on file systems of clusters too; WAL needs one host.
+        # The rollback journal, SQLite's default, also works on network file systems; WAL requires a single host.
         with self._writing():
             self._db = sqlite3.connect(str(path), timeout=60.0, check_same_thread=False)
         try:
             with self._reading():
                 if write:
                     with self._writing():
-                        self._make(max_pages)
+                        self._create(max_pages)
                 self._refuse_foreign()
-                told = self._db.execute("SELECT hash, content FROM settings").fetchone()
+                found = self._db.execute("SELECT hash, content FROM settings").fetchone()
         except BaseException:
             self._db.close()
             raise
-        self.digest, self.settings = (str(told[0]), str(told[1])) if told else ("", "")
+        self.digest, self.settings = (str(found[0]), str(found[1])) if found else ("", "")
 
     def _refuse_foreign(self) -> None:
         found = self._db.execute("PRAGMA user_version").fetchone()[0]
         if found != _FORMAT:
-            raise InputError(f"{self.path}: is no table of a campaign of this version")
+            raise InputError(f"{self.path}: is not a table of a campaign of this version")
         if fault := fault_of_tables(self._db, _TABLES):
-            raise InputError(f"{self.path}: is no table of a campaign ({fault})")
+            raise InputError(f"{self.path}: is not a table of a campaign ({fault})")
 
-    def _make(self, max_pages: int | None) -> None:
+    def _create(self, max_pages: int | None) -> None:
         self._db.execute("PRAGMA synchronous=NORMAL")
         if max_pages is not None:
             self._db.execute(f"PRAGMA max_page_count={max_pages:d}")
@@ -122,18 +122,18 @@ class Store:
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
-        """Reading what anybody may have written.
+        """Context for reading a file of unknown origin.
 
         Raises:
-            InputError: It cannot be read.
+            InputError: The file cannot be read.
         """
         try:
             yield
         except (sqlite3.Error, ValueError, OverflowError, RecursionError) as error:
-            raise InputError(f"{self.path}: is no table of a campaign ({error})") from error
+            raise InputError(f"{self.path}: is not a table of a campaign ({error})") from error
 
     def begin(self, digest: str, settings: str) -> None:
-        """Write the settings, once: their hash, and what they are.
+        """Write the settings and their hash if the file has none yet.
 
         Raises:
             LogWriteError: The disk is full.
@@ -144,7 +144,7 @@ class Store:
             self.digest, self.settings = digest, settings
 
     def add(self, rows: Iterable[RunRow]) -> None:
-        """Add rows; one that is there stays.
+        """Add rows; existing rows of the same runs are kept.
 
         Raises:
             LogWriteError: The disk is full.
@@ -152,35 +152,35 @@ class Store:
         with self._writing(), self._db:
             self._db.executemany(
                 "INSERT OR IGNORE INTO rows VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                [_told(self.digest, row) for row in rows],
+                [_values(self.digest, row) for row in rows],
             )
 
     def drop(self, outcomes: Sequence[str]) -> int:
-        """Forget rows with these outcomes, so that they are run again; returns how many."""
+        """Delete rows with these outcomes, so that their runs are repeated; returns their number."""
         marks = ", ".join("?" * len(outcomes))
         with self._writing(), self._db:
             done = self._db.execute(f"DELETE FROM rows WHERE hash = ? AND outcome IN ({marks})", (self.digest, *outcomes))
         return done.rowcount
 
     def done(self) -> set[int]:
-        """Numbers of the runs that have a row."""
+        """Indices of the runs that have a row."""
         with self._reading():
             return {int(i) for (i,) in self._db.execute("SELECT i FROM rows WHERE hash = ?", (self.digest,))}
 
     def last(self) -> int:
-        """The greatest number of a run that has a row; -1 where none has."""
+        """Largest index of a run that has a row; -1 if there is none."""
         with self._reading():
             found = self._db.execute("SELECT max(i) FROM rows WHERE hash = ?", (self.digest,)).fetchone()[0]
             return -1 if found is None else int(found)
 
     def failed(self, first: int) -> int:
-        """How many of the first runs of the design failed."""
+        """Number of failed runs among the first runs of the design."""
         with self._reading():
             found = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (self.digest, first))
             return int(found.fetchone()[0])
 
     def outcomes(self) -> dict[str, int]:
-        """How many rows by outcome, the most frequent first."""
+        """Number of rows by outcome, the most frequent first."""
         with self._reading():
             found = self._db.execute(
                 "SELECT outcome, count(*) n FROM rows WHERE hash = ? GROUP BY outcome ORDER BY n DESC, outcome",
@@ -189,15 +189,15 @@ class Store:
             return {str(outcome): int(count) for outcome, count in found}
 
     def failures(self, most: int) -> list[RunRow]:
-        """The first failed runs."""
+        """Rows of the first failed runs."""
         return self._rows("hash = ? AND failed ORDER BY i LIMIT ?", self.digest, most)
 
     def rows(self) -> list[RunRow]:
-        """All rows in order of their numbers."""
+        """All rows in the order of their indices."""
         return self._rows("hash = ? ORDER BY i", self.digest)
 
     def row(self, index: int) -> RunRow | None:
-        """Row of a run; None where it has none."""
+        """Row of a run; None if it has none."""
         return next(iter(self._rows("hash = ? AND i = ?", self.digest, index)), None)
 
     def _rows(self, which: str, *values: Any) -> list[RunRow]:
@@ -221,6 +221,6 @@ class Store:
         self._db.close()
 
 
-def _told(digest: str, row: RunRow) -> tuple[Any, ...]:
-    told = row.outcome, row.message, row.phase, int(row.failed)
-    return (digest, row.index, *told, json.dumps(row.metrics), json.dumps(row.model), row.cpu, row.wall_s, row.cpu_s)
+def _values(digest: str, row: RunRow) -> tuple[Any, ...]:
+    result = row.outcome, row.message, row.phase, int(row.failed)
+    return (digest, row.index, *result, json.dumps(row.metrics), json.dumps(row.model), row.cpu, row.wall_s, row.cpu_s)

@@ -1,4 +1,4 @@
-"""The rows of a campaign as one table: what was drawn, what came of it."""
+"""Rows of a campaign as one table: sampled parameters and results of each run."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from ffsm_mj.campaign.storage.store import RunRow
 
 
 def table_rows(rows: Iterable[RunRow], design: Design, conditions: Sequence[Condition]) -> list[TableRow]:
-    """A dictionary per run: number, outcome, whether it failed or was a success, drawn values, metrics, and what it cost.
+    """A dictionary per run: index, outcome, ``failed``, ``success``, sampled parameters, metrics, and cost.
 
-    Names of parameters and metrics are columns as they are; one that is both, or a column of ours, gets its kind in front
-    (``parameter:``, ``metric:``). ``model:`` stands before what was read back from the compiled model.
+    Columns have the names of parameters and metrics; the prefix ``parameter:`` or ``metric:`` distinguishes equal names.
+    Values read back from the compiled model have the prefix ``model:``.
     """
     found = []
     for row in rows:
-        drawn = dict(zip(design.parameters, design.rows[row.index], strict=True))
-        told: TableRow = {
+        sampled = dict(zip(design.parameters, design.rows[row.index], strict=True))
+        cells: TableRow = {
             "run": row.index,
             "outcome": row.outcome,
             "failed": row.failed,
@@ -31,33 +31,33 @@ def table_rows(rows: Iterable[RunRow], design: Design, conditions: Sequence[Cond
             "message": row.message,
             "phase": row.phase,
         }
-        for kind, values in (("parameter", drawn), ("metric", row.metrics)):
-            told |= {name if name not in told else f"{kind}:{name}": _cell(value) for name, value in values.items()}
-        told |= {f"model:{name}": value for name, value in row.model.items()}
-        found.append(told | {"cpu": row.cpu, "wall_s": row.wall_s, "cpu_s": row.cpu_s})
+        for kind, values in (("parameter", sampled), ("metric", row.metrics)):
+            cells |= {name if name not in cells else f"{kind}:{name}": _cell(value) for name, value in values.items()}
+        cells |= {f"model:{name}": value for name, value in row.model.items()}
+        found.append(cells | {"cpu": row.cpu, "wall_s": row.wall_s, "cpu_s": row.cpu_s})
     return found
 
 
 def _cell(value: Any) -> Any:
-    """A value as one cell: a list that was drawn as its text."""
+    """Value of a cell; a list becomes its JSON text."""
     return json.dumps(value) if isinstance(value, list | tuple) else value
 
 
 def succeeded(row: RunRow, conditions: Sequence[Condition]) -> bool | None:
-    """Whether a run did what the campaign asks for; None where it asks for nothing."""
+    """Whether a run meets the success conditions of the campaign; None if there are none."""
     if not conditions:
         return None
     return not row.failed and all(each.holds(row.metrics) for each in conditions)
 
 
 def as_arrow(rows: Sequence[TableRow]) -> Any:
-    """A ``pyarrow.Table``; a column is there if any row has it, null where a row has not."""
+    """A ``pyarrow.Table`` with every column that a row has; null in rows without it."""
     names = dict.fromkeys(name for row in rows for name in row)
     return pa.table({name: pa.array(_of_one_type([row.get(name) for row in rows])) for name in names})
 
 
 def _of_one_type(values: list[Any]) -> list[Any]:
-    """A column whose values are of several types as numbers, or where there are texts among them as texts."""
+    """Values of a column converted to one type: mixed numbers and flags to floats, all other mixtures to texts."""
     types = {type(value) for value in values if value is not None}
     if len(types) <= 1:
         return values
