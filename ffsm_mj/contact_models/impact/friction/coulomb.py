@@ -4,11 +4,11 @@ With u = u0 + G lambda after, G = A A^T, and an impulse (lambda_n, lambda_t) of 
 
     0 <= lambda_n - least, u_n >= 0, complementary;  |lambda_t| <= mu lambda_n;  lambda_t . u_t = -mu lambda_n |u_t|
 
-holds where F = 0: F_n = lambda_n - a, F_t = lambda_t less the projection of lambda_t - r_t u_t on the disc of radius mu a,
-a = max(least, lambda_n - r_n u_n). A solution exists for every G = A A^T and u0 = A w, and where ``least`` is zero it
-dissipates. Steps of least norm make redundant contacts no special case. Where Newton stalls, as it does with slip so slow
-that the slopes are nearly singular, damped steps (Levenberg, Marquardt) go on; where these stall, Lemke's method on
-friction pyramids gives both another start.
+holds if F = 0, where F_n = lambda_n - a, F_t = lambda_t less the projection of lambda_t - r_t u_t on the disc of radius
+mu a, and a = max(least, lambda_n - r_n u_n) (Alart & Curnier 1991). A solution exists for every G = A A^T and u0 = A w; it
+dissipates if ``least`` is zero. Steps of least norm need no special case for redundant contacts. If Newton's method stalls,
+for example with slip so slow that the Jacobian is nearly singular, damped steps (Levenberg, Marquardt) continue; if these
+stall, Lemke's method on friction pyramids gives both another start.
 """
 
 from __future__ import annotations
@@ -22,21 +22,24 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact_models.impact.friction.lemke import on_pyramids
 from ffsm_mj.contact_models.impact.friction.result import clip_to_cone
-from ffsm_mj.tolerances import SOLVED
+from ffsm_mj.tolerances import CANCELLED, SOLVED
 
 _AIM = 1e-11
+"""Residual at which iterations end, one hundredth of SOLVED."""
 _STEPS = 60
 _HALVINGS = 12
 _DAMPED_STEPS = 200
-_STALLED = 1e12
+_FIRST_DAMPING, _MAX_DAMPING = 1e-3, 1e12
+"""Damping of the first damped step, and that at which steps have become too short to change anything."""
+_SUFFICIENT = 1e-4
+"""Share of the linear prediction by which a step must lower the residual (Armijo's condition)."""
 _MEMORY = 4
-"""A step need only lower the largest of so many residuals: a kink may raise it for a while."""
-_CUT = 1e-12
+"""A step must lower the largest of this many residuals: a kink of F may raise the residual for a few steps."""
 _ALIGNED = None
 _FACETS = ((8, 0.0), (16, 0.0), (32, 0.0), (64, 0.0), (8, np.pi / 8), (128, 0.0), *6 * ((12, _ALIGNED),))
-"""Of a pyramid, and the angle of the first; aligned: against the slip of the best impulses so far."""
-_LARGEST = 700
-"""Facets of all contacts together: a larger tableau would take many seconds."""
+"""Numbers of facets of the pyramids, with the angle of the first; aligned: opposite to the slip of the best impulses."""
+_MAX_FACETS = 700
+"""Largest number of facets of all contacts together: a larger tableau takes many seconds."""
 
 
 @dataclass
@@ -44,11 +47,11 @@ class CoulombProblem:
     """k contacts at one instant.
 
     Attributes:
-        G: A A^T with rows (n, t1, t2) of each contact, (3k, 3k), 1/kg; G_nn > 0.
+        G: A A^T for rows (n, t1, t2) of each contact, (3k, 3k), 1/kg; G_nn > 0.
         u: Velocities before, (3k,), m/s.
         mu: Coefficients of friction, (k,).
         least: Least normal impulses, >= 0, (k,), N s.
-        speed: What speeds are measured by: the largest contact speed before the impact, m/s.
+        speed: Unit of speeds: the largest contact speed before the impact, m/s.
     """
 
     G: FloatArray
@@ -62,7 +65,7 @@ class CoulombProblem:
         self.rows = self.G.reshape(count, 3, 3 * count)
         normal = np.diag(self.G)[::3]
         largest = np.array([np.linalg.eigvalsh(self.G[i : i + 2, i : i + 2])[-1] for i in range(1, 3 * count, 3)])
-        # A tangent along which nothing moves has no slip to correct: any scale will do.
+        # A tangent along which nothing moves has no slip to correct: any scale serves.
         across = np.where(largest > 0.0, largest, normal)
         self.r = 1.0 / np.stack((normal, across, across), axis=1)
         self.share: FloatArray = 1.0 / (self.r * self.speed)
@@ -73,7 +76,7 @@ class CoulombProblem:
 
 
 def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
-    """Impulses, (k, 3), inside their cones exactly, and their residual; above ``SOLVED`` they are no solution."""
+    """Impulses, (k, 3), exactly inside their cones, and their residual; above SOLVED they are no solution."""
     least_only = np.zeros((len(contacts.mu), 3))
     least_only[:, 0] = contacts.least
     best, residual = _solve(contacts, least_only)
@@ -92,33 +95,37 @@ def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
 
 
 def _pyramids(count: int) -> Iterator[tuple[int, float | None, float]]:
-    """Facets, angle of the first, and what widens mu: each inside the cone, and around it, which holds what nearly slips."""
+    """Facets, angle of the first, and a factor of mu, for pyramids inside the friction cone and around it.
+
+    A pyramid around the cone keeps contacts sticking that nearly slip, one inside it lets them slip.
+    """
     for facets, turn in _FACETS:
-        if count * facets > _LARGEST:
+        if count * facets > _MAX_FACETS:
             continue
         yield facets, turn, 1.0
         yield facets, turn, 1.0 / np.cos(np.pi / facets)
 
 
 def _against_slip(contacts: CoulombProblem, impulses: FloatArray) -> FloatArray:
+    """Angles opposite to the slip after some impulses, (k,)."""
     after = contacts.after(impulses)
     return np.arctan2(-after[:, 2], -after[:, 1])
 
 
 def _split(contacts: CoulombProblem, impulses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Arguments of the two projections, where nothing is projected yet: lambda - r u, (k, 3), and its normal part, (k,)."""
+    """Arguments of the two projections: lambda - r u, (k, 3), and its normal part, (k,)."""
     whole = impulses - contacts.r * contacts.after(impulses)
     return whole, whole[:, 0]
 
 
 def _solve(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:
-    """The best impulses found from a start, (k, 3), and their residual."""
+    """The best impulses from a start, (k, 3), and their residual."""
     best, residual = _newton(contacts, start)
     return (best, residual) if residual <= SOLVED else _damped(contacts, best)
 
 
 def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:
-    """Steps to the root of the linearised function, shortened until the residual falls."""
+    """Newton's method with a non-monotone line search."""
     impulses, share = start, contacts.share.ravel()
     violation, slopes = _violation(contacts, impulses)
     best, least = impulses, float(np.abs(violation).max())
@@ -126,13 +133,13 @@ def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, fl
     for _ in range(_STEPS):
         if least < _AIM:
             break
-        step = np.linalg.lstsq(slopes * (share[:, None] / share), -violation, rcond=_CUT)[0] / share
+        step = np.linalg.lstsq(slopes * (share[:, None] / share), -violation, rcond=CANCELLED)[0] / share
         for halving in range(_HALVINGS):
             part = 0.5**halving
             trial = impulses + part * step.reshape(-1, 3)
             violation, slopes = _violation(contacts, trial)
             size = float(np.linalg.norm(violation))
-            if size <= (1.0 - 1e-4 * part) * max(sizes):
+            if size <= (1.0 - _SUFFICIENT * part) * max(sizes):
                 break
         else:
             break
@@ -144,26 +151,26 @@ def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, fl
 
 
 def _damped(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:
-    """Steps that trust the linearised function only so far: slower, and each of them lowers the residual."""
-    impulses, share, damping = start, contacts.share.ravel(), 1e-3
+    """The method of Levenberg and Marquardt: slower, but each step lowers the residual."""
+    impulses, share, damping = start, contacts.share.ravel(), _FIRST_DAMPING
     violation, slopes = _violation(contacts, impulses)
     for _ in range(_DAMPED_STEPS):
         size = float(np.linalg.norm(violation))
-        if np.abs(violation).max() < _AIM or damping > _STALLED:
+        if np.abs(violation).max() < _AIM or damping > _MAX_DAMPING:
             break
         stacked = np.vstack((slopes * (share[:, None] / share), np.sqrt(damping * size) * np.eye(len(share))))
         step = np.linalg.lstsq(stacked, np.append(-violation, np.zeros(len(share))), rcond=None)[0] / share
         trial = impulses + step.reshape(-1, 3)
         there, slopes_there = _violation(contacts, trial)
         if np.linalg.norm(there) < size:
-            impulses, violation, slopes, damping = trial, there, slopes_there, max(damping / 5.0, _CUT)
+            impulses, violation, slopes, damping = trial, there, slopes_there, max(damping / 5.0, CANCELLED)
         else:
             damping *= 4.0
     return impulses, float(np.abs(violation).max())
 
 
 def _violation(contacts: CoulombProblem, impulses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """F in units of speed over ``speed``, (3k,), and one element of its generalised Jacobian, (3k, 3k), unscaled."""
+    """F in units of ``speed``, (3k,), and one element of its generalised Jacobian dF/dlambda, (3k, 3k), unscaled."""
     count = len(contacts.mu)
     whole, normal = _split(contacts, impulses)
     closed = normal > contacts.least
@@ -179,7 +186,10 @@ def _violation(contacts: CoulombProblem, impulses: FloatArray) -> tuple[FloatArr
 def _slopes(
     contacts: CoulombProblem, closed: BoolArray, slides: BoolArray, along: FloatArray, radius: FloatArray, length: FloatArray
 ) -> FloatArray:
-    """dF/dlambda, (k, 3, 3k)."""
+    """Element of the generalised Jacobian dF/dlambda, (k, 3, 3k).
+
+    A contact is open or closed, and sticks or slides: each combination has its own branch of the projections in F.
+    """
     count = len(closed)
     unit = np.eye(3 * count).reshape(count, 3, 3 * count)
     pushed = contacts.r[:, :, None] * contacts.rows

@@ -1,11 +1,11 @@
-"""Which law of impact with friction rules: Stronge's for one contact, for several one of two with discrete Coulomb friction.
+"""Impacts with friction: Stronge's law for one contact, and two laws with discrete Coulomb friction for several contacts.
 
-``coulomb`` mixes as the frictionless ``blend`` does: the plastic solution, then an expansion with at least e times what the
-elastic solution gives beyond it. ``poisson`` expands with at least e times the impulse of compression. Neither is proved to
-keep energy from growing where restitution differs, so the guard has the last word: it lowers all restitution by the largest
-factor theta at which none is gained. At theta = 0 every solution dissipates.
+``coulomb`` mixes like the frictionless ``blend``: the plastic solution, then an expansion with at least e times the impulses
+that the elastic solution adds to it. ``poisson`` expands with at least e times the compression impulses. For different
+restitutions neither is proved to dissipate, so an energy guard follows: it multiplies all restitution by the largest factor
+theta <= 1 for which no energy is gained. At theta = 0 every solution dissipates.
 
-With one contact e is the root of a ratio of works, with several a ratio of impulses of each contact.
+For one contact e^2 is a ratio of works; for several contacts e is a ratio of impulses of each contact.
 """
 
 from __future__ import annotations
@@ -22,25 +22,27 @@ from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.tolerances import APPROACHING, ENERGY_GAIN, SOLVED
 
-_PASSES = 100
+_MAX_PASSES = 100
+"""Largest number of elastic passes; more mean that bodies are squeezed without clearance."""
 _BISECTIONS = 20
+"""Bisections for theta: it is known to one millionth."""
 _LAWS: dict[str, str] = {"blend": "coulomb", "poisson": "poisson"}
 
 
 def impact_with_friction(A: FloatArray, w: FloatArray, mu: FloatArray, e: FloatArray, law: str) -> FrictionResult:
-    """Impact of k touching contacts of which one at least has friction.
+    """Solve an impact of k contacts of which at least one has friction.
 
-    Contacts that do not approach get no impulse unless others push them.
+    Contacts that do not approach get an impulse only if others push them.
 
     Args:
         A: Rows J L^-T of (n, t1, t2) of each contact with M = L L^T, (3k, n); a tangent in which nothing moves may be zero.
         w: Mass-weighted velocity before, L^T qdot, (n,).
         mu: Coefficients of friction, (k,), >= 0.
         e: Coefficients of restitution, (k,), 0 to 1.
-        law: What rules where several contacts meet: ``blend`` or ``poisson``.
+        law: Law for several contacts: ``blend`` or ``poisson``.
 
     Raises:
-        UnsupportedContactError: The law has no meaning with friction, or e > 1.
+        UnsupportedContactError: The law does not cover friction, or e > 1.
         ValueError: A contact between bodies that cannot move along its normal.
     """
     if law not in _LAWS:
@@ -52,21 +54,21 @@ def impact_with_friction(A: FloatArray, w: FloatArray, mu: FloatArray, e: FloatA
     if np.any(np.linalg.norm(A[::3], axis=1) == 0.0):
         raise ValueError(IMMOVABLE)
     if len(mu) > 1:
-        return _several(_Impact(A, w, mu), e, _LAWS[law])
+        return _several(_SeveralContacts(A, w, mu), e, _LAWS[law])
     one = stronge(A, w, float(mu[0]), float(e[0]))
-    # A path that cannot be integrated: compression and expansion need none.
-    return _several(_Impact(A, w, mu), e, "poisson") if one.status == "unconverged" else one
+    # If the impulse path cannot be integrated, ``poisson`` replaces it: compression and expansion need no path.
+    return _several(_SeveralContacts(A, w, mu), e, "poisson") if one.status == "unconverged" else one
 
 
 @dataclass
-class _Impact:
-    """An impact of several contacts, as all its phases see it.
+class _SeveralContacts:
+    """An impact of several contacts.
 
     Attributes:
         A: Rows of (n, t1, t2) of each contact, (3k, n).
         w: Mass-weighted velocity before, (n,).
         mu: Coefficients of friction, (k,).
-        residual: The largest of all solutions so far.
+        residual: Largest residual of all solutions so far.
     """
 
     A: FloatArray
@@ -81,7 +83,7 @@ class _Impact:
         self.energy = 0.5 * float(self.w @ self.w)
 
     def solve(self, which: IntArray, u: FloatArray, least: FloatArray) -> FloatArray:
-        """Impulses (k, 3) of Coulomb friction at some contacts, others none.
+        """Impulses (k, 3) with Coulomb friction at some contacts; zero at the others.
 
         Args:
             which: Indices of the contacts, ascending.
@@ -96,12 +98,12 @@ class _Impact:
         return impulses
 
     def gain(self, u: FloatArray, impulses: FloatArray) -> float:
-        """Kinetic energy that impulses (k, 3) add at contact velocities u (3k,), J."""
+        """Change of kinetic energy by impulses (k, 3) at contact velocities u (3k,), J."""
         p = impulses.ravel()
         return float(p @ (u + 0.5 * (self.G @ p)))
 
     def expand(self, which: IntArray, u: FloatArray, compression: FloatArray, least: FloatArray) -> tuple[FloatArray, float]:
-        """Impulses of expansion with at least theta ``least``, theta the largest share that gains no energy; and theta."""
+        """Expansion impulses with normal parts of at least theta ``least``, and theta, the largest without energy gain."""
         begin = u + self.G @ compression.ravel()
 
         def with_share(theta: float) -> FloatArray | None:
@@ -121,9 +123,9 @@ class _Impact:
         return (best if best is not None else self.solve(which, begin, 0.0 * least)), low
 
     def elastic(self) -> tuple[FloatArray, bool]:
-        """Impulses, (k, 3), of passes with e = 1 over the contacts that approach until none does; and whether they jam."""
+        """Impulses, (k, 3), of elastic passes over the approaching contacts until none approaches; and whether they jam."""
         impulses, u = np.zeros((len(self.mu), 3)), self.u.copy()
-        for _ in range(_PASSES):
+        for _ in range(_MAX_PASSES):
             which = np.flatnonzero(u[::3] < -APPROACHING * self.speed)
             if not len(which):
                 return impulses, False
@@ -134,11 +136,11 @@ class _Impact:
         return impulses + self.solve(np.arange(len(self.mu)), u, np.zeros(len(self.mu))), True
 
 
-def _several(impact: _Impact, e: FloatArray, law: str) -> FrictionResult:
+def _several(impact: _SeveralContacts, e: FloatArray, law: str) -> FrictionResult:
     every = np.arange(len(e))
-    if impact.u[::3].min() >= 0.0:  # nothing approaches, perhaps nothing moves at all
+    if impact.u[::3].min() >= 0.0:  # no contact approaches; the speed may be zero, so nothing may be divided by it
         nothing = np.zeros((len(e), 3))
-        return _answer(impact, law, nothing, nothing, theta=1.0, jammed=False)
+        return _result(impact, law, nothing, nothing, theta=1.0, jammed=False)
     plastic = impact.solve(every, impact.u, np.zeros(len(e)))
     expansion, theta, jammed = np.zeros_like(plastic), 1.0, False
     if e.max() > 0.0:
@@ -148,11 +150,11 @@ def _several(impact: _Impact, e: FloatArray, law: str) -> FrictionResult:
             elastic, jammed = impact.elastic()
             least = np.maximum(e * (elastic - plastic)[:, 0], 0.0)
         expansion, theta = impact.expand(every, impact.u, plastic, least)
-    return _answer(impact, law, plastic, expansion, theta, jammed)
+    return _result(impact, law, plastic, expansion, theta, jammed)
 
 
-def _answer(
-    impact: _Impact, law: str, plastic: FloatArray, expansion: FloatArray, theta: float, jammed: bool
+def _result(
+    impact: _SeveralContacts, law: str, plastic: FloatArray, expansion: FloatArray, theta: float, jammed: bool
 ) -> FrictionResult:
     impulses = np.stack([clip_to_cone(p, mu) for p, mu in zip(plastic + expansion, impact.mu, strict=True)])
     w = impact.w + impact.A.T @ impulses.ravel()
@@ -174,8 +176,8 @@ def _answer(
     )
 
 
-def _status(impact: _Impact, w: FloatArray, theta: float, jammed: bool) -> Status:
-    """The last word on a result: what no exact answer may break makes it none."""
+def _status(impact: _SeveralContacts, w: FloatArray, theta: float, jammed: bool) -> Status:
+    """Status of a result; ``unconverged`` if it violates a condition that every exact solution satisfies."""
     gained = 0.5 * float(w @ w) > impact.energy * (1.0 + ENERGY_GAIN)
     approaches = float((impact.A[::3] @ w).min()) < -SOLVED * impact.speed
     if impact.residual > SOLVED or gained or approaches:
@@ -186,12 +188,12 @@ def _status(impact: _Impact, w: FloatArray, theta: float, jammed: bool) -> Statu
 
 
 def _path(impulse: FloatArray, mu: float, slips: list[FloatArray], speed: float) -> str:
-    """Modes before, after compression and at the end; a contact without impulse or without friction has none."""
+    """Contact modes before, after compression and at the end; empty for a contact without impulse or without friction."""
     if not impulse.any() or mu == 0.0:
         return ""
     before = slips[0]
     modes = [_mode(slip, before, speed) for slip in slips]
-    if modes[0] == "stick":  # at rest before: whether it stays so is told after
+    if modes[0] == "stick":  # without slip before, the later modes decide
         modes = [mode.replace("reverse ", "") for mode in modes[1:]]
     return ", ".join(mode for i, mode in enumerate(modes) if i == 0 or mode != modes[i - 1])
 

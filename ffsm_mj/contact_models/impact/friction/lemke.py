@@ -1,11 +1,11 @@
-"""Several contacts with friction pyramids instead of cones: Lemke's method on the problem of Stewart and Trinkle.
+"""Several contacts with friction pyramids instead of cones: Lemke's method on the problem of Stewart and Trinkle (1996).
 
-Friction of a contact is a sum of beta_j >= 0 along nd directions d_j. With nu the normal impulse above the least one, sigma
-the speed of slip, B the normals and directions, E the directions of each contact,
+The friction impulse of a contact is a sum of beta_j >= 0 along nd directions d_j. With the normal impulse nu above the least
+one, the slip speed sigma, the normals and directions B, and the matrix E that assigns directions to contacts,
 
     0 <= (nu, beta, sigma)  _|_  (B^T u, with sigma added along each direction;  mu (least + nu) - E^T beta) >= 0.
 
-The ratio test is lexicographic, so degenerate problems (symmetric scenes) do not cycle.
+The lexicographic ratio test prevents cycling in degenerate problems, such as symmetric scenes.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from ffsm_mj.arrays import BoolArray, FloatArray
 
 _PIVOTS_PER_ROW = 20
 _ZERO = 1e-11
-"""Entries of a column below this are rounding, and no pivots."""
+"""Entries of a column below this are rounding, not pivots: entries are of the order of 1, after hundreds of pivots."""
 
 
 def on_pyramids(
     G: FloatArray, u: FloatArray, mu: FloatArray, least: FloatArray, speed: float, facets: int, first: FloatArray
 ) -> FloatArray:
-    """Impulses (k, 3) with friction inside pyramids; where the method ends without a solution, what it had.
+    """Impulses (k, 3) with friction inside pyramids; the last iterate if the method ends without a solution.
 
     Args:
         G: A A^T, (3k, 3k).
@@ -34,7 +34,7 @@ def on_pyramids(
         first: Angle of the first direction of each contact, (k,).
     """
     count = len(mu)
-    # In units of speed and of each contact's G_nn^(1/2) columns have entries of the order of one.
+    # In units of the speed and of G_nn^(1/2) of each contact, entries are of the order of one.
     unit = 1.0 / np.sqrt(np.diag(G)[::3])
     normals, directions = np.zeros((3 * count, count)), np.zeros((3 * count, count * facets))
     for i in range(count):
@@ -59,7 +59,7 @@ def on_pyramids(
 
 
 def lemke(M: FloatArray, q: FloatArray) -> FloatArray:
-    """Solve M z + q >= 0, z >= 0, complementary: z; on a ray or after too many pivots, the last z.
+    """Solve M z + q >= 0, z >= 0, complementary, for z; the last iterate on a ray or after too many pivots.
 
     The tableau holds w - M z - z0 = q; its first columns are the inverse of the basis, which the ratio test needs.
     """
@@ -69,7 +69,10 @@ def lemke(M: FloatArray, q: FloatArray) -> FloatArray:
     tableau = np.hstack((np.eye(size), -M, -np.ones((size, 1)), q[:, None]))
     basis = np.arange(size)
     artificial = 2 * size
-    entering, leaving_row = artificial, size - 1 - int(np.argmin(q[::-1]))  # of equals the last is lexicographically least
+    entering, leaving_row = (
+        artificial,
+        size - 1 - int(np.argmin(q[::-1])),
+    )  # of equal ones, the last is lexicographically least
     for _ in range(_PIVOTS_PER_ROW * size):
         left = int(basis[leaving_row])
         _pivot(tableau, leaving_row, entering)
@@ -94,7 +97,7 @@ def _pivot(tableau: FloatArray, row: int, column: int) -> None:
 
 
 def _leaving(tableau: FloatArray, column: int, artificial: BoolArray) -> int | None:
-    """Row of the lexicographically least ratio; the artificial variable goes as soon as it may."""
+    """Row of the lexicographically least ratio, or None on a ray; the artificial variable leaves as soon as possible."""
     entries = tableau[:, column]
     rows = np.flatnonzero(entries > _ZERO)
     if not len(rows):

@@ -1,12 +1,13 @@
-"""One contact with friction: Stronge's energetic restitution along Routh's path of impulse.
+"""One contact with friction: Stronge's energetic restitution along Routh's impulse path.
 
-The normal impulse p is the time of the path, G = A A^T, s the direction of slip:
+The normal impulse p parametrises the path; with G = A A^T and the direction of slip s,
 
     du/dp = G (1, -mu s),  dW/dp = u_n.  Compression ends at u_n = 0 with W = W_c < 0, the impact at W = (1 - e^2) W_c.
 
-Slip that reaches u_t = 0 sticks if friction |f| = |H^-1 g| <= mu holds it (g = G_tn, H = G_tt), else it slips on along the
-one direction s in which slip can grow. No part of the path can gain energy: normal work (1 - e^2) W_c and friction work
-are <= 0. Everything here is in units of the speed U = max |u| before and of G_nn.
+Slip that reaches u_t = 0 sticks if friction |f| = |H^-1 g| <= mu can hold it (g = G_tn, H = G_tt); otherwise it continues
+along the one direction s in which slip can grow. No part of the path gains energy: normal work (1 - e^2) W_c and friction
+work are <= 0. Units: the speed U = max |u| before, and G_nn. (Stronge, *Impact Mechanics*, 2000; Routh, *Dynamics of a
+System of Rigid Bodies*, 1860.)
 """
 
 from __future__ import annotations
@@ -23,18 +24,19 @@ from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.tolerances import CANCELLED, SOLVED
 
 _SEGMENTS = 20
+"""Largest number of segments; a path has a few: slip, stick or reverse slip, in compression and expansion."""
 
 
 def stronge(A: FloatArray, w: FloatArray, mu: float, e: float) -> FrictionResult:
-    """Impact of one contact; the same arguments give the same result to the last bit.
+    """Solve an impact of one contact; equal arguments give equal results bit for bit.
 
-    A contact that does not approach gets no impulse. Status ``unconverged`` stands for a path that cannot be integrated.
+    A contact that does not approach gets no impulse. The status is ``unconverged`` if the path cannot be integrated.
 
     Args:
         A: Rows J L^-T of normal and two tangents with M = L L^T, (3, n); a tangent in which nothing moves may be zero.
         w: Mass-weighted velocity before, L^T qdot, (n,).
         mu: Coefficient of friction, >= 0.
-        e: Energetic coefficient of restitution, the root of the ratio of normal work given back, 0 to 1.
+        e: Energetic coefficient of restitution, the square root of the ratio of expansion work to compression work, 0 to 1.
 
     Raises:
         ValueError: Neither body can move along the contact normal.
@@ -46,27 +48,28 @@ def stronge(A: FloatArray, w: FloatArray, mu: float, e: float) -> FrictionResult
         nothing = np.zeros(1)
         return FrictionResult(np.zeros((1, 3)), w.copy(), "stronge", "ok", 1.0, 0.0, ("",), nothing, nothing, nothing)
     scale, speed = float(G[0, 0]), float(np.abs(u).max())
-    course = _ImpulsePath(Problem(G / scale, u / speed, mu), e)
-    status = course.run()
-    impulse = clip_to_cone(course.path.impulse * (speed / scale), mu)
+    follower = _ImpulsePath(Problem(G / scale, u / speed, mu), e)
+    status = follower.run()
+    impulse = clip_to_cone(follower.path.impulse * (speed / scale), mu)
     after = w + A.T @ impulse
-    normal, friction, compression = np.array([[course.path.normal_work], [course.path.friction_work], [course.deepest]]) * (
-        speed * speed / scale
-    )
+    normal, friction, compression = np.array(
+        [[follower.path.normal_work], [follower.path.friction_work], [follower.deepest]]
+    ) * (speed * speed / scale)
     energy = 0.5 * float(w @ w)
     missed = abs(float(normal[0] + friction[0]) - (0.5 * float(after @ after) - energy)) / energy
+    # Both works must give the change of kinetic energy; otherwise the integration of the path is not trusted.
     if missed > SOLVED:
         status = "unconverged"
-    modes = ", ".join(course.modes)
+    modes = ", ".join(follower.modes)
     return FrictionResult(impulse[None], after, "stronge", status, 1.0, missed, (modes,), normal, friction, compression)
 
 
 @dataclass
 class _ImpulsePath:
-    """The path from touch to parting, segment by segment.
+    """The impulse path from the start of contact to its end, segment by segment.
 
     Attributes:
-        problem: What does not change along it.
+        problem: The impact.
         e: Coefficient of restitution.
     """
 
@@ -80,8 +83,8 @@ class _ImpulsePath:
         self.deepest = 0.0
 
     def run(self) -> Status:
-        """Follow the path to its end."""
-        if self.path.speed <= CANCELLED:
+        """Follow the path to its end; returns the status."""
+        if self.path.speed <= CANCELLED:  # no slip before, to rounding
             self._choose("slip")
         else:
             self.modes.append("slip")
@@ -96,8 +99,9 @@ class _ImpulsePath:
         return "unconverged"
 
     def _segment(self) -> str:
-        """Go on to the next event."""
+        """Advance to the next event; returns it."""
         path = self.path
+        # Sticking friction may pull the bodies together as fast as the normal impulse separates them: the contact locks.
         if path.sticks and path.normal_rate(self.problem) <= CANCELLED:
             return NONE
         target = None if self.compressing else (1.0 - self.e * self.e) * self.deepest
@@ -106,7 +110,7 @@ class _ImpulsePath:
         return path.straight(self.problem, target)
 
     def _turned(self) -> bool:
-        """The normal velocity passes zero: compression ends or, falling back, begins again. True where the impact ends."""
+        """Handle a zero of the normal velocity: compression ends, or begins again. Returns whether the impact ends."""
         self.path.u_n = 0.0
         if self.compressing:
             self.deepest = min(self.deepest, self.path.normal_work)
@@ -114,12 +118,13 @@ class _ImpulsePath:
         return not self.compressing and self.e == 0.0
 
     def _at_rest(self) -> bool:
+        """Whether the contact is locked, or all speeds have vanished during compression."""
         path = self.path
         locked = path.sticks and path.normal_rate(self.problem) <= CANCELLED
         return locked or (self.compressing and max(abs(path.u_n), path.speed) <= SOLVED)
 
     def _choose(self, slips: str) -> None:
-        """Stick or slip, with slip at zero."""
+        """At zero slip, choose between stick and slip."""
         direction = self.problem.slip_from_rest()
         self.path.stop(self.problem, direction)
         self.modes.append("stick" if direction is None else slips)

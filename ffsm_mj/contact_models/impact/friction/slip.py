@@ -18,9 +18,11 @@ from ffsm_mj.contact_models.impact.friction.path import END, NONE, STOP, TURN, P
 
 _STOPPED = -23.0
 """ln(R / R0) at which integration ends, a slip of 1e-10 of the initial one: the rest of the path to u_t = 0 is straight."""
-_FAR = 1e12
-_STEPS = 3000
+_TAU_END = 1e12
+"""End of integration: never reached, since an event or the number of steps ends it before."""
+_MAX_STEPS = 3000
 _ROUNDING = 1e-15
+"""Absolute tolerance of integration, relative to the size of each component."""
 _THETA, _LOG, _U_N, _WORK, _FRICTION = 0, 1, 5, 6, 7
 
 
@@ -95,9 +97,9 @@ def _until_event(
     from scipy.integrate import LSODA
 
     # A stiff method: for slip that is slow compared with the bounce, its direction settles at once.
-    solver: Any = LSODA(rates, 0.0, start, _FAR, rtol=1e-13, atol=rounding)
+    solver: Any = LSODA(rates, 0.0, start, _TAU_END, rtol=1e-13, atol=rounding)
     before = start
-    for _ in range(_STEPS):
+    for _ in range(_MAX_STEPS):
         solver.step()
         if solver.status != "running":
             return NONE, before

@@ -45,7 +45,7 @@ def test_friction_of_several_contacts_with_the_wrong_sign(monkeypatch):
 def test_a_forgotten_guard(monkeypatch):
     """Without it the named case gains 2.86 % of its energy, and the last check of every result finds it."""
     A, w, mu, e = gaining()
-    monkeypatch.setattr(laws._Impact, "gain", lambda *_: -1.0)
+    monkeypatch.setattr(laws._SeveralContacts, "gain", lambda *_: -1.0)
     bare = impact_with_friction(A, w, mu, e, "poisson")
     assert energy(bare.w) / energy(w) == pytest.approx(1.028609, abs=1e-6)
     np.testing.assert_allclose((A @ bare.w)[[0, 1, 3, 4]], (4.971355, 0, 0.263994, 1.461663), atol=1e-6)
