@@ -1,9 +1,9 @@
-"""The contact normal to rounding: the direction along which two convex geoms are furthest apart.
+"""Refinement of a contact normal to rounding: the direction of largest separation of two convex geoms.
 
-A distance query knows the distance to 1e-12 but, because that is stationary, the direction only to its square root. The
-separation along n is -h1(n) - h2(-n) with the geoms' support functions, which are closed forms; its maximum is found by
-Newton's method on the sphere of directions. Edges and faces are kinks there: a direction square to an edge stays square to
-it, two edges or a face leave no choice.
+The distance of a query is accurate to 1e-12, but it is stationary in the direction, which is therefore known to the square
+root only. The separation along n is -h1(n) - h2(-n) with the support functions of the geoms, which are closed forms; its
+maximum is found by Newton's method on the sphere of directions. Edges and faces are kinks of the separation: a normal
+perpendicular to an edge stays perpendicular to it, and two edges or a face determine the normal.
 """
 
 from __future__ import annotations
@@ -21,41 +21,48 @@ from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.tolerances import EPSILON
 
 _WIDTH = 1e-4
-"""The query's direction is good to about 1e-5 rad: edges and faces within this may be the ones that touch."""
+"""An estimate is accurate to about 1e-5 rad: edges and faces within this angle may be those in contact."""
 _ROUNDING = 1e-15
+"""Rounding of a separation in m and of a direction in rad: directions whose separations differ by less tie."""
 _ITERATIONS = 20
 _LONGEST_STEP = 0.1
+"""Longest Newton step, rad."""
 _FLATTEST = 1e-9
-# The smallest eigenvalue of a symmetric matrix is known to a few units of rounding of its largest: close to the axis of a
-# cylinder a turn of the rim has a radius of 1e7 m and more, and what is left of the other one is noise, zero at times.
+"""Least curvature in m at which a Newton step is taken."""
 _EIGENVALUE_ROUNDING = 16.0 * EPSILON
+"""The least eigenvalue of a symmetric matrix is known to a few EPSILON of the largest one.
+
+Close to the axis of a cylinder the rim has a radius of curvature of 1e7 m and more, and the other eigenvalue is rounding.
+"""
 
 
 def refine_normal(first: Shape, second: Shape, estimate: FloatArray) -> FloatArray:
-    """Unit normal from the first geom to the second, from an estimate that is good to about 1e-4 rad.
+    """Unit normal from the first geom to the second, from an estimate accurate to about 1e-4 rad.
 
-    Which of the edges and faces near the estimate touch is not known beforehand: every choice of them gives a direction,
-    and the separation along none is larger than that along the normal.
+    It is not known beforehand which of the edges and faces near the estimate are in contact. Each choice of them gives a
+    direction, and the normal is the direction with the largest separation.
     """
     edges = np.vstack((first.edges(estimate, _WIDTH), second.edges(-estimate, _WIDTH)))
-    best = _best(first, second, estimate, _choices(edges))
+    best = _best_direction(first, second, estimate, _choices(edges))
     if (first.position_tolerance or second.position_tolerance) and not is_normal(first, second, best):
-        # Of a face of a mesh two directions that span it were asked; what touches at its side needs that very edge.
-        finer = _best(first, second, best, _crossed(first.hull_edges(best, _WIDTH), second.hull_edges(-best, _WIDTH)))
+        # For a face of a mesh only two directions that span it were tried; contact at one of its sides needs that edge.
+        finer = _best_direction(
+            first, second, best, _crossed_choices(first.hull_edges(best, _WIDTH), second.hull_edges(-best, _WIDTH))
+        )
         if separation(first, second, finer) >= separation(first, second, best) - _ROUNDING:
             best = finer
     return best
 
 
 def is_normal(first: Shape, second: Shape, direction: FloatArray) -> bool:
-    """Whether what is extreme along a direction in one geom lies opposite what is extreme against it in the other."""
+    """Whether the extreme features of both geoms along a direction overlap in projection, as along the contact normal."""
     return opposite(*facing(first, second, direction), direction)
 
 
-def _best(first: Shape, second: Shape, estimate: FloatArray, choices: Iterable[FloatArray]) -> FloatArray:
-    """The direction of largest separation among those of some choices of edges, and an estimate."""
+def _best_direction(first: Shape, second: Shape, estimate: FloatArray, choices: Iterable[FloatArray]) -> FloatArray:
+    """The direction of largest separation among those of some choices of edges and the estimate."""
     best, largest = estimate, -np.inf
-    # Where directions tie to rounding the one with more edges counts, and the estimate itself, which is less exact, last.
+    # If directions tie to rounding, the one with more edges wins; the estimate, which is less accurate, is last.
     for normal in (*(_maximise(first, second, estimate, fixed) for fixed in choices), estimate):
         value = separation(first, second, normal)
         if value > largest + _ROUNDING:
@@ -64,12 +71,12 @@ def _best(first: Shape, second: Shape, estimate: FloatArray, choices: Iterable[F
 
 
 def separation(first: Shape, second: Shape, normal: FloatArray) -> float:
-    """Signed gap along a direction, m: the distance, or minus the depth, where the direction is the normal."""
+    """Separation along a direction, m: the signed gap if the direction is the normal."""
     return float((second.extreme(-normal) @ normal).min() - (first.extreme(normal) @ normal).max())
 
 
 def _choices(edges: FloatArray) -> Iterator[FloatArray]:
-    """Sets of edge directions that the normal may have to be square to: two, one or none, (k, 3) each."""
+    """Sets of edge directions that the normal may be perpendicular to: two, one or none, (k, 3) each."""
     for one, other in combinations(edges, 2):
         if math.hypot(*cross(one, other)) > _WIDTH:
             yield np.stack((one, other))
@@ -77,8 +84,8 @@ def _choices(edges: FloatArray) -> Iterator[FloatArray]:
     yield edges[:0]
 
 
-def _crossed(of_first: FloatArray, of_second: FloatArray) -> Iterator[FloatArray]:
-    """The same of one edge of each geom at most: two of one geom say no more than the face that they bound."""
+def _crossed_choices(of_first: FloatArray, of_second: FloatArray) -> Iterator[FloatArray]:
+    """The same with at most one edge of each geom: two edges of one geom give no more than the face that they bound."""
     for one, other in product(of_first, of_second):
         if math.hypot(*cross(one, other)) > _WIDTH:
             yield np.stack((one, other))
@@ -87,33 +94,34 @@ def _crossed(of_first: FloatArray, of_second: FloatArray) -> Iterator[FloatArray
 
 
 def _maximise(first: Shape, second: Shape, normal: FloatArray, edges: FloatArray) -> FloatArray:
-    """Maximum of the separation among the directions square to the edges."""
+    """Direction of largest separation among those perpendicular to the edges."""
     if len(edges) == 2:
         return _towards(cross(edges[0], edges[1]), normal)
     if len(edges) == 1:
         normal = _towards(normal - (normal @ edges[0]) * edges[0], normal)
     for _ in range(_ITERATIONS):
         tangents = _tangents(normal, edges)
-        offset = _middle(second.extreme(-normal)) - _middle(first.extreme(normal))
-        # The Hessian on the sphere: both geoms' radii, and the gap because a turned direction stays a unit vector.
+        offset = _mean(second.extreme(-normal)) - _mean(first.extreme(normal))
+        # Hessian on the sphere: radii of both geoms, and the gap, because a turned direction stays a unit vector.
         slope = tangents @ (first.radii(normal) + second.radii(-normal)) @ tangents.T
         slope += float(offset @ normal) * np.eye(len(slope))
         if _least_eigenvalue(slope) < max(_FLATTEST, _EIGENVALUE_ROUNDING * float(np.abs(slope).max())):
-            break  # nothing is curved: the direction has no better neighbour
+            break  # nothing is curved: the direction cannot be improved
         step = np.linalg.solve(slope, tangents @ offset)
         length = math.hypot(*step)
         normal = _unit(normal + step @ tangents * min(1.0, _LONGEST_STEP / max(length, _LONGEST_STEP)))
-        if length < 1e-15:
+        if length < _ROUNDING:
             break
     return normal
 
 
-def _middle(points: FloatArray) -> FloatArray:
+def _mean(points: FloatArray) -> FloatArray:
+    """Mean of the extreme points."""
     return points[0] if len(points) == 1 else np.asarray(points.mean(axis=0))
 
 
 def _least_eigenvalue(symmetric: FloatArray) -> float:
-    """Of a matrix of one or two rows."""
+    """Least eigenvalue of a symmetric matrix of one or two rows."""
     if len(symmetric) == 1:
         return float(symmetric[0, 0])
     (a, b), (_, c) = symmetric.tolist()
@@ -121,7 +129,7 @@ def _least_eigenvalue(symmetric: FloatArray) -> float:
 
 
 def _tangents(normal: FloatArray, edges: FloatArray) -> FloatArray:
-    """Orthonormal directions across the normal and the edge, if there is one, as rows."""
+    """Orthonormal directions perpendicular to the normal and to the edge, if there is one, as rows."""
     if len(edges):
         return _unit(cross(normal, edges[0]))[None]
     first = _unit(cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))]))
@@ -129,6 +137,7 @@ def _tangents(normal: FloatArray, edges: FloatArray) -> FloatArray:
 
 
 def _towards(vector: FloatArray, reference: FloatArray) -> FloatArray:
+    """Unit vector along a vector or its opposite, whichever is closer to the reference."""
     return _unit(vector if vector @ reference > 0.0 else -vector)
 
 

@@ -1,13 +1,13 @@
-"""How the rate of a gap changes: the second time derivative of the signed distance of two convex geoms, in closed form.
+"""Second rate of a gap: the second time derivative of the signed distance of two convex geoms, in closed form.
 
-With normal n from A to B, material velocities v and accelerations a of both bodies at the contact point, and the contact
-point moving over each surface at s (in the tangent plane),
+With the normal n from A to B, velocities v and accelerations a of the material points of both bodies at the contact point,
+and velocities s of the contact point over each surface (in the tangent plane),
 
     gap''  = n_dot . (v_B - v_A) + n . (a_B - a_A) + n . (omega_B x s_B) - n . (omega_A x s_A)
 
-n_dot, s_A and s_B follow from the shapes: s_A = R_A (n_dot - omega_A x n) with the radii of curvature R_A (a vertex 0), the
-normal fixed to the body along flat directions (an edge, a face), B alike with its own normal -n, and from the contact
-points staying opposite each other: s_B - s_A = gap n_dot - (v_B - v_A) across n.
+n_dot, s_A and s_B follow from the shapes: s_A = R_A (n_dot - omega_A x n) with the radii of curvature R_A (0 at a vertex);
+along flat directions (an edge, a face) the normal is fixed to the body; B likewise with its own normal -n. The contact
+points stay opposite each other: s_B - s_A = gap n_dot - (v_B - v_A) across n.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from ffsm_mj.contact.shape import Shape
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, PARALLEL
 
 _AT_END = 1e-7
-"""A contact point this close to the end of an edge or face, as a share of its length, is at its end."""
+"""A contact point within this share of the length of an edge or face from its end is at its end."""
 
 
 @dataclass(frozen=True)
 class SecondRate:
-    """Second rate of a gap in m/s^2, and the largest of the terms that it is the sum of."""
+    """Second rate of a gap in m/s^2, and the magnitude of the largest of its terms."""
 
     value: float
     scale: float
 
     @property
     def rounding(self) -> float:
-        """Second rates within this of zero are none, m/s^2."""
+        """Rounding of the second rate, m/s^2."""
         return ACCELERATION * self.scale + ACCELERATION_M_S2
 
 
@@ -63,9 +63,9 @@ def second_rate(
         model: MuJoCo model.
         data: Its data with velocities and accelerations (``qacc``) current.
         bodies: Bodies A and B.
-        shapes: Their convex geoms that touch.
+        shapes: Their convex geoms in contact.
         normal: Unit normal from A to B, world axes.
-        points: Where A and where B touches or nearly does, opposite each other along the normal, world axes.
+        points: Contact points, or nearest points, of A and of B, opposite each other along the normal, world axes.
     """
     a, b = (_motion(model, data, body, point) for body, point in zip(bodies, points, strict=True))
     n_dot, s_a, s_b = _turning(shapes, (a, b), normal, points)
@@ -80,6 +80,7 @@ def second_rate(
 
 
 def _motion(model: Any, data: Any, body: int, point: FloatArray) -> _PointMotion:
+    """Motion of a body at a point fixed to it."""
     linear, angular, linear_dot = (np.empty((3, model.nv)) for _ in range(3))
     mujoco.mj_jac(model, data, linear, angular, point, body)
     mujoco.mj_jacDot(model, data, linear_dot, None, point, body)
@@ -92,7 +93,11 @@ def _turning(
     normal: FloatArray,
     points: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rate of the normal, and velocities of the contact point over both surfaces, (3,) each in world axes."""
+    """Rate of the normal, and velocities of the contact point over both surfaces, (3,) each in world axes.
+
+    Six linear equations in the tangent plane: two per surface, and the condition that the contact points stay opposite. They
+    may be singular (a face on a face has no defined contact point); the least-norm solution then serves.
+    """
     system, right = np.zeros((6, 6)), np.zeros(6)
     across, tangents = np.eye(2), np.linalg.svd(normal[None])[2][1:]
     caps = cap_of(shapes[0], normal), cap_of(shapes[1], -normal)
@@ -106,7 +111,8 @@ def _turning(
         radii = np.zeros((2, 2)) if cap else outward * tangents @ shape.radii(outward * normal) @ tangents.T
         bound = flat - (across - flat) @ radii
         rows = slice(2 * k, 2 * k + 2)
-        # A cap is flat to PARALLEL only: n . t = 0 along its rim, whose tangent t turns as the contact slides there.
+        # A cap is perpendicular to the normal to within PARALLEL only: as the contact slides along the rim, n . t = 0 for
+        # its tangent t, which turns.
         along_rim = _rank(flat) == 1
         curved = cap.rise(points[k], normal) / cap.radius * flat if cap and along_rim else np.zeros((2, 2))
         system[rows, :2], system[rows, 2 + 2 * k : 4 + 2 * k] = bound, across - flat - curved
@@ -119,25 +125,25 @@ def _turning(
 
 
 def _flat(points: FloatArray) -> FloatArray:
-    """Projector on the flat directions at the origin of a feature with these extreme points in the plane, (2, k)."""
+    """Projector on the flat directions at the contact point, (2, 2), of a feature with these extreme points, (2, k)."""
     spread = points.T
     reach = _AT_END * float(np.abs(spread).max(initial=0.0))
     if len(spread) < 2 or float(np.linalg.norm(spread, axis=1).min()) <= reach:
-        return np.zeros((2, 2))  # a point, or at a corner
+        return np.zeros((2, 2))  # a single point, or the contact is at a corner
     if len(spread) == 2:
         return _along(spread[1] - spread[0])
     order = np.argsort(np.arctan2(*(spread - spread.mean(axis=0)).T))
     for p, q in zip(spread[order], np.roll(spread[order], -1, axis=0), strict=True):
         side = q - p
         if abs(p[0] * side[1] - p[1] * side[0]) <= reach * float(np.linalg.norm(side)):
-            return _along(side)
+            return _along(side)  # the contact is on a side of the face
     return np.eye(2)
 
 
 def _flat_of_cap(cap: Cap, point: FloatArray, tangents: FloatArray, other: FloatArray) -> FloatArray:
-    """The same at a point of a cap: within it all directions; of its rim that of the rim where an edge crosses it.
+    """The same at a point of a cap: all directions within it, and on its rim the tangent if an edge crosses it there.
 
-    On a face the rim is a point of the body, as its fixed points are.
+    On a face, a point of the rim is a material point of the body, like the fixed points of the rim.
     """
     rim = tangents @ (point - cap.centre)
     if abs(float(np.linalg.norm(rim)) - cap.radius) > 2.0 * _AT_END * cap.radius:

@@ -1,9 +1,9 @@
-"""A convex geom at its pose: extreme points, edges and radii of curvature by direction, in world axes.
+"""Support function of a convex geom: extreme points, edges and radii of curvature along a direction, in world axes.
 
-The support function h(n) says how far a geom reaches along n; its gradient is the extreme point and its Hessian R the
-radii of curvature there: when the normal turns by dn, the extreme point moves by R dn. A sphere has its radius across the
-normal, a vertex 0, an edge 0 across itself. Along an edge and within a face the extreme point is not one point: those flat
-directions have no finite radius and count as 0 in R.
+The support function h(n) is the extent of a geom along n. Its gradient is the extreme point, and its Hessian R holds the
+radii of curvature there: if the normal turns by dn, the extreme point moves by R dn. R is the radius of a sphere across the
+normal, 0 at a vertex, and 0 across an edge. Along an edge and within a face the extreme point is not unique: these flat
+directions have no finite radius and are 0 in R.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.hull import hull
 from ffsm_mj.tolerances import MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
 
-# Closer to its axis than this, a direction sees a cylinder's face, not its side.
-_SINGULAR = 1e-9
+_ON_AXIS = 1e-9
+"""A direction within this angle of the axis of a cylinder, in rad, has no radius of curvature around the axis."""
 _DISC_POINTS = 8
-"""A disc is represented by this many points of its rim."""
+"""Number of fixed points that represent the rim of a cap."""
 
 _SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 _BOX, _CAPSULE, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
 class Shape:
-    """One convex geom at the pose in MuJoCo's data; a view, made where it is needed."""
+    """One convex geom at its pose in MuJoCo's data."""
 
     def __init__(self, model: Any, data: Any, geom: int) -> None:
-        """Look at a geom by id; kinematics in ``data`` must be current."""
+        """Take views of the pose of a geom (id); kinematics in ``data`` must be current."""
         self._model, self._geom = model, geom
         self._kind = mujoco.mjtGeom(model.geom_type[geom])
         self._size: FloatArray = model.geom_size[geom]
@@ -40,11 +40,14 @@ class Shape:
 
     @property
     def position_tolerance(self) -> float:
-        """How well the places of its points are known, m: 0 but for meshes."""
+        """Tolerance to which its points are known, m: 0 except for meshes."""
         return position_tolerance(self._model, self._geom)
 
     def extreme(self, direction: FloatArray, width: float = 0.0) -> FloatArray:
-        """All extreme points along a unit vector, (k, 3); edges and faces within ``width`` rad of square to it whole."""
+        """All extreme points along a unit vector, (k, 3).
+
+        Edges and faces within ``width`` rad of perpendicular to the vector count with all their corners.
+        """
         local, size = self._rotation.T @ direction, self._size
         if self._kind == _SPHERE:
             points = size[0] * local[None]
@@ -65,24 +68,28 @@ class Shape:
         return np.asarray(self._position + points @ self._rotation.T)
 
     def cap(self, direction: FloatArray) -> tuple[FloatArray, FloatArray, float] | None:
-        """Centre, two axes across (2, 3) and radius in m of the cap that shows along a unit vector, if one does."""
+        """Centre, two axes in its plane (2, 3) and radius in m of the cap along a unit vector; None if there is none."""
         if not self.shows_cap(direction):
             return None
         axis, (radius, half) = self._rotation[:, 2], self._size[:2].tolist()
         return self._position + np.copysign(half, axis @ direction) * axis, self._rotation.T[:2], radius
 
     def shows_cap(self, direction: FloatArray) -> bool:
-        """Whether it is a cylinder that is seen along its axis."""
+        """Whether it is a cylinder and the unit vector is parallel to its axis."""
         if self._kind != _CYLINDER:
             return False
         x, y, _ = (self._rotation.T @ direction).tolist()
         return math.hypot(x, y) <= PARALLEL
 
     def rim_points(self, direction: FloatArray, places: FloatArray) -> FloatArray:
-        """Where the sides of a convex polygon, prolonged, meet the rim of the cap that shows, (m, 3), from its corners.
+        """Points at which the sides of a convex polygon, extended, cross the rim of the cap along a direction, (m, 3).
 
-        A corner within the rim lies between two such points, so within the hull of those few that stand for the rim, and
-        these; a single corner lies between the middle and the one that is found for it.
+        A corner within the rim lies between two such points, so the hull of these and of the fixed points of the rim
+        contains it. For a single corner the line from the centre through it is used.
+
+        Args:
+            direction: Unit vector along which the cap faces.
+            places: Corners of the polygon, (k, 3), m.
         """
         seen = hull(((places - self._position) @ self._rotation)[:, :2], merge=MERGED_M, straight=STRAIGHT)
         radius, z = float(self._size[0]), float(np.copysign(self._size[1], self._rotation[:, 2] @ direction))
@@ -92,7 +99,7 @@ class Shape:
         return np.asarray(self._position + rim @ self._rotation.T)
 
     def edges(self, direction: FloatArray, width: float) -> FloatArray:
-        """Directions of the straight edges within ``width`` rad of square to a unit vector, (k, 3); a face has several."""
+        """Directions of straight edges within ``width`` rad of perpendicular to a unit vector, (k, 3); a face has many."""
         local = self._rotation.T @ direction
         if self._kind in (_SPHERE, _ELLIPSOID):
             return np.empty((0, 3))
@@ -107,7 +114,7 @@ class Shape:
         return np.asarray(axes @ self._rotation.T)
 
     def hull_edges(self, direction: FloatArray, width: float) -> FloatArray:
-        """The same as :meth:`edges`, of a mesh each edge of its convex hull: of a face all that bound it, (k, 3)."""
+        """The same as :meth:`edges`, but for a mesh all edges of its convex hull, (k, 3); a face has all that bound it."""
         model, mesh = self._model, int(self._model.geom_dataid[self._geom])
         if self._kind != mujoco.mjtGeom.mjGEOM_MESH or not model.mesh_polynum[mesh]:
             return self.edges(direction, width)
@@ -134,7 +141,7 @@ class Shape:
         elif self._kind == _CYLINDER:
             radii = _cylinder_radii(self._size[0], local)
         else:
-            return np.zeros((3, 3))  # a polytope has corners
+            return np.zeros((3, 3))  # vertices and edges of a polytope
         return np.asarray(self._rotation @ radii @ self._rotation.T)
 
     def _mesh_points(self, local: FloatArray, width: float) -> FloatArray:
@@ -144,23 +151,24 @@ class Shape:
         return np.unique(vertices[heights >= heights.max() - reach], axis=0)
 
     def _vertices(self) -> FloatArray:
-        """Of a mesh, in its own axes, (n, 3)."""
+        """Vertices of the mesh in the axes of the geom, (n, 3)."""
         model, mesh = self._model, int(self._model.geom_dataid[self._geom])
         first = int(model.mesh_vertadr[mesh])
         return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(np.float64))
 
 
 def position_tolerance(model: Any, geom: int) -> float:
-    """How well the places of a geom's points are known, m: 0 but for meshes, whose vertices are in single precision."""
+    """Tolerance to which the points of a geom are known, m: 0 except for meshes, whose vertices are in single precision."""
     return MESH_PRECISION * float(model.geom_rbound[geom]) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH else 0.0
 
 
 def _ends(component: float, half: float, width: float) -> tuple[float, ...]:
-    """Extreme coordinate along one axis; both ends where the direction is square to it."""
+    """Extreme coordinate along one axis; both ends if the direction is perpendicular to it."""
     return (-half, half) if abs(component) <= width else (float(np.copysign(half, component)),)
 
 
 def _cylinder_points(local: FloatArray, radius: float, half: float, width: float) -> FloatArray:
+    """Extreme points of a cylinder, (k, 3): the fixed points of a cap, or one point of a rim, or both ends of the side."""
     radial = float(np.hypot(local[0], local[1]))
     if radial <= width:
         angles = 2.0 * np.pi * np.arange(_DISC_POINTS) / _DISC_POINTS
@@ -171,7 +179,7 @@ def _cylinder_points(local: FloatArray, radius: float, half: float, width: float
 
 
 def _on_circle(radius: float, one: FloatArray, other: FloatArray) -> list[FloatArray]:
-    """Where the line through two points, (2,), enters and leaves a circle about the origin; none where it passes it by."""
+    """Points at which the line through two points, (2,), crosses a circle around the origin; empty if it misses."""
     (x, y), (u, v) = one.tolist(), (other - one).tolist()
     square, half = u * u + v * v, x * u + y * v
     under = half * half - square * (x * x + y * y - radius * radius)
@@ -181,7 +189,7 @@ def _on_circle(radius: float, one: FloatArray, other: FloatArray) -> list[FloatA
 
 
 def _directions(points: FloatArray) -> FloatArray:
-    """Directions between a few points, those that differ; of many (a face of a fine mesh) the two that span them."""
+    """Directions between a few points; for many (a face of a fine mesh) two directions that span them."""
     spread = points[1:] - points[0]
     if len(spread) > 3:
         return np.asarray(np.linalg.svd(spread, full_matrices=False)[2][:2])
@@ -190,16 +198,16 @@ def _directions(points: FloatArray) -> FloatArray:
 
 
 def _ellipsoid_radii(size: FloatArray, local: FloatArray) -> FloatArray:
-    """Of h = |S n|, S the semi-axes."""
+    """Hessian of h = |S n| with the semi-axes S, in the axes of the geom."""
     squared = size**2
     reach = float(np.linalg.norm(size * local))
     return np.asarray((np.diag(squared) - np.outer(squared * local, squared * local) / reach**2) / reach)
 
 
 def _cylinder_radii(radius: float, local: FloatArray) -> FloatArray:
-    """Of h = r |(n_x, n_y)| + l |n_z|: round about the axis, and only there."""
+    """Hessian of h = r |(n_x, n_y)| + l |n_z|, in the axes of the geom: curved around the axis only."""
     radial = float(np.hypot(local[0], local[1]))
-    if radial <= _SINGULAR:
+    if radial <= _ON_AXIS:
         return np.zeros((3, 3))
     around = np.array([-local[1], local[0], 0.0]) / radial
     return np.asarray(radius / radial * np.outer(around, around))

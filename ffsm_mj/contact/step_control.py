@@ -1,4 +1,4 @@
-"""Steps that are cut into sub-steps where their error would be larger than the accuracy that is asked for."""
+"""Step-size control: steps are divided into sub-steps if their error would exceed the requested accuracy."""
 
 from __future__ import annotations
 
@@ -10,66 +10,66 @@ from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.dynamics.motion import Motion
 
 MOST_PARTS = 1024
-"""Into so many sub-steps a step is cut at most."""
+"""Largest number of sub-steps of a step."""
 _AT_ONCE = 8
-"""A trial is cut into so many sub-steps at most: its error is then up to 8^4 times its share, far above rounding."""
+"""Largest number of sub-steps of a trial: the error of the trial is up to 8^4 times theirs, far above rounding."""
 _ORDER = 4
-"""The error of a step over its duration falls with this power of the duration."""
+"""The error of a step over its duration is proportional to this power of the duration (RK4)."""
 _SAFETY = 1.5
-"""So much shorter than the power law says: a fifth of the error."""
+"""Sub-steps are shorter by this factor than the power law requires, which leaves a fifth of the error."""
 _COARSE = 1e-6
-"""An error over its scale above this is not in the range of the power law yet."""
+"""A relative error above this is outside the range of the power law."""
 _LOST, _SMALL = 1e-3, 1e-9
-"""An error over its scale, of the shortest trial, above the first is no motion that is followed at all; below the second the
-shortest sub-steps are made, for an instant such as that of a corner under load."""
+"""Relative errors of the shortest trial: above the first the motion is not resolved, and the run ends; below the second the
+shortest sub-steps are used, as for the time at which a corner under load is passed."""
 _MOST_COARSER = 32
-"""One trial is so much shorter than the one before at most: the next one measures again."""
+"""Largest factor by which a trial is shorter than the one before; the next one measures again."""
 _FALLS = 1.5
-"""What falls with a lower power of the duration than this is no truncation error: rounding, a leak, a jump of a force."""
+"""An error that falls with a lower power of the duration is not truncation: rounding, a leak, or a jump of a force."""
 
 
 class StepError(Protocol):
-    """Measures the error of a (sub-)step; see :class:`ffsm_mj.actuation.step_error.StepError`."""
+    """Measure of the error of a (sub-)step; see :class:`ffsm_mj.actuation.step_error.StepError`."""
 
     def begin(self, *, measured: bool) -> None:
-        """A step begins at the state in ``data``; it will be measured, or a bound may do."""
+        """Begin a step at the state in ``data``; its error will be measured, or a bound may suffice."""
 
     @property
     def is_measured(self) -> bool:
-        """Whether it can be measured."""
+        """Whether the error can be measured."""
 
     def bound(self, duration_s: float) -> float:
-        """An upper bound on the error where nothing but the efforts pushes, which costs little."""
+        """Upper bound on the error of a step without contact forces; cheap."""
 
     def relative(self, duration_s: float, bookings: Iterable[Exchange], *, carried: bool) -> float:
-        """The error of energy and momenta at the state in ``data`` over (1 + scale); infinite where it is no number."""
+        """Error of energy and momenta at the state in ``data`` over (1 + scale); infinite if not finite."""
 
 
 class StepLimitError(Exception):
-    """The motion asks for shorter steps than there are."""
+    """The motion requires shorter steps than step-size control allows."""
 
 
 class StepControl:
-    """Chooses sub-steps by trial: one long step is made, its error measured, and the step taken back.
+    """Chooses the length of sub-steps by a trial: one long step, whose error is measured and which is then undone.
 
-    The error of sub-steps follows from that by the power law of the integrator. Theirs alone would be below rounding.
+    The error of the sub-steps follows from that of the trial by the power law of the integrator; their own error would be
+    below rounding.
 
-    What is chosen follows from the state at the start of the step of the grid, or after the last event in it, the efforts
-    and how much of the step is left: nothing is remembered from step to step, so a log is replayed with the same sub-steps
-    from any of its samples.
+    The choice is a function of the state at the start of the time step, or after the last event in it, of the efforts and of
+    the remaining time. No information is kept from step to step, so a log replay makes the same sub-steps from any sample.
 
     Attributes:
-        steps: Sub-steps chosen so far, those that an event has cut short included.
-        smallest_s: The shortest that was chosen, infinite before any.
+        steps: Number of sub-steps so far, including those that an event has shortened.
+        smallest_s: Shortest sub-step chosen so far, s; infinite before the first.
     """
 
     def __init__(self, budget: float, step_s: float, error: StepError) -> None:
-        """Begin with a whole step.
+        """Start at the beginning of a time step.
 
         Args:
-            budget: Largest error over (1 + scale) of a step of the grid.
-            step_s: Duration of a step of the grid.
-            error: Measures.
+            budget: Largest error over (1 + scale) of a time step.
+            step_s: Time step, s.
+            error: Measure of the error.
         """
         self._rate, self._step_s, self._error = budget / step_s, step_s, error
         self._shortest_s = step_s * _AT_ONCE / MOST_PARTS
@@ -77,15 +77,15 @@ class StepControl:
         self.restart()
 
     def restart(self) -> None:
-        """Choose anew: an event has changed the state."""
+        """Discard the choice: an event has changed the state."""
         self._planned, self._planned_s, self._reach_s = 0, 0.0, math.inf
 
     def begin(self, left_s: float, *, pushed: bool) -> None:
-        """A sub-step begins at the state in ``data``.
+        """Begin a sub-step at the state in ``data``.
 
         Args:
-            left_s: So much of the step of the grid is left.
-            pushed: Contacts push, or may, in the step.
+            left_s: Remaining time of the time step, s.
+            pushed: Whether contacts exert forces in the step, or may.
         """
         if left_s >= self._step_s:
             self.restart()
@@ -95,23 +95,26 @@ class StepControl:
     def step(
         self, motion: Motion, left_s: float, most_s: float, exchanged: Callable[[float], Iterable[Exchange]]
     ) -> tuple[float, bool]:
-        """Integrate for the time chosen, ``most_s`` at most; says for how long, and whether nothing can have happened.
+        """Integrate one sub-step of the chosen length, at most ``most_s``.
 
         Args:
-            motion: What moves.
-            left_s: What is left of the step of the grid.
-            most_s: Where the next event is known to be; ``left_s`` otherwise.
-            exchanged: What contacts exchanged in a (sub-)step of this duration that has just been made.
+            motion: The current motion.
+            left_s: Remaining time of the time step, s.
+            most_s: Time until a known event, s; otherwise ``left_s``.
+            exchanged: Returns what contacts exchanged in the (sub-)step of a given duration that has just been made.
+
+        Returns:
+            Duration of the sub-step in s, and whether the motion bound excludes any event in it.
 
         Raises:
-            StepLimitError: The motion asks for sub-steps shorter than a step of the grid over MOST_PARTS.
+            StepLimitError: The motion requires sub-steps shorter than the time step over MOST_PARTS.
         """
         if not self._planned:
             clear = self._plan(motion, left_s, exchanged)
             if clear is not None and self._planned_s <= most_s:
                 return self._counted(), clear
             motion.path.move_to(0.0)
-        # The last one ends where the step of the grid does, to the bit.
+        # The last sub-step ends exactly at the end of the time step.
         ends = self._planned == 1 and self._planned_s >= left_s * (1.0 - 1e-9)
         self._planned_s = left_s if ends else self._planned_s
         duration_s = min(self._planned_s, most_s)
@@ -124,10 +127,11 @@ class StepControl:
         return self._planned_s
 
     def _plan(self, motion: Motion, left_s: float, exchanged: Callable[[float], Iterable[Exchange]]) -> bool | None:
-        """Choose the coming sub-steps by trials from the state in ``data``, which the last one leaves.
+        """Choose the next sub-steps by trials from the state in ``data``; the last trial is not undone.
 
         Returns:
-            None where it was longer than what is chosen; else whether nothing can have happened in it.
+            None if the last trial was longer than the sub-step chosen; otherwise the trial is the sub-step, and the value is
+            whether the motion bound excludes any event in it.
         """
         before: tuple[float, float] | None = None
         trial_s = left_s / math.ceil(left_s / self._reach_s) if self._reach_s < left_s else left_s
@@ -141,7 +145,7 @@ class StepControl:
                 continue
             error = self._error.relative(trial_s, exchanged(trial_s), carried=motion.carried is not None)
             rate = error / trial_s
-            if rate <= self._rate or not math.isfinite(error):  # what is not finite is for the caller to notice
+            if rate <= self._rate or not math.isfinite(error):  # the caller notices states that are not finite
                 return self._plan_one(trial_s, clear)
             parts = math.ceil(_SAFETY * (rate / self._rate) ** (1.0 / _ORDER))
             if parts <= _AT_ONCE and error <= _COARSE:
@@ -155,12 +159,12 @@ class StepControl:
             if trial_s <= self._shortest_s:
                 falls = before is not None and rate < before[1] * (trial_s / before[0]) ** _FALLS
                 if error > _LOST or (falls and error > _SMALL):
-                    raise StepLimitError(f"steps of {trial_s:.3g} s still miss the accuracy {rate / self._rate:.3g} times")
+                    raise StepLimitError(f"steps of {trial_s:.3g} s exceed the allowed error {rate / self._rate:.3g} times")
                 if falls:
                     self._planned, self._planned_s, self._reach_s = _AT_ONCE, trial_s / _AT_ONCE, trial_s
                     return None
-                # No step mends that, or what an event left of the step is as short: a whole one is as good, and the checks
-                # judge it.
+                # The error is not truncation, or an event left an equally short rest of the step: shorter steps do not help.
+                # One step over the rest is as good, and the checks evaluate it.
                 clear, motion.path.at_s = motion.step(left_s), left_s
                 return self._plan_one(left_s, clear)
             before = trial_s, rate
@@ -168,6 +172,6 @@ class StepControl:
             trial_s = max(trial_s / coarser, min(self._shortest_s, trial_s))
 
     def _plan_one(self, duration_s: float, clear: bool) -> bool:
-        """The trial itself is the step."""
+        """Make the trial itself the sub-step."""
         self._planned, self._planned_s = 1, duration_s
         return clear

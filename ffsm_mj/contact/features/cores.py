@@ -1,7 +1,7 @@
-"""What geoms are made of where they touch: a core (point, line, face, circle, ellipsoid) on a body, and a radius about it.
+"""Cores of contact features: a point, line, face, circle or ellipsoid fixed to a body, with a radius around it.
 
-A sphere is a point, a capsule's side a line, each with a radius; a box or a mesh has points, lines and faces with none. All
-lengths are in m and all vectors in the axes of the body, from its origin.
+A sphere is a point with a radius, the side of a capsule a line with a radius; boxes and meshes have points, lines and faces
+with radius 0. Lengths are in m; positions and directions are in body axes, relative to the origin of the body.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from ffsm_mj.contact.features.body_motion import Body, BodyMotion, Vector, cross
 
 @dataclass(frozen=True)
 class Point:
-    """A point: centre of a sphere or of a capsule's end, a vertex.
+    """A point: centre of a sphere or of the end of a capsule, or a vertex.
 
     Attributes:
-        name: What it is.
-        body: The body.
-        centre: Where it is.
-        radius: About it.
-        cone: Directions to its geom's other points: what lies towards one of them is nearer to another core, (k, 3).
+        name: Name of the feature.
+        body: Body that it is fixed to.
+        centre: Position.
+        radius: Radius around it.
+        cone: Unit directions to the other points of the geom, (k, 3): a point in one of these directions is nearer to
+            another core.
     """
 
     name: str
@@ -32,23 +33,23 @@ class Point:
     cone: FloatArray
 
     def inside(self, motion: BodyMotion, offset: Vector) -> float:
-        """How far something at an offset (world axes) is from being nearer to another core."""
+        """Margin in m by which a point at an offset (world axes) is nearest to this core rather than to another one."""
         return -float((self.cone @ motion.local(offset)).max()) if len(self.cone) else math.inf
 
 
 @dataclass(frozen=True)
 class Line:
-    """A straight line with ends: the side of a capsule or cylinder, an edge.
+    """A straight segment: the side of a capsule or cylinder, or an edge.
 
     Attributes:
-        name: What it is.
-        body: The body.
-        centre: Its middle.
+        name: Name of the feature.
+        body: Body that it is fixed to.
+        centre: Midpoint.
         direction: Unit vector along it.
         half: Half its length.
-        radius: About it.
-        wedge: Directions across it into the two faces that it bounds.
-        ends: The cores at its ends.
+        radius: Radius around it.
+        wedge: Unit vectors perpendicular to it into the two faces that it bounds.
+        ends: Cores at its ends.
     """
 
     name: str
@@ -61,12 +62,12 @@ class Line:
     ends: tuple[Point | Circle, ...]
 
     def foot(self, motion: BodyMotion, arm: Vector) -> tuple[Vector, Vector, Vector]:
-        """Arm of the nearest point to the point at an arm, direction there and minus the curvature vector; world axes."""
+        """Nearest point to a given one (arms), tangent there, and minus the curvature vector; world axes."""
         along, middle = motion.turned(self.direction), motion.turned(self.centre)
         return shifted(middle, dot(minus(arm, middle), along), along), along, _STRAIGHT
 
     def inside(self, motion: BodyMotion, foot: Vector, offset: Vector) -> float:
-        """How far the foot (its arm) is from the nearer end and what is at an offset from it from being over a face."""
+        """Margin in m of the foot (its arm) to the nearer end, and of a point at an offset from it to the faces."""
         along = minus(motion.local(foot), self.centre)
         least = self.half - abs(dot(along, self.direction))
         if self.wedge:
@@ -76,7 +77,7 @@ class Line:
         return least
 
     def aligned(self, normal: Vector) -> Line:
-        """The same, square to a normal (axes of the body)."""
+        """The line, made perpendicular to a normal (body axes)."""
         return replace(self, direction=unit(shifted(self.direction, -dot(self.direction, normal), normal)))
 
 
@@ -85,15 +86,16 @@ _STRAIGHT = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Face:
-    """A plane with bounds: a polygon, or a disc.
+    """A bounded plane: a polygon or a disc.
 
     Attributes:
-        name: What it is.
-        body: The body.
-        centre: A point of it, the middle of a disc.
-        normal: Unit normal, outwards.
-        sides: Of a polygon: unit vector inwards across each side, and where that side is along it.
+        name: Name of the feature.
+        body: Body that it is fixed to.
+        centre: A point in the plane; the centre of a disc.
+        normal: Outward unit normal.
+        sides: Sides of a polygon: inward unit vector perpendicular to the side, and the position of the side along it.
         disc: Radius of a disc; 0 for a polygon.
+        radius: Radius around it, 0.
     """
 
     name: str
@@ -105,7 +107,7 @@ class Face:
     radius: float = 0.0
 
     def inside(self, point: Vector) -> float:
-        """How far the foot of a point (axes of the body) is inside the nearest side."""
+        """Distance in m by which the projection of a point (body axes) is inside the nearest side."""
         if self.disc > 0.0:
             offset = minus(point, self.centre)
             return self.disc - math.hypot(*shifted(offset, -dot(offset, self.normal), self.normal))
@@ -113,21 +115,22 @@ class Face:
         return min([p * x + q * y + r * z - side for (p, q, r), side in self.sides], default=math.inf)
 
     def aligned(self, normal: Vector) -> Face:
-        """The same with another normal (axes of the body)."""
+        """The face with another normal (body axes)."""
         return replace(self, normal=normal)
 
 
 @dataclass(frozen=True)
 class Circle:
-    """The rim of a cylinder's face.
+    """The rim of a cap of a cylinder.
 
     Attributes:
-        name: What it is.
-        body: The body.
-        centre: Middle of the circle.
-        axis: Unit vector outwards along the cylinder.
-        start: Unit vector across the axis from which angles count: towards the contact at the beginning.
+        name: Name of the feature.
+        body: Body that it is fixed to.
+        centre: Centre of the circle.
+        axis: Unit vector along the axis of the cylinder, outwards.
+        start: Unit vector perpendicular to the axis, towards the initial contact point: angle 0.
         size: Radius of the circle.
+        radius: Radius around it, 0.
     """
 
     name: str
@@ -139,25 +142,25 @@ class Circle:
     radius: float = 0.0
 
     def foot(self, motion: BodyMotion, arm: Vector) -> tuple[Vector, Vector, Vector]:
-        """Arm of the nearest point to the point at an arm, direction there and minus the curvature vector; world axes."""
+        """Nearest point to a given one (arms), tangent there, and minus the curvature vector; world axes."""
         axis, middle = motion.turned(self.axis), motion.turned(self.centre)
         offset = minus(arm, middle)
         outward = unit(shifted(offset, -dot(offset, axis), axis))
         return shifted(middle, self.size, outward), cross(axis, outward), scaled(1.0 / self.size, outward)
 
     def inside(self, motion: BodyMotion, foot: Vector, offset: Vector) -> float:
-        """How far what is at an offset from the foot (its arm) is from being over the face or beside the side."""
+        """Margin in m by which a point at an offset from the foot (its arm) is nearest to the rim, not to cap or side."""
         axis, outward = motion.turned(self.axis), minus(foot, motion.turned(self.centre))
         return min(dot(offset, axis), dot(offset, outward) / self.size)
 
     def extreme(self, motion: BodyMotion, direction: Vector) -> Vector:
-        """Arm of the extreme point along a direction; world axes."""
+        """Arm of the extreme point along a direction, world axes."""
         axis = motion.turned(self.axis)
         outward = unit(shifted(direction, -dot(direction, axis), axis))
         return shifted(motion.turned(self.centre), self.size, outward)
 
     def extreme_rate(self, motion: BodyMotion, direction: Vector, vector: Vector) -> Vector:
-        """How the extreme point along a unit direction moves when that turns by a vector; world axes."""
+        """Rate of the extreme point along a unit direction that turns at the rate ``vector``, world axes."""
         axis = motion.turned(self.axis)
         across = shifted(direction, -dot(direction, axis), axis)
         radial = math.hypot(*across)
@@ -167,14 +170,15 @@ class Circle:
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """All of an ellipsoid.
+    """A whole ellipsoid.
 
     Attributes:
-        name: What it is.
-        body: The body.
-        centre: Its centre.
-        axes: Unit vectors along its axes.
-        squares: Squares of its semi-axes.
+        name: Name of the feature.
+        body: Body that it is fixed to.
+        centre: Centre.
+        axes: Unit vectors along the principal axes.
+        squares: Squares of the semi-axes.
+        radius: Radius around it, 0.
     """
 
     name: str
@@ -185,13 +189,13 @@ class Ellipsoid:
     radius: float = 0.0
 
     def extreme(self, motion: BodyMotion, direction: Vector) -> Vector:
-        """Arm of the extreme point along a unit direction; world axes."""
+        """Arm of the extreme point along a unit direction, world axes."""
         squared = self._squared(motion.local(direction))
         reach = math.sqrt(dot(squared, motion.local(direction)))
         return motion.turned(shifted(self.centre, 1.0 / reach, squared))
 
     def extreme_rate(self, motion: BodyMotion, direction: Vector, vector: Vector) -> Vector:
-        """How the extreme point along a unit direction moves when that turns by a vector; world axes."""
+        """Rate of the extreme point along a unit direction that turns at the rate ``vector``, world axes."""
         local, turn = motion.local(direction), motion.local(vector)
         squared = self._squared(local)
         reach_squared = dot(squared, local)
@@ -199,7 +203,7 @@ class Ellipsoid:
         return motion.turned(scaled(1.0 / math.sqrt(reach_squared), moved))
 
     def _squared(self, vector: Vector) -> Vector:
-        """The squares of the semi-axes as a matrix, times a vector."""
+        """Product of the matrix with the squares of the semi-axes as eigenvalues and a vector."""
         total = _STRAIGHT
         for axis, square in zip(self.axes, self.squares, strict=True):
             total = shifted(total, square * dot(axis, vector), axis)

@@ -1,4 +1,4 @@
-"""State of a contact feature: gap, rate, normal, contact points and curvature terms."""
+"""Gap functions of contact features, and their states: gap, rate, normal, contact points and curvature terms."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Feature(Protocol):
 
 
 class GapFunction:
-    """Base of all features: a pair of cores, the first of which may belong to a or b.
+    """Base of all gap functions: a pair of cores, the first of which may belong to geom a or b.
 
     Attributes:
         name: The two features in contact.

@@ -1,8 +1,8 @@
-"""Gap functions of points, lines, circles and planes: each frozen, with all of its second rate in closed form.
+"""Gap functions of points, lines, circles and planes, with their second rates in closed form.
 
-With w the velocity of the second's material point against the first's, n the normal from the first to the second, n' its
-rate, omega the angular velocity of the body that a line or plane is fixed to and s the speed at which a contact point slides
-along a direction d of its body, gap' = n . w and
+The cores of a gap function do not change while it is in use. Let w be the velocity of the material point of the second core
+relative to that of the first, n the normal from the first to the second, n' its rate, omega the angular velocity of a body,
+and s the speed at which a contact point slides along a direction d fixed to its body. Then gap' = n . w and
 
     gap'' = n . (a_second - a_first) + n' . w + n . (omega_second x s_second d_second) - n . (omega_first x s_first d_first)
 """
@@ -18,21 +18,21 @@ from ffsm_mj.contact.features.gap_function import FeatureState, GapFunction
 from ffsm_mj.tolerances import NEWTON_STEP
 
 _TURNS = 30
-"""Newton's steps for the angle on a circle, in rad: each leaves about its square."""
+"""Largest number of Newton steps for the angle on a circle; a few suffice from the last angle."""
 
 
 class PointOnFace(GapFunction):
-    """A point over a plane: both material points are at the point itself."""
+    """Gap of a point over a plane; both material points are at the point."""
 
     def __init__(self, name: str, swapped: bool, face: Face, point: Point) -> None:
-        """Freeze them."""
+        """Store the cores."""
         super().__init__(name, swapped, face.radius, point.radius)
         self._face, self._point = face, point
         self._face_body, self._point_body = face.body, point.body
         self._level = dot(face.normal, face.centre)
 
     def at(self, data: Any) -> FeatureState:
-        """The normal is fixed to the face's body: n' = omega x n."""
+        """Evaluate the gap: the normal is fixed to the body of the face, so n' = omega x n."""
         face, first, second = self._face, self._face_body.motion(data), self._point_body.motion(data)
         arm = second.turned(self._point.centre)
         point = shifted(second.origin, 1.0, arm)
@@ -46,15 +46,15 @@ class PointOnFace(GapFunction):
 
 
 class PointOnPoint(GapFunction):
-    """Two points at a distance."""
+    """Distance of two points."""
 
     def __init__(self, name: str, swapped: bool, first: Point, second: Point) -> None:
-        """Freeze them."""
+        """Store the cores."""
         super().__init__(name, swapped, first.radius, second.radius)
         self._first, self._second = first, second
 
     def at(self, data: Any) -> FeatureState:
-        """The line between them turns with what of w is across it."""
+        """Evaluate the gap: the line between the points turns with the part of w perpendicular to it."""
         first, second = self._first.body.motion(data), self._second.body.motion(data)
         arm, other_arm = first.turned(self._first.centre), second.turned(self._second.centre)
         here, there = shifted(first.origin, 1.0, arm), shifted(second.origin, 1.0, other_arm)
@@ -69,15 +69,15 @@ class PointOnPoint(GapFunction):
 
 
 class PointOnCurve(GapFunction):
-    """A point at a distance from a line or circle, on which its foot slides."""
+    """Distance of a point from a line or circle, on which its foot slides."""
 
     def __init__(self, name: str, swapped: bool, curve: Curve, point: Point) -> None:
-        """Freeze them."""
+        """Store the cores."""
         super().__init__(name, swapped, curve.radius, point.radius)
         self._curve, self._point = curve, point
 
     def at(self, data: Any) -> FeatureState:
-        """From n . d = 0 and the foot's curvature: n' . d = s (n . outward) - n . (omega x d)."""
+        """Evaluate the gap: n . d = 0 and the curvature at the foot give n' . d = s (n . outward) - n . (omega x d)."""
         curve, first, second = self._curve, self._curve.body.motion(data), self._point.body.motion(data)
         arm = second.turned(self._point.centre)
         point = shifted(second.origin, 1.0, arm)
@@ -103,21 +103,21 @@ class PointOnCurve(GapFunction):
 
 
 class LineOnCurve(GapFunction):
-    """A line across another, or across a circle: the normal is square to both."""
+    """Gap of two crossing lines, or of a line and a circle; the normal is perpendicular to both."""
 
     def __init__(self, name: str, swapped: bool, curve: Curve, line: Line, sense: float) -> None:
-        """Freeze them; ``sense`` is the sign of the normal along (direction of the curve) x (direction of the line)."""
+        """Store the cores; ``sense`` is the sign of the normal along (direction of the curve) x (direction of the line)."""
         super().__init__(name, swapped, curve.radius, line.radius)
         self._curve, self._line, self._sense = curve, line, sense
         self._angle = 0.0
 
     def at(self, data: Any) -> FeatureState:
-        """Both n . d stay 0, which gives n'; the slides follow from the contact points staying opposite each other."""
+        """Evaluate the gap: n . d = 0 for both directions gives n', and opposite contact points give the slides."""
         curve, line = self._curve, self._line
         first, second = curve.body.motion(data), line.body.motion(data)
         d, middle = second.turned(line.direction), shifted(second.origin, 1.0, second.turned(line.centre))
         if isinstance(curve, Circle):
-            arm, c, outward = self._meet(curve, first, minus(middle, first.origin), d)
+            arm, c, outward = self._contact_on_circle(curve, first, minus(middle, first.origin), d)
         else:
             arm, c, outward = first.turned(curve.centre), first.turned(curve.direction), (0.0, 0.0, 0.0)
         product = cross(c, d)
@@ -147,8 +147,13 @@ class LineOnCurve(GapFunction):
             inside = min(inside, curve.half - abs(sideways))
         return self._state(gap, dot(normal, w), normal, (here, there), terms, inside)
 
-    def _meet(self, circle: Circle, motion: BodyMotion, middle: Vector, d: Vector) -> tuple[Vector, Vector, Vector]:
-        """Where the circle's direction is square to its offset from the line: by Newton's method, from the last angle."""
+    def _contact_on_circle(
+        self, circle: Circle, motion: BodyMotion, middle: Vector, d: Vector
+    ) -> tuple[Vector, Vector, Vector]:
+        """Contact point on the circle, tangent there, and minus the curvature.
+
+        The tangent is perpendicular to the offset from the line; Newton's method starts from the last angle.
+        """
         axis, x, centre = motion.turned(circle.axis), motion.turned(circle.start), motion.turned(circle.centre)
         y = cross(axis, x)
         for _ in range(_TURNS):

@@ -1,4 +1,4 @@
-"""Outlines of what is made of points, lines and faces: spheres, capsules, boxes and meshes."""
+"""Outlines of spheres, capsules, boxes and meshes: polytopes with a radius around them."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _NAMES = {_SPHERE: "sphere", _CAPSULE: "end"}
 
 
 class PolytopeOutline(Outline):
-    """Of a polytope with a radius about it."""
+    """Outline of a polytope with a radius around it."""
 
     def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray) -> None:
-        """Look at a geom along a unit vector that points out of it; positions and velocities in ``data`` current."""
+        """Find the features; see :class:`Outline`."""
         super().__init__(model, data, geom, outward)
         self._model, self._geom, self._kind = model, geom, int(model.geom_type[geom])
         self._name = _NAMES.get(self._kind, "vertex")
@@ -39,7 +39,7 @@ class PolytopeOutline(Outline):
         self.flat = len(self._corners) > 2
 
     def _ordered(self, points: FloatArray) -> FloatArray:
-        """The corners of what points span across the normal, in order around it."""
+        """Corners of the convex hull of points in the plane across the normal, in order around it."""
         if len(points) < 3:
             return points
         u = np.linalg.svd(self._outward[None])[2][1]
@@ -48,15 +48,15 @@ class PolytopeOutline(Outline):
         return np.asarray(points[[int(np.argmin(np.abs(flat - corner).sum(axis=1))) for corner in corners]])
 
     def points(self) -> list[Core]:
-        """Its corners."""
+        """Corners, without bounds."""
         return [self._point(corner, _NO_CONE) for corner in self._corners]
 
     def tips(self) -> list[Core]:
-        """Its corners, bounded by all other points of the geom."""
+        """Corners, bounded by the directions to all other points of the geom."""
         return [self._point(corner, self._towards(self._all() - corner)) for corner in self._corners]
 
     def edges(self, *, bounded: bool) -> Iterator[Line]:
-        """The one between two corners, or those around a face."""
+        """The edge between two corners, or the edges around a face."""
         count = len(self._corners)
         for k in range(count if count > 2 else count - 1):
             yield self._line(self._corners[k], self._corners[(k + 1) % count], bounded)
@@ -74,7 +74,7 @@ class PolytopeOutline(Outline):
         return Face("face", self._body, self._place(corners.mean(axis=0)), self._turned(normal), tuple(sides))
 
     def _normal(self) -> FloatArray:
-        """Of a box its axis, of a mesh that of the plane that is nearest to its corners."""
+        """Normal of the face: for a box its axis, for a mesh the normal of the plane fitted to the corners."""
         if self._kind == _BOX:
             axis = self._rotation[:, int(np.argmax(np.abs(self._outward @ self._rotation)))]
         else:
@@ -85,7 +85,7 @@ class PolytopeOutline(Outline):
         return Point(self._name, self._body, self._place(point), self._radius, cone)
 
     def _towards(self, offsets: FloatArray) -> FloatArray:
-        """Unit directions in the body's axes, (k, 3)."""
+        """Unit vectors along offsets, body axes, (k, 3)."""
         lengths = np.linalg.norm(offsets, axis=1)
         kept = lengths > MERGED_M
         rotation = np.array(self._motion.axes).reshape(3, 3)
@@ -101,7 +101,7 @@ class PolytopeOutline(Outline):
         return Line(name, self._body, centre, self._turned(span / length), 0.5 * length, self._radius, wedge, ends)
 
     def _wedge(self, start: FloatArray, direction: FloatArray) -> tuple[Vector, ...]:
-        """Directions across an edge into its two faces: the outermost of those to all other points."""
+        """Unit vectors perpendicular to an edge into its two faces: the outermost directions to all other points."""
         across = self._all() - start
         across -= np.outer(across @ direction, direction)
         lengths = np.linalg.norm(across, axis=1)
@@ -109,12 +109,13 @@ class PolytopeOutline(Outline):
         if not kept.any():
             return ()
         across = across[kept] / lengths[kept, None]
+        # All points of a convex body lie within the angle between the faces: measured from the mean, they need no wrapping.
         middle = across.mean(axis=0)
         turned = np.arctan2(across @ np.cross(direction, middle), across @ middle)
         return self._turned(across[np.argmin(turned)]), self._turned(across[np.argmax(turned)])
 
     def _all(self) -> FloatArray:
-        """All points of a polytope, both of a capsule's axis, (n, 3) in the world."""
+        """All points of the polytope (for a capsule both ends of its axis) in the world, (n, 3)."""
         model, size = self._model, self._size
         if self._kind == _BOX:
             local = _SIGNS * size

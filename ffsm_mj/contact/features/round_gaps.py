@@ -1,6 +1,7 @@
-"""Gap functions of what is curved: a rim or an ellipsoid over a plane, an ellipsoid against a point or a line; frozen.
+"""Gap functions of round cores: a rim or an ellipsoid over a plane, an ellipsoid against a point or a line.
 
-With the radii of curvature K at the extreme point along n, that point slides over its surface at K (n' - omega x n).
+With the radii of curvature K at the extreme point along n, that point slides over its surface at K (n' - omega x n). For the
+notation see :mod:`.point_line_gaps`.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from ffsm_mj.contact.features.gap_function import FeatureState, GapFunction
 from ffsm_mj.tolerances import NEWTON_STEP
 
 _TURNS = 100
-"""Newton's steps, as a share: each leaves about its square."""
+"""Largest number of Newton steps for the closest point."""
 
 
 class RoundOnFace(GapFunction):
-    """The extreme point of a rim or an ellipsoid over a plane."""
+    """Gap of the extreme point of a rim or an ellipsoid over a plane."""
 
     def __init__(self, name: str, swapped: bool, face: Face, extreme: Circle | Ellipsoid) -> None:
-        """Freeze them."""
+        """Store the cores."""
         super().__init__(name, swapped, face.radius, extreme.radius)
         self._face, self._round = face, extreme
 
@@ -35,7 +36,7 @@ class RoundOnFace(GapFunction):
         return shifted(normal, -dot(normal, core.axis), core.axis)
 
     def at(self, data: Any) -> FeatureState:
-        """With t = (omega_plane - omega_round) x n, the gap's second rate has 2 (omega_plane x n) . w - t . K t."""
+        """Evaluate the gap: with t = (omega_plane - omega_round) x n, gap'' contains 2 (omega_plane x n) . w - t . K t."""
         face, core = self._face, self._round
         first, second = face.body.motion(data), core.body.motion(data)
         normal = first.turned(face.normal)
@@ -52,15 +53,15 @@ class RoundOnFace(GapFunction):
 
 
 class OnEllipsoid(GapFunction):
-    """A point or a line against an ellipsoid: the nearest point by Newton's method in one unknown."""
+    """Gap of a point or a line against an ellipsoid; the closest point by Newton's method in one unknown."""
 
     def __init__(self, name: str, swapped: bool, ellipsoid: Ellipsoid, other: Point | Line) -> None:
-        """Freeze them."""
+        """Store the cores."""
         super().__init__(name, swapped, ellipsoid.radius, other.radius)
         self._ellipsoid, self._other = ellipsoid, other
 
     def at(self, data: Any) -> FeatureState:
-        """The normal turns so that n . d stays 0 along a line, and across it so that the contact points stay opposite."""
+        """Evaluate the gap: n . d = 0 along a line, and opposite contact points across it, give the rate of the normal."""
         core, other = self._ellipsoid, self._other
         first, second = core.body.motion(data), other.body.motion(data)
         arm = second.turned(other.centre)
@@ -77,7 +78,8 @@ class OnEllipsoid(GapFunction):
         terms = [dot(turning, w), -dot(normal, cross(first.omega, slide))]
         if direction is not None:
             terms.append(turn * dot(direction, shifted(minus(slide, w), gap, turning)))
-        # A sharp vertex or edge touches the surface itself: its bounds are told by the normal, over the ellipsoid's size.
+        # A sharp vertex or edge in contact is at the surface, so an offset to it has no direction: the bounds are evaluated
+        # with an offset along the normal, of the size of the ellipsoid.
         offset = scaled(-gap - math.sqrt(min(core.squares)), normal)
         if isinstance(other, Point):
             inside = other.inside(second, offset)
@@ -86,22 +88,24 @@ class OnEllipsoid(GapFunction):
         return self._state(gap, dot(normal, w), normal, (here, there), terms, inside)
 
     def _normal(self, motion: BodyMotion, anchor: Vector, direction: Vector | None) -> Vector:
-        """Outward normal of the ellipsoid towards a point, or towards a line: seen along it the ellipsoid is an ellipse."""
+        """Outward normal of the ellipsoid towards a point, or towards a line, along which its projection is an ellipse."""
         core = self._ellipsoid
         axes = [motion.turned(axis) for axis in core.axes]
         offset = minus(anchor, shifted(motion.origin, 1.0, motion.turned(core.centre)))
-        seen = list(zip(axes, core.squares, strict=True)) if direction is None else _ellipse(axes, core.squares, direction)
-        places = [dot(axis, offset) for axis, _ in seen]
-        root = _root([square for _, square in seen], places)
+        projected = (
+            list(zip(axes, core.squares, strict=True)) if direction is None else _ellipse(axes, core.squares, direction)
+        )
+        places = [dot(axis, offset) for axis, _ in projected]
+        root = _root([square for _, square in projected], places)
         normal = (0.0, 0.0, 0.0)
-        for (axis, square), place in zip(seen, places, strict=True):
+        for (axis, square), place in zip(projected, places, strict=True):
             normal = shifted(normal, place / (square + root), axis)
         return unit(normal)
 
     def _turning(
         self, first: BodyMotion, normal: Vector, direction: Vector | None, turn: float, gap: float, w: Vector
     ) -> tuple[Vector, Vector]:
-        """Rate of the normal, and how the contact point slides over the ellipsoid."""
+        """Rate of the normal, and velocity of the contact point over the ellipsoid."""
         core, own = self._ellipsoid, cross(first.omega, normal)
         fixed = (0.0, 0.0, 0.0) if direction is None else scaled(-turn, direction)
         one = cross(normal, direction or _across(normal))
@@ -121,13 +125,13 @@ class OnEllipsoid(GapFunction):
 
 
 def _across(vector: Vector) -> Vector:
-    """A unit vector square to a unit vector."""
+    """A unit vector perpendicular to a unit vector."""
     x, y, z = vector
     return unit((0.0, z, -y) if abs(x) < 0.6 else (-z, 0.0, x))
 
 
 def _ellipse(axes: Sequence[Vector], squares: Vector, direction: Vector) -> list[tuple[Vector, float]]:
-    """Axes of an ellipsoid as it is seen along a unit vector, and the squares of its semi-axes along them."""
+    """Axes of the projection of an ellipsoid along a unit vector, and the squares of its semi-axes."""
     x = _across(direction)
     y = cross(direction, x)
     xx, yy, xy = (
@@ -141,7 +145,10 @@ def _ellipse(axes: Sequence[Vector], squares: Vector, direction: Vector) -> list
 
 
 def _root(squares: Sequence[float], places: Sequence[float]) -> float:
-    """The l > -min(squares) with sum of squares places^2 / (squares + l)^2 = 1: convex there, Newton's method is safe."""
+    """Root l > -min(squares) of sum of squares * places^2 / (squares + l)^2 = 1, by Newton's method.
+
+    The sum is convex and decreasing there, so Newton's method converges.
+    """
     root, least = 0.0, NEWTON_STEP * max(squares)
     for _ in range(_TURNS):
         value, slope = -1.0, 0.0

@@ -1,4 +1,4 @@
-"""Outlines of what is round: cylinders and ellipsoids."""
+"""Outlines of cylinders and ellipsoids."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from ffsm_mj.tolerances import PARALLEL
 
 
 class EllipsoidOutline(Outline):
-    """Of an ellipsoid: the same all around."""
+    """Outline of an ellipsoid, the same along any direction."""
 
     def tips(self) -> list[Core]:
-        """The whole of it."""
+        """The ellipsoid."""
         (a, b, c), (x, y, z) = self._size, (self._turned(axis) for axis in self._rotation.T)
         return [Ellipsoid("ellipsoid", self._body, self._place(self._position), (x, y, z), (a * a, b * b, c * c))]
 
@@ -31,10 +31,10 @@ class EllipsoidOutline(Outline):
 
 
 class CylinderOutline(Outline):
-    """Of a cylinder: its side, a cap, or the rim between them."""
+    """Outline of a cylinder: its side, a cap, or the rim between them."""
 
     def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray) -> None:
-        """Look at a geom along a unit vector that points out of it; positions and velocities in ``data`` current."""
+        """Find the features; see :class:`Outline`."""
         super().__init__(model, data, geom, outward)
         axis: FloatArray = self._rotation[:, 2]
         up = float(outward @ axis)
@@ -47,20 +47,20 @@ class CylinderOutline(Outline):
         self._rim_points = Shape(model, data, geom).extreme(outward, PARALLEL) if self.flat else None
 
     def points(self) -> list[Core]:
-        """The rims, or points around that of a cap."""
+        """The rims, or points of the rim of a cap."""
         if self._rim_points is None:
             return self.tips()
         none = np.empty((0, 3))
         return [Point("rim", self._body, self._place(point), 0.0, none) for point in self._rim_points]
 
     def tips(self) -> list[Core]:
-        """The rim, or those of both ends of the side."""
+        """The rim, or the rims at both ends of the side; none for a cap."""
         if self.flat:
             return []
         return [*self._rims()] if self._side else [self._rim(self._axis)]
 
     def edges(self, *, bounded: bool) -> Iterator[Line]:  # noqa: ARG002
-        """The side: its axis with the radius about it."""
+        """The side: the axis with the radius around it."""
         if self._side:
             centre, axis = self._place(self._position), self._turned(self._axis)
             yield Line("side", self._body, centre, axis, self._half, self._radius, (), self._rims())
@@ -79,7 +79,7 @@ class CylinderOutline(Outline):
         return Face("cap", self._body, centre, self._turned(self._axis), (), self._radius)
 
     def crossings(self, circle: Circle, centre: Vector, direction: Vector) -> Iterator[Circle]:
-        """A circle from where a line (world) enters and leaves it, seen along its axis; nothing where it passes it by."""
+        """Copies of a circle with angle 0 where a line (world axes) crosses it in projection; none if it misses."""
         axis = self._motion.turned(circle.axis)
         offset = minus(centre, self.centre(circle))
         offset = shifted(offset, -dot(offset, axis), axis)

@@ -70,7 +70,7 @@ def _outline(model: Any, data: Any, geom: int, outward: FloatArray) -> Outline:
 
 
 class _Search:
-    """Finds the pairs of cores of two outlines that touch at one state."""
+    """Finds the pairs of cores of two outlines that are in contact at one state."""
 
     def __init__(self, a: Outline, b: Outline, data: Any, near: Proximity) -> None:
         self._a, self._b, self._data, self._near = a, b, data, near
@@ -86,12 +86,12 @@ class _Search:
             return []
         found = self._touching((core, face_b) for core in a.points() if face_b is not None)
         found += self._touching((face_a, core) for core in b.points() if face_a is not None)
-        corners = [held.point for _, held in found]
-        crossings = self._touching(self._crossing())
+        corners = [state.point for _, state in found]
+        crossings = self._touching(self._crossing_curves())
         found += [
-            (feature, held)
-            for feature, held in crossings
-            if all(math.dist(held.point, corner) > 0.5 * FEATURE_BOUND_M for corner in corners)
+            (feature, state)
+            for feature, state in crossings
+            if all(math.dist(state.point, corner) > 0.5 * FEATURE_BOUND_M for corner in corners)
         ]
         return [feature for feature, _ in found]
 
@@ -100,7 +100,7 @@ class _Search:
         found = []
         for one in self._a.edges(bounded=True):
             for other in self._b.edges(bounded=True):
-                if self._parallel(one, other):
+                if self._are_parallel(one, other):
                     found += self._touching((one, end) for end in other.ends)
                     found += self._touching((end, other) for end in one.ends)
                 else:
@@ -117,7 +117,7 @@ class _Search:
         """The corner in contact with a corner, if there is one."""
         return _most_inside(self._touching((one, other) for one in self._a.tips() for other in self._b.tips()))
 
-    def _crossing(self) -> Iterator[tuple[Core, Core]]:
+    def _crossing_curves(self) -> Iterator[tuple[Core, Core]]:
         """Lines that are not parallel, and the places where lines enter and leave a rim."""
         a, b = self._a, self._b
         others = list(b.curves(bounded=False))
@@ -127,29 +127,29 @@ class _Search:
                     yield from ((circle, other) for circle in a.crossings(one, b.centre(other), b.direction(other)))
                 elif isinstance(one, Line) and isinstance(other, Circle):
                     yield from ((one, circle) for circle in b.crossings(other, a.centre(one), a.direction(one)))
-                elif not self._parallel(one, other):
+                elif not self._are_parallel(one, other):
                     yield one, other
 
-    def _parallel(self, one: Curve, other: Curve) -> bool:
+    def _are_parallel(self, one: Curve, other: Curve) -> bool:
         return math.hypot(*cross(self._a.direction(one), self._b.direction(other))) <= PARALLEL
 
     def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[GapFunction, FeatureState]]:
-        """Features of those pairs of cores, of a and of b, that touch."""
+        """Features of those pairs of cores, of a and of b, that are in contact, with their states."""
         found = []
         for one, other in cores:
-            if isinstance(one, Line | Circle) and isinstance(other, Line | Circle) and self._parallel(one, other):
+            if isinstance(one, Line | Circle) and isinstance(other, Line | Circle) and self._are_parallel(one, other):
                 continue
             feature = gap_function(one, other, self._sense(one, other))
             if feature is None:
                 continue
-            held = feature.at(self._data)
-            if held.inside < -0.5 * FEATURE_BOUND_M or not self._closed(held.gap):
+            state = feature.at(self._data)
+            if state.inside < -0.5 * FEATURE_BOUND_M or not self._is_closed(state.gap):
                 continue
-            aligned = self._aligned(one, other, held.gap)
-            found.append((aligned or feature, held))
+            aligned = self._aligned(one, other, state.gap)
+            found.append((aligned or feature, state))
         return found
 
-    def _closed(self, gap: float) -> bool:
+    def _is_closed(self, gap: float) -> bool:
         near = self._near
         if self._position_tolerance > 0.0:
             return abs(gap - near.gap) <= self._position_tolerance + CONTACT_GAP_M
