@@ -1,1 +1,1 @@
-"""Where a run goes while it runs: sinks for memory, MCAP and Rerun behind one recorder, and the reader of the MCAP."""
+"""Recording and reading of runs: sinks for memory, MCAP and Rerun behind one recorder, the MCAP reader, run folders."""

@@ -1,7 +1,4 @@
-"""What viewers draw: the visible geoms as shapes fixed to their bodies, and the poses of the bodies frame by frame.
-
-Nothing here depends on a viewer; quaternions are wxyz.
-"""
+"""Shapes of the visible geoms, fixed to their bodies, and poses of the bodies by frame, for any viewer; quaternions wxyz."""
 
 from __future__ import annotations
 
@@ -27,31 +24,31 @@ _KINDS = {
     mujoco.mjtGeom.mjGEOM_PLANE: "box",
 }
 _NO_COLOUR = (0.5, 0.5, 0.5, 1.0)
-"""What MuJoCo gives a geom whose model says nothing."""
-_OF_BODIES = ("#4E79A7", "#F28E2B", "#59A14F", "#B07AA1", "#9C755F", "#76B7B2", "#E15759", "#EDC948")
-"""Colours of bodies in turn whose geoms have none."""
+"""MuJoCo's default colour of a geom."""
+_BODY_COLOURS = ("#4E79A7", "#F28E2B", "#59A14F", "#B07AA1", "#9C755F", "#76B7B2", "#E15759", "#EDC948")
+"""Colours in turn of bodies whose geoms have the default colour."""
 _PLANE_M, _THICK_M = 10.0, 1e-3
-"""Half width of a plane that has no end, and half thickness of any, as drawn."""
-# MuJoCo's own viewer draws groups 0 to 2; contact-only geoms live in higher ones.
+"""Drawn half width of an infinite plane, and half thickness of any plane."""
+# MuJoCo's viewer draws groups 0 to 2; geoms that are only for contact have higher groups.
 _DRAWN_GROUPS = 3
 _MOST_VERTICES = 2_000_000
-"""Corners of meshes that are drawn; a mesh beyond them is drawn as the box around it, each geom for itself."""
+"""Greatest number of triangle corners of all drawn meshes; meshes beyond it are drawn as their bounding boxes."""
 
 
 @dataclass(frozen=True)
 class DrawnShape:
-    """A drawn geom.
+    """The shape of a drawn geom.
 
     Attributes:
         name: The geom's name without its prefix.
-        body: Id of the body it is fixed to; 0 is the world.
+        body: Id of its body; 0 is the world.
         kind: ``box``, ``ellipsoid``, ``cylinder``, ``capsule`` or ``mesh``.
         size: Half sizes (box, ellipsoid), or radius and half length (cylinder, capsule; the latter without its caps), m.
-        position: Its centre in the frame of the body, (3,), m.
-        quaternion: Its orientation in the frame of the body, (4,).
-        rgba: Colour, each from 0 to 1.
-        vertices: Of a mesh, in the frame of the geom, (n, 3), m.
-        triangles: Of a mesh, (m, 3).
+        position: Centre in the frame of the body, (3,), m.
+        quaternion: Orientation in the frame of the body, (4,).
+        rgba: Red, green, blue and opacity, each from 0 to 1.
+        vertices: Vertices of a mesh in the frame of the geom, (n, 3), m.
+        triangles: Vertex indices of the triangles of a mesh, (m, 3).
     """
 
     name: str
@@ -67,7 +64,7 @@ class DrawnShape:
 
 @dataclass(frozen=True)
 class Frames:
-    """Some rows of a log with the poses they mean.
+    """Some rows of a log and the poses of all bodies in them.
 
     Attributes:
         times: Time of each frame, (n,), s.
@@ -83,27 +80,27 @@ class Frames:
 
 
 def posed_bodies(system: System) -> list[int]:
-    """Ids of all bodies that get a pose: all but the world, also those that never move."""
+    """Ids of the bodies whose poses are sent: all but the world, including fixed ones."""
     return list(range(1, system.mj.nbody))
 
 
 def geoms_to_draw(model: Any) -> list[int]:
-    """Geoms of the groups that are drawn."""
+    """Ids of the geoms in the drawn groups."""
     return [geom for geom in range(model.ngeom) if model.geom_group[geom] < _DRAWN_GROUPS]
 
 
 def colour_of(model: Any, geom: int) -> tuple[float, ...]:
-    """Colour of a geom or of its material, else one of its body's own: red, green, blue and opacity, each from 0 to 1."""
+    """Colour of a geom, of its material or of its body: red, green, blue and opacity, each from 0 to 1."""
     material, body = int(model.geom_matid[geom]), int(model.geom_bodyid[geom])
     colour = tuple(map(float, model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]))
     if material >= 0 or colour != _NO_COLOUR or not body:
         return colour
-    code = _OF_BODIES[(body - 1) % len(_OF_BODIES)]
+    code = _BODY_COLOURS[(body - 1) % len(_BODY_COLOURS)]
     return (*(int(code[i : i + 2], 16) / 255 for i in (1, 3, 5)), 1.0)
 
 
 def shapes(system: System) -> Iterator[DrawnShape]:
-    """Every geom that is drawn; planes as thin boxes below them, height fields not at all."""
+    """Shapes of all drawn geoms; a plane is a thin box below it, height fields are left out."""
     model, corners = system.mj, 0
     for geom in geoms_to_draw(model):
         kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[geom]))
@@ -117,7 +114,7 @@ def shapes(system: System) -> Iterator[DrawnShape]:
         mesh = int(model.geom_dataid[geom]) if kind == "mesh" else -1
         corners += 3 * int(model.mesh_facenum[mesh]) if mesh >= 0 else 0
         if mesh >= 0 and corners > _MOST_VERTICES:
-            kind, mesh = "box", -1  # its size is that of the box around the mesh
+            kind, mesh = "box", -1  # MuJoCo stores the half sizes of the bounding box as the size of a mesh geom
         vertices, triangles = _mesh(model, mesh)
         yield DrawnShape(
             name=(model.geom(geom).name or f"geom_{geom}").rsplit("/", 1)[-1],
@@ -133,14 +130,14 @@ def shapes(system: System) -> Iterator[DrawnShape]:
 
 
 def _slab(size: FloatArray, position: FloatArray, quaternion: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Half sizes and centre of a box whose upper face is a plane."""
+    """Half sizes and centre of a thin box whose upper face is the plane."""
     normal = np.zeros(3)
     mujoco.mju_rotVecQuat(normal, np.array([0.0, 0.0, 1.0]), quaternion)
     return np.array([size[0] or _PLANE_M, size[1] or _PLANE_M, _THICK_M]), position - _THICK_M * normal
 
 
 def shapes_by_body(system: System) -> dict[int, list[DrawnShape]]:
-    """Drawn shapes of every body that has some."""
+    """Drawn shapes by body, for bodies that have any."""
     found: dict[int, list[DrawnShape]] = {}
     for shape in shapes(system):
         found.setdefault(shape.body, []).append(shape)
@@ -156,16 +153,16 @@ def _mesh(model: Any, mesh: int) -> tuple[FloatArray, npt.NDArray[np.int32]]:
 
 
 class FramePicker:
-    """Takes the frames of a view out of blocks of rows: the first row in each period, with kinematics by MuJoCo."""
+    """Selects frames from blocks of rows, the first row in each view period, and computes their poses."""
 
     def __init__(self, system: System, layout: Layout, view_rate_hz: float) -> None:
-        """Start before the first frame, with the columns of the rows."""
+        """Start before the first row of a run with these columns."""
         self._model, self._data = system.mj, mujoco.MjData(system.mj)
         self._time, self._coordinates = layout.time, layout.places(coordinate_keys(system.joints.values()))
         self._period, self._last = 1.0 / view_rate_hz, -1.0
 
     def pick(self, block: FloatArray) -> Frames | None:
-        """Frames of the next block; None where none falls into it."""
+        """Frames in the next block; None if there are none."""
         number = np.floor(block[:, self._time] / self._period + 1e-6)
         rows = block[np.diff(number, prepend=self._last) > 0.0]
         if not len(rows):

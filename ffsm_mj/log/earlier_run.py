@@ -1,4 +1,4 @@
-"""What stands in a folder where a run is to be written, and what of it ``--force`` may replace: an earlier run, no more."""
+"""Files that are already in a run folder, and which of them ``--force`` may replace: those of an earlier run only."""
 
 from __future__ import annotations
 
@@ -16,58 +16,60 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.format import is_plain
 
 MODELS = "mjcf"
-"""Folder of the models in a run folder and in a log."""
-_NOISE = (McapError, OSError, struct.error, ValueError, LookupError, MemoryError, OverflowError, StopIteration)
+"""Folder of the model files in a run folder and in a log."""
+_UNREADABLE = (McapError, OSError, struct.error, ValueError, LookupError, MemoryError, OverflowError, StopIteration)
 
 
-def in_the_way(folder: Path, names: Iterable[str]) -> list[str]:
-    """Those of some names, relative to a folder, under which there is something already, if only a link to nothing.
+def existing(folder: Path, names: Iterable[str]) -> list[str]:
+    """Names, relative to a folder, that exist already; a broken symbolic link exists.
 
     Raises:
-        InputError: A folder on the way to one of them is a symbolic link, or no folder.
+        InputError: A parent folder of one of them is a symbolic link, or is not a folder.
     """
     taken = []
     for name in names:
         blocked = _blocked(folder, name)
         if blocked is not None:
-            raise InputError(f"{blocked}: is no folder of its own, the run's models cannot be written there; move it away")
+            raise InputError(
+                f"{blocked}: is not a regular folder, so the models of the run cannot be written there; move it away"
+            )
         if os.path.lexists(folder / name):
             taken.append(name)
     return taken
 
 
 def replaceable(folder: Path, taken: Sequence[str], logs: Sequence[str], own: Sequence[str]) -> list[str]:
-    """What ``--force`` removes: the files of the earlier run, by the names that a run gives and those that its log carries.
+    """Files that ``--force`` removes: those that every run writes, and the model files named in the log of the earlier run.
 
     Args:
         folder: The run folder.
-        taken: Names that are needed and in the way.
-        logs: Names of logs, of which the first that is there tells of the run.
+        taken: Names that the new run needs and that exist.
+        logs: Possible names of the log; the first that exists is the log of the earlier run.
         own: Names that every run writes.
 
     Raises:
-        InputError: The folder is a symbolic link; it holds no run; or something that no run wrote is in the way.
+        InputError: The folder is a symbolic link, it contains no run, or one of the names is not a file of a run.
     """
     if folder.is_symlink():
-        raise InputError(f"{folder}: is a symbolic link, which --force does not follow; name the folder itself")
+        raise InputError(f"{folder}: is a symbolic link, which --force does not follow; give the folder itself")
     log = next((name for name in logs if os.path.lexists(folder / name)), None)
     if taken and log is None:
-        raise InputError(f"{folder}: holds {taken[0]} but no run, which alone --force replaces; choose another --out")
+        raise InputError(f"{folder}: contains {taken[0]} but no run, and --force replaces runs only; choose another --out")
     models = _models(folder / log) if log is not None else []
     for name in taken:
         if name not in own and name not in models:
-            raise InputError(f"{folder / name}: is not of the run that --force replaces; move it away")
+            raise InputError(f"{folder / name}: does not belong to the run that --force replaces; move it away")
         if (folder / name).is_dir() and not (folder / name).is_symlink():
-            raise InputError(f"{folder / name}: is a folder, which no run writes under this name; move it away")
+            raise InputError(f"{folder / name}: is a folder, but a run writes a file of this name; move it away")
     return [*own, *(name for name in models if _blocked(folder, name) is None)]
 
 
 def remove(folder: Path, names: Iterable[str]) -> None:
-    """Remove files, and the folders that this leaves empty; a symbolic link goes, what it leads to stays."""
+    """Remove files, and folders that become empty; of a symbolic link, only the link is removed."""
     for name in names:
         (folder / name).unlink(missing_ok=True)
         for parent in _above(folder, name):
-            with suppress(OSError):  # something else is in it
+            with suppress(OSError):  # it is not empty
                 parent.rmdir()
 
 
@@ -77,12 +79,12 @@ def _above(folder: Path, name: str) -> list[Path]:
 
 
 def _blocked(folder: Path, name: str) -> Path | None:
-    """What stands on the way to a file and is no real folder."""
+    """The innermost parent of a file that exists and is not a regular folder."""
     return next((path for path in _above(folder, name) if path.is_symlink() or (path.exists() and not path.is_dir())), None)
 
 
 def _models(log: Path) -> list[str]:
-    """Names of the models' files that a log carries, as far as it can be read; only what is in its own folder of models."""
+    """Names of the model files in a log, as far as it is readable; names outside the folder of models are ignored."""
     names = []
     try:
         with log.open("rb") as stream:
@@ -91,6 +93,6 @@ def _models(log: Path) -> list[str]:
                     break
                 if isinstance(record, Attachment) and record.name.startswith(f"{MODELS}/") and is_plain(record.name):
                     names.append(record.name)
-    except _NOISE:
+    except _UNREADABLE:
         pass
     return names

@@ -1,4 +1,4 @@
-"""A run kept in memory, in the form in which the MCAP reader returns one."""
+"""Sink that keeps a run in memory, in the form that the MCAP reader returns."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from ffsm_mj.records.signals import TIME, Layout
 
 @dataclass
 class MemorySink:
-    """Keeps every event, and rows where that is wanted.
+    """Keeps all events, and optionally the rows.
 
     Attributes:
         keep_rows: Whether rows are kept.
-        columns: Which of their columns; the time always, None: all.
+        columns: Keys of the columns to keep, in addition to the time; None: all.
     """
 
     keep_rows: bool = True
@@ -59,10 +59,10 @@ class MemorySink:
         """The run so far.
 
         Args:
-            rows: Where its rows are, where they were not kept.
+            rows: Its rows, if the sink does not keep them.
 
         Raises:
-            ValueError: Nothing was opened.
+            ValueError: The sink was never opened.
         """
         if self.header is None:
             raise ValueError("no run was recorded")

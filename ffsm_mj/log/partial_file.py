@@ -1,4 +1,4 @@
-"""A file that one process at a time writes: ``NAME.partial``, which anyone may read, until it is whole."""
+"""A file that one process writes under the name ``NAME.partial`` until it is complete; any process may read it."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # Windows: nobody can replace or remove a file there that somebody has open
+except ImportError:  # Windows: an open file can be neither replaced nor removed, so no lock is needed
     fcntl = None  # type: ignore[assignment]
 
 _FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 
 
 class PartialFile:
-    """The partial file in the hands of this process; the operating system gives it back when the process ends, however.
+    """A partial file locked by this process; the operating system releases the lock when the process ends, even if killed.
 
     Attributes:
-        partial: Where it is while it is written.
-        left_bytes: How much somebody else left in it, who was killed.
-        stream: Where to write, once :meth:`begin` was called.
+        partial: Path of the file while it is written.
+        left_bytes: Size of what a killed process left in it.
+        stream: Stream to write to, after :meth:`begin`.
     """
 
     def __init__(self, path: Path) -> None:
-        """Take it; what it holds stays until :meth:`begin`.
+        """Lock the file; its content is kept until :meth:`begin`.
 
         Args:
-            path: Its name once it is whole.
+            path: Its path when it is complete.
 
         Raises:
-            BlockingIOError: Another process is writing it, or this one through another object.
-            OSError: It cannot be made, or what has its name is no file (a symbolic link, a folder, a device).
+            BlockingIOError: Another process, or another object of this one, is writing it.
+            OSError: It cannot be created, or its name is not that of a regular file (symbolic link, folder, device).
         """
         self._path, self.partial = path, path.with_name(path.name + ".partial")
         self._take()
@@ -44,68 +44,68 @@ class PartialFile:
                 _lock(descriptor)
                 status = os.fstat(descriptor)
                 if not stat.S_ISREG(status.st_mode):
-                    raise OSError(errno.EINVAL, "is no file", str(self.partial))
+                    raise OSError(errno.EINVAL, "is not a regular file", str(self.partial))
             except BaseException:
                 os.close(descriptor)
                 raise
-            if self._is_still(status):
+            if self._is_current(status):
                 break
-            os.close(descriptor)  # it was finished, or removed, before the lock was ours
+            os.close(descriptor)  # another process completed or removed it before this one got the lock
         self.left_bytes = status.st_size
         self.stream = os.fdopen(descriptor, "r+b")
 
     @classmethod
     def begun(cls, path: Path, opening: bytes) -> PartialFile:
-        """Take it and write its first bytes."""
+        """Lock it and write its first bytes."""
         file = cls(path)
         file.begin(opening)
         return file
 
     @classmethod
     def appearing(cls, path: Path, nameless: int) -> PartialFile:
-        """Give a nameless file its name, at once with all that it holds, in a folder of the same file system.
+        """Link an unnamed file into a folder of the same file system: it appears with all its content at once.
 
         Raises:
-            FileExistsError: Something has that name.
+            FileExistsError: The name is taken.
         """
         file = cls.__new__(cls)
         file._path, file.partial, file.left_bytes = path, path.with_name(path.name + ".partial"), 0
-        # Python follows the link in /proc only where a folder's descriptor is given, of which an absolute path makes no use.
+        # os.link follows the link in /proc only if src_dir_fd is given; an absolute path ignores its value.
         os.link(f"/proc/self/fd/{nameless}", file.partial, src_dir_fd=nameless, follow_symlinks=True)
         file.stream = os.fdopen(nameless, "r+b")
         file.stream.seek(0, os.SEEK_END)
         return file
 
-    def _is_still(self, status: os.stat_result) -> bool:
+    def _is_current(self, status: os.stat_result) -> bool:
         try:
             return os.path.samestat(os.lstat(self.partial), status)
         except FileNotFoundError:
             return False
 
     def begin(self, opening: bytes) -> None:
-        """Replace what it holds by its first bytes, at once."""
+        """Replace its content by its first bytes."""
         if self.left_bytes:
             self.stream.truncate(0)
         self.stream.write(opening)
         self.stream.flush()
 
     def finish(self) -> None:
-        """Give it its name, and it back: in this order, so that nobody takes it in between."""
+        """Rename it, then release the lock: in this order, no other process can take it in between."""
         self.stream.flush()
         os.replace(self.partial, self._path)
         self.stream.close()
 
     def discard(self) -> None:
-        """Remove it, where nothing was ever in it, and give it back."""
+        """Remove it unless a killed process left content in it, and release the lock."""
         if not self.left_bytes:
             self.partial.unlink(missing_ok=True)
         self.stream.close()
 
 
 def nameless(folder: Path, opening: bytes) -> int | None:
-    """Descriptor of a file in this process's hands that holds its first bytes and has no name yet, so that none is left.
+    """Descriptor of a locked file with its first bytes that has no name yet, so that a kill leaves no file.
 
-    None where the operating system or the file system has no such files.
+    None if the operating system or the file system does not support unnamed files.
 
     Raises:
         OSError: The bytes cannot be written (full disk).

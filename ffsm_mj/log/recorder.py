@@ -1,4 +1,4 @@
-"""Rows into blocks, blocks to the sinks; flushed at every event and at least once per wall second."""
+"""Recorder: collects rows in blocks and passes them and events to sinks; flushes at events and once per wall second."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
 
 BLOCK_ROWS = 1000
-"""Rows that are passed on together."""
+"""Number of rows in a full block."""
 _FLUSH_PERIOD_S = 1.0
 
 
 class Sink(Protocol):
-    """A destination. Calls come in order: ``open``, then ``rows`` and ``event`` as they happen, then ``close``."""
+    """Destination of a run. Order of calls: ``open``, then ``rows`` and ``event`` in order of time, then ``close``."""
 
     def open(self, header: RunHeader) -> None:
-        """Begin a run."""
+        """Start a run."""
 
     def rows(self, block: FloatArray) -> None:
-        """Take rows, (n, number of signals); the array is reused afterwards."""
+        """Take rows, (n, number of signals); the caller reuses the array afterwards."""
 
     def event(self, event: Event) -> None:
-        """Take an event; all earlier rows have been handed over."""
+        """Take an event; all earlier rows have been passed."""
 
     def flush(self) -> None:
-        """Make everything taken so far survive a kill."""
+        """Write everything so far, such that it survives a kill."""
 
     def close(self, outcome: OutcomeRecord | None) -> None:
-        """End the run; ``None`` when its end is not known (an error outside the simulation)."""
+        """End the run; ``outcome`` is None if it is unknown (an error outside the simulation)."""
 
 
 class Recorder:
-    """Passes full blocks of rows on. A context manager: leaving it closes every sink.
+    """Passes rows and events to sinks. A context manager: leaving it closes every sink.
 
     Attributes:
-        line: The line of the block that is to be filled next, before :meth:`commit`.
+        line: Index of the row of the block to fill next, before :meth:`commit`.
     """
 
     def __init__(
@@ -48,11 +48,11 @@ class Recorder:
         """Start with an empty block.
 
         Args:
-            block: Where rows are filled in, (lines, number of signals).
-            sinks: Where rows and events go.
-            complete: Fills in what is worked out for a block of rows at once, just before it is passed on.
-            by_clock: Flush at least once per wall second; otherwise whenever the block is full, so that the same rows
-                give the same bytes at any speed.
+            block: Array that the caller fills with rows, (lines, number of signals).
+            sinks: Destinations of rows and events.
+            complete: Computes the columns that are evaluated for a whole block, just before the block is passed on.
+            by_clock: Flush at least once per wall second; otherwise whenever the block is full, so that the bytes of a log
+                do not depend on the speed of the machine.
         """
         self._sinks, self._complete = tuple(sinks), complete
         self._block, self.line = block, 0
@@ -65,7 +65,7 @@ class Recorder:
             sink.open(header)
 
     def commit(self) -> None:
-        """The line is complete."""
+        """Mark the current row as complete."""
         self.line += 1
         if self.line == len(self._block):
             self.pass_on()
@@ -75,21 +75,21 @@ class Recorder:
             self.flush()
 
     def event(self, event: Event) -> None:
-        """Pass an event on, after all rows before it, and flush."""
+        """Pass on all rows so far and then an event, and flush."""
         self.pass_on()
         for sink in self._sinks:
             sink.event(event)
         self.flush()
 
     def flush(self) -> None:
-        """Make everything survive a kill."""
+        """Pass on all rows so far and flush every sink."""
         self.pass_on()
         for sink in self._sinks:
             sink.flush()
         self._next_flush = time.monotonic() + _FLUSH_PERIOD_S
 
     def pass_on(self) -> None:
-        """Hand the rows so far to every sink."""
+        """Pass the rows so far to every sink."""
         block, self.line = self._block[: self.line], 0
         if len(block):
             self._complete(block)
@@ -97,20 +97,20 @@ class Recorder:
                 sink.rows(block)
 
     def __enter__(self) -> Recorder:
-        """Start recording."""
+        """Return the recorder itself."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Close every sink, the later ones too when an earlier one fails; the first failure is raised."""
+        """Close every sink, even if an earlier one fails; the first failure is raised."""
         failures: list[Exception] = []
         try:
             self.pass_on()
-        except Exception as failure:  # noqa: BLE001 (raised below, once every sink is closed)
+        except Exception as failure:  # noqa: BLE001 (raised below, after every sink is closed)
             failures.append(failure)
         for sink in self._sinks:
             try:
                 sink.close(self.outcome)
-            except Exception as failure:  # noqa: BLE001 (raised below, once every sink is closed)
+            except Exception as failure:  # noqa: BLE001 (raised below, after every sink is closed)
                 failures.append(failure)
         if failures and error is None:
             raise failures[0]

@@ -1,4 +1,4 @@
-"""The folder that a run leaves: log, recording, inputs that run again, summary."""
+"""Run folders: log, recording, the inputs of the run, and its summary."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, LogWriteError
-from ffsm_mj.log.earlier_run import in_the_way, remove, replaceable
+from ffsm_mj.log.earlier_run import existing, remove, replaceable
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.partial_file import PartialFile, nameless
 from ffsm_mj.log.recorder import Sink
@@ -30,55 +30,56 @@ _OURS = (LOG, PARTIAL_LOG, RECORDING, SCENARIO, SUMMARY)
 
 
 class RunFolder:
-    """A folder for one run. It is made when the run's log begins, not before: a start-up that is killed leaves nothing.
+    """A folder for one run. It is created when the log is opened: a run that is killed earlier leaves nothing.
 
     Attributes:
-        path: The folder; of one that is to get the next free name, the first that is tried, until it is made.
+        path: The folder; with ``next_name`` its first candidate until the folder is created.
     """
 
     def __init__(self, path: Path, *, force: bool = False, next_name: bool = False) -> None:
-        """Nothing is made yet.
+        """Remember the path; nothing is created yet.
 
         Args:
             path: The folder.
-            force: Replace the run that it holds.
-            next_name: Where it exists take the next name that does not, with a number behind.
+            force: Replace a run that it contains.
+            next_name: If it exists, append the first number that gives a free name.
         """
         self.path, self._force, self._next_name = path, force, next_name
         self._replaced: Sequence[str] = ()
 
     @property
     def log(self) -> Path:
-        """The log, by the name that it has now."""
+        """Path of the log, complete or partial."""
         return self.path / (LOG if (self.path / LOG).is_file() else PARTIAL_LOG)
 
     @classmethod
     def in_logs(cls, scenario_name: str) -> RunFolder:
-        """``logs/<scenario>-<UTC time>`` below the current folder, with a number behind where that exists."""
+        """Folder ``logs/<scenario>-<UTC time>`` below the current folder; a number is appended if it exists."""
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
         return cls(Path("logs") / f"{scenario_name}-{stamp}", next_name=True)
 
     def sinks(self, header: RunHeader, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
-        """The log, which makes the folder when it is opened, then the inputs, and the recording where it is wanted."""
+        """Sinks for the log (opening it creates the folder), for the inputs, and optionally for the recording."""
         sinks: list[Sink] = [
             McapSink(lambda opening: self._take(opening, header.files), system, view_rate_hz),
             _Inputs(self),
         ]
         if with_rerun:
-            # Rerun reports an error at the end of its file (full disk) on stderr and nowhere else.
+            # Rerun reports an error at the end of its file, such as a full disk, on stderr only.
             with rust_log("error"):
-                from ffsm_mj.log.rerun.sink import RerunSink  # a second to import, for those who want a recording
+                from ffsm_mj.log.rerun.sink import RerunSink  # importing it takes a second
 
             sinks.append(RerunSink(lambda: self.path / RECORDING, system, view_rate_hz))
         return sinks
 
     def _take(self, opening: bytes, models: Iterable[str]) -> PartialFile:
-        """Make the folder, or take one that holds no run, and the log in it, for this run alone.
+        """Create the folder, or use one without a run, and create the log in it, locked for this run.
 
-        The log is written before the folder is made and appears in it whole: a kill comes before, or finds a log.
+        The opening bytes of the log are written before the folder is created, and the log appears with them: a kill leaves
+        either no folder, or a folder with a readable log.
 
         Raises:
-            InputError: It holds a run that is not to be replaced, another run is writing there, or it cannot be used.
+            InputError: It contains a run and ``force`` is not set, another run is being written there, or it is unusable.
             LogWriteError: The log cannot be written (full disk).
         """
         ready: int | None = None
@@ -92,7 +93,7 @@ class RunFolder:
                     file, ready = PartialFile.appearing(self.path / LOG, ready), None
                     return file
                 except FileExistsError:
-                    ours = False  # another run found the new folder empty and took it
+                    ours = False  # another run took the new, empty folder
             file = self._log() if ours else self._claim([*_OURS, *models])
         except OSError as error:
             raise InputError(f"{self.path}: cannot be used as a run folder ({error.strerror})") from error
@@ -111,7 +112,7 @@ class RunFolder:
             raise LogWriteError(self.path / PARTIAL_LOG, error) from error
 
     def _make(self) -> bool:
-        """Make the folder; False where it is there already."""
+        """Create the folder; False if it exists."""
         first, number = self.path, 1
         while True:
             try:
@@ -125,14 +126,14 @@ class RunFolder:
                 return True
 
     def _claim(self, names: Sequence[str]) -> PartialFile:
-        """The log's file, where nothing is in the way that may not be replaced."""
-        self._refuse(in_the_way(self.path, names))
-        if (self.path / PARTIAL_LOG).is_symlink():  # by force: the link goes, what it leads to stays
+        """Lock the log file in an existing folder, unless it contains files that may not be replaced."""
+        self._refuse(existing(self.path, names))
+        if (self.path / PARTIAL_LOG).is_symlink():  # with force: remove the link, not its target
             (self.path / PARTIAL_LOG).unlink()
         file = self._log()
         try:
-            # Once more: another run may have come and gone before the file was ours.
-            taken = in_the_way(self.path, names)
+            # Check again: another run may have finished before this one got the lock.
+            taken = existing(self.path, names)
             self._refuse([name for name in taken if name != PARTIAL_LOG or file.left_bytes])
         except BaseException:
             file.discard()
@@ -147,13 +148,13 @@ class RunFolder:
 
     def _refuse(self, taken: Sequence[str]) -> None:
         if taken and not self._force:
-            holds = f"a run already ({taken[0]})" if taken[0] in _OURS else f"{taken[0]}, a name that the run needs,"
-            raise InputError(f"{self.path}: holds {holds}; choose another --out, or --force to replace a run")
+            holds = f"a run ({taken[0]})" if taken[0] in _OURS else f"{taken[0]}, a name that the run needs"
+            raise InputError(f"{self.path}: already contains {holds}; choose another --out, or --force to replace a run")
         if self._force:
             self._replaced = replaceable(self.path, taken, (LOG, PARTIAL_LOG), _OURS)
 
     def write_inputs(self, header: RunHeader) -> None:
-        """Write the resolved scenario and the models it refers to, in place of those of the run that is replaced.
+        """Remove the files of the replaced run, and write the resolved scenario and its model files.
 
         Raises:
             LogWriteError: A file cannot be written (full disk).
@@ -170,7 +171,7 @@ class RunFolder:
             raise LogWriteError(file, error) from error
 
     def write_summary(self, summary: dict[str, Any]) -> None:
-        """Write ``summary.json``, whole or not at all; a full disk here loses nothing that the log does not hold."""
+        """Write ``summary.json`` completely or, on a full disk, not at all: the log contains all its data."""
         file = self.path / SUMMARY
         unfinished = file.with_name(f".{file.name}-{os.getpid()}")
         try:
@@ -181,7 +182,7 @@ class RunFolder:
             unfinished.unlink(missing_ok=True)
 
     def link_latest(self) -> None:
-        """Point ``latest`` beside the folder to it; where that is not possible, or something else has the name, leave it."""
+        """Link ``latest`` beside the folder to it, unless links are unavailable or the name is taken."""
         link = self.path.parent / "latest"
         unfinished = link.with_name(f".latest-{os.getpid()}")
         try:
@@ -193,7 +194,7 @@ class RunFolder:
 
 
 class _Inputs:
-    """Writes scenario and models when the run is opened, and nothing while it goes."""
+    """Sink that writes scenario and models when the run is opened, and ignores rows and events."""
 
     def __init__(self, folder: RunFolder) -> None:
         self._folder = folder
@@ -211,16 +212,16 @@ class _Inputs:
 
 
 def find_log(run: Path) -> Path:
-    """The log of a run given as a folder or as the file itself.
+    """Path of the log of a run, given its folder or the log itself.
 
     Raises:
-        InputError: There is none.
+        InputError: There is no log.
     """
     if run.is_dir():
         for name in (LOG, PARTIAL_LOG):
             if (run / name).is_file():
                 return run / name
-        raise InputError(f"{run}: holds no {LOG}")
+        raise InputError(f"{run}: contains no {LOG}")
     if not run.is_file():
         hint = "; run 'ffsm run baseline' first" if run.name == "latest" else ""
         raise InputError(f"{run}: no such run{hint}")
@@ -228,6 +229,6 @@ def find_log(run: Path) -> Path:
 
 
 def finished_recording(run: Path) -> Path | None:
-    """The recording of a finished run; None where it must be made from the log: none was written, or it breaks off."""
+    """Path of the recording of a finished run; None if it must be made from the log, as it is missing or incomplete."""
     recording = run / RECORDING
     return recording if recording.is_file() and (run / LOG).is_file() else None

@@ -1,4 +1,4 @@
-"""Whether the samples of a log follow each other by the control period, none missing, none twice."""
+"""Completeness of the samples of a log: one per control period, none missing, none repeated."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import numpy.typing as npt
 from ffsm_mj.arrays import FloatArray
 
 BETWEEN = -2
-"""Stands for the tick of a sample that ends a run between two ticks."""
+"""Tick of a sample between two ticks, which ends a run at an event."""
 NOWHERE = -1
-"""Stands for the tick of a sample whose time is not finite, or before t = 0."""
-_MOST_TOLD = 5
+"""Tick of a sample with a time that is not finite or is negative."""
+_MOST_SENTENCES = 5
 
 
 class Sampling:
-    """Counts the control ticks of samples, given a block at a time.
+    """Assigns control ticks to samples block by block, and collects gaps and repetitions.
 
     Attributes:
-        breaks: Places at which the samples do not follow each other, as sentences; the first few.
-        count: How many such places there are.
+        breaks: The first few gaps and repetitions, as sentences.
+        count: Number of all gaps and repetitions.
     """
 
     def __init__(self, period_s: float, instants: Iterable[float] = ()) -> None:
-        """Expect the first sample at t = 0 and one every period after it.
+        """Expect the first sample at t = 0 and one after every control period.
 
         Args:
             period_s: Control period.
-            instants: Times of impacts, s: a run that stops at one has a sample there, between two ticks.
+            instants: Times of events, s: a run that stops at an event has a sample there, between two ticks.
 
         Raises:
             ValueError: The period is not positive.
@@ -42,13 +42,13 @@ class Sampling:
         self.count = 0
 
     def ticks(self, times: FloatArray) -> npt.NDArray[np.int64]:
-        """Number of the control tick of each sample; notes what does not follow.
+        """Control tick of each sample; gaps and repetitions are collected.
 
         Args:
             times: Times of the next samples, s, (n,).
 
         Returns:
-            The tick nearest to each time, -1 where it is not finite, BETWEEN where it is that of an impact and of no tick.
+            The tick nearest to each time; ``NOWHERE`` for no finite time, ``BETWEEN`` for an event between two ticks.
         """
         known = np.where(np.isfinite(times), times, NOWHERE * self._period)
         ratios = np.clip(known / self._period, NOWHERE, 1e15)
@@ -56,30 +56,30 @@ class Sampling:
         between = np.isin(times, self._instants) & (np.abs(ratios - ticks) > 1e-6)
         marks = np.concatenate(([self._last], np.where(between, np.floor(ratios).astype(np.int64) + 1, ticks)))
         for i in np.flatnonzero(np.diff(marks) != 1):
-            self._note(int(marks[i]), int(marks[i + 1]))
+            self._add_break(int(marks[i]), int(marks[i + 1]))
         self._last = int(marks[-1])
         return np.where(between, BETWEEN, ticks)
 
     def end(self, end_s: float | None) -> None:
-        """Say when the run ended, where that is known: the samples must reach it."""
+        """Check that the samples reach the end of the run, if it is known."""
         if end_s is not None and end_s - self._last * self._period > 1.5 * self._period:
-            self._tell(f"samples are missing from {max(self._last, 0) * self._period:.9g} to {end_s:.9g} s")
+            self._add_sentence(f"samples are missing from {max(self._last, 0) * self._period:.9g} to {end_s:.9g} s")
 
-    def _note(self, before: int, after: int) -> None:
+    def _add_break(self, before: int, after: int) -> None:
         was, now = max(before, 0) * self._period, max(after, 0) * self._period
         if after > before:
-            self._tell(f"samples are missing from {was:.9g} to {now:.9g} s")
+            self._add_sentence(f"samples are missing from {was:.9g} to {now:.9g} s")
         elif after == before:
-            self._tell(f"the sample at {now:.9g} s is there twice")
+            self._add_sentence(f"the sample at {now:.9g} s occurs twice")
         else:
-            self._tell(f"the sample at {now:.9g} s comes after that at {was:.9g} s")
+            self._add_sentence(f"the sample at {now:.9g} s follows the one at {was:.9g} s")
 
-    def _tell(self, text: str) -> None:
+    def _add_sentence(self, text: str) -> None:
         self.count += 1
-        if len(self.breaks) < _MOST_TOLD:
+        if len(self.breaks) < _MOST_SENTENCES:
             self.breaks.append(text)
 
     def sentence(self) -> str:
-        """What does not follow, in a line; empty where every sample follows the one before."""
+        """The first gaps and repetitions in one line; empty if there are none."""
         more = [f"and {self.count - len(self.breaks)} more"] if self.count > len(self.breaks) else []
         return "; ".join(self.breaks + more)

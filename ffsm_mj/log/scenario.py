@@ -1,4 +1,4 @@
-"""The resolved scenario of a log: what the models are built from, checked, since anybody may have written it."""
+"""The resolved scenario of a log and the system compiled from it; both are validated, as a log may be of unknown origin."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from ffsm_mj.yaml.parser import YamlFault, plain_value
 
 @dataclass(frozen=True)
 class LoggedScenario:
-    """Parts of a scenario.
+    """The parts of a scenario from which the models are compiled.
 
     Attributes:
-        robot: Name of the robot's model among the files of the log.
-        objects: The same of each object by its name.
-        strip: What is taken out of the models of robot and objects, by ``robot`` or the object's name.
-        sites: What is put into the model of the robot.
-        overrides: What of the bodies and geoms of a model is changed, of those of which something is.
-        poses: Where objects are fixed, of those that are.
+        robot: Name of the robot's model file in the log.
+        objects: Name of the model file of each object, by object.
+        strip: Elements that are removed from the models, by ``robot`` or object.
+        sites: Sites that are added to the robot.
+        overrides: Changed properties of bodies and geoms, by ``robot`` or object; only models with changes.
+        poses: Poses of the fixed objects, by object.
         time_step_s: Integration step, s.
-        conservative: Whether the models had to be conservative.
+        conservative: Whether the models are required to be conservative.
         view_rate_hz: Frames per simulated second for viewers.
-        kinds: Kind of each actuator that has limits, by the name that the scenario gives it.
+        kinds: Kind of each actuator with limits, by its name in the scenario.
     """
 
     robot: str
@@ -51,10 +51,10 @@ class LoggedScenario:
 
 
 def scenario_data(log: RunLog, place: str = THE_LOG) -> dict[str, Any]:
-    """The scenario as plain data; ``place`` is the log's name for messages.
+    """The scenario as plain data; ``place`` is the name of the log in messages.
 
     Raises:
-        InputError: The log carries none.
+        InputError: The log contains no scenario.
     """
     try:
         data = plain_value(log.header.scenario_yaml)
@@ -62,15 +62,15 @@ def scenario_data(log: RunLog, place: str = THE_LOG) -> dict[str, Any]:
         where = f"{SCENARIO_ATTACHMENT}:{fault.place.line}:{fault.place.column}"
         raise InputError(f"{place}: {where}: {fault.problem}") from fault
     if not isinstance(data, dict):
-        raise InputError(f"{place}: carries no scenario: its models cannot be built again")
+        raise InputError(f"{place}: contains no scenario, so its models cannot be compiled")
     return data
 
 
 def logged_scenario(log: RunLog, place: str = THE_LOG) -> LoggedScenario:
-    """What of the scenario the models are built from; ``place`` is the log's name for messages.
+    """The parts of the scenario that the models need; ``place`` is the name of the log in messages.
 
     Raises:
-        InputError: The log carries no scenario, or not one of this version.
+        InputError: The log contains no scenario, or one of another version.
     """
     data = scenario_data(log, place)
     try:
@@ -106,13 +106,13 @@ def _strippable(value: Any) -> str:
 def _site(name: str, data: Any) -> AddedSite:
     place = data.get("pos_m") or (0.0, 0.0, 0.0)
     if len(place) != 3 or not all(isinstance(x, int | float) and math.isfinite(x) for x in place):
-        raise ValueError(f"sites: {place!r} is no place")
+        raise ValueError(f"sites: {place!r} is not a position")
     return AddedSite(name, _text(data["body"]), (float(place[0]), float(place[1]), float(place[2])))
 
 
 def _overrides(bodies: Any) -> Overrides:
     try:
-        return Overrides("model", {_text(body): BodyProperties.model_validate(said) for body, said in bodies.items()})
+        return Overrides("model", {_text(body): BodyProperties.model_validate(given) for body, given in bodies.items()})
     except ValidationError as error:
         raise ValueError(f"model: {error.errors()[0]['msg']}") from error
 
@@ -137,24 +137,24 @@ def _positive(value: Any) -> float:
 
 
 def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -> System:
-    """Compile what the log carries, by what a run compiles with; control laws of others need not be installed for that.
+    """Compile the models in a log as a run does; control laws of plug-ins need not be installed.
 
-    Nothing is written, and nothing but the log is read: a model of the log that refers to another file is refused.
+    Only the log is read and nothing is written: a model in the log that refers to a file outside it is refused.
 
     Args:
         log: The log.
-        place: Its name for messages.
-        grasp: Let an object be held; None: the scene as it begins.
+        place: Its name in messages.
+        grasp: Grasp that is closed; None: none, as at the start of a run.
 
     Raises:
-        InputError: The log carries no scenario, or a model that is not whole or does not compile any more.
+        InputError: The log contains no scenario, or a model that is incomplete or no longer compiles.
     """
     scenario = logged_scenario(log, place)
 
-    def carried(name: str, main: str) -> ModelFiles:
+    def model_of(name: str, main: str) -> ModelFiles:
         prefix = logged_name(name, "")
         if not main.startswith(prefix):
-            raise InputError(f"{place}: the model of {name} is {main!r}, not a file below {prefix}")
+            raise InputError(f"{place}: the model of {name} is {main!r}, which is not below {prefix}")
         files = {key.removeprefix(prefix): content for key, content in log.header.files.items() if key.startswith(prefix)}
         model = logged_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
         changed = (scenario.overrides[name],) if scenario.overrides.get(name) else ()
@@ -162,11 +162,11 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
 
     try:
         return compile_system(
-            replace(carried("robot", scenario.robot), sites=scenario.sites),
-            {name: carried(name, main) for name, main in scenario.objects.items()},
+            replace(model_of("robot", scenario.robot), sites=scenario.sites),
+            {name: model_of(name, main) for name, main in scenario.objects.items()},
             time_step_s=scenario.time_step_s,
             conservative=scenario.conservative,
             grasp=grasp,
         )
-    except ScenarioFaults as unplaced:
-        raise InputError([f"{place}: {fault.message}" for fault in unplaced.faults]) from unplaced
+    except ScenarioFaults as error:
+        raise InputError([f"{place}: {fault.message}" for fault in error.faults]) from error

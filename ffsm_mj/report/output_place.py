@@ -52,7 +52,7 @@ def refuse_link(path: Path) -> None:
     Raises:
         InputError: The path is a symbolic link.
     """
-    if path.is_symlink():
+    if os.path.islink(path):  # unlike Path.is_symlink, False for a name that is too long
         raise InputError(f"{path}: is a symbolic link; nothing is written through it")
 
 

@@ -41,7 +41,7 @@ def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path, capsys):
     arguments = ["run", path, "--no-rerun", "--out", "mine"]
     assert main(arguments) == 0
     assert main(arguments) == 2
-    assert "mine: holds a run already (run.mcap); choose another --out, or --force" in capsys.readouterr().err
+    assert "mine: already contains a run (run.mcap); choose another --out, or --force" in capsys.readouterr().err
     assert main([*arguments, "--force"]) == 0
 
 

@@ -128,7 +128,11 @@ def test_without_its_first_chunk_the_summary_still_tells_the_schemas(finished, t
 
 def test_nothing_to_read_is_one_line_and_exit_2(finished, tmp_path, capsys):
     data, _ = finished
-    for bad, words in ((data[:100], "breaks off"), (b"", "not an MCAP file"), (os.urandom(5000), "not an MCAP file")):
+    for bad, words in (
+        (data[:100], "ends before its header"),
+        (b"", "not an MCAP file"),
+        (os.urandom(5000), "not an MCAP file"),
+    ):
         (tmp_path / "x.mcap").write_bytes(bad)
         assert main(["analyze", str(tmp_path / "x.mcap")]) == 2
         said = capsys.readouterr()

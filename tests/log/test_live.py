@@ -82,7 +82,7 @@ def test_without_a_viewer_and_a_display_one_line_and_the_run_goes_on(tmp_path, m
     out = ["--out", str(tmp_path / "out"), "--no-rerun"]
     assert main(["run", str(two_balls(tmp_path)), "--live", "--viewer", address, *out]) == 0
     assert [record.message for record in caplog.records] == [
-        f"no Rerun viewer at {address}, and none could be started (no display?); the run goes on without it"
+        f"no Rerun viewer at {address}, and none could be started (no display?); the run continues without it"
     ]
     assert "completed" in capsys.readouterr().out
 
@@ -96,7 +96,7 @@ def test_a_viewer_that_closes_or_hangs_is_one_line(tmp_path, monkeypatch, caplog
         run = ffsm_mj.run(two_balls(tmp_path, duration_s=3.0), live=f"127.0.0.1:{port}")
     assert run.outcome == "completed"
     assert len(caplog.records) == 1
-    assert "; the run goes on without it" in caplog.text
+    assert "; the run continues without it" in caplog.text
     assert time.monotonic() - start < 10.0
 
 

@@ -130,7 +130,7 @@ def test_what_is_no_log_says_so(tmp_path):
     (tmp_path / "x.mcap").write_bytes(b"hello")
     with pytest.raises(LogError, match="not an MCAP file"):
         ffsm_mj.load_run(tmp_path / "x.mcap")
-    with pytest.raises(InputError, match=r"holds no run\.mcap"):
+    with pytest.raises(InputError, match=r"contains no run\.mcap"):
         ffsm_mj.load_run(tmp_path)
     with pytest.raises(InputError, match="no such run"):
         ffsm_mj.load_run(tmp_path / "nothing")

@@ -56,7 +56,7 @@ def test_a_recording_opens_at_the_first_impact(layout, tmp_path, ffsm_run):
     assert panel.time_selection.min.value == 0
     assert panel.time_selection.max.value == pytest.approx(2.3e9, abs=1e3)
     tabs = opened.root_container.contents[1].contents[:2]
-    assert [tab.name for tab in tabs] == ["Story", "Close-up of the events"]
+    assert [tab.name for tab in tabs] == ["Overview", "Close-up of the events"]
     story, close = (next(views(tab)) for tab in tabs)
     assert story.name == close.name == "Kinetic energy [J]"
     assert -0.5 < ends(story)[0] < 0.0

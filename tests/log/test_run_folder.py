@@ -100,7 +100,7 @@ def test_of_runs_into_one_folder_one_has_it(tmp_path):
     assert sorted(code for code, _ in done) == [0] + [2] * 11
     for code, said in done:
         if code == 2:
-            assert said.startswith(("mine: another run is being written there;", "mine: holds a run already ("))
+            assert said.startswith(("mine: another run is being written there;", "mine: already contains a run ("))
             assert "\n" not in said
     assert ffsm_mj.load_run("mine").complete
     assert files(tmp_path / "cwd" / "mine") >= {"run.mcap", "scenario.yaml", "summary.json", "mjcf/robot/robot.xml"}
@@ -117,7 +117,7 @@ def test_who_makes_the_folder_may_find_it_taken(tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr(PartialFile, "appearing", classmethod(late))
     assert run(two_balls(tmp_path, duration_s=0.05), "--out", "mine") == 2
-    assert capsys.readouterr().err.startswith("mine: holds a run already (run.mcap.partial)")
+    assert capsys.readouterr().err.startswith("mine: already contains a run (run.mcap.partial)")
     assert others[0].partial.read_bytes() == b"theirs"
     others[0].stream.close()
 
@@ -132,7 +132,7 @@ def test_force_takes_nothing_from_a_run_that_goes_on(tmp_path, capsys):
     assert file.partial.read_bytes() == b"so far"
     file.stream.close()  # as if it had been killed
     assert run(path, "--out", "mine") == 2
-    assert "mine: holds a run already (run.mcap.partial)" in capsys.readouterr().err
+    assert "mine: already contains a run (run.mcap.partial)" in capsys.readouterr().err
     assert run(path, "--out", "mine", "--force") == 0
 
 
@@ -199,7 +199,7 @@ def test_a_run_that_is_killed_at_once_leaves_a_log_that_tells_what_it_was(tmp_pa
     killed.communicate()
     (folder,) = (tmp_path / "cwd" / "logs").iterdir()
     assert b"name: scene" in (folder / "run.mcap.partial").read_bytes()
-    with pytest.raises(LogError, match="breaks off, or is damaged, before its first sample"):
+    with pytest.raises(LogError, match="ends, or is damaged, before its first sample"):
         ffsm_mj.load_run(folder)
 
 
@@ -268,12 +268,12 @@ def test_force_follows_no_link_to_a_folder(tmp_path, capsys):
     before = {name: (tmp_path / "cwd" / "mine" / name).read_bytes() for name in files(tmp_path / "cwd" / "mine")}
     (tmp_path / "cwd" / "link").symlink_to("mine")
     assert run(path, "--out", "link", "--force") == 2
-    assert "link: is a symbolic link, which --force does not follow; name the folder itself" in capsys.readouterr().err
+    assert "link: is a symbolic link, which --force does not follow; give the folder itself" in capsys.readouterr().err
     models = tmp_path / "cwd" / "mine" / "mjcf"
     models.rename(tmp_path / "models")
     models.symlink_to(tmp_path / "models")
     assert run(path, "--out", "mine", "--force") == 2
-    assert "mine/mjcf: is no folder of its own" in capsys.readouterr().err
+    assert "mine/mjcf: is not a regular folder" in capsys.readouterr().err
     models.unlink()
     (tmp_path / "models").rename(models)
     assert {name: (tmp_path / "cwd" / "mine" / name).read_bytes() for name in files(tmp_path / "cwd" / "mine")} == before
@@ -282,8 +282,8 @@ def test_force_follows_no_link_to_a_folder(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("scenario.yaml", "mine: holds scenario.yaml but no run, which alone --force replaces"),
-        ("mjcf/robot/robot.xml", "mine: holds mjcf/robot/robot.xml but no run, which alone --force replaces"),
+        ("scenario.yaml", "mine: contains scenario.yaml but no run, and --force replaces runs only"),
+        ("mjcf/robot/robot.xml", "mine: contains mjcf/robot/robot.xml but no run, and --force replaces runs only"),
     ],
 )
 def test_force_replaces_a_run_and_no_files_of_the_users_own(tmp_path, capsys, name, words):
@@ -305,7 +305,9 @@ def test_force_refuses_a_model_that_the_old_run_did_not_write(tmp_path, capsys):
     (tmp_path / "new.xml").write_text(ball("ball", mass=2.0, joints="x"))
     path.write_text(path.read_text().replace("robot.xml", "new.xml"))
     assert run(path, "--out", "mine", "--force") == 2
-    assert "mine/mjcf/robot/new.xml: is not of the run that --force replaces; move it away" in capsys.readouterr().err
+    assert (
+        "mine/mjcf/robot/new.xml: does not belong to the run that --force replaces; move it away" in capsys.readouterr().err
+    )
     assert own.read_text() == "mine"
     assert ffsm_mj.load_run("mine").complete
 

@@ -86,7 +86,7 @@ def test_names_that_lead_elsewhere_are_refused_before_anything_is_written(tmp_pa
     assert main([command[0], str(path), *command[1:]]) == 2
     line = one_line(capsys)
     assert line.startswith(f"{path}: the attachment ")
-    assert "no plain relative path" in line
+    assert "not a plain relative path" in line
     assert tree(tmp_path) - {inner / "p"} == before  # the folder that the user named
     assert not Path("/tmp/evil.xml").exists()
 
@@ -172,7 +172,7 @@ def test_a_log_can_make_nobody_read_another_file(tmp_path, log, monkeypatch, hea
         ({"mjcf/robot/robot.xml": "mjcf/robot/absent.xml"}, "log x: mjcf/robot/absent.xml is not in the log"),
         (
             {"mjcf/robot/robot.xml": "/etc/passwd"},
-            "log x: the model of robot is '/etc/passwd', not a file below mjcf/robot/",
+            "log x: the model of robot is '/etc/passwd', which is not below mjcf/robot/",
         ),
         ({"mjcf/robot/robot.xml": "mjcf/robot/../../x.xml"}, "log x: mjcf/robot/../../x.xml is not in the log"),
         (
@@ -192,9 +192,9 @@ def test_scenarios_of_strangers_are_checked(tmp_path, log, change, expected):
 
 def test_a_log_without_scenario_says_so(tmp_path, log):
     path = forged(log, tmp_path / "log.mcap", {"scenario.yaml": b""})
-    with pytest.raises(InputError, match="the log: carries no scenario"):
+    with pytest.raises(InputError, match="the log: contains no scenario"):
         compile_log(read_log(path))
-    with pytest.raises(LogError, match="no plain relative path"):
+    with pytest.raises(LogError, match="not a plain relative path"):
         read_log(forged(log, tmp_path / "long.mcap", {"n" * 513: b""}))
 
 

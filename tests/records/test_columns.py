@@ -219,6 +219,6 @@ def test_names_that_only_protobuf_takes_for_one_are_kept_apart():
 @pytest.mark.parametrize("names", [("a_m",), ("time_s", "a_m", "a_m")])
 def test_a_log_without_time_or_with_a_name_twice_is_refused(names):
     schema = sample_schema(Layout(tuple(Signal("state", name, "", "") for name in names)))
-    with pytest.raises(ValueError, match="no time, or two fields of one name"):
+    with pytest.raises(ValueError, match="no time, or two fields of the same name"):
         layout_of_schema(schema, {})
     assert TIME == "state.time_s"

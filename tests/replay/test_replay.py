@@ -167,9 +167,9 @@ GAPS = {
     "dropped": (lambda i: i[(i < 30) | (i >= 40)], "samples are missing from 0.029 to 0.04 s"),
     "dropped at the start": (lambda i: i[5:], "samples are missing from 0 to 0.005 s"),
     "dropped at the end": (lambda i: i[:-5], "samples are missing from 0.075 to 0.08 s"),
-    "twice": (lambda i: np.insert(i, 10, 9), "the sample at 0.009 s is there twice"),
-    "a stretch twice": (lambda i: np.r_[i[:20], i[10:]], "the sample at 0.01 s comes after that at 0.019 s"),
-    "swapped": (lambda i: np.r_[i[:10], i[20:30], i[10:20], i[30:]], "the sample at 0.01 s comes after that at 0.029 s"),
+    "twice": (lambda i: np.insert(i, 10, 9), "the sample at 0.009 s occurs twice"),
+    "a stretch twice": (lambda i: np.r_[i[:20], i[10:]], "the sample at 0.01 s follows the one at 0.019 s"),
+    "swapped": (lambda i: np.r_[i[:10], i[20:30], i[10:20], i[30:]], "the sample at 0.01 s follows the one at 0.029 s"),
 }
 
 

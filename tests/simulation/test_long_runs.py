@@ -89,7 +89,7 @@ def test_a_log_that_was_replaced_is_not_taken_for_the_run(tmp_path):
     path = two_balls(tmp_path)
     run = ffsm_mj.run(path, out=tmp_path / "out", rerun=False)
     ffsm_mj.run(path, {"duration_s": 0.5}, out=tmp_path / "out", rerun=False, force=True)
-    with pytest.raises(LogError, match="is not what it was when the run was read"):
+    with pytest.raises(LogError, match="has changed since the run was read"):
         run.time  # noqa: B018
 
 

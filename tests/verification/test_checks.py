@@ -102,8 +102,8 @@ def test_a_law_that_is_violated_is_worse_than_a_sample_that_is_missing(run, tmp_
 
 CHUNKS = {
     "removed": (lambda a, _, c: (a, c), "samples are missing from 2.999 to 3.5 s"),
-    "doubled": (lambda a, b, c: (a, b, b, c), "the sample at 3 s comes after that at 3.499 s"),
-    "swapped": (lambda a, b, c: (a, c, b), "the sample at 3 s comes after that at 3.999 s"),
+    "doubled": (lambda a, b, c: (a, b, b, c), "the sample at 3 s follows the one at 3.499 s"),
+    "swapped": (lambda a, b, c: (a, c, b), "the sample at 3 s follows the one at 3.999 s"),
 }
 
 

@@ -1,6 +1,6 @@
-"""The bytes of Foxglove's well-known messages, as Foxglove publishes their schemas (package foxglove-schemas-protobuf).
+"""Encoding of Foxglove's well-known messages, with the schemas of the package foxglove-schemas-protobuf.
 
-Foxglove, Lichtblick and Rerun know these by schema name. Quaternions are xyzw here.
+Foxglove, Lichtblick and Rerun recognise them by schema name. Quaternions are xyzw here.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _VARINT = 5  # bytes of a padded varint
 
 
 def descriptor_set(message: Any) -> bytes:
-    """FileDescriptorSet of a message class with all that it depends on, Google's timestamp and duration included."""
+    """FileDescriptorSet of a message class and all its dependencies, including Google's timestamp and duration."""
     files: dict[str, FileDescriptorProto] = {}
 
     def collect(file: Any) -> None:
@@ -38,20 +38,20 @@ def descriptor_set(message: Any) -> bytes:
 
 
 def timestamp(time_ns: int) -> Timestamp:
-    """Simulation time as Foxglove wants it."""
+    """Simulation time as a protobuf timestamp."""
     return Timestamp(seconds=time_ns // _NS, nanos=time_ns % _NS)
 
 
 def duration(seconds: float) -> Duration:
-    """A span of simulation time."""
+    """A duration in s as a protobuf duration."""
     return Duration(seconds=int(seconds), nanos=round((seconds % 1.0) * _NS))
 
 
 class TransformsCodec:
-    """``foxglove.FrameTransforms`` of fixed bodies, many messages at once.
+    """Encodes many ``foxglove.FrameTransforms`` messages at once.
 
-    Only times and poses differ from message to message. Protobuf allows a varint to be padded with empty groups, so seconds
-    and nanoseconds take five bytes each and every value has a fixed offset in a constant template.
+    Messages differ in times and poses only. Protobuf accepts varints that are padded with empty groups: seconds and
+    nanoseconds take five bytes each, and every value has a fixed offset in a constant template.
     """
 
     def __init__(self, bodies: Sequence[int], frame_ids: Sequence[str]) -> None:
@@ -96,7 +96,7 @@ def _field(number: int, content: bytes) -> bytes:
 
 
 def _doubles(count: int) -> bytes:
-    """A message of so many doubles, all zero but present."""
+    """A message with fields 1 to ``count``, all double, present and zero."""
     return b"".join(varint(i << 3 | 1) + bytes(8) for i in range(1, count + 1))
 
 

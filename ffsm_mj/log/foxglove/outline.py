@@ -1,4 +1,4 @@
-"""The edges of drawn shapes as points, ``foxglove.PointCloud``: what Rerun draws, it knows no ``foxglove.SceneUpdate``."""
+"""Edges of drawn shapes as ``foxglove.PointCloud``, for Rerun, which does not draw ``foxglove.SceneUpdate``."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ffsm_mj.log.foxglove.messages import timestamp
 
 _SPACING_M = 0.01
 _MOST_POINTS = 100_000
-"""Points of a body's straight and round edges together, and of each of its meshes; of large ones they are farther apart."""
+"""Greatest number of points on all edges of a body, and of each of its meshes; large bodies get a larger spacing."""
 _NAMES = ("x", "y", "z", "red", "green", "blue", "alpha")
 _POINT = np.dtype(list(zip(_NAMES, ["<f4"] * 3 + ["u1"] * 4, strict=True)))
 
 
 def outline_cloud(shapes: Sequence[DrawnShape], frame_id: str, time_ns: int) -> PointCloud:
-    """The edges of all shapes of one body, in its frame."""
+    """Edges of all shapes of one body, in its frame."""
     lines = [[] if shape.kind == "mesh" else _edges(shape) for shape in shapes]
     spacing = max(_SPACING_M, sum(_lengths(line)[-1] for edges in lines for line in edges) / _MOST_POINTS)
     clouds = []
@@ -35,7 +35,7 @@ def outline_cloud(shapes: Sequence[DrawnShape], frame_id: str, time_ns: int) -> 
             cloud[name] = round(255 * value)
         clouds.append(cloud)
     message = PointCloud(timestamp=timestamp(time_ns), frame_id=frame_id, point_stride=_POINT.itemsize)
-    message.pose.position.SetInParent()  # a message left out reaches some readers as null
+    message.pose.position.SetInParent()  # some readers take a missing message as null
     message.pose.orientation.w = 1.0
     for offset, name in zip((0, 4, 8, 12, 13, 14, 15), _NAMES, strict=True):
         message.fields.add(
@@ -50,14 +50,14 @@ def _thinned(points: FloatArray) -> FloatArray:
 
 
 def _placed(shape: DrawnShape, local: FloatArray) -> FloatArray:
-    """Points of the frame of the geom in that of the body, (n, 3), m."""
+    """Transform points from the frame of the geom to that of the body, (n, 3), m."""
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, shape.quaternion)
     return np.asarray(local @ rotation.reshape(3, 3).T + shape.position)
 
 
 def _edges(shape: DrawnShape) -> list[FloatArray]:
-    """Polylines in the frame of the geom; rings and meridians where it is round."""
+    """Edges as polylines in the frame of the geom; rings and meridians of round shapes."""
     a, b, c = shape.size
     if shape.kind == "box":
         corners = np.array(list(product((-1.0, 1.0), repeat=3))) * shape.size
@@ -72,19 +72,19 @@ def _edges(shape: DrawnShape) -> list[FloatArray]:
     if shape.kind == "cylinder":
         sides = [np.array([[u, v, -b], [u, v, b]]) for u, v in ((a, 0), (-a, 0), (0, a), (0, -a))]
         return [*ends, *sides]
-    halves = np.r_[0:33, 32:65, 0]  # upper and lower half of the turn, closed
+    halves = np.r_[0:33, 32:65, 0]  # upper and lower half circle, closed
     wide, high = a * x[halves], a * y[halves] + np.repeat((b, -b, b), (33, 33, 1))
     level = np.zeros(len(halves))
     return [*ends, np.column_stack((wide, level, high)), np.column_stack((level, wide, high))]
 
 
 def _lengths(line: FloatArray) -> FloatArray:
-    """Way along a polyline from its first point to each, m."""
+    """Arc length of a polyline from its first point to each point, m."""
     return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))))
 
 
 def _along(line: FloatArray, spacing: float) -> FloatArray:
-    """Points along a polyline, evenly spaced."""
+    """Evenly spaced points along a polyline."""
     length = _lengths(line)
     at = np.linspace(0.0, length[-1], max(2, round(length[-1] / spacing)))
     return np.column_stack([np.interp(at, length, line[:, i]) for i in range(3)])

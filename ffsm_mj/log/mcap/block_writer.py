@@ -1,4 +1,4 @@
-"""The ``mcap`` writer, with blocks of messages of equal size written at once."""
+"""Writer of the package ``mcap``, extended by blocks of messages of equal size."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _HEADER = np.dtype(
 
 
 class _BlockIndex(MessageIndex):
-    """An index of messages that is written at once."""
+    """Index of messages, serialised by numpy."""
 
     def write(self, stream: RecordBuilder) -> None:
         stream.start_record(Opcode.MESSAGE_INDEX)
@@ -35,15 +35,15 @@ class _BlockIndex(MessageIndex):
 
 
 class BlockWriter(Writer):
-    """A writer that takes many messages of one channel in one call.
+    """Writer with a method for many messages of one channel.
 
-    ``Writer.add_message`` costs several microseconds of Python per message, more than the message's bytes. This does the
-    same to the same chunk builder and statistics for a block: hence the look at private attributes, and the upper bound on
-    ``mcap`` in pyproject.toml.
+    ``Writer.add_message`` takes several microseconds of Python per message, more than encoding it. :meth:`add_block` does
+    the same to the chunk builder and the statistics of the writer, which are private: pyproject.toml therefore bounds the
+    version of ``mcap``.
     """
 
     def add_block(self, channel: int, times_ns: npt.NDArray[np.int64], messages: npt.NDArray[np.uint8]) -> None:
-        """Add messages, (n, bytes of one), that were logged at some times, (n,), in ascending order."""
+        """Add messages, (n, bytes of one), with their log times in ascending order, (n,)."""
         count, size = messages.shape
         records = np.empty((count, _HEADER.itemsize + size), dtype=np.uint8)
         header = np.zeros(count, dtype=_HEADER)
@@ -51,20 +51,20 @@ class BlockWriter(Writer):
         header["channel"], header["log_time"], header["publish_time"] = channel, times_ns, times_ns
         records[:, : _HEADER.itemsize] = header.view(np.uint8).reshape(count, -1)
         records[:, _HEADER.itemsize :] = messages
-        self._account(channel, times_ns.tolist(), records.shape[1])
+        self._count(channel, times_ns.tolist(), records.shape[1])
         self._chunk.record_writer.write(records.data)
         self._Writer__maybe_finalize_chunk()  # type: ignore[attr-defined]
 
     def continue_in(self, stream: BinaryIO) -> None:
-        """Write to another stream from here on, one that holds what the first one does."""
+        """Continue in another stream that already contains everything written so far."""
         self._Writer__stream = stream
 
     @property
     def _chunk(self) -> Any:
         return self._Writer__chunk_builder  # type: ignore[attr-defined]
 
-    def _account(self, channel: int, times: list[int], size: int) -> None:
-        """Do the balance of the chunk and of the file."""
+    def _count(self, channel: int, times: list[int], size: int) -> None:
+        """Update the index of the chunk and the statistics of the file."""
         chunk, statistics = self._chunk, self._Writer__statistics  # type: ignore[attr-defined]
         start = chunk.count
         index = chunk.message_indices.setdefault(channel, _BlockIndex(channel_id=channel, records=[]))

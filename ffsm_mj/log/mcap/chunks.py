@@ -1,4 +1,4 @@
-"""Chunks of an MCAP file, opened one at a time: what their checksums vouch for, as batches of messages of one kind."""
+"""Chunks of an MCAP file: decompression with verified checksum, and their messages in batches of one channel and size."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ _HEAD = struct.Struct("<QQQII")  # times of first and last message, size and che
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, two times
 MESSAGE_HEAD = RECORD.size + _MESSAGE.size
 _MOST_BYTES = 1 << 28
-"""A chunk that says it holds more is no chunk of ours: they are closed at 1 MiB and a block of rows."""
+"""Greatest decompressed size of a chunk; ffsm-mj closes chunks at 1 MiB plus a block of rows."""
 
 _MOST_PARTS = 100_000
-"""A chunk of ours holds a few batches for each block of rows, and a few for each event."""
+"""Greatest number of batches of a chunk; ffsm-mj writes a few for each block of rows and each event."""
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Messages of one channel and one size that stand behind each other in a chunk.
+    """Consecutive messages of one channel and one size in a chunk.
 
     Attributes:
-        chunk: Where the chunk's record begins and ends in the file.
+        chunk: Start and end of the record of the chunk in the file.
         channel: Id of the channel.
-        at: Where the first record begins in the content of the chunk.
-        size: Bytes of a record, head included.
-        count: How many.
+        at: Position of the first record in the content of the chunk.
+        size: Size of a record including its header, bytes.
+        count: Number of messages.
     """
 
     chunk: tuple[int, int]
@@ -45,27 +45,27 @@ class Batch:
     count: int
 
     def messages(self, content: bytes) -> npt.NDArray[np.uint8]:
-        """The messages in the content of the chunk, (count, bytes of one)."""
+        """The messages, (count, bytes of one), given the content of the chunk."""
         table = np.frombuffer(content, dtype=np.uint8, count=self.size * self.count, offset=self.at)
         return table.reshape(self.count, self.size)[:, MESSAGE_HEAD:]
 
 
 def stated_size(record: bytes) -> int:
-    """Bytes that a chunk will hold once it is opened, zero where it will not be.
+    """Decompressed size of a chunk as stated in its header; zero if it is too large to be decompressed.
 
     Raises:
-        struct.error: It is too short.
+        struct.error: The record is too short.
     """
     size = int(_HEAD.unpack_from(record, RECORD.size)[2])
     return size if size <= _MOST_BYTES else 0
 
 
 def content_of(record: bytes) -> bytes:
-    """What a chunk holds, given the bytes of its record.
+    """Decompressed content of a chunk, given the bytes of its record.
 
     Raises:
-        ValueError: Its checksum does not hold, it is too large, or compressed in a way that is not ours.
-        struct.error: It is too short.
+        ValueError: The checksum does not match, the chunk is too large, or its compression is not supported.
+        struct.error: The record is too short.
         zstandard.ZstdError: It cannot be decompressed.
     """
     at = RECORD.size + _HEAD.size
@@ -74,10 +74,10 @@ def content_of(record: bytes) -> bytes:
     (packed_size,) = struct.unpack_from("<Q", record, at)
     packed = record[at + 8 : at + 8 + packed_size]
     if compression not in {b"", b"zstd"} or size > _MOST_BYTES:
-        raise ValueError("no chunk of ours")
-    # The frame states a size of its own, for which the decompressor takes memory before it looks.
+        raise ValueError("unsupported compression or size")
+    # The decompressor allocates the size stated in the frame before it checks anything.
     if compression and zstandard.frame_content_size(packed) != size:
-        raise ValueError("two sizes")
+        raise ValueError("inconsistent sizes")
     content = zstandard.decompress(packed, max_output_size=size) if compression else packed
     if len(content) != size or (checksum and zlib.crc32(content) != checksum):
         raise ValueError("wrong checksum")
@@ -85,11 +85,11 @@ def content_of(record: bytes) -> bytes:
 
 
 def records_of(content: bytes, chunk: tuple[int, int]) -> Iterator[Batch | Channel | Schema]:
-    """What stands in the content of a chunk, in order.
+    """Records in the content of a chunk, in order.
 
     Raises:
-        ValueError: A record does not fit, or there are too many.
-        struct.error: The same.
+        ValueError: A record extends beyond the content, or there are too many.
+        struct.error: A record is cut off.
         mcap.exceptions.McapError: A channel or schema is damaged.
     """
     at = parts = 0
@@ -100,11 +100,11 @@ def records_of(content: bytes, chunk: tuple[int, int]) -> Iterator[Batch | Chann
         opcode, length = RECORD.unpack_from(content, at)
         size = RECORD.size + length
         if at + size > len(content):
-            raise ValueError("a record that does not fit")
+            raise ValueError("a record extends beyond the chunk")
         count = 1
         if opcode == Opcode.MESSAGE:
             channel = _MESSAGE.unpack_from(content, at + RECORD.size)[0]
-            count = _alike(content, at, size)
+            count = _equal_records(content, at, size)
             yield Batch(chunk, channel, at, size, count)
         elif opcode in {Opcode.CHANNEL, Opcode.SCHEMA}:
             body = ReadDataStream(BytesIO(content[at + RECORD.size : at + size]))
@@ -112,8 +112,8 @@ def records_of(content: bytes, chunk: tuple[int, int]) -> Iterator[Batch | Chann
         at += size * count
 
 
-def _alike(content: bytes, at: int, size: int) -> int:
-    """How many records from some place on have the opcode, length and channel of the first; in steps that double."""
+def _equal_records(content: bytes, at: int, size: int) -> int:
+    """Number of consecutive records with the opcode, length and channel of the first; searched with doubling steps."""
     head = np.frombuffer(content, dtype=np.uint8, count=RECORD.size + 2, offset=at)
     count, step = 1, 1
     while True:

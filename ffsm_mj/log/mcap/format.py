@@ -1,7 +1,7 @@
-"""The bytes of a sample in ``run.mcap``, defined once for writer and reader: its protobuf schema and its layout.
+"""Format of ``run.mcap`` for writer and reader: names, attachments, and the protobuf encoding of samples.
 
-``/ffsm/sample`` nests one message per signal group; every field is a double and always present, so a message is a
-constant template with float64 values at fixed offsets, and a block of rows is encoded by numpy in one go.
+``/ffsm/sample`` nests one message per signal group. Every field is a double and always present, so a message is a constant
+template with float64 values at fixed offsets, and numpy encodes a block of rows at once.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SCENARIO_ATTACHMENT = "scenario.yaml"
 
 _MOST_ATTACHMENTS, _MOST_NAME_CHARACTERS = 10_000, 512
 _MOST_SCHEMA_BYTES = 1 << 22
-"""Of a sample: a column takes some 60 bytes."""
+"""Greatest size of the schema of a sample; a column takes about 60 bytes."""
 _Field = descriptor_pb2.FieldDescriptorProto
 
 
@@ -35,7 +35,7 @@ def sample_schema(layout: Layout) -> bytes:
     for number, group in enumerate(_groups(layout), start=1):
         message = file.message_type.add(name=group.capitalize())
         for i, signal in enumerate(_members(layout, group), start=1):
-            # By itself protobuf derives a name that j1 and j_1 share, and its own readers refuse such a schema.
+            # Protobuf's default JSON name is the same for j1 and j_1, and its readers refuse such a schema.
             message.field.add(
                 name=signal.name,
                 json_name=signal.name,
@@ -55,19 +55,19 @@ def sample_schema(layout: Layout) -> bytes:
 
 
 def signals_metadata(layout: Layout) -> dict[str, str]:
-    """``unit | description`` of every column by key."""
+    """Text ``unit | description`` of each column, by key."""
     return {signal.key: f"{signal.unit} | {signal.description}" for signal in layout.signals}
 
 
 def layout_of_schema(schema: bytes, units: Mapping[str, str]) -> Layout:
-    """Columns of a sample message as its schema in a file states them.
+    """Columns of the sample messages in a file, from their schema.
 
     Args:
-        schema: FileDescriptorSet from the file.
-        units: ``unit | description`` by key, from the file's metadata.
+        schema: FileDescriptorSet in the file.
+        units: Text ``unit | description`` by key, from the metadata of the file.
 
     Raises:
-        ValueError: It states more than a run has columns, two of one name, or no time.
+        ValueError: The schema is too large, has two fields of one name, or has no time.
     """
     if len(schema) > _MOST_SCHEMA_BYTES:
         raise ValueError(f"a schema of {len(schema)} bytes")
@@ -80,15 +80,15 @@ def layout_of_schema(schema: bytes, units: Mapping[str, str]) -> Layout:
             signals.append(Signal(group.name, field.name, unit, description))
     layout = Layout(tuple(signals))
     if TIME not in layout.index or len(layout.index) < len(signals):
-        raise ValueError("its samples have no time, or two fields of one name")
+        raise ValueError("its samples have no time, or two fields of the same name")
     return layout
 
 
 class SampleCodec:
-    """Rows to messages and back, a block at a time."""
+    """Encodes and decodes rows block by block."""
 
     def __init__(self, layout: Layout) -> None:
-        """Build the template of a message and the offsets of its values."""
+        """Compute the template of a message and the offsets of its values."""
         template = bytearray()
         offsets: list[int] = []
         for number, group in enumerate(_groups(layout), start=1):
@@ -110,7 +110,7 @@ class SampleCodec:
 
     @property
     def message_size(self) -> int:
-        """Bytes of one message."""
+        """Size of one message in bytes."""
         return len(self._template)
 
     def encode(self, rows: FloatArray) -> npt.NDArray[np.uint8]:
@@ -122,15 +122,15 @@ class SampleCodec:
         return out
 
     def decode(self, messages: npt.NDArray[np.uint8], columns: Sequence[int] | None = None) -> FloatArray:
-        """Rows of messages, (n, bytes of one): all columns, or some of them.
+        """Decode messages, (n, bytes of one), to rows with all or some columns.
 
         Raises:
-            ValueError: A message has not the layout of its schema.
+            ValueError: A message does not have the layout of its schema.
         """
         if messages.shape[1] != self.message_size:
-            raise ValueError("a sample has not the size that its schema implies")
+            raise ValueError("the size of a sample does not follow from its schema")
         if (messages[:, self._fixed] != self._template[self._fixed]).any():
-            raise ValueError("a sample has not the fields that its schema states")
+            raise ValueError("the fields of a sample are not those of its schema")
         positions = self._positions if columns is None else self._positions[list(columns)]
         values: npt.NDArray[np.uint8] = np.ascontiguousarray(messages[:, positions.ravel()])
         return values.view("<f8").astype(np.float64)
@@ -146,12 +146,12 @@ def _members(layout: Layout, group: str) -> list[Signal]:
 
 
 def nanoseconds(time_s: float) -> int:
-    """Simulation time as MCAP's integer ``log_time``."""
+    """Simulation time in integer ns, as ``log_time`` of MCAP."""
     return round(time_s * 1e9)
 
 
 def varint(value: int) -> bytes:
-    """A whole number as protobuf writes it."""
+    """A non-negative integer as a protobuf varint."""
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)
@@ -161,7 +161,10 @@ def varint(value: int) -> bytes:
 
 
 def fault_of_names(names: Iterable[str]) -> str:
-    """What is wrong with the names of attachments, in a sentence; empty where nothing is."""
+    """Fault of the names of attachments as text; empty if there is none.
+
+    A log may be of unknown origin. Only plain relative paths are accepted, whatever they are used for.
+    """
     known = list(names)
     if len(known) > _MOST_ATTACHMENTS:
         return f"{len(known)} attachments; at most {_MOST_ATTACHMENTS} are read"
@@ -170,11 +173,11 @@ def fault_of_names(names: Iterable[str]) -> str:
         return ""
     shown = bad if len(bad) <= 80 else f"{bad[:80]}..."
     allowed = f"forward slashes, no '..', at most {_MOST_NAME_CHARACTERS} characters"
-    return f"the attachment {shown!r} has no plain relative path ({allowed})"
+    return f"the attachment {shown!r} is not a plain relative path ({allowed})"
 
 
 def is_plain(name: str) -> bool:
-    """Whether a name is a relative path that leads nowhere else on any system."""
+    """Whether a name is a relative path that stays below its folder on any system."""
     return (
         0 < len(name) <= _MOST_NAME_CHARACTERS
         and name.isprintable()

@@ -1,4 +1,4 @@
-"""Reads ``run.mcap`` and ``run.mcap.partial``, whole, broken off or damaged, in one pass from the front."""
+"""Reader of ``run.mcap`` and ``run.mcap.partial``, complete, incomplete or damaged, in one pass."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ from ffsm_mj.records.signals import TIME, Layout
 _MOST_PARTS = 1_000_000
 _MOST_EVENTS = 200_000
 _MOST_ATTACHED_BYTES = 1 << 30
-_MOST_TOLD, _LONGEST_TOLD = 3, 60
+_MOST_TOPICS, _LONGEST_TOPIC = 3, 60
 
 
 def read_log(path: Path) -> RunLog:
-    """Read a run from its MCAP file; the rows of a long one stay there until they are asked for.
+    """Read a run from its MCAP file; rows of a long run are read on demand.
 
-    A file that breaks off gives what comes before, with ``outcome`` None; a damaged one everything that its checksums vouch
-    for, and a sentence in ``damage``.
+    Of an incomplete file everything up to its end is read, and ``outcome`` is None. Of a damaged file everything with valid
+    checksums is read, and ``damage`` describes the rest.
 
     Raises:
-        LogError: No such file, not an MCAP file, not one of a run of ffsm-mj, or nothing of it can be read.
+        LogError: There is no such file, it is not an MCAP file or not a log of ffsm-mj, or nothing in it is readable.
     """
     with _opened(path) as data:
         salvage = Salvage(data)
@@ -52,7 +52,7 @@ def read_log(path: Path) -> RunLog:
 
 
 def stored_rows(path: Path, layout: Layout) -> StoredRows:
-    """The rows of a log that was just written, not looked for before they are asked for."""
+    """Rows of a log that was just written; the file is searched for them on first use."""
 
     def find() -> Sequence[Batch]:
         with _opened(path) as data:
@@ -81,7 +81,7 @@ def _contents(path: Path, salvage: Salvage) -> _Contents:
 
 @dataclass
 class _Contents:
-    """What has been read so far, within limits that no run of ours comes near."""
+    """Content read so far, within limits far above those of any run."""
 
     path: Path
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -94,14 +94,14 @@ class _Contents:
     attached: int = 0
 
     def take(self, record: Any) -> None:
-        """Sort a record of the file by what it is.
+        """Store a record of the file by its type.
 
         Raises:
-            LogError: There are too many.
+            LogError: There are too many records.
         """
         self.parts += 1
         if self.parts > _MOST_PARTS:
-            raise LogError(self.path, f"more than {_MOST_PARTS} records that are not alike; no run leaves so many")
+            raise LogError(self.path, f"more than {_MOST_PARTS} different records, too many for a run")
         if isinstance(record, Batch):
             self.batches.setdefault(record.channel, []).append(record)
         elif isinstance(record, Schema):
@@ -118,7 +118,7 @@ class _Contents:
 
     @property
     def samples(self) -> list[Batch]:
-        """Where the samples are."""
+        """Positions of the samples."""
         number = next((channel.id for channel in self.channels.values() if channel.topic == form.SAMPLE_TOPIC), 0)
         return self.batches.get(number, [])
 
@@ -126,7 +126,7 @@ class _Contents:
         """Messages of a channel, in order."""
         found = self.batches.get(channel.id, [])
         if sum(batch.count for batch in found) > _MOST_EVENTS:
-            raise LogError(self.path, f"more than {_MOST_EVENTS} events on {channel.topic}; no run leaves so many")
+            raise LogError(self.path, f"more than {_MOST_EVENTS} events on {channel.topic}, too many for a run")
         for chunk, batches in groupby(found, key=lambda batch: batch.chunk):
             content = content_of(data.take(*chunk))
             for batch in batches:
@@ -134,39 +134,39 @@ class _Contents:
                     yield message.tobytes()
 
     def _holds(self, kind: RecordKind, channel: Channel) -> bool:
-        """Whether a channel has records of a kind as it is known here.
+        """Whether a channel has the schema of a kind of record.
 
         Raises:
-            ValueError: It has not, and every run has them.
+            ValueError: It does not, but every run has records of this kind.
         """
         schema = self.schemas.get(channel.schema_id)
         same = schema is None or is_schema_of(kind, schema)
         if kind.in_every_run and not same:
-            raise ValueError(f"the schema of {kind.topic} is another")
+            raise ValueError(f"{kind.topic} has another schema")
         return same
 
     def run_log(self, path: Path, salvage: Salvage, data: FileBytes) -> RunLog:
-        """Everything together.
+        """Assemble the log of a run.
 
         Raises:
-            LogError: It does not make a run.
+            LogError: The content is not that of a run.
         """
         channels = {channel.topic: channel for channel in self.channels.values()}
         channel = channels.get(form.SAMPLE_TOPIC)
         if channel is None or channel.schema_id not in self.schemas:
             if form.FACTS_METADATA in self.metadata:
-                raise LogError(path, "the log breaks off, or is damaged, before its first sample")
-            raise LogError(path, "not a log of ffsm-mj, or it breaks off before it begins")
+                raise LogError(path, "the log ends, or is damaged, before its first sample")
+            raise LogError(path, "not a log of ffsm-mj, or it ends before its header")
         if fault := fault_of_version(channel.metadata):
             raise LogError(path, fault)
         try:
             layout = form.layout_of_schema(self.schemas[channel.schema_id], self.metadata.get(form.SIGNALS_METADATA, {}))
             size = MESSAGE_HEAD + form.SampleCodec(layout).message_size
             if any(batch.size != size for batch in self.samples):
-                raise ValueError("a sample has not the size that its schema implies")
+                raise ValueError("the size of a sample does not follow from its schema")
             stored = StoredRows(path, layout, self.samples)
             rows = stored.copy() if stored.small else stored
-            _look_for_kinds(channels)
+            _load_plugins(channels)
             known = [kind for kind in kinds() if kind.topic in channels and self._holds(kind, channels[kind.topic])]
             records = [
                 decode_record(kind, message) for kind in known for message in self.messages(channels[kind.topic], data)
@@ -181,7 +181,7 @@ class _Contents:
         files = dict(self.attachments)
         scenario = _text(path, form.SCENARIO_ATTACHMENT, files.pop(form.SCENARIO_ATTACHMENT, b""))
         by_topic = {kind.topic: kind.name for kind in known if not kind.in_every_run}
-        declared = tuple(by_topic[topic] for topic in channels if topic in by_topic)  # as in the run
+        declared = tuple(by_topic[topic] for topic in channels if topic in by_topic)  # in the order of the run
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata, declared)
         log = run_log(header, rows, events, outcome)
         damage = _damage(salvage, len(data), _gaps(log), ended=outcome is not None)
@@ -189,10 +189,10 @@ class _Contents:
 
 
 def _refuse_odd_times(records: Sequence[Event | OutcomeRecord]) -> None:
-    """Refuse records of no time.
+    """Refuse records with times that are not finite.
 
     Raises:
-        ValueError: A time is not finite.
+        ValueError: There is one.
     """
     for record in records:
         time_s = record.end_s if isinstance(record, OutcomeRecord) else kind_of(record).time(record)
@@ -200,20 +200,20 @@ def _refuse_odd_times(records: Sequence[Event | OutcomeRecord]) -> None:
             raise ValueError(f"the time of a record of {type(record).__name__} is {time_s}")
 
 
-def _look_for_kinds(topics: Iterable[str]) -> None:
-    """Make the kinds of installed packages known, where a log has topics of ours that nobody here knows yet."""
+def _load_plugins(topics: Iterable[str]) -> None:
+    """Register the kinds of records of installed packages, if the log has unknown topics of ffsm-mj."""
     if any(topic.startswith("/ffsm/") for topic in set(topics) - {form.SAMPLE_TOPIC, *(kind.topic for kind in kinds())}):
         contact_models()
 
 
 def _note(topics: Iterable[str], known: Sequence[RecordKind]) -> str:
-    """Which topics of ours are not read; empty where all are."""
+    """Text that lists the topics of ffsm-mj that are not read; empty if all are."""
     read = {form.SAMPLE_TOPIC, *(kind.topic for kind in known)}
-    left = [one_line(topic[:_LONGEST_TOLD]) for topic in topics if topic.startswith("/ffsm/") and topic not in read]
-    if not left:
+    skipped = [one_line(topic[:_LONGEST_TOPIC]) for topic in topics if topic.startswith("/ffsm/") and topic not in read]
+    if not skipped:
         return ""
-    more = f" and {len(left) - _MOST_TOLD} more" if len(left) > _MOST_TOLD else ""
-    return f"{', '.join(left[:_MOST_TOLD])}{more}: not read, no such kind of record is known here"
+    more = f" and {len(skipped) - _MOST_TOPICS} more" if len(skipped) > _MOST_TOPICS else ""
+    return f"{', '.join(skipped[:_MOST_TOPICS])}{more}: not read, no such kind of record is known here"
 
 
 def _text(path: Path, name: str, content: bytes) -> str:
@@ -224,7 +224,7 @@ def _text(path: Path, name: str, content: bytes) -> str:
 
 
 def _gaps(log: RunLog) -> str:
-    """Where samples do not follow each other by the control period; nothing where the log does not tell it."""
+    """Gaps and repetitions of the samples as text; empty if there are none or the control period is unknown."""
     try:
         sampling = Sampling(float(log.header.facts.get("control_period_s", "")), log.instants_s)
     except ValueError:
@@ -235,12 +235,12 @@ def _gaps(log: RunLog) -> str:
 
 
 def _damage(salvage: Salvage, size: int, gaps: str, *, ended: bool) -> str:
-    """What is wrong with a file, beyond that it may break off; empty where nothing is."""
+    """Damage of a file as text, other than that it is incomplete; empty if there is none."""
     lost = f"{salvage.lost_bytes} of {size} bytes cannot be read" if salvage.lost_bytes else ""
     if lost or gaps:
         return "; ".join(part for part in (lost, gaps) if part)
     if not salvage.data_match:
-        return "a checksum does not hold: all samples were read, but descriptions and units may be wrong"
+        return "a checksum does not match: all samples were read, but descriptions and units may be wrong"
     if ended and not salvage.index_match:
         return "its index is missing or damaged; all data were read"
     return ""

@@ -1,4 +1,4 @@
-"""The bytes of a record in ``run.mcap``, once for writer and reader: a protobuf schema from the fields of its class."""
+"""Encoding of event records in ``run.mcap``, for writer and reader: a protobuf schema derived from the dataclass."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SCALARS = {float: _Field.TYPE_DOUBLE, int: _Field.TYPE_INT64, str: _Field.TYPE_
 
 
 def record_schema(kind: RecordKind, without: int = 0) -> bytes:
-    """FileDescriptorSet of a kind of record, derived from its dataclass, without so many of its last fields."""
+    """FileDescriptorSet of a kind of record, derived from its dataclass; the last ``without`` fields are left out."""
     name, hints = kind.record.__name__.lower(), get_type_hints(kind.record)
     file = descriptor_pb2.FileDescriptorProto(name=f"ffsm/{name}.proto", package="ffsm", syntax="proto3")
     message = file.message_type.add(name=kind.schema.removeprefix("ffsm."))
@@ -30,12 +30,12 @@ def record_schema(kind: RecordKind, without: int = 0) -> bytes:
 
 
 def is_schema_of(kind: RecordKind, schema: bytes) -> bool:
-    """Whether a schema in a file is that of a kind as it is known here, whoever put it into bytes.
+    """Whether a schema in a file is that of a kind, possibly serialised by another program.
 
-    An earlier version may not have the last fields yet: those that are zero where nothing is said, as protobuf reads them.
+    A schema may lack the last fields that have zero or empty defaults: protobuf reads missing fields as such.
 
     Raises:
-        DecodeError: It is no schema.
+        DecodeError: The bytes are not a schema.
     """
     ours = record_schema(kind)
     if schema == ours:
@@ -48,7 +48,7 @@ def is_schema_of(kind: RecordKind, schema: bytes) -> bool:
 
 
 def _add_field(message: Any, name: str, number: int, hint: Any) -> None:
-    """Add a field: scalar, sequence of scalars, or map from names to text, to lists of doubles or to reports."""
+    """Add a field to a message: a scalar, a list of scalars, or a map from names to text, lists of doubles or reports."""
     scalar = _SCALARS.get(hint)
     if scalar is not None:
         message.field.add(name=name, number=number, type=scalar, label=_Field.LABEL_OPTIONAL)
@@ -112,11 +112,11 @@ def encode_record(record: Any) -> bytes:
 
 
 def decode_record(kind: RecordKind, data: bytes) -> Any:
-    """Record of protobuf bytes; inverse of :func:`encode_record`.
+    """Record from protobuf bytes; inverse of :func:`encode_record`.
 
     Raises:
-        ValueError: A field has too many values or too few.
-        DecodeError: The bytes are no message of this kind.
+        ValueError: A field has a wrong number of values.
+        DecodeError: The bytes are not a message of this kind.
     """
     message = _message_class(kind).FromString(data)
     hints = get_type_hints(kind.record)
@@ -134,33 +134,33 @@ def decode_record(kind: RecordKind, data: bytes) -> Any:
 
 
 def _entry(hint: Any, entry: Any) -> Any:
-    """One entry of a map."""
+    """Value of an entry of a map."""
     if hint is str:
         return entry
     return _report(entry) if hint == ControllerReport else tuple(entry.values)
 
 
 def _report(text: str) -> ControllerReport:
-    """A report of its JSON.
+    """Report of a control law, from JSON.
 
     Raises:
-        ValueError: It is none.
+        ValueError: The text is not such a report.
     """
     try:
         found = json.loads(text)
     except RecursionError as error:
         raise ValueError("a report is nested too deeply") from error
-    if not isinstance(found, dict) or not all(map(_is_told, found.values())):
+    if not isinstance(found, dict) or not all(map(_is_reportable, found.values())):
         raise ValueError("a report has other values than finite numbers and texts")
     return found
 
 
-def _is_told(value: Any) -> bool:
+def _is_reportable(value: Any) -> bool:
     return isinstance(value, int | str) or (isinstance(value, float) and math.isfinite(value))
 
 
 def _check_lengths(kind: RecordKind, values: Mapping[str, Any]) -> None:
-    """Refuse a record whose vectors are no vectors: a length is nothing that a schema states."""
+    """Check the lengths of vectors, which a schema does not contain."""
     for place, length in kind.lengths.items():
         name, _, key = place.partition(".")
         found = values[name].get(key, ()) if key else values[name]

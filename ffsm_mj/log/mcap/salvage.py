@@ -1,7 +1,7 @@
-"""Every record of an MCAP file that can still be read, whatever happened to the file.
+"""Records of an MCAP file that are still readable if the file is damaged or incomplete.
 
-Chunks and attachments carry checksums: what does not match is left out, and reading goes on behind it. Where even the length
-of a record is wrong, reading goes on at the next chunk. The file is read record by record; a long one is never in memory.
+Chunks and attachments have checksums: records that do not match are skipped. If the length of a record is wrong, reading
+continues at the next chunk. Records are read one by one, so that a long file is never in memory.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from ffsm_mj.log.mcap.chunks import RECORD, content_of, records_of, stated_size
 from ffsm_mj.log.mcap.file_bytes import FileBytes
 
 MAGIC = b"\x89MCAP0\r\n"
-_NOISE = (McapError, ZstdError, ArithmeticError, LookupError, ValueError, MemoryError, struct.error, StopIteration)
+_UNREADABLE = (McapError, ZstdError, ArithmeticError, LookupError, ValueError, MemoryError, struct.error, StopIteration)
 _USED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END}
 _MOST_RECORD_BYTES = 1 << 28
-"""An attachment or a chunk that is longer is none of ours; no more of it is read."""
+"""Greatest size of a record; the rest of a longer one is not read, so that its checksum fails."""
 _MOST_UNPACKED, _MOST_RATIO = 1 << 30, 500
-"""Chunks may hold this many bytes, or this many times the length of the file: rows shrink to a fifth, at rest to less."""
-# What stands in every chunk of ours, and where: after opcode, length, two times, size and checksum.
+"""Greatest size of all decompressed chunks, in bytes and relative to the file, against decompression bombs: rows compress
+to a fifth, rows of a system at rest to less."""
+# Bytes in every chunk that ffsm-mj writes, after opcode, length, two times, size and checksum.
 _CHUNK_MARK, _CHUNK_MARK_AT = b"\x04\x00\x00\x00zstd", 9 + 8 + 8 + 8 + 4
 
 
@@ -36,33 +37,35 @@ class Salvage:
     """One pass over the bytes of a file.
 
     Attributes:
-        lost_bytes: Bytes that could not be read, with something behind them that could.
+        lost_bytes: Number of unreadable bytes that are followed by readable ones.
         ended: Whether the data section was read to its end.
-        data_match: Whether the checksum over that section holds; True before its end.
-        index_match: Whether the index behind it is whole.
+        data_match: Whether the checksum of the data section matches; True before its end.
+        index_match: Whether the index after the data section is intact.
     """
 
     def __init__(self, data: FileBytes) -> None:
-        """Begin before the first record."""
+        """Start before the first record."""
         self._data = data
         self.lost_bytes = self._unpacked = 0
         self.ended, self.data_match, self.index_match = False, True, False
 
     def records(self) -> Iterator[Any]:
-        """Records in the order of the file, those of chunks one by one, and at last the summary's schemas and channels.
+        """Records in the order of the file, including those inside chunks, and then schemas and channels of the summary.
 
-        Messages come as :class:`.chunks.Batch`. A record that breaks off with the file is where a kill or a full
-        disk stopped the writer: reading ends there.
+        Messages are yielded as :class:`.chunks.Batch`. Reading ends at a record that extends beyond the end of the file,
+        where a kill or a full disk stopped the writer.
 
         Raises:
-            LogError: The chunks say that they hold more than a file of this length can.
+            LogError: The stated size of the chunks is too large for a file of this length.
         """
         at = len(MAGIC)
         while at < len(self._data):
             end = self._end(at)
             found = self._read(at, end) if end is not None else None
             if self._unpacked > max(_MOST_UNPACKED, _MOST_RATIO * len(self._data)):
-                raise LogError(self._data.path, f"its chunks hold more than {self._unpacked} bytes, too many for its length")
+                raise LogError(
+                    self._data.path, f"its chunks contain {self._unpacked} bytes or more, too many for its length"
+                )
             if found is None:
                 behind = end if end is not None and self._end(end) is not None else self._next_chunk(at + 1)
                 if behind is None:
@@ -80,7 +83,7 @@ class Salvage:
         return self._data.take(at, at + 1)[0]
 
     def _end(self, at: int) -> int | None:
-        """Where the record at some place ends; None where there is none, or where it does not fit into the file."""
+        """End of the record at a position; None if there is no record or it extends beyond the file."""
         if at + RECORD.size > len(self._data):
             return None
         opcode, length = RECORD.unpack(self._data.take(at, at + RECORD.size))
@@ -88,7 +91,7 @@ class Salvage:
         return end if Opcode.HEADER <= opcode <= Opcode.DATA_END and end <= len(self._data) else None
 
     def _read(self, at: int, end: int) -> list[Any] | None:
-        """What a record holds; None where it is damaged."""
+        """Content of a record; None if it is damaged."""
         opcode = self._opcode(at)
         if opcode not in _USED:
             return []
@@ -100,11 +103,11 @@ class Salvage:
                 self._unpacked += stated_size(record)
                 return list(records_of(content_of(record), (at, end)))
             return [next(StreamReader(BytesIO(record), skip_magic=True, emit_chunks=True).records)]
-        except _NOISE:
+        except _UNREADABLE:
             return None
 
     def _next_chunk(self, start: int) -> int | None:
-        """Where the next chunk seems to begin."""
+        """Position at which the next chunk appears to start; None if there is none."""
         mark = self._data.find(_CHUNK_MARK, start + _CHUNK_MARK_AT)
         while mark >= 0:
             at = mark - _CHUNK_MARK_AT
@@ -114,7 +117,7 @@ class Salvage:
         return None
 
     def _summary(self, data_end: int, start: int) -> Iterator[Any]:
-        """What stands behind the data, where its checksum holds."""
+        """Schemas and channels of the summary section, if its checksum matches."""
         self.ended = True
         stated = int.from_bytes(self._data.take(data_end + RECORD.size, start), "little")
         self.data_match = stated in {0, self._data.checksum(0, data_end)}

@@ -1,4 +1,4 @@
-"""``run.mcap``, written while the run goes: ``run.mcap.partial`` until it is closed, readable after a kill."""
+"""Sink that writes ``run.mcap`` during the run: ``run.mcap.partial`` until it is closed, readable after a kill."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _MEDIA_TYPES = {".yaml": "application/yaml", ".xml": "application/xml", ".urdf":
 
 
 class McapSink:
-    """Writes one run to one file. The first write that fails raises; after it nothing more is taken."""
+    """Writes one run to one file. The first write that fails raises; everything after it is ignored."""
 
     def __init__(self, take: Callable[[bytes], PartialFile], system: System, view_rate_hz: float) -> None:
-        """Nothing is written yet.
+        """Remember the destination; nothing is written yet.
 
         Args:
-            take: Makes the file with all that it begins with.
-            system: What is logged.
+            take: Called to create the file, with its opening bytes.
+            system: The system of the run.
             view_rate_hz: Frames for viewers per simulated second.
         """
         self._take = take
@@ -44,9 +44,9 @@ class McapSink:
         self._broken = False
 
     def open(self, header: RunHeader) -> None:
-        """Write what must survive a kill at any later moment: facts, signals, scenario and models.
+        """Write facts, signals, scenario and models, which every readable log needs.
 
-        It is put together in memory and written at once: a kill leaves no file, or one that can be read.
+        They are collected in memory and written at once: a kill leaves no file, or a readable one.
         """
         self._viewer.open(header)
         self._codec = form.SampleCodec(header.layout)
@@ -69,7 +69,7 @@ class McapSink:
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=content)
 
     def _register(self, header: RunHeader) -> None:
-        # Unlike metadata, channels stand in a chunk with a checksum, and once more in the summary: so do the facts.
+        # The facts are also metadata of a channel: channels are in a chunk with a checksum, and again in the summary.
         self._channels = {
             form.SAMPLE_TOPIC: self._channel(
                 form.SAMPLE_TOPIC, form.SAMPLE_SCHEMA, form.sample_schema(header.layout), dict(header.facts)
@@ -89,16 +89,16 @@ class McapSink:
         return self._writer.register_channel(topic, "protobuf", number, metadata)
 
     def rows(self, block: FloatArray) -> None:
-        """Write one sample per row, and the frames of the block for viewers."""
-        with self._writing() as possible:
-            if possible:
+        """Write one sample per row, and the messages for viewers."""
+        with self._writing() as writable:
+            if writable:
                 times = np.rint(block[:, self._time_column] * 1e9).astype(np.int64)
                 self._put((form.SAMPLE_TOPIC, times, self._codec.encode(block)), *self._viewer.rows(block))
 
     def event(self, event: Event) -> None:
-        """Write an event at its own time."""
-        with self._writing() as possible:
-            if possible:
+        """Write an event at its time."""
+        with self._writing() as writable:
+            if writable:
                 self._record(event)
 
     def _record(self, event: Event | OutcomeRecord) -> None:
@@ -112,20 +112,20 @@ class McapSink:
             self._writer.add_block(self._channels[topic], times, messages)
 
     def flush(self) -> None:
-        """Finish the chunk and hand everything to the operating system."""
-        with self._writing() as possible:
-            if possible:
+        """Finish the chunk and pass everything to the operating system."""
+        with self._writing() as writable:
+            if writable:
                 self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self, outcome: OutcomeRecord | None) -> None:
-        """Write the outcome, the index and the footer, and give the file its final name."""
-        with self._writing() as possible:
-            if not possible or self._file is None:
+        """Write the outcome, the index and the footer, and rename the file to its final name."""
+        with self._writing() as writable:
+            if not writable or self._file is None:
                 return
             try:
                 if outcome is not None:
                     self._record(outcome)
-            finally:  # an outcome that cannot be written leaves a file that is whole but for it
+            finally:  # if the outcome cannot be written, the file is complete except for it
                 self._writer.finish()  # type: ignore[no-untyped-call]
                 if outcome is not None:
                     self._file.finish()
@@ -134,9 +134,9 @@ class McapSink:
 
     @contextmanager
     def _writing(self) -> Iterator[bool]:
-        """Whether the file still takes something; a write that fails ends that, with an error that names the log.
+        """Yield whether the file can be written; convert an error to one that names the log, and write nothing after it.
 
-        What was flushed before stays; a half-written chunk at the end is left out by the reader.
+        Everything flushed before remains readable; the reader skips an incomplete chunk at the end.
         """
         try:
             yield not self._broken

@@ -1,4 +1,4 @@
-"""The rows of a log on disk, read when they are asked for: a long run is never in memory as a whole."""
+"""Rows of a log on disk that are read on demand: a long run is never completely in memory."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ from ffsm_mj.records.run_log import BLOCK_ROWS
 from ffsm_mj.records.signals import Layout
 
 KEPT_BYTES = 1 << 26
-"""Rows of a log that are no larger than this are kept once they were asked for; of larger ones the last few columns are."""
+"""Rows up to this size are kept in memory after the first access; of larger ones, the last few columns."""
 _KEPT_COLUMNS = 6
 
 
 class StoredRows:
-    """Rows of one log; what is asked for is read in one pass over the file, and checked as at the first time."""
+    """Rows of one log, indexed like an array; each access reads the file in one pass and verifies its checksums again."""
 
     def __init__(self, path: Path, layout: Layout, batches: Sequence[Batch] | Callable[[], Sequence[Batch]]) -> None:
-        """Nothing is read yet.
+        """Remember the file; nothing is read yet.
 
         Args:
             path: The log.
             layout: Its columns.
-            batches: Where the samples are in it, or what finds that, once, when it is first needed.
+            batches: Positions of its samples, or a function that finds them and is called once, on first use.
         """
         self._path, self._codec, self._width = path, SampleCodec(layout), len(layout.signals)
-        self._file = path.absolute()  # rows are read later, from whatever folder the process is in by then
+        self._file = path.absolute()  # the process may change its folder before rows are read
         self._given, self._stamp = batches, _stamp(self._file)
         self._column = lru_cache(_KEPT_COLUMNS)(self._read_column)
 
     @cached_property
     def batches(self) -> Sequence[Batch]:
-        """Where the samples are in the file."""
+        """Positions of the samples in the file."""
         return self._given() if callable(self._given) else self._given
 
     @cached_property
@@ -61,7 +61,7 @@ class StoredRows:
 
     @property
     def small(self) -> bool:
-        """Whether all of it may be in memory."""
+        """Whether all rows may be kept in memory."""
         return 8 * self._count * self._width <= KEPT_BYTES
 
     @property
@@ -70,13 +70,13 @@ class StoredRows:
         return self._count, self._width
 
     def blocks(self, columns: Sequence[int] | None = None) -> Iterator[FloatArray]:
-        """Rows in order, a few thousand at a time, (n, number of columns); all columns, or some.
+        """Rows in order, in blocks of a few thousand, (n, number of columns), with all or some columns.
 
         Raises:
-            LogError: The file is gone, or not what it was.
+            LogError: The file was removed or replaced.
         """
         if _stamp(self._file) != self._stamp:
-            raise LogError(self._path, "is not what it was when the run was read")
+            raise LogError(self._path, "has changed since the run was read")
         try:
             with FileBytes(self._file) as data:
                 for chunk, batches in groupby(self.batches, key=lambda batch: batch.chunk):
@@ -91,7 +91,7 @@ class StoredRows:
             raise LogError(self._path, f"not of this version's format ({error})") from error
 
     def __getitem__(self, key: Any) -> Any:
-        """As of an array: ``rows[10:20]``, ``rows[-1, 3]``, ``rows[chosen, 3]``, ``rows[:, [1, 2]]``.
+        """Index like an array: ``rows[10:20]``, ``rows[-1, 3]``, ``rows[chosen, 3]``, ``rows[:, [1, 2]]``.
 
         Raises:
             IndexError: Out of range.
@@ -108,11 +108,11 @@ class StoredRows:
         return self._read(rows, chosen.tolist())
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
-        """All of it, for numpy."""
+        """All rows, for numpy."""
         return np.asarray(self[:], dtype=dtype)
 
     def copy(self) -> FloatArray:
-        """All of it as an array of its own."""
+        """All rows as a new array."""
         return np.array(self[:])
 
     def _read_column(self, column: int) -> FloatArray:
@@ -121,7 +121,7 @@ class StoredRows:
         return found
 
     def _read(self, rows: Any, columns: Sequence[int] | None) -> FloatArray:
-        """Some rows of some columns, in one pass."""
+        """Read some rows and columns in one pass."""
         wanted = np.arange(self._count)[rows]
         order = np.argsort(wanted, kind="stable")
         ascending = wanted[order]
@@ -137,7 +137,7 @@ class StoredRows:
 
 
 def _stamp(path: Path) -> tuple[int, int, int] | None:
-    """What changes when a finished log is replaced; None for one that may still grow, or that is not there."""
+    """Identity of a complete log, which changes if the file is replaced; None for a partial or missing one."""
     try:
         known = os.stat(path)
     except OSError:

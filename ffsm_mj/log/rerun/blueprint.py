@@ -1,4 +1,4 @@
-"""How a recording opens: the scene large, at the first event; beside it the plots that tell the story."""
+"""Layout of a recording: a large scene at the first event, and beside it tabs of plots."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.rerun.opening import Opening, Stretch
+from ffsm_mj.log.rerun.opening import Opening, TimeRange
 from ffsm_mj.log.rerun.plots import BASE, FORCES, JOINTS, TORQUES, Plot
 
 TIMELINE = "sim_time"
 _BACKGROUND, _GRID = [24, 27, 33], [90, 98, 112, 110]
 _AXES = ((224, 82, 82), (92, 184, 92), (92, 140, 240))
-"""Of x, y and z, as everywhere."""
+"""Colours of x, y and z."""
 _LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
-_QUIET = rrb.PlotLegend(visible=False)
+_NO_LEGEND = rrb.PlotLegend(visible=False)
 _LETTER_PX, _BESIDE_PX, _PLOT_PX = 6.4, 34.0, 290.0
-"""Widths of a letter in a legend, of what is beside its words, and of a plot in a window of 1300 pixels."""
+"""Widths of a letter of a legend, of its remaining parts, and of a plot in a window of 1300 pixels."""
 _MOST_LANES = 5
 _HALF_VIEW = np.array([0.55, 0.42])
-"""Tangents of half the angles of the viewer's camera, across and up, less a margin."""
+"""Tangents of half the horizontal and vertical field of view of the camera, minus a margin."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contents:
-    """What a recording holds.
+    """Contents of a recording, as far as its layout depends on them.
 
     Attributes:
-        points: What is to be in view, world axes, (n, 3), m.
-        plots: What is plotted.
+        points: Points to keep in view, world axes, (n, 3), m.
+        plots: Plots of columns.
         trails: Names of the trails.
-        tip: Whether there is a tip error to plot.
-        forces: Pairs whose forces there are to plot.
-        torques: Grasps whose torques.
-        lanes: Lanes of states: of phases and thrusters.
+        tip: Whether the tip error is plotted.
+        forces: Names of the forces that are plotted.
+        torques: Names of the torques that are plotted.
+        lanes: Number of lanes of states: phases and thrusters.
     """
 
     points: FloatArray
@@ -52,30 +52,30 @@ class Contents:
 
     @property
     def low(self) -> FloatArray:
-        """Lower corner of what is in view, (3,), m."""
+        """Lower corner of the box around the points, (3,), m."""
         return np.asarray(self.points.min(axis=0))
 
     @property
     def high(self) -> FloatArray:
-        """Upper corner of the same, (3,), m."""
+        """Upper corner of the box around the points, (3,), m."""
         return np.asarray(self.points.max(axis=0))
 
     @property
     def grid_m(self) -> float:
-        """Distance of the lines of the ground, a power of ten, m."""
+        """Spacing of the lines of the ground, a power of ten, m."""
         reach_m = max(float(np.linalg.norm(self.high - self.low)), 1e-3)
         return float(10.0 ** math.floor(math.log10(reach_m / 3.0)))
 
 
 class _Curves(NamedTuple):
-    """What one view plots: its entity, its title (the unit early, ends are cut), and names in its legend."""
+    """Contents of one view: its entity, its title (with the unit early, as long titles are cut), and names in its legend."""
 
     origin: str
     title: str
     names: Sequence[str] = ()
 
     def room(self, views: int) -> float:
-        """Time after the end of a plot where its legend stands, of what it shows, with so many views in a row."""
+        """Width of the legend relative to that of the curves, if ``views`` plots are in one row."""
         if not self.names:
             return 0.0
         legend, plot = _BESIDE_PX + _LETTER_PX * max(map(len, self.names)), _PLOT_PX * (1.0 if views > 1 else 1.6)
@@ -86,10 +86,10 @@ def blueprint(contents: Contents, opening: Opening | None) -> rrb.Blueprint:
     """Layout of a recording.
 
     Args:
-        contents: What it holds.
-        opening: Where it opens, and with what plotted; None where it is watched as it grows: at the latest time.
+        contents: Contents of the recording.
+        opening: Time and view at which it opens; None for a stream, which is shown at its latest time.
     """
-    begins = opening.loop if opening is not None else None
+    loop = opening.loop if opening is not None else None
     lanes = 2.0 + min(contents.lanes, _MOST_LANES)
     left = rrb.Vertical(
         _scene(contents),
@@ -98,8 +98,8 @@ def blueprint(contents: Contents, opening: Opening | None) -> rrb.Blueprint:
         row_shares=[22.0 - lanes, lanes, 6.0],
     )
     playing: dict[str, Any] = {"play_state": "following" if opening is None else "playing"}
-    if begins is not None:
-        playing |= {"loop_mode": "selection", "time_selection": _selection(begins)}
+    if loop is not None:
+        playing |= {"loop_mode": "selection", "time_selection": _selection(loop)}
     return rrb.Blueprint(
         rrb.Horizontal(left, rrb.Tabs(*_tabs(contents, opening), active_tab=0)),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", **playing),
@@ -130,64 +130,64 @@ def _scene(contents: Contents) -> rrb.Spatial3DView:
 
 
 def _eye(contents: Contents) -> rrb.EyeControls3D:
-    """From above and a little behind, so that the plane of a planar robot fills the view; as near as shows all."""
+    """Camera above and a little behind, so that a planar robot fills the view; as near as all points permit."""
     back = np.array([-0.1, -0.56, 0.82]) / np.linalg.norm([-0.1, -0.56, 0.82])
     right = np.cross([0.0, 0.0, 1.0], back) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], back))
     view = np.stack((right, np.cross(back, right), back))
     centre = 0.5 * (contents.low + contents.high)
     distance = 0.0
-    for _ in range(4):  # what is nearer looks larger: the middle of the picture is not that of the box
-        seen = (contents.points - centre) @ view.T
-        distance = float(np.max(np.abs(seen[:, :2]) / _HALF_VIEW + seen[:, 2:]))
-        flat = seen[:, :2] / np.maximum(distance - seen[:, 2:], 1e-9)
+    for _ in range(4):  # perspective: the middle of the picture is not the projection of the middle of the box
+        viewed = (contents.points - centre) @ view.T
+        distance = float(np.max(np.abs(viewed[:, :2]) / _HALF_VIEW + viewed[:, 2:]))
+        flat = viewed[:, :2] / np.maximum(distance - viewed[:, 2:], 1e-9)
         middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0)) * distance
         centre = centre + middle @ view[:2]
-    # Nearer than this a lone small body would look as large as a planet.
+    # A least distance keeps a single small body from filling the view.
     position = centre + max(distance, 2.0 * contents.grid_m) * back
     return rrb.EyeControls3D(position=position, look_target=centre, eye_up=[0.0, 0.0, 1.0])
 
 
 def axes_of(contents: Contents) -> rr.Arrows3D:
-    """The world's axes on the ground, each as long as its lines are apart, left behind what is in view."""
+    """Axes of the world on the ground, each as long as the spacing of its lines, at the rear left corner of the view."""
     corner, vectors = (contents.low[0], contents.high[1], contents.low[2]), contents.grid_m * np.eye(3)
     return rr.Arrows3D(
         origins=[corner] * 3, vectors=vectors, colors=_AXES, labels=["x", "y", "z"], radii=0.02 * contents.grid_m
     )
 
 
-def _selection(stretch: Stretch) -> rr.encodings.AbsoluteTimeRange:
-    return rr.encodings.AbsoluteTimeRange(*(rr.encodings.TimeInt(seconds=time) for time in stretch))
+def _selection(time_range: TimeRange) -> rr.encodings.AbsoluteTimeRange:
+    return rr.encodings.AbsoluteTimeRange(*(rr.encodings.TimeInt(seconds=time) for time in time_range))
 
 
 def _event_columns() -> rrb.TextLogColumns:
-    """When and what: the entity is always the same."""
+    """Columns of time and text; the entity is always the same."""
     return rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["body"])
 
 
 def _tabs(contents: Contents, opening: Opening | None) -> list[rrb.Container]:
-    whole = Stretch(0.0, opening.end_s) if opening is not None else None
+    whole = TimeRange(0.0, opening.end_s) if opening is not None else None
     close_up = opening.close_up if opening is not None else None
-    tabs = [_in_two_columns("Story", _story(contents), whole)]
+    tabs = [_in_two_columns("Overview", _overview(contents), whole)]
     if close_up is not None:
-        tabs.append(_in_two_columns("Close-up of the events", _story(contents), close_up))
+        tabs.append(_in_two_columns("Close-up of the events", _overview(contents), close_up))
     for name, parent in (("Joints", JOINTS), ("Thrusters and base", BASE)):
         if efforts := _efforts(contents.plots, parent):
             tabs.append(_in_two_columns(name, efforts, whole))
     return tabs
 
 
-def _in_two_columns(name: str, plotted: Sequence[_Curves], stretch: Stretch | None) -> rrb.Container:
-    """Views two by two; the last one of an odd number is as wide as two."""
+def _in_two_columns(name: str, plotted: Sequence[_Curves], time_range: TimeRange | None) -> rrb.Container:
+    """Views in two columns; the last one of an odd number is as wide as both."""
     rows = (plotted[first : first + 2] for first in range(0, len(plotted), 2))
-    views = ([_series(curves, stretch, len(row)) for curves in row] for row in rows)
+    views = ([_series(curves, time_range, len(row)) for curves in row] for row in rows)
     return rrb.Vertical(*(rrb.Horizontal(*row) if len(row) > 1 else row[0] for row in views), name=name)
 
 
-def _story(contents: Contents) -> list[_Curves]:
+def _overview(contents: Contents) -> list[_Curves]:
     def names(origin: str) -> list[str]:
         return [name for plot in contents.plots if plot.entity.startswith(origin) for name in plot.names]
 
-    story = [
+    overview = [
         _Curves("plots/energy", "Kinetic energy [J]", names("plots/energy")),
         _Curves("plots/linear_momentum", "Momentum P [N s]", names("plots/linear_momentum")),
         _Curves("plots/angular_momentum", "Momentum L [N m s]", names("plots/angular_momentum")),
@@ -196,7 +196,7 @@ def _story(contents: Contents) -> list[_Curves]:
         _Curves("plots/balance", "Residuals [log10 of SI]", names("plots/balance")),
     ]
     tip = [_Curves("plots/tip_error", "Tip error [m]")] if contents.tip else []
-    return tip + [curves for curves in story if curves.names]
+    return tip + [curves for curves in overview if curves.names]
 
 
 def _efforts(plots: Sequence[Plot], parent: str) -> list[_Curves]:
@@ -207,18 +207,18 @@ def _efforts(plots: Sequence[Plot], parent: str) -> list[_Curves]:
     ]
 
 
-def _series(curves: _Curves, stretch: Stretch | None, views: int) -> rrb.TimeSeriesView:
-    """Curves over a part of the run, with room for the legend after it; over all of it as it grows."""
+def _series(curves: _Curves, time_range: TimeRange | None, views: int) -> rrb.TimeSeriesView:
+    """Curves over a time range, with room for the legend after it; over the whole run for a stream."""
     return rrb.TimeSeriesView(
         origin=f"/{curves.origin}",
         name=curves.title,
-        plot_legend=_LEGEND if curves.names else _QUIET,
-        axis_x=None if stretch is None else _time_axis(stretch, curves.room(views)),
+        plot_legend=_LEGEND if curves.names else _NO_LEGEND,
+        axis_x=None if time_range is None else _time_axis(time_range, curves.room(views)),
     )
 
 
-def _time_axis(stretch: Stretch, room: float) -> rrb.TimeAxis:
-    span = max(stretch.end_s - stretch.start_s, 1e-6)
-    ends = stretch.start_s - 0.02 * span, stretch.end_s + (0.04 + room) * span
+def _time_axis(time_range: TimeRange, room: float) -> rrb.TimeAxis:
+    span = max(time_range.end_s - time_range.start_s, 1e-6)
+    ends = time_range.start_s - 0.02 * span, time_range.end_s + (0.04 + room) * span
     start, end = (rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in ends)
     return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))

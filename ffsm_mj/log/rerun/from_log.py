@@ -1,4 +1,4 @@
-"""A Rerun recording from a log alone: the model is rebuilt from what the log carries."""
+"""Rerun recording made from a log: the models are compiled from the files in the log."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _BLOCKS_AT_ONCE = 25
 
 
 def write_recording(log: RunLog, path: Path) -> None:
-    """Write ``path`` (.rrd) with everything that the log tells.
+    """Write a recording (``.rrd``) of a log.
 
     Raises:
-        InputError: The log's models do not compile any more, or are not those of its columns.
+        InputError: The models in the log no longer compile, or do not match its columns.
     """
     system = compile_log(log)
     if missing := set(coordinate_keys(system.joints.values())) - set(log.header.layout.keys):

@@ -1,4 +1,4 @@
-"""A run streamed to an open Rerun viewer. The viewer may be missing, close or hang: the run goes on."""
+"""Stream a run to an open Rerun viewer. A viewer that is missing, closes or hangs does not stop the run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
 
-# One clear line is ours to say; the SDK's own errors on a lost connection would be several.
+# A lost connection is reported in one line below; the SDK would report it in several.
 with rust_log("warn,re_grpc_client=off,re_sdk=off,re_quota_channel=off"):
     from ffsm_mj.log.rerun.sink import RerunSink
 
@@ -33,7 +33,7 @@ def split_address(address: str) -> tuple[str, int]:
     """Host and port of ``host:port``.
 
     Raises:
-        InputError: It is none.
+        InputError: The text is not such an address.
     """
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal():
@@ -42,18 +42,18 @@ def split_address(address: str) -> tuple[str, int]:
 
 
 class LiveSink:
-    """Sends everything to a viewer while it is there; the first failure is one warning, and the end of the stream."""
+    """Sink that sends a run to a viewer; the first failure gives a warning and ends the stream."""
 
     def __init__(self, address: str, system: System, view_rate_hz: float) -> None:
-        """Nothing is sent yet.
+        """Remember the address; nothing is sent yet.
 
         Args:
             address: ``host:port`` of the viewer.
-            system: The scene.
+            system: The system to draw.
             view_rate_hz: Frames per second of simulation time.
 
         Raises:
-            InputError: The address is none.
+            InputError: The address is not ``host:port``.
         """
         self._address, (self._host, self._port) = address, split_address(address)
         self._system, self._rate = system, view_rate_hz
@@ -62,7 +62,7 @@ class LiveSink:
         self._next_check = 0.0
 
     def open(self, header: RunHeader) -> None:
-        """Find the viewer, or start one where there is a display."""
+        """Connect to the viewer, or start one if there is a display."""
         if not self._listens() and not self._started():
             self._give_up(f"no Rerun viewer at {self._address}, and none could be started (no display?)")
             return
@@ -80,7 +80,7 @@ class LiveSink:
         self._guarded(lambda sink: sink.event(event))
 
     def flush(self) -> None:
-        """Send the frames kept, and see whether they are taken."""
+        """Send the buffered frames, and check that the viewer accepts them."""
         self._guarded(RerunSink.flush)
         self._guarded(lambda sink: sink.wait(_PATIENCE_S))
 
@@ -100,8 +100,8 @@ class LiveSink:
             return
         try:
             act(self._sink)
-        except Exception as error:  # noqa: BLE001 (whatever goes wrong with a viewer, the run goes on)
-            self._give_up(f"the Rerun viewer at {self._address} takes nothing more ({error})")
+        except Exception as error:  # noqa: BLE001 (no failure of a viewer may end the run)
+            self._give_up(f"the Rerun viewer at {self._address} accepts no more data ({error})")
 
     def _give_up(self, reason: str) -> None:
         sink, self._sink = self._sink, None
@@ -109,7 +109,7 @@ class LiveSink:
             self._relay.cut()
         if sink is not None:
             sink.disconnect()
-        _LOG.warning("%s; the run goes on without it", reason)
+        _LOG.warning("%s; the run continues without it", reason)
 
     def _listens(self) -> bool:
         try:
@@ -119,7 +119,7 @@ class LiveSink:
             return False
 
     def _started(self) -> bool:
-        """Start a viewer on this machine; False where that is hopeless."""
+        """Start a viewer on this machine; False if that is impossible."""
         if self._host not in {"127.0.0.1", "localhost"} or not has_display():
             return False
         command = viewer_command("--port", str(self._port), "--expect-data-soon")
@@ -133,10 +133,14 @@ class LiveSink:
 
 
 class Relay:
-    """Listens on a free local port and passes every connection on to one address."""
+    """Listens on a free local port and forwards every connection to one address until it is cut.
+
+    Rerun's SDK waits forever for a viewer that hangs, even at the end of the process, but not for one that has closed its
+    connection. Cutting the relay turns the first case into the second.
+    """
 
     def __init__(self, host: str, port: int) -> None:
-        """Start listening; nobody is connected yet."""
+        """Start listening."""
         self._to = (host, port)
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._sockets: list[socket.socket] = [self._listener]
@@ -144,7 +148,7 @@ class Relay:
         threading.Thread(target=self._serve, daemon=True).start()
 
     def cut(self) -> None:
-        """Close every connection and take no more."""
+        """Close every connection and stop listening."""
         for each in self._sockets:
             with suppress(OSError):
                 each.shutdown(socket.SHUT_RDWR)
@@ -165,6 +169,6 @@ def _pump(source: socket.socket, sink: socket.socket) -> None:
     with suppress(OSError):
         while data := source.recv(_CHUNK):
             sink.sendall(data)
-    for each in (source, sink):  # the end of one direction is the end of both
+    for each in (source, sink):  # the end of one direction ends both
         with suppress(OSError):
             each.shutdown(socket.SHUT_RDWR)

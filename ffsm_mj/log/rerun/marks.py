@@ -45,7 +45,7 @@ class Marks:
             labelled = self._makes_room(_LabelledMark(entity, drawn))
             self._send(drawn.time_s, entity, _shape(drawn, labelled=labelled))
             self._shown.append((drawn.end_s, entity))
-            self._opening.draw(drawn.time_s, drawn.mark.point_m)
+            self._opening.add_mark(drawn.time_s, drawn.mark.point_m)
 
     def clear(self, now_s: float) -> None:
         """Remove marks whose time is over; never ahead of the motion, or a viewer would jump there."""

@@ -1,4 +1,4 @@
-"""Where a recording opens: at the first event that is drawn, and what is in view there."""
+"""Time and view at which a recording opens: the first event with a mark, and everything that is in view then."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from ffsm_mj.model.system import System
 
 _BEFORE_S, _AFTER_S = 1.0, SHOWN_S
 _CLOSE_UP = 0.5
-"""Share of a run beyond which a part of it is not worth plots of its own."""
+"""Greatest fraction of a run for which a time range gets plots of its own."""
 _SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
-class Stretch(NamedTuple):
-    """Part of a run, s."""
+class TimeRange(NamedTuple):
+    """Time range of a run, s."""
 
     start_s: float
     end_s: float
 
 
 class Opening:
-    """Follows a run: when something is drawn first and last, and where everything is then.
+    """Follows the marks and frames of a run to find the time and view at which the recording opens.
 
     Attributes:
-        first_s: When something is drawn first, s; None until then.
-        end_s: The last time seen, s.
+        first_s: Time of the first mark, s; None before it.
+        end_s: Time of the last frame, s.
     """
 
     def __init__(self, system: System) -> None:
-        """Nothing is seen yet."""
+        """Start without marks and frames."""
         self._system = system
         self.first_s: float | None = None
         self.end_s = self._last_s = 0.0
@@ -43,16 +43,16 @@ class Opening:
         self._pose: tuple[FloatArray, FloatArray] | None = None
         self._at_event = False
 
-    def draw(self, time_s: float, point_m: tuple[float, ...]) -> None:
-        """Something is drawn at a time and a point; earlier than what was before or not."""
+    def add_mark(self, time_s: float, point_m: tuple[float, ...]) -> None:
+        """Take a mark at a time and a point; marks need not come in order of time."""
         if self.first_s is None or time_s < self.first_s:
             self.first_s, self._points, self._at_event = time_s, [], False
         if time_s == self.first_s:
             self._points.append(point_m)
         self._last_s = max(self._last_s, time_s)
 
-    def see(self, frames: Frames) -> None:
-        """The next frames."""
+    def add_frames(self, frames: Frames) -> None:
+        """Take the next frames."""
         self.end_s = float(frames.times[-1])
         if self._pose is None:
             self._pose = frames.positions[0], frames.quaternions[0]
@@ -61,41 +61,41 @@ class Opening:
             self._pose, self._at_event = (frames.positions[i], frames.quaternions[i]), True
 
     @property
-    def seen(self) -> bool:
-        """Whether any frame has been."""
+    def has_frames(self) -> bool:
+        """Whether there was any frame."""
         return self._pose is not None
 
     @property
-    def loop(self) -> Stretch | None:
-        """Around the first event; None without one."""
+    def loop(self) -> TimeRange | None:
+        """Time range to play in a loop: around the first event; None without marks."""
         return None if self.first_s is None else self._within(self.first_s, self.first_s)
 
     @property
-    def close_up(self) -> Stretch | None:
-        """What is worth plots of its own: around all events, or around the first; None where both are most of the run."""
+    def close_up(self) -> TimeRange | None:
+        """Time range of the close-up plots: around all events, or else the first; None if both are most of the run."""
         if self.first_s is None:
             return None
         around = self._within(self.first_s, self._last_s), self._within(self.first_s, self.first_s)
         return next((part for part in around if part.end_s - part.start_s <= _CLOSE_UP * self.end_s), None)
 
-    def _within(self, first_s: float, last_s: float) -> Stretch:
-        return Stretch(max(0.0, first_s - _BEFORE_S), min(last_s + _AFTER_S, self.end_s))
+    def _within(self, first_s: float, last_s: float) -> TimeRange:
+        return TimeRange(max(0.0, first_s - _BEFORE_S), min(last_s + _AFTER_S, self.end_s))
 
     def points(self, more: FloatArray) -> FloatArray:
-        """What is to be in view at the first event, or else at the start: corners of what is drawn, world axes, (n, 3), m.
+        """Points to keep in view at the first event, or else at the start, in world axes, (n, 3), m.
 
-        Bodies that are fixed may be large, and stay out.
+        These are the marks and the corners of the moving bodies; fixed bodies may be large and are left out.
 
         Args:
-            more: Other points that are to be in view, (n, 3), m.
+            more: Additional points, (n, 3), m.
         """
-        assert self._pose is not None, "asked once frames are seen"
+        assert self._pose is not None, "add_frames comes first"
         drawn = np.array(self._points).reshape(-1, 3)
         return np.vstack((_corners(self._system, *self._pose), more, drawn))
 
 
 def _corners(system: System, positions: FloatArray, quaternions: FloatArray) -> FloatArray:
-    """Corners of the boxes around the drawn geoms of bodies that move, (n, 3), m; the bodies' origins without any."""
+    """Corners of the bounding boxes of the drawn geoms of moving bodies, (n, 3), m; else the origins of all bodies."""
     model, still = system.mj, {0, *system.fixed_bodies}
     geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) not in still]
     rotation, corners = np.empty(9), []

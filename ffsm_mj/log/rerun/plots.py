@@ -1,4 +1,4 @@
-"""What a recording plots: entities, the columns of a row that they show, names and colours."""
+"""Plots of a recording: entities, the columns that they show, names and colours."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ _COLOURS = {
     "objects": (SKY, BLUE, GREEN),
 }
 JOINTS, BASE = "plots/joints", "plots/base"
-"""Entities above the efforts of the joints' motors, and of thrusters and ideal base torques."""
+"""Parent entities of the efforts of joint motors, and of thrusters and ideal base torques."""
 _LEAST = 1e-18
-"""What is less counts as this on a logarithmic axis: far below what rounding leaves."""
+"""Least value on a logarithmic axis, far below rounding."""
 FORCES = "plots/contact_forces"
-"""Entity above the forces of contacts that last, and on a held object."""
+"""Parent entity of the magnitudes of forces."""
 TORQUES = "plots/interface_torque"
-"""Entity above the torque on it."""
+"""Parent entity of the magnitudes of torques."""
 
 
 @dataclass(frozen=True)
 class Plot:
-    """Lines of one entity.
+    """Curves of one entity.
 
     Attributes:
-        entity: Where they are logged.
-        columns: Columns of a row, one per line.
-        names: One per line.
-        colours: One per line.
-        unit: Unit of the lines where they share one.
-        logarithmic: The decimal logarithms of the values' sizes are shown.
+        entity: Path of the entity.
+        columns: Column of a row for each curve.
+        names: Name of each curve.
+        colours: Colour of each curve.
+        unit: Common unit of the curves; empty if there is none.
+        logarithmic: Whether the decimal logarithms of the magnitudes are shown.
     """
 
     entity: str
@@ -50,13 +50,13 @@ class Plot:
     logarithmic: bool = False
 
     def values(self, rows: FloatArray) -> FloatArray:
-        """What is shown of rows, (n, lines)."""
+        """Values to show for some rows, (n, number of curves)."""
         values = rows[:, self.columns]
         return np.log10(np.maximum(np.abs(values), _LEAST)) if self.logarithmic else values
 
 
 def plots(layout: Layout, system: System, facts: Mapping[str, str]) -> list[Plot]:
-    """All plots of a run but the tip's error, which is no column of its own."""
+    """All plots of a run except the tip error, which is not a column."""
     index = layout.index
     subsystems = [subsystem for subsystem in SUBSYSTEMS if subsystem != "objects" or system.objects]
     energy = [index[f"energy.{subsystem}_J"] for subsystem in subsystems]
@@ -69,7 +69,7 @@ def plots(layout: Layout, system: System, facts: Mapping[str, str]) -> list[Plot
 
 
 def _free(facts: Mapping[str, str], subsystem: str) -> list[str]:
-    """Components of momentum that the joints leave free: the others are zero or borne."""
+    """Components of momentum that the joints of a subsystem leave free; the others are not conserved."""
     flags = free_components(facts, subsystem)
     return [component for component, flag in zip(COMPONENTS, flags, strict=True) if flag]
 

@@ -1,4 +1,4 @@
-"""Every drawn geom as a Rerun shape that hangs on its body."""
+"""Drawn geoms as shapes of a recording, each in the frame of its body."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ffsm_mj.records.signals import identifier
 
 
 def body_path(system: System, body: int) -> str:
-    """Entity of a body: ``world/robot/base``. Bodies are not nested, their poses are in the world frame."""
+    """Entity of a body, such as ``world/robot/base``. They are not nested: all poses are in the world frame."""
     tree, _, name = system.mj.body(body).name.partition("/")
     return f"world/{identifier(tree)}/{identifier(name)}"
 
@@ -45,7 +45,7 @@ def _archetype(shape: DrawnShape) -> Any:
     radius, half_length = shape.size[:2]
     if shape.kind == "cylinder":
         return rr.Cylinders3D(lengths=[2 * half_length], radii=[radius], centers=[shape.position], **look)
-    # A capsule of Rerun starts at its origin and runs along +z; MuJoCo's is centred.
+    # A capsule of Rerun extends from its origin along +z; MuJoCo's is centred.
     axis = np.zeros(3)
     mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, half_length]), shape.quaternion)
     return rr.Capsules3D(lengths=[2 * half_length], radii=[radius], translations=[shape.position - axis], **look)

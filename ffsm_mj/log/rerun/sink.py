@@ -1,6 +1,6 @@
-"""The Rerun viewer's view of a run: geometry, motion, plots, states and events on one timeline, ``sim_time``.
+"""Rerun recording of a run: geometry, motion, plots, states and events on one timeline, ``sim_time``.
 
-A derived view: positions are float32 there. The physics is proved from the MCAP.
+Positions are float32; checks use the MCAP file.
 """
 
 from __future__ import annotations
@@ -34,29 +34,29 @@ from ffsm_mj.records.signals import TIP
 
 _PLUME = (*PLUME, round(255 * PLUME_OPACITY))
 _TIP_AFTER = PURPLE
-"""The tip's path from the first event on."""
+"""Colour of the path of the tip from the first event on."""
 
 
 class RerunSink:
-    """Writes one recording to a file at its end, or sends it to a viewer whenever the recorder flushes."""
+    """Sink that writes a recording to a file when the run ends, or sends it to a viewer at each flush."""
 
     def __init__(self, output: Callable[[], Path] | str, system: System, view_rate_hz: float) -> None:
-        """Name where it goes; nothing is written yet.
+        """Remember the destination; nothing is written yet.
 
         Args:
-            output: Gives the file, when the recording begins; or the address of a viewer that listens, and follows.
-            system: What is drawn.
+            output: Called for the path of the file when the recording starts; or the address of a viewer to stream to.
+            system: The system to draw.
             view_rate_hz: Frames per simulated second.
         """
         self._output, self._system = output, system
         self._view_rate_hz, self._pending = view_rate_hz, list[Frames]()
 
     def open(self, header: RunHeader) -> None:
-        """Start the recording with everything that does not change."""
+        """Start the recording with everything that is constant."""
         self._layout = layout = header.layout
         self._picker = FramePicker(self._system, layout, self._view_rate_hz)
         self._recording = rr.RecordingStream(
-            f"ffsm-mj {header.scenario_name}",  # an open viewer keeps one layout per application
+            f"ffsm-mj {header.scenario_name}",  # an open viewer keeps one layout for each application id
             recording_id=f"{header.scenario_name}-{header.facts.get('created_utc', '')}",
         )
         self._connect()
@@ -80,7 +80,7 @@ class RerunSink:
         if isinstance(self._output, str):
             self._recording.connect_grpc(self._output)
             return
-        # The bytes are written here: on a full disk Rerun's own thread leaves its caller waiting for ever.
+        # The file is written by this class: on a full disk the thread of the SDK would block its caller forever.
         self._bytes = rr.binary_stream(self._recording)
         self._path = self._output()
         try:
@@ -89,7 +89,7 @@ class RerunSink:
             raise LogWriteError(self._path, error) from error
 
     def _target(self, header: RunHeader) -> None:
-        """A small cross where the tip is wanted, on a pole whose name stands above what happens there."""
+        """Draw a small cross at the target of the tip, on a pole that carries its name above the motion."""
         self._task = task = logged_task(header.facts)
         if task is None:
             return
@@ -106,7 +106,7 @@ class RerunSink:
         self._colours = dict(zip(names, (ORANGE, *[SKY] * len(names)), strict=False)) | {"tip": VERMILION}
 
     def rows(self, block: FloatArray) -> None:
-        """Keep the frames of a block for the next flush, and send what switched in it."""
+        """Buffer the frames of a block for the next flush, and send the switching of thrusters in it."""
         for name, times, states in self._switching.changes(block):
             if name not in self._fired:
                 self._fired.add(name)
@@ -122,7 +122,7 @@ class RerunSink:
             self._pending.append(frames)
 
     def flush(self) -> None:
-        """Send the frames kept: poses, trails, plots, plumes, forces."""
+        """Send the buffered frames: poses, trails, plots, plumes, forces."""
         if not self._pending:
             return
         parts, self._pending = self._pending, []
@@ -133,9 +133,9 @@ class RerunSink:
             np.concatenate([part.quaternions for part in parts]),
         )
         index = [rr.TimeColumn(TIMELINE, duration=frames.times)]
-        self._opening.see(frames)
-        if self._watched and not self._framed:
-            # A viewer that is watched keeps its layout: what may come has its place from the start.
+        self._opening.add_frames(frames)
+        if self._streams and not self._framed:
+            # The layout of a stream is sent once, so it has a place for every force that is possible.
             self._arrange(self._forces.possible)
         for body in posed_bodies(self._system):
             turned = np.roll(frames.quaternions[:, body], -1, axis=-1)  # xyzw
@@ -148,11 +148,11 @@ class RerunSink:
         self._marks.clear(float(frames.times[-1]))
 
     @property
-    def _watched(self) -> bool:
+    def _streams(self) -> bool:
         return isinstance(self._output, str)
 
     def _write(self) -> None:
-        """Write the file, at once: the pieces of a recording do not add up to one that every reader takes."""
+        """Write the whole file at once: not every reader accepts a recording that is written in parts."""
         if isinstance(self._output, str):
             return
         try:
@@ -162,7 +162,7 @@ class RerunSink:
             raise LogWriteError(self._path, error) from error
 
     def _arrange(self, acting: Callable[..., Sequence[str]]) -> None:
-        """Send the layout, and where the ground and the axes are; who has forces or torques to plot is asked for."""
+        """Send the layout, with the ground and the axes; ``acting`` gives the names of the forces or torques to plot."""
         self._framed = True
         targets = np.empty((0, 3)) if self._task is None else self._task.point_m[None]
         contents = Contents(
@@ -172,10 +172,10 @@ class RerunSink:
             tip=self._task is not None,
             forces=acting(torques=False),
             torques=acting(torques=True),
-            lanes=1 + len(self._thrusters if self._watched else self._fired),
+            lanes=1 + len(self._thrusters if self._streams else self._fired),
         )
         self._recording.log("world/axes", axes_of(contents), static=True)
-        self._recording.send_blueprint(blueprint(contents, None if self._watched else self._opening))
+        self._recording.send_blueprint(blueprint(contents, None if self._streams else self._opening))
 
     def _trails(self, frames: Frames, index: Any) -> None:
         trails = {tree.name: frames.positions[:, tree.root] for tree in self._system.trees}
@@ -228,14 +228,14 @@ class RerunSink:
         self._at(kind.time(event), "events", text)
 
     def _at(self, time_s: float, path: str, columns: Any) -> None:
-        """One value at one time; as columns, because ``log`` adds the wall clock as another timeline."""
+        """Send one value at one time, as columns, because ``log`` would add a timeline of wall time."""
         self._send(path, [rr.TimeColumn(TIMELINE, duration=[time_s])], columns)
 
     def close(self, outcome: OutcomeRecord | None) -> None:
-        """Say how the run ended, and finish.
+        """Send the outcome, and finish the recording.
 
         Raises:
-            LogWriteError: The disk is full.
+            LogWriteError: The file cannot be written (full disk).
         """
         if not hasattr(self, "_recording"):
             return
@@ -244,7 +244,7 @@ class RerunSink:
             self._text(outcome)
         for name, begins in self._states.items():
             self._recording.log(f"states/{name}", phase_looks(begins, self._opening.end_s), static=True)
-        if self._opening.seen and not self._watched:
+        if self._opening.has_frames and not self._streams:
             self._arrange(self._forces.begun)
         try:
             self._write()
@@ -252,16 +252,16 @@ class RerunSink:
             self.disconnect()
 
     def wait(self, patience_s: float) -> None:
-        """Wait until what was sent has been taken.
+        """Wait until the viewer has taken everything that was sent.
 
         Raises:
-            RuntimeError: It has not, within the patience.
+            RuntimeError: It has not within ``patience_s``.
         """
         self._recording.flush(timeout_sec=patience_s)
 
     def disconnect(self) -> None:
-        """Send nothing more."""
+        """Close the connection or the file."""
         self._recording.disconnect()
         if not isinstance(self._output, str):
-            with suppress(OSError):  # said already, when it was written
+            with suppress(OSError):  # already reported by the write
                 self._file.close()

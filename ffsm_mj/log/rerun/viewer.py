@@ -1,4 +1,4 @@
-"""The Rerun viewer as a program: whether it can open here, and how it is called."""
+"""The Rerun viewer as a program: its command line, whether it can open a window, and the log level of its SDK."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock
 
-ONLY_HERE = "127.0.0.1"
-"""The address that a viewer listens on unless told otherwise: that of this machine, unreachable from any other."""
+LOCAL_ADDRESS = "127.0.0.1"
+"""Default address on which a viewer listens: not reachable from other machines."""
 
 _VARIABLE = "RUST_LOG"
 _ONE_AT_A_TIME = Lock()
@@ -20,21 +20,21 @@ def has_display() -> bool:
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
-def viewer_command(*arguments: str, listen: str = ONLY_HERE) -> list[str]:
-    """Command line of the viewer that belongs to this Python.
+def viewer_command(*arguments: str, listen: str = LOCAL_ADDRESS) -> list[str]:
+    """Command line of the viewer installed with this Python.
 
     Args:
-        arguments: For the viewer.
-        listen: Address it takes data on; its own default is every address of the machine, for anybody in the network.
+        arguments: Arguments of the viewer.
+        listen: Address on which it accepts data; the viewer's own default is all addresses of the machine.
     """
     return [sys.executable, "-m", "rerun", "--bind", listen, *arguments]
 
 
 @contextmanager
 def rust_log(level: str) -> Iterator[None]:
-    """Where Rerun is imported in here it says what a level lets pass, or what the user's environment states.
+    """Set the log level of Rerun's SDK if it is first imported in this context; a ``RUST_LOG`` of the user wins.
 
-    The environment is afterwards as it was.
+    The SDK reads ``RUST_LOG`` once, at import. The environment is restored.
     """
     with _ONE_AT_A_TIME:
         if _VARIABLE in os.environ:
