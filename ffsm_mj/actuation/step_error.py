@@ -37,7 +37,7 @@ class StepError:
             data: Their state, derived quantities current wherever a method is called.
             balance: Accounts for the efforts during a step.
         """
-        self._model, self._data, self._ledger = system.mj, data, balance
+        self._model, self._data, self._balance = system.mj, data, balance
         self._rates = data.qvel
         self._trees = [self._views(tree) for tree in system.trees]
         lengths = [[i for joint in tree.joints for i in _lengths(joint)] for tree in system.trees]
@@ -67,7 +67,7 @@ class StepError:
         """
         self._start, self._rates_before = None, self._rates[self._turning].tolist()
         if measured or not self._bounded:
-            mujoco.mj_mulM(self._model, self._data, self._ledger.momentum, self._rates)
+            mujoco.mj_mulM(self._model, self._data, self._balance.momentum, self._rates)
             self._start = self._now()
 
     @property
@@ -88,37 +88,37 @@ class StepError:
         turn = fastest * duration_s + math.sqrt(change * duration_s)
         lever = math.hypot(*self._data.qpos[self._lengths].tolist())
         # The sum of all m |v| is at most sqrt(2 m T); it may cancel in P and L, and its error does not.
-        momentum = math.sqrt(abs(self._mass * float(self._ledger.momentum.dot(self._rates))))
+        momentum = math.sqrt(abs(self._mass * float(self._balance.momentum.dot(self._rates))))
         return float(turn**5) / _FACTOR * max(1.0, momentum * (1.0 + lever))
 
-    def residuals(self, duration_s: float, bookings: Iterable[Exchange]) -> FloatArray:
+    def residuals(self, duration_s: float, exchanges: Iterable[Exchange]) -> FloatArray:
         """Residuals at the state in ``data``, (3, 7): energy, P and L of (total, robot, objects).
 
         Args:
             duration_s: Since :meth:`begin`.
-            bookings: What contacts exchanged in that time.
+            exchanges: What contacts exchanged in that time.
         """
         assert self._start is not None
         change = [after - before for after, before in zip(self._now(), self._start, strict=True)]
-        accounts = self._ledger.increments(duration_s, bookings)
+        accounts = self._balance.increments(duration_s, exchanges)
         left = self._weights.dot(np.concatenate((change, accounts)))
         return np.asarray(left.reshape(len(SUBSYSTEMS), _NUMBERS))
 
-    def relative(self, duration_s: float, bookings: Iterable[Exchange], *, carried: bool) -> float:
+    def relative(self, duration_s: float, exchanges: Iterable[Exchange], *, grasped: bool) -> float:
         """Largest residual over (1 + scale), the scale being that of the checks; infinite where one is not finite.
 
         Args:
             duration_s: Since :meth:`begin`.
-            bookings: What contacts exchanged in that time.
-            carried: Whether an object is grasped: the exchange between robot and object is then its gain by definition.
+            exchanges: What contacts exchanged in that time.
+            grasped: Whether an object is grasped: the exchange between robot and object is then its gain by definition.
         """
-        return self.over_scale(self.residuals(duration_s, bookings), carried=carried)
+        return self.over_scale(self.residuals(duration_s, exchanges), grasped=grasped)
 
-    def over_scale(self, residuals: FloatArray, *, carried: bool) -> float:
+    def over_scale(self, residuals: FloatArray, *, grasped: bool) -> float:
         """Largest of some residuals, (3, 7), over (1 + scale); see :meth:`relative`."""
         left = residuals.tolist()
         # The whole is at most the sum of robot and objects.
-        subsystems = (_TOTAL,) if carried else (_ROBOT, _OBJECTS)
+        subsystems = (_TOTAL,) if grasped else (_ROBOT, _OBJECTS)
         size = max(self._size(left[subsystem], subsystem) for subsystem in subsystems)
         return size if math.isfinite(size) else math.inf
 
@@ -141,7 +141,7 @@ class StepError:
     def _now(self) -> list[float]:
         """Energy and momenta of the robot, then of all objects, at the state in ``data``."""
         mujoco.mj_subtreeVel(self._model, self._data)
-        momentum, rates = self._ledger.momentum, self._rates
+        momentum, rates = self._balance.momentum, self._rates
         found = [[0.0] * _NUMBERS, [0.0] * _NUMBERS]
         for i, (mass, dofs, velocity, centre, spin) in enumerate(self._trees):
             (u, v, w), (x, y, z), (a, b, c) = velocity.tolist(), centre.tolist(), spin.tolist()

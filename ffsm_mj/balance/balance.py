@@ -157,18 +157,18 @@ class Balance:
         energy, momentum = self._unexplained(np.zeros((ACCOUNTS, 3)), np.zeros((ACCOUNTS, 3, 6)), units)
         return -np.concatenate((energy[:, :, None], momentum), axis=2).reshape(ACCOUNTS, -1).T
 
-    def increments(self, duration_s: float, bookings: Iterable[Exchange]) -> FloatArray:
+    def increments(self, duration_s: float, exchanges: Iterable[Exchange]) -> FloatArray:
         """Balance terms of the (sub-)step since ``open``, (terms,); the accumulated terms are unchanged.
 
         Args:
             duration_s: Duration of the step; the state in ``data`` is its end.
-            bookings: What contacts exchanged during the step.
+            exchanges: What contacts exchanged during the step.
         """
         numbers, kept = self._numbers, self._numbers.copy()
         numbers.fill(0.0)  # differences of sums since t = 0 would lose the digits that matter here
         self.close(duration_s)
-        for booking in bookings:
-            self.book(*booking)
+        for exchange in exchanges:
+            self.book(*exchange)
         if self._gravity is not None:
             self._accounts.fallen[:], self._accounts.gravity[:] = by_subsystem(self._fallen)
         added = numbers[:ACCOUNTS].copy()

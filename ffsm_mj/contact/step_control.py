@@ -41,7 +41,7 @@ class StepError(Protocol):
     def bound(self, duration_s: float) -> float:
         """Upper bound on the error of a step without contact forces; cheap."""
 
-    def relative(self, duration_s: float, bookings: Iterable[Exchange], *, carried: bool) -> float:
+    def relative(self, duration_s: float, exchanges: Iterable[Exchange], *, grasped: bool) -> float:
         """Error of energy and momenta at the state in ``data`` over (1 + scale); infinite if not finite."""
 
 
@@ -143,7 +143,7 @@ class StepControl:
                 motion.path.move_to(0.0)
                 self._error.begin(measured=True)
                 continue
-            error = self._error.relative(trial_s, exchanged(trial_s), carried=motion.carried is not None)
+            error = self._error.relative(trial_s, exchanged(trial_s), grasped=motion.carried is not None)
             rate = error / trial_s
             if rate <= self._rate or not math.isfinite(error):  # the caller notices states that are not finite
                 return self._plan_one(trial_s, clear)

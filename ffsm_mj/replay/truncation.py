@@ -152,7 +152,7 @@ class _Refining(LogReplay):
         return residuals
 
     def _size(self, residuals: FloatArray) -> float:
-        return self._error.over_scale(residuals, carried=self._course.motion.carried is not None)
+        return self._error.over_scale(residuals, grasped=self._course.motion.carried is not None)
 
     def _back_to(self, start: FloatArray) -> None:
         path = self._course.motion.path

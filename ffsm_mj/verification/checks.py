@@ -49,7 +49,7 @@ RELATIVE_CHECKS = (
 CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "contact complementarity")
 """All checks. ``no penetration``, with a tolerance in m, if the log has the depth; the last one with persistent contact."""
 
-STEP_LAWS = CHECK_NAMES[:3]
+TRUNCATION_CHECKS = CHECK_NAMES[:3]
 """Checks that may fail by the truncation of the step."""
 
 Tolerance = float | Mapping[str, float]

@@ -218,8 +218,8 @@ def _by_records(event: Sequence[ImpactRecord]) -> Iterator[float]:
 def _by_states(event: Sequence[ImpactRecord], met: _CheckedImpact) -> Iterator[float]:
     """Deviations of records from the states, J; other quantities are multiplied by the conjugate speed or impulse."""
     strength, speed = float(np.abs(met.impulses).max()), float(np.abs(met.A @ met.before).max())
-    told = np.abs(met.speeds - np.stack((met.A @ met.before, met.A @ met.after))).max()
-    yield strength * float(told)
+    difference = np.abs(met.speeds - np.stack((met.A @ met.before, met.A @ met.after))).max()
+    yield strength * float(difference)
     yield met.unexplained
     energies = [0.5 * float(w @ w) for w in (met.before, met.after)]
     logged = event[0].energy_before_J["total"][0], event[0].energy_after_J["total"][0]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, STEP_LAWS, Check, CheckAccumulator, Tolerance
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, TRUNCATION_CHECKS, Check, CheckAccumulator, Tolerance
 from ffsm_mj.verification.truncation import Truncation
 
 _SAME = 0.5
@@ -40,7 +40,7 @@ class Refined:
         judged = []
         for check in checks:
             key = check.name, check.subsystem
-            if check.passes or check.name not in STEP_LAWS or key not in without:
+            if check.passes or check.name not in TRUNCATION_CHECKS or key not in without:
                 judged.append(check)
                 continue
             # If the logged residual disagrees with the states, the check fails for another reason than the step.
@@ -61,8 +61,8 @@ def explained(checks: tuple[Check, ...], tolerance: Tolerance, refined: Callable
         tolerance: Tolerance of the checks.
         refined: Recomputes the checks with shorter steps; returns None if the log does not allow it.
     """
-    own = tolerance if isinstance(tolerance, Mapping) else dict.fromkeys(STEP_LAWS, tolerance)
-    judged = [name for name in STEP_LAWS if own.get(name, DEFAULT_TOLERANCE) >= DEFAULT_TOLERANCE]
+    own = tolerance if isinstance(tolerance, Mapping) else dict.fromkeys(TRUNCATION_CHECKS, tolerance)
+    judged = [name for name in TRUNCATION_CHECKS if own.get(name, DEFAULT_TOLERANCE) >= DEFAULT_TOLERANCE]
     if not any(check.name in judged and not check.passes and math.isfinite(check.residual) for check in checks):
         return checks
     found = refined()

@@ -14,7 +14,7 @@ from ffsm_mj.contact_models.impact.model import ImpactModel
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.pytest_plugin import assert_conserved
 from ffsm_mj.replay import replay_log
-from ffsm_mj.verification.checks import STEP_LAWS
+from ffsm_mj.verification.checks import TRUNCATION_CHECKS
 from tests.simulation.test_accuracy import whirling
 
 
@@ -32,7 +32,7 @@ def test_the_residual_falls_with_the_fourth_power_and_says_so(truncated):
     broken = failing(truncated.checks())
     assert broken
     for check in broken:
-        assert check.name in STEP_LAWS
+        assert check.name in TRUNCATION_CHECKS
         assert check.fails_by_truncation
         # The fourth power gives 16; at 0.1 rad a step the next order still counts.
         assert 8.0 < check.truncation.residual / check.truncation.half < 32.0

@@ -29,7 +29,7 @@ from ffsm_mj.replay.truncation import refined
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource, read_yaml
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, STEP_LAWS, Check
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, TRUNCATION_CHECKS, Check
 from ffsm_mj.verification.refined import explained
 
 
@@ -159,7 +159,7 @@ def _run(job: Job, overrides: Mapping[str, Any], started: float) -> dict[str, An
 def _may_be_truncation(run: Run, checks: Sequence[Check]) -> bool:
     """Whether the run completed and only checks of energy and momenta fail."""
     failing = [check for check in checks if not check.passes]
-    return run.outcome == Outcome.COMPLETED and bool(failing) and all(check.name in STEP_LAWS for check in failing)
+    return run.outcome == Outcome.COMPLETED and bool(failing) and all(check.name in TRUNCATION_CHECKS for check in failing)
 
 
 def _by_dotted_key(nested: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
