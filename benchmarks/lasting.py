@@ -49,7 +49,7 @@ PADS = {
 }
 PARTS: dict[str, list[tuple[Any, str]]] = {
     "contacts, for the control law": [(EventDrivenIntegrator, "contacts")],
-    "contacts, for the log": [(ContactReport, "_note")],
+    "contacts, for the log": [(ContactReport, "_write_values")],
     "watch for other contacts": [(ContactWatch, "look")],
     "whether something begins or ends": [(PersistentContactModel, "due")],
     "drift, and which press": [(PersistentContactModel, "begin_step")],
