@@ -158,18 +158,31 @@ class StepControl:
                 continue
             if trial_s <= self._shortest_s:
                 falls = before is not None and rate < before[1] * (trial_s / before[0]) ** _FALLS
-                if error > _LOST or (falls and error > _SMALL):
-                    raise StepLimitError(f"steps of {trial_s:.3g} s exceed the allowed error {rate / self._rate:.3g} times")
-                if falls:
-                    self._planned, self._planned_s, self._reach_s = _AT_ONCE, trial_s / _AT_ONCE, trial_s
-                    return None
-                # The error is not truncation, or an event left an equally short rest of the step: shorter steps do not help.
-                # One step over the rest is as good, and the checks evaluate it.
-                clear, motion.path.at_s = motion.step(left_s), left_s
-                return self._plan_one(left_s, clear)
+                return self._plan_shortest(motion, (trial_s, left_s), error, falls=falls)
             before = trial_s, rate
             coarser = min(_MOST_COARSER, max(2, math.ceil(parts / _AT_ONCE), _AT_ONCE * (error > _COARSE)))
             trial_s = max(trial_s / coarser, min(self._shortest_s, trial_s))
+
+    def _plan_shortest(self, motion: Motion, durations_s: tuple[float, float], error: float, *, falls: bool) -> bool | None:
+        """Choose sub-steps although the shortest trial exceeds the allowed error; see :meth:`_plan`.
+
+        Args:
+            motion: The current motion, at the start of the trial.
+            durations_s: Durations of the trial and of the rest of the time step, s.
+            error: Relative error of the trial.
+            falls: Whether the error falls with the duration, as truncation does.
+        """
+        trial_s, left_s = durations_s
+        if error > _LOST or (falls and error > _SMALL):
+            times = error / trial_s / self._rate
+            raise StepLimitError(f"steps of {trial_s:.3g} s exceed the allowed error {times:.3g} times")
+        if falls:
+            self._planned, self._planned_s, self._reach_s = _AT_ONCE, trial_s / _AT_ONCE, trial_s
+            return None
+        # The error is not truncation, or an event left an equally short rest of the step: shorter steps do not help.
+        # One step over the rest is as good, and the checks evaluate it.
+        clear, motion.path.at_s = motion.step(left_s), left_s
+        return self._plan_one(left_s, clear)
 
     def _plan_one(self, duration_s: float, clear: bool) -> bool:
         """Make the trial itself the sub-step."""

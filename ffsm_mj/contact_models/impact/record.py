@@ -68,12 +68,8 @@ def impact_records(
     instant: EventTime,
 ) -> tuple[ImpactRecord, ...]:
     """Records of an impact, one per contact point."""
-
-    def by_subsystem(values: Any) -> dict[str, tuple[float, ...]]:
-        return {subsystem: (float(value),) for subsystem, value in zip(("total", "robot", "objects"), values, strict=True)}
-
     impact, used, vectors = met.impact, met.used.tolist(), met.impact.vectors
-    change = impact.momentum_change
+    shared = _shared_fields(system, data, impact, energies)
     stated = [pair.restitution for pair, _, _ in contact_points(touching)]
     omitted = [_omitted_flights(*each) for each in zip(met.speeds.tolist(), met.pressing.tolist(), stated, strict=True)]
     records = []
@@ -91,8 +87,6 @@ def impact_records(
                 point_m=tuple(point.tolist()),
                 normal=tuple(near.normal.tolist()),
                 manifold=manifold_name(len(near.points)),
-                law=impact.law,
-                status=impact.status,
                 restitution=pair.restitution,
                 restitution_used=used[i],
                 dropped_gap_m=omitted[i][0],
@@ -104,19 +98,33 @@ def impact_records(
                 mu=pair.mu,
                 **_friction(impact, i),
                 gap_m=near.gap,
-                qpos=tuple(data.qpos.tolist()),
-                qvel_before=system.by_joint(impact.before.qvel),
-                qvel_after=system.by_joint(impact.after.qvel),
-                energy_before_J=by_subsystem(energies[0]),
-                energy_after_J=by_subsystem(energies[1]),
-                momentum_before={"total": tuple(impact.before.momentum.tolist())},
-                momentum_after={"total": tuple(impact.after.momentum.tolist())},
-                energy_change_J=impact.energy_change_J,
-                linear_momentum_change_N_s=float(np.linalg.norm(change[:3])),
-                angular_momentum_change_N_m_s=float(np.linalg.norm(change[3:])),
+                **shared,
             )
         )
     return tuple(records)
+
+
+def _shared_fields(system: System, data: Any, impact: Impact, energies: FloatArray) -> dict[str, Any]:
+    """Fields that are equal in the records of all contacts of an impact."""
+    change = impact.momentum_change
+    before, after = (
+        {subsystem: (float(value),) for subsystem, value in zip(("total", "robot", "objects"), values, strict=True)}
+        for values in energies
+    )
+    return {
+        "law": impact.law,
+        "status": impact.status,
+        "qpos": tuple(data.qpos.tolist()),
+        "qvel_before": system.by_joint(impact.before.qvel),
+        "qvel_after": system.by_joint(impact.after.qvel),
+        "energy_before_J": before,
+        "energy_after_J": after,
+        "momentum_before": {"total": tuple(impact.before.momentum.tolist())},
+        "momentum_after": {"total": tuple(impact.after.momentum.tolist())},
+        "energy_change_J": impact.energy_change_J,
+        "linear_momentum_change_N_s": float(np.linalg.norm(change[:3])),
+        "angular_momentum_change_N_m_s": float(np.linalg.norm(change[3:])),
+    }
 
 
 def _friction(impact: Impact, i: int) -> dict[str, Any]:
