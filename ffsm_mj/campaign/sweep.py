@@ -1,4 +1,4 @@
-"""A small campaign in one call: every combination of some values, one table."""
+"""Small campaigns in one function call: all combinations of given values, one table."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ def sweep(
     workers: int | None = None,
     out: str | Path | None = None,
 ) -> Any:
-    """Run a scenario with every combination of some values.
+    """Run a scenario with every combination of given values.
 
     Works in a script without a main guard, from standard input and in a notebook.
 
     Args:
         scenario: A file, or the name of a shipped scenario.
-        values: Values to take by dotted key of the scenario.
-        metrics: What is kept of each run; see docs/campaigns.md.
-        overrides: Values that all runs take, by dotted key.
-        controllers: Control laws of the caller's own, classes by kind.
-        workers: Processes; None: as many as there are processors.
-        out: Folder of the campaign; one that holds the same is gone on with. None keeps only the table.
+        values: Values by dotted key of the scenario.
+        metrics: Metrics of each run; see docs/campaigns.md.
+        overrides: Overrides of the scenario for all runs, by dotted key.
+        controllers: Control laws of the caller, classes by kind.
+        workers: Number of processes; None: one per processor.
+        out: Folder of the campaign, continued if it holds the same campaign; None: only the table is kept.
 
     Returns:
-        A ``pyarrow.Table`` with a row per run; ``to_pandas()`` makes it a data frame.
+        A ``pyarrow.Table`` with a row per run; its method ``to_pandas`` gives a data frame.
 
     Raises:
-        InputError: A key, a value or a metric is wrong.
+        InputError: A key, a value or a metric is invalid.
     """
     stated = {
         "campaign": "sweep",
@@ -60,7 +60,7 @@ def sweep(
         "metrics": list(metrics),
         "limits": {"max_failed": 1.0},
     }
-    name = Path("sweep")  # stands for the file in what is said of faults
+    name = Path("sweep")  # replaces the file name in messages
     plan = planned(source_of(parse(write_yaml(stated), name), name), controllers)
     with ExitStack() as stack:
         if out is None:
@@ -69,7 +69,7 @@ def sweep(
         here = [kind for kind, law in controllers.items() if not importable(law)]
         if here:
             print(
-                f"sweep: {', '.join(here)} cannot be imported by other processes, so all runs are made in this one",
+                f"sweep: {', '.join(here)} cannot be imported by other processes: all runs are executed in this one",
                 file=sys.stderr,
             )
         campaign.run(workers=workers)
@@ -77,7 +77,7 @@ def sweep(
 
 
 def _plain(value: Any) -> Any:
-    """Numbers of numpy as those of Python, at any depth."""
+    """Nested data with NumPy numbers converted to Python numbers."""
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

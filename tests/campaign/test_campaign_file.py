@@ -45,7 +45,7 @@ def line_of(folder, dispersions=None, samples=None, **more):
         ),
         (
             {"duration_s": {"normal": {"sd": 1}}},
-            "needs a 'mean'; only a scale, an offset and an angle have one of their own",
+            "needs a 'mean'; only scale, offset and angle have a default",
         ),
         (
             {"duration_s": {"scale": {"normal": {"sd": 0}}}},
@@ -67,7 +67,7 @@ def line_of(folder, dispersions=None, samples=None, **more):
         ({"impact_pairs.*.nme": {"values": [1]}}, "unknown key 'nme' (did you mean 'name'?)"),
         (
             {"ignored_pairs.*.reason": {"choice": ["x"]}},
-            "means nothing in this scenario: there is no entry for '*' to stand for",
+            "matches nothing in this scenario",
         ),
         (
             {"initial.joints.rok/free.0": {"values": [1]}},
@@ -78,26 +78,26 @@ def line_of(folder, dispersions=None, samples=None, **more):
             {"initial.joints.rock/free": {"values": [1]}},
             "is a list of 7: name one of its numbers (initial.joints.rock/free.0)",
         ),
-        ({"initial.joints": {"values": [1]}}, "initial.joints has keys of its own: names of joints"),
+        ({"initial.joints": {"values": [1]}}, "initial.joints is a mapping; name a joint"),
         (
             {"impact": {"values": [1]}},
-            "impact has keys of its own; name one: law, max_impacts, rest_interval_s, rest_speed_m_s",
+            "impact is a mapping; name one of its keys: law, max_impacts, rest_interval_s, rest_speed_m_s",
         ),
         ({"objects.rok.fixed": {"choice": [True]}}, "unknown name 'rok' (did you mean 'rock'?); allowed: rock, stone"),
         ({"task.target_m.0": {"values": [1]}}, "the scenario has no task"),
         (
             {"impact.rest_interval_s": {"scale": {"values": [1]}}},
-            "has no value for the scale to start from; state one under overri",
+            "has no value, but scale needs a number: set it under overrides",
         ),
-        ({"conservative": {"offset": {"values": [1]}}}, "conservative is True, no number for the offset to start from"),
+        ({"conservative": {"offset": {"values": [1]}}}, "conservative is True, not a number, but offset needs a number"),
         ({"duration_s.0": {"values": [1]}}, "duration_s is a single value and has no '0'"),
         (
             {"duration_s": {"vector": {"direction": "random", "magnitude": {"values": [1]}}}},
-            "is no vector of 3 numbers; of a free",
+            "is not a vector of 3 numbers; for a free",
         ),
         (
             {"duration_s": {"rotation": {"axis": "random", "angle": {"values": [1]}}}},
-            "duration_s is no attitude to rotate: a free",
+            "duration_s is not an attitude; rotate a free",
         ),
         ({"duration_s": {"rotation": {"axis": [0, 0, 0], "angle": {"values": [1]}}}}, "rotation: axis must not be zero"),
         (
@@ -106,23 +106,26 @@ def line_of(folder, dispersions=None, samples=None, **more):
         ),
         ({"model.rok.rock.mass_kg": {"values": [1]}}, "unknown body 'rok/rock' (did you mean 'rock/rock'?); allowed: "),
         ({"model.rock.rock.mas_kg": {"values": [1]}}, "unknown property 'mas_kg' (did you mean 'mass_kg'?)"),
-        ({"model.rock.rock": {"values": [1]}}, "model.rock.rock is no property: it is written model.TREE.BODY.PROPERTY"),
+        ({"model.rock.rock": {"values": [1]}}, "model.rock.rock is not a property; write model.TREE.BODY.PROPERTY"),
         ({"model.rock.*.mas_kg": {"values": [1]}}, "unknown property 'mas_kg' (did you mean 'mass_kg'?)"),
-        ({"model.rck.*.mass_kg": {"values": [1]}}, "means nothing in this scenario: there is no entry for '*' to stand for"),
+        ({"model.rck.*.mass_kg": {"values": [1]}}, "matches nothing in this scenario"),
         ({"model.rock.rock.mass_kg": {"scale": {"uniform": [-1, 1]}}}, "mass_kg: should be greater than 0"),
         (
             {"duration_s": {"scale": {"choice": ["a"]}}},
-            "scale: a choice of numbers is needed; texts and flags can only be",
+            "scale: needs a choice of numbers; texts and flags can only replace",
         ),
         (
             {"x": {"keys": ["initial.joints.rock/free"], "rotation": {"axis": "random", "angle": {"choice": [True]}}}},
-            "angle: a",
+            "angle: needs a choice",
         ),
         (
             {"duration_s": {"lognormal": {"median": 1, "sigma": 1000}}},
-            "dispersions.duration_s: goes beyond the largest numbers",
+            "dispersions.duration_s: exceeds the range of floating-point numbers",
         ),
-        ({"duration_s": {"uniform": [-1e308, 1e308]}}, "dispersions.duration_s: goes beyond the largest numbers"),
+        (
+            {"duration_s": {"uniform": [-1e308, 1e308]}},
+            "dispersions.duration_s: exceeds the range of floating-point numbers",
+        ),
         ({"duration_s": {"truncated": {"mean": 0, "sd": 1, "low": 1e300}}}, "duration_s"),
         (
             {"impact.law": {"choice": ["newton", {}]}},
@@ -130,36 +133,36 @@ def line_of(folder, dispersions=None, samples=None, **more):
         ),
         (
             {"impact.law": {"choice": ["newton", [1]]}},
-            "a choice is of numbers, of texts, of flags or of lists: they are one",
+            "the values of a choice must have one type",
         ),
         ({"impact.law": {"choice": [[1], [2]]}}, "impact.law: should be 'blend', 'poisson' or 'newton'"),
-        ({"duration_s": {"scale": {"choice": [[1]]}}}, "scale: a choice of numbers is needed; texts and flags can only be"),
+        ({"duration_s": {"scale": {"choice": [[1]]}}}, "scale: needs a choice of numbers; texts and flags can only replace"),
         (
             {
                 "initial.joints.rock/free": {"choice": [[0, 0, 0, 1, 0, 0, 0]]},
                 "initial.joints.rock/free.4": {"values": [1]},
             },
-            "initial.joints.rock/free.4 is dispersed by 'initial.joints.rock/free' already",
+            "initial.joints.rock/free.4 is already dispersed by 'initial.joints.rock/free'",
         ),
-        ({"a=b": {"values": [1]}}, "a key with '=' in it cannot be set"),
+        ({"a=b": {"values": [1]}}, "a key that contains '=' cannot be set"),
         (
             {"x": {"keys": ["duration_s", "nothing"], "values": [1]}},
             "dispersions.x.keys.1: unknown key 'nothing'; allowed: ",
         ),
         (
             {"duration_s": {"grid": {"low": 0, "high": 1, "levels": 3}}},
-            "levels of a grid, and the samples are random; write values",
+            "has levels of a grid, but the samples are of kind random; write values",
         ),
         (
             {"duration_s": {"values": [1]}, "again": {"keys": ["duration_s"], "values": [1]}},
-            "dispersions.again.keys.0: duration_s is dispersed by 'duration_s' already",
+            "dispersions.again.keys.0: duration_s is already dispersed by 'duration_s'",
         ),
         (
             {
                 "initial.joints.rock/free": {"rotation": {"axis": "random", "angle": {"values": [1]}}},
                 "initial.joints.rock/free.4": {"values": [1]},
             },
-            "initial.joints.rock/free.4 is dispersed by 'initial.joints.rock/free' already",
+            "initial.joints.rock/free.4 is already dispersed by 'initial.joints.rock/free'",
         ),
         (
             {"a": {"keys": ["duration_s"], "scale": {"values": [1]}}, "a.scale": {"keys": ["time_step_s"], "values": [1]}},
@@ -168,10 +171,13 @@ def line_of(folder, dispersions=None, samples=None, **more):
         ({"impact_pairs.*.restitution": {"uniform": [0.5, 1.2]}}, "restitution must be in [0, 1]; above 1 only with"),
         (
             {"impact.max_impacts": {"uniform": [1, 9]}},
-            "impact.max_impacts is an integer: draw it from integers by values, choice",
+            "impact.max_impacts is an integer: disperse it with integers in values, choice",
         ),
         ({"impact.max_impacts": {"values": [1.0, 2]}}, "dispersions.impact.max_impacts: impact.max_impacts is an integer"),
-        ({"impact.max_impacts": {"scale": {"uniform": [1, 2]}}}, "impact.max_impacts is an integer: draw it from integers"),
+        (
+            {"impact.max_impacts": {"scale": {"uniform": [1, 2]}}},
+            "impact.max_impacts is an integer: disperse it with integers",
+        ),
         ({"impact.max_impacts": {"values": [0, 2]}}, "impact.max_impacts: should be greater than 0, got 0"),
         ({"impact.max_impacts": {"values": [True, 2]}}, "max_impacts.values.0: should be a finite number, got true"),
         (
@@ -201,8 +207,8 @@ def test_a_fault_of_a_run_names_the_run_and_the_entry(tmp_path):
     [
         ({"kind": "sobol", "n": 100}, "samples: n must be a power of 2 for sobol: 64 or 128, not 100"),
         ({"kind": "saltelli", "n": 3}, "samples: n must be a power of 2 for saltelli: 2 or 4, not 3"),
-        ({"kind": "random"}, "samples: needs 'n', how many runs; only a grid has none"),
-        ({"kind": "grid", "n": 4}, "a grid has as many runs as combinations of its levels; leave n out"),
+        ({"kind": "random"}, "samples: needs 'n', the number of samples; only a grid has none"),
+        ({"kind": "grid", "n": 4}, "a grid has one run per combination of its levels; leave n out"),
         ({"kind": "grid"}, "dispersions.impact_pairs.0.restitution: has no levels for a grid; write values, choice or grid"),
         (
             {"kind": "montecarlo", "n": 4},
@@ -210,7 +216,7 @@ def test_a_fault_of_a_run_names_the_run_and_the_entry(tmp_path):
         ),
         ({"kind": "random", "n": 0}, "samples.n: should be greater than or equal to 1, got 0"),
         ({"kind": "random", "n": 4, "seed": -1}, "samples.seed: should be greater than or equal to 0, got -1"),
-        ({"kind": "saltelli", "n": 2**23}, "samples: makes 25165824 runs; at most 10000000"),
+        ({"kind": "saltelli", "n": 2**23}, "samples: gives 25165824 runs; at most 10000000"),
     ],
 )
 def test_samples_that_cannot_be(tmp_path, samples, message):
@@ -229,15 +235,18 @@ def test_samples_that_cannot_be(tmp_path, samples, message):
         ({"overrides": {"duration_s": -1}}, "overrides.duration_s: duration_s: should be greater than 0, got -1"),
         ({"overrides": {"dur\x00ation": 3}}, r"overrides.dur\x00ation: dur\x00ation: unknown key"),
         ({"overrides": {"phases.5.name": "x"}}, "overrides.phases.5.name: phases is a list of 1: its positions are 0 to 0"),
-        ({"success": "tip.error_m"}, "success: 'tip.error_m' is no condition; write METRIC OPERATOR NUMBER, e.g. "),
-        ({"success": "duration_s < 3 or steps > 1"}, "is no condition"),
-        ({"success": "duration_s < three"}, "'three' is no number, and a metric is compared with a number, true or false"),
-        ({"metrics": ["steps", "steps"]}, "metrics: steps stands twice"),
+        ({"success": "tip.error_m"}, "success: 'tip.error_m' is not a condition; write METRIC OPERATOR NUMBER, e.g. "),
+        ({"success": "duration_s < 3 or steps > 1"}, "is not a condition"),
+        (
+            {"success": "duration_s < three"},
+            "'three' is not a number; a metric can be compared with a number, true or false",
+        ),
+        ({"metrics": ["steps", "steps"]}, "metrics: steps is listed twice"),
         ({"metrics": ["steps", "stps"]}, "metrics.1: unknown metric 'stps' (did you mean 'steps'?)"),
         ({"success": "stps > 3"}, "success: unknown metric 'stps' (did you mean 'steps'?)"),
         ({"keep": {"worst": {"stps": 3}}}, "keep.worst.stps: unknown metric 'stps'"),
         ({"stop": {"metric": "stps", "width": 0.1}}, "stop.metric: unknown metric 'stps'"),
-        ({"stop": {"metric": "success", "width": 0.1}}, "stop.metric: nothing is a success here: state 'success'"),
+        ({"stop": {"metric": "success", "width": 0.1}}, "stop.metric: the campaign has no success condition: set 'success'"),
         ({"keep": {"failures": -1}}, "keep.failures: should be greater than or equal to 0, got -1"),
         ({"limits": {"max_failed": 2.0}}, "limits.max_failed: should be less than or equal to 1, got 2.0"),
         ({"limits": {"timeout_s": 0}}, "limits.timeout_s: should be greater than 0, got 0"),
@@ -359,7 +368,7 @@ def test_a_campaign_is_told_from_a_scenario(tmp_path, capsys):
     assert main(["campaign", "run", str(scenario), "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.splitlines() == [
         f"{campaign}: is a campaign, not a scenario; use 'ffsm campaign run {campaign}'",
-        f"{scenario}: is a scenario, no campaign; 'ffsm run' takes it",
+        f"{scenario}: is a scenario, not a campaign; use 'ffsm run'",
     ]
     assert is_campaign(campaign_file(tmp_path, GOOD))
     assert not any(map(is_campaign, (scenario, tmp_path, "baseline", "nothing", tmp_path / "nothing.yaml")))

@@ -14,7 +14,7 @@ from ffsm_mj.campaign.plan import row_check
 from ffsm_mj.campaign.plan.design import Design
 from ffsm_mj.campaign.plan.loading import load_campaign
 from ffsm_mj.campaign.plan.row_check import refuse_wrong_rows
-from ffsm_mj.campaign.plan.value_operations import turned
+from ffsm_mj.campaign.plan.value_operations import rotated
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.properties import property_value
 from ffsm_mj.scenario.loading import load_scenario
@@ -126,9 +126,9 @@ def relative(quaternion, first):
 
 def test_a_quarter_turn_about_z_takes_x_to_y():
     """Cos 45 degrees and sin 45 degrees; a second one about the world's x then takes y to z."""
-    once = turned([1.0, 0.0, 0.0, 0.0], (0.0, 0.0, 1.0), math.pi / 2)
+    once = rotated([1.0, 0.0, 0.0, 0.0], (0.0, 0.0, 1.0), math.pi / 2)
     np.testing.assert_allclose(once, [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)], atol=1e-15)
-    np.testing.assert_allclose(turned(once, (1.0, 0.0, 0.0), math.pi / 2), [0.5, 0.5, -0.5, 0.5], atol=1e-15)
+    np.testing.assert_allclose(rotated(once, (1.0, 0.0, 0.0), math.pi / 2), [0.5, 0.5, -0.5, 0.5], atol=1e-15)
 
 
 def test_a_vector_is_a_direction_times_a_magnitude(tmp_path):
@@ -225,10 +225,10 @@ def test_an_extended_design_keeps_its_runs(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "n", "message"),
     [
-        ("lhs", 16, "a sample of kind lhs cannot be extended, a larger one is all new; allowed: random, sobol"),
-        ("saltelli", 16, "a sample of kind saltelli cannot be extended"),
-        ("sobol", 12, "12 runs; a power of 2 above 8, the number of runs so far, is needed"),
-        ("random", 8, "8 runs; above 8, the number of runs so far, is needed"),
+        ("lhs", 16, "a design of kind lhs cannot be extended: a larger one has other samples; allowed: random, sobol"),
+        ("saltelli", 16, "a design of kind saltelli cannot be extended"),
+        ("sobol", 12, "12 samples: needs a power of 2 above 8, the present number"),
+        ("random", 8, "8 samples: needs a number above 8, the present number"),
     ],
 )
 def test_what_cannot_be_extended(tmp_path, kind, n, message):
@@ -243,7 +243,7 @@ def test_a_design_of_another_file_is_not_extended(tmp_path):
     two_rocks(tmp_path)
     wide, narrow = ({"initial.joints.rock/free.1": {"offset": {"uniform": [0.0, end]}}} for end in (1.0, 0.5))
     first = load_campaign(campaign_file(tmp_path, wide)).design()
-    with pytest.raises(InputError, match="the first runs would not be those of the design"):
+    with pytest.raises(InputError, match="the extended design would not begin with the present runs"):
         load_campaign(campaign_file(tmp_path, narrow)).extended(first, 16)
 
 
@@ -274,7 +274,7 @@ def test_a_dispersion_that_is_not_applied_is_noticed(tmp_path, monkeypatch):
     with pytest.raises(
         InputError, match=r"campaign\.yaml:10:\d+: dispersions.impact_pairs.0.restitution: run 0: .*not applied"
     ):
-        refuse_wrong_rows(plan.base, made, plan.source, plan.draws)
+        refuse_wrong_rows(plan.base, made, plan.source, plan.scalars)
 
 
 def test_properties_of_models(tmp_path):
@@ -319,7 +319,7 @@ def test_a_mass_that_the_model_swallows_is_noticed(tmp_path, monkeypatch):
     two_rocks(tmp_path)
     plan = load_campaign(campaign_file(tmp_path, {"model.rock.rock.mass_kg": {"scale": {"uniform": [1.0, 1.001]}}}))
     monkeypatch.setattr(row_check, "recipe", lambda *_: plan.base)
-    with pytest.raises(InputError, match=r"model.rock.rock.mass_kg is 1.0 although 1.000\d+ was drawn: .*not applied"):
+    with pytest.raises(InputError, match=r"model.rock.rock.mass_kg is 1.0 although 1.000\d+ was sampled: .*not applied"):
         plan.design()
 
 

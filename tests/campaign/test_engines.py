@@ -215,7 +215,7 @@ def test_laws_of_a_script_run_where_they_are(tmp_path: Path, capsys: pytest.Capt
     values = {"phases.0.controller.act": ["nothing", "raise"]}
     table = ffsm_mj.sweep(tmp_path / "scene.yaml", values, metrics=METRICS, controllers={"fuse": Mine}, workers=2)
     assert table.column("outcome").to_pylist() == ["completed", "controller_failed"]
-    assert "fuse cannot be imported by other processes, so all runs are made in this one" in capsys.readouterr().err
+    assert "fuse cannot be imported by other processes: all runs are executed in this one" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -174,7 +174,7 @@ def test_a_report_follows_no_link(folder, capsys, name):
 def test_a_design_that_is_none(folder, capsys, key, value):
     file = folder / "design.json"
     file.write_text(json.dumps(json.loads(file.read_text()) | {key: value}))
-    assert refused(capsys, "status", "D").startswith("D/design.json: no design of a campaign (")
+    assert refused(capsys, "status", "D").startswith("D/design.json: not a design of a campaign (")
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "[" * 100_000, '{"scenario": "[", "a": 1}'])

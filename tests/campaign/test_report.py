@@ -56,26 +56,26 @@ def test_shares_with_their_intervals(many):
     assert cells(text, "outcome `diverged`")[0] == f"{failed} of 128"
     successes = sum(each["success"] for each in many)
     assert cells(text, "success")[0] == f"{successes} of 128"
-    assert "A run is a success where `y < 1`." in text
-    assert "nominal" not in text
+    assert "A run is a success if `y < 1`." in text
+    assert "approximate" not in text
 
 
 def test_no_failure_has_an_upper_end():
     text = page(results([row(i, x=float(i), y=float(i)) for i in range(64)]))
-    assert cells(text, "failed (did not come to the end, or fails a check)") == ["0 of 64", "0 %", "0 % to 5.66 %"]
+    assert cells(text, "failed (not completed, or a check fails)") == ["0 of 64", "0 %", "0 % to 5.66 %"]
 
 
 @pytest.mark.parametrize(("kind", "points"), [("sobol", "Sobol points"), ("lhs", "points of a Latin hypercube")])
-def test_intervals_of_dependent_points_are_called_nominal(many, kind, points):
-    assert f"They are nominal: {points} are not independent draws." in page(results(many, kind=kind))
+def test_intervals_of_dependent_points_are_called_approximate(many, kind, points):
+    assert f"They are approximate: {points} are not independent samples." in page(results(many, kind=kind))
 
 
 def test_metrics_say_where_there_is_no_bound_and_what_is_constant(many):
     text = page(results(many))
     assert cells(text, "`y_flat`")[:3] == [str(sum(not each["failed"] for each in many)), "7.769", "constant"]
     some = cells(text, "`y_some`")
-    assert "no upper bound under 72 runs" in some[4]
-    assert "no lower bound under 72 runs" in some[2]
+    assert "no upper bound with fewer than 72 runs" in some[4]
+    assert "no lower bound with fewer than 72 runs" in some[2]
     assert re.fullmatch(r"[\d.]+ \([\d.]+ to [\d.]+\)", some[3])
 
 
@@ -87,8 +87,8 @@ def test_sensitivity_of_what_is_constant(many):
 
 def test_a_saltelli_design_with_a_failure_has_no_indices(many):
     found = results(many[:96], kind="saltelli", n=24)
-    assert "indices need every run" in page(found).partition("Sobol's indices")[2]
-    assert "Shares and quantiles are of the first 48 runs" in page(found)
+    assert "indices need every run" in page(found).partition("Sobol indices: first")[2]
+    assert "Fractions and quantiles are those of the first 48 runs" in page(found)
 
 
 def test_failures_are_grouped_and_set_apart(many):
@@ -103,7 +103,7 @@ def test_text_in_a_table_cannot_break_it():
 
 
 def test_a_campaign_without_rows_has_a_page():
-    assert page(results([], runs=64)) == "# made-up\n\n0 of 64 runs: there is nothing to tell yet.\n"
+    assert page(results([], runs=64)) == "# made-up\n\n0 of 64 runs have a result.\n"
 
 
 def test_an_unfinished_campaign_says_so(many):
@@ -124,7 +124,7 @@ def test_runs_over_each_other(baseline, tmp_path):
     """The tip's way from the log, drawn where the axes say: both ends of it have ink."""
     rerun_runs = [(row(3, success=True), baseline), (row(5, success=False), baseline)]
     made = save_figures(results([row(i, x=1.0 * i) for i in range(4)]), rerun_runs, tmp_path)
-    assert made == [("runs made again, over each other", "trajectories.png")]
+    assert made == [("trajectories of repeated runs", "trajectories.png")]
     assert (tmp_path / "trajectories.png").stat().st_size > 20_000
 
 

@@ -37,9 +37,9 @@ def test_ishigami(ishigami):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda rows: rows[:-3], "3 runs are not made yet"),
-        (lambda rows: [*rows[:7], rows[7] | {"failed": True}, *rows[8:]], "1 runs failed, run 7 the first"),
-        (lambda rows: [*rows[:7], rows[7] | {"y": None}, *rows[8:]], "1 runs have no y, run 7 the first"),
+        (lambda rows: rows[:-3], "3 runs have no result yet"),
+        (lambda rows: [*rows[:7], rows[7] | {"failed": True}, *rows[8:]], "1 runs failed, first run 7"),
+        (lambda rows: [*rows[:7], rows[7] | {"y": None}, *rows[8:]], "1 runs have no y, first run 7"),
         (lambda rows: [each | {"y": 7.769248852} for each in rows], "constant"),
     ],
 )
@@ -59,12 +59,12 @@ def test_a_parameter_without_any_effect_has_index_zero(ishigami):
 
 
 def test_indices_need_more_than_a_handful_of_points(ishigami):
-    with pytest.raises(ValueError, match="n = 4 is too few for indices"):
+    with pytest.raises(ValueError, match="n = 4 is too small for Sobol indices"):
         sobol_indices(results(ishigami[:20], kind="saltelli", n=4), "y")
 
 
 def test_indices_need_their_own_design(ishigami):
-    with pytest.raises(ValueError, match="need samples of kind saltelli, these are sobol"):
+    with pytest.raises(ValueError, match="need samples of kind saltelli, not sobol"):
         sobol_indices(results(ishigami, kind="sobol"), "y")
 
 

@@ -1,4 +1,4 @@
-"""How intervals narrow with the number of runs, looked at where that is a power of 2."""
+"""Confidence intervals as a function of the number of runs, at powers of 2."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _FIRST = 8
 
 @dataclass(frozen=True)
 class IntervalAtRuns:
-    """What the first runs tell.
+    """Estimate from the first runs, with its confidence interval.
 
     Attributes:
-        runs: How many of them.
-        value: Share of good runs, or median of a metric.
-        low: Lower end of its interval; None where there is none.
-        high: Upper end; None where there is none.
+        runs: Number of runs.
+        value: Fraction of good runs, or median of a metric.
+        low: Lower end of the interval; None if unbounded.
+        high: Upper end of the interval; None if unbounded.
     """
 
     runs: int
@@ -29,13 +29,13 @@ class IntervalAtRuns:
 
     @property
     def width(self) -> float | None:
-        """Width of the interval; None where an end is missing."""
+        """Width of the interval; None if it is unbounded."""
         return None if self.low is None or self.high is None else self.high - self.low
 
 
 def interval_at(results: Results, what: str, runs: int) -> IntervalAtRuns | None:
-    """What the first runs tell of ``success`` or of the median of a metric; None where none of them has it."""
-    rows = results.beginning[:runs]
+    """Estimate of ``success`` or of the median of a metric from the first runs; None if none has the metric."""
+    rows = results.complete_part[:runs]
     if what == SUCCESS:
         share = Proportion(sum(map(is_good, rows)), len(rows))
         return IntervalAtRuns(runs, share.value, *share.interval)
@@ -47,16 +47,16 @@ def interval_at(results: Results, what: str, runs: int) -> IntervalAtRuns | None
 
 
 def intervals(results: Results, what: str) -> list[IntervalAtRuns]:
-    """The same at all powers of 2, from 8 runs on."""
+    """Estimates at all powers of 2 from 8 runs."""
     counts = []
     runs = _FIRST
-    while runs <= len(results.beginning):
+    while runs <= len(results.complete_part):
         counts.append(runs)
         runs *= 2
     return [found for runs in counts if (found := interval_at(results, what, runs)) is not None]
 
 
 def narrow_enough(results: Results, what: str, width: float) -> bool:
-    """Whether the interval was as narrow at the last power of 2 of runs."""
+    """Whether the interval at the largest power of 2 is at most this wide."""
     found = intervals(results, what)
     return bool(found) and found[-1].width is not None and found[-1].width <= width

@@ -1,4 +1,4 @@
-"""Runs that failed: what kinds there are, and by which parameters they differ from the others."""
+"""Groups of failed runs, and the parameters by which they differ from the others."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from ffsm_mj.campaign.evaluation.results import Results, TableRow, is_good, numbers
 
 _LEAST = 5
-"""Runs on either side without which no difference is told."""
+"""Smallest number of runs on either side for a comparison."""
 
 
 @dataclass(frozen=True)
 class FailureGroup:
-    """Runs that went wrong in the same way.
+    """Runs that failed in the same way.
 
     Attributes:
-        how: Outcome; of an ``error`` or ``internal_error`` its type too; or which check of the campaign they do not fulfil.
-        phase: The last phase that began; empty where none did.
-        runs: Their numbers.
-        message: What the first of them says.
+        how: Outcome, with the type of an ``error`` or ``internal_error``; for completed runs, what they do not pass.
+        phase: Last phase that began; empty if none did.
+        runs: Indices of the runs.
+        message: Message of the first run.
     """
 
     how: str
@@ -31,7 +31,7 @@ class FailureGroup:
 
 
 def groups(results: Results) -> list[FailureGroup]:
-    """Groups of runs that are not good, the largest first."""
+    """Groups of runs that are not good, the largest group first."""
     found: dict[tuple[str, str], list[TableRow]] = {}
     for row in results.rows:
         if not is_good(row):
@@ -58,12 +58,12 @@ def _how(row: TableRow) -> str:
 
 @dataclass(frozen=True)
 class ParameterDifference:
-    """How far a parameter's distribution in the runs that are not good is from that in the others.
+    """Difference of a parameter's distribution between good and other runs.
 
     Attributes:
-        parameter: Its column.
-        statistic: Kolmogorov's and Smirnov's greatest distance of the two distribution functions, 0 to 1.
-        probability: Of such a distance by chance, corrected for the number of parameters (Holm).
+        parameter: Column of the parameter.
+        statistic: Kolmogorov-Smirnov statistic: largest distance of the two distribution functions, 0 to 1.
+        probability: p-value, corrected for the number of parameters (Holm).
     """
 
     parameter: str
@@ -72,8 +72,8 @@ class ParameterDifference:
 
 
 def differences(results: Results) -> list[ParameterDifference]:
-    """Parameters by which bad runs differ from good ones, the least likely chance first; none where either are too few."""
-    from scipy.stats import ks_2samp  # SciPy's statistics cost: for those who use them
+    """Differences by parameter, the smallest p-value first; empty if there are too few runs on either side."""
+    from scipy.stats import ks_2samp  # slow to import
 
     good = np.array([is_good(row) for row in results.sample], dtype=np.bool_)
     found = []
@@ -89,7 +89,7 @@ def differences(results: Results) -> list[ParameterDifference]:
 
 
 def holm(probabilities: Sequence[float]) -> list[float]:
-    """Probabilities corrected for their number, so that none below a level is by chance but with that probability."""
+    """p-values with Holm's correction, which bounds the probability of any false positive."""
     order = sorted(range(len(probabilities)), key=lambda i: probabilities[i])
     corrected = [1.0] * len(probabilities)
     greatest = 0.0

@@ -1,4 +1,4 @@
-"""What a campaign came to, as its report and its stopping rule look at it."""
+"""Results of a campaign, for its report and its stopping rule."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class Results:
     """Rows of a campaign.
 
     Attributes:
-        name: Of the campaign.
+        name: Name of the campaign.
         kind: Kind of samples.
-        n: Size of the sample; of ``saltelli`` the design has n (d + 2) rows.
-        runs: Rows of the design.
-        parameters: Columns of what was drawn.
-        metrics: Columns of what was asked for.
-        rows: Those that are there, by run, each with at least ``run``, ``outcome``, ``failed``, ``success`` (None where
-            nothing is asked for), ``message`` and ``phase``.
+        n: Number of samples; a ``saltelli`` design has n (d + 2) rows.
+        runs: Number of rows of the design.
+        parameters: Columns of the sampled parameters.
+        metrics: Columns of the metrics of the campaign file.
+        rows: Existing rows in the order of the runs, each with at least ``run``, ``outcome``, ``failed``, ``success`` (None
+            without a condition), ``message`` and ``phase``.
     """
 
     name: str
@@ -38,8 +38,8 @@ class Results:
     rows: Sequence[TableRow]
 
     @property
-    def judges(self) -> bool:
-        """Whether the campaign says what a success is."""
+    def has_success(self) -> bool:
+        """Whether the campaign has a success condition."""
         return any(row["success"] is not None for row in self.rows)
 
     @property
@@ -49,12 +49,12 @@ class Results:
 
     @cached_property
     def sample(self) -> tuple[TableRow, ...]:
-        """Rows that are draws of the distribution: all, of a Saltelli design the first 2 n, which mix no others."""
+        """Rows that sample the distribution: all, or the first 2 n of a Saltelli design, whose other rows mix these."""
         return tuple(row for row in self.rows if self.kind != "saltelli" or row["run"] < 2 * self.n)
 
     @cached_property
-    def beginning(self) -> tuple[TableRow, ...]:
-        """The rows of the sample before the first run that has none."""
+    def complete_part(self) -> tuple[TableRow, ...]:
+        """Rows of the sample before the first missing run."""
         for position, row in enumerate(self.sample):
             if row["run"] != position:
                 return self.sample[:position]
@@ -62,23 +62,23 @@ class Results:
 
 
 def column_of(name: str, kind: str, rows: Sequence[TableRow]) -> str:
-    """Column of a parameter or metric, whose name another may have taken."""
+    """Column of a parameter or metric; it has a prefix if another column has its name."""
     own = f"{kind}:{name}"
     return own if any(own in row for row in rows) else name
 
 
 def is_good(row: TableRow) -> bool:
-    """Whether a run is what was hoped for: a success, or where nothing says what that is, no failure."""
+    """Whether a run is a success, or, without a success condition, has not failed."""
     return not row["failed"] and (row["success"] is None or bool(row["success"]))
 
 
 def numbers(rows: Sequence[TableRow], column: str) -> FloatArray:
-    """A column as numbers, (rows,): flags as 0 and 1, NaN for what is no number or not there."""
+    """A column as numbers, (rows,): flags as 0 and 1, NaN for texts and missing values."""
     values = (row.get(column) for row in rows)
     return np.array([float(value) if isinstance(value, int | float) else np.nan for value in values])
 
 
 def measured(rows: Sequence[TableRow], metric: str) -> FloatArray:
-    """A metric of the runs that did not fail and have it."""
+    """Finite values of a metric over the runs that did not fail."""
     found = numbers([row for row in rows if not row["failed"]], metric)
     return found[np.isfinite(found)]

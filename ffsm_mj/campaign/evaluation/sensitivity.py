@@ -1,4 +1,4 @@
-"""Which parameters a metric depends on: rank correlations, and Sobol's indices where the design allows them."""
+"""Sensitivity of metrics to parameters: rank correlations, and Sobol indices for Saltelli designs."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _LEAST_POINTS = 8
 
 
 def rank_correlation(results: Results, parameter: str, metric: str) -> float | None:
-    """Spearman's correlation over the runs that did not fail and have both.
+    """Spearman's rank correlation over the runs that did not fail and have both values.
 
     Returns:
-        -1 to 1; None where one of them is constant, or has no order.
+        -1 to 1; None if a column is constant or has fewer than three numbers.
     """
-    from scipy.stats import spearmanr  # SciPy's statistics cost: for those who use them
+    from scipy.stats import spearmanr  # slow to import
 
     rows = [row for row in results.sample if not row["failed"]]
     x, y = numbers(rows, parameter), numbers(rows, metric)
@@ -33,14 +33,14 @@ def rank_correlation(results: Results, parameter: str, metric: str) -> float | N
 
 @dataclass(frozen=True)
 class SobolIndices:
-    """Sobol's indices of one parameter, each with the interval between quantiles of estimates from resampled points.
+    """Sobol indices of one parameter with bootstrap confidence intervals.
 
     Attributes:
-        parameter: Its column.
-        first: Share of the variance that it explains by itself.
-        first_interval: Of that.
-        total: Share that is left while only it is unknown.
-        total_interval: Of that.
+        parameter: Column of the parameter.
+        first: First-order index: fraction of the variance due to the parameter alone.
+        first_interval: Confidence interval of ``first``.
+        total: Total index: fraction of the variance that remains if all other parameters are fixed.
+        total_interval: Confidence interval of ``total``.
     """
 
     parameter: str
@@ -51,13 +51,13 @@ class SobolIndices:
 
 
 def sobol_indices(results: Results, metric: str) -> list[SobolIndices]:
-    """Sobol's indices from a Saltelli design.
+    """Sobol indices from a Saltelli design.
 
     Raises:
-        ValueError: The design is another, or a run of it failed, has no row, or lacks the metric: one missing number would
-            make all indices meaningless. Or the metric is constant. The message says which.
+        ValueError: The design is of another kind, the metric is constant, or a run failed, has no row or lacks the metric:
+            the estimators need all values. The message gives the reason.
     """
-    blocks = _whole(results, metric).reshape(len(results.parameters) + 2, results.n)
+    blocks = _all_values(results, metric).reshape(len(results.parameters) + 2, results.n)
     estimates = _estimates(blocks)
     rng, tail = np.random.default_rng(0), 0.5 * (1.0 - CONFIDENCE)
     again = [_estimates(blocks[:, rng.integers(results.n, size=results.n)]) for _ in range(_RESAMPLES)]
@@ -70,7 +70,7 @@ def sobol_indices(results: Results, metric: str) -> list[SobolIndices]:
 
 
 def _estimates(blocks: FloatArray) -> FloatArray:
-    """First order and total indices, (2, d), from values at the points of a Saltelli design, (d + 2, n)."""
+    """First-order and total indices, (2, d), from values at the points of a Saltelli design, (d + 2, n)."""
     from scipy import stats
 
     parts = {"f_A": blocks[None, 0], "f_B": blocks[None, 1], "f_AB": blocks[2:, None]}
@@ -78,20 +78,20 @@ def _estimates(blocks: FloatArray) -> FloatArray:
     return np.array([np.ravel(found.first_order), np.ravel(found.total_order)])
 
 
-def _whole(results: Results, metric: str) -> FloatArray:
+def _all_values(results: Results, metric: str) -> FloatArray:
     if results.kind != "saltelli":
-        raise ValueError(f"Sobol indices need samples of kind saltelli, these are {results.kind}")
+        raise ValueError(f"Sobol indices need samples of kind saltelli, not {results.kind}")
     if results.n < _LEAST_POINTS:
-        raise ValueError(f"n = {results.n} is too few for indices; {_LEAST_POINTS} are the least, 128 give an idea")
+        raise ValueError(f"n = {results.n} is too small for Sobol indices; at least {_LEAST_POINTS}, 128 give an estimate")
     if not results.complete:
-        raise ValueError(f"{results.runs - len(results.rows)} runs are not made yet")
+        raise ValueError(f"{results.runs - len(results.rows)} runs have no result yet")
     failed = [row["run"] for row in results.rows if row["failed"]]
     if failed:
-        raise ValueError(f"{len(failed)} runs failed, run {failed[0]} the first; indices need every run")
+        raise ValueError(f"{len(failed)} runs failed, first run {failed[0]}; Sobol indices need every run")
     values = numbers(results.rows, metric)
     lacking = np.flatnonzero(~np.isfinite(values))
     if len(lacking):
-        raise ValueError(f"{len(lacking)} runs have no {metric}, run {lacking[0]} the first; indices need every run")
+        raise ValueError(f"{len(lacking)} runs have no {metric}, first run {lacking[0]}; Sobol indices need every run")
     if is_constant(values[: 2 * results.n]):
         raise ValueError("constant")
     return values

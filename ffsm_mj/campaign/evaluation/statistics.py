@@ -1,4 +1,4 @@
-"""Shares and quantiles of a sample, each with an interval that holds for every distribution."""
+"""Proportions and quantiles of a sample with distribution-free confidence intervals."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Proportion:
-    """So many of so many, with Wilson's interval.
+    """A proportion with Wilson's confidence interval.
 
     Attributes:
-        count: How many.
-        of: Of how many, one or more.
+        count: Number of successes.
+        of: Number of trials, at least one.
     """
 
     count: int
@@ -26,13 +26,13 @@ class Proportion:
 
     @property
     def value(self) -> float:
-        """The share."""
+        """The proportion."""
         return self.count / self.of
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's interval, CONFIDENCE two-sided."""
-        from scipy.stats import binomtest  # SciPy's statistics cost: for those who use them
+        """Wilson's two-sided interval at the level CONFIDENCE."""
+        from scipy.stats import binomtest  # slow to import
 
         found = binomtest(self.count, self.of).proportion_ci(CONFIDENCE, method="wilson")
         return float(found.low), float(found.high)
@@ -40,13 +40,13 @@ class Proportion:
 
 @dataclass(frozen=True)
 class Quantile:
-    """A quantile and its interval between two order statistics.
+    """A quantile with a confidence interval between two order statistics.
 
     Attributes:
-        share: Of the values that lie below.
-        value: The order statistic that estimates it.
-        low: Lower end of the interval; None where so few values have no lower bound.
-        high: Upper end; None where so few values have no upper bound.
+        share: Probability of the quantile.
+        value: Order statistic that estimates it.
+        low: Lower end of the interval; None if there are too few values for a lower bound.
+        high: Upper end of the interval; None if there are too few values for an upper bound.
     """
 
     share: float
@@ -56,14 +56,14 @@ class Quantile:
 
 
 def quantile(values: FloatArray, share: float) -> Quantile:
-    """A quantile of the distribution that values come from.
+    """Estimate a quantile of the distribution of values.
 
-    The number of values below the quantile is binomial, whatever the distribution: the ranks of the interval are quantiles
-    of that. Where an end would lie beyond the least or greatest value there is none.
+    The number of values below the quantile is binomial for every distribution; the ranks of the interval are quantiles of
+    that number. An end beyond the smallest or largest value does not exist.
 
     Args:
-        values: One or more, none of them NaN.
-        share: 0 to 1, both excluded.
+        values: At least one value, no NaN.
+        share: Probability of the quantile, in the open interval (0, 1).
     """
     from scipy.stats import binom
 
@@ -79,16 +79,16 @@ def quantile(values: FloatArray, share: float) -> Quantile:
 
 
 def values_for_bound(share: float, confidence: float) -> int:
-    """How many values it takes for the greatest of them to lie above a quantile with a confidence (Wilks)."""
+    """Number of values whose largest exceeds a quantile with this confidence (Wilks)."""
     return math.ceil(math.log(1.0 - confidence) / math.log(share))
 
 
 def values_for_upper_end(share: float) -> int:
-    """How many values :func:`quantile` needs for an upper end."""
+    """Number of values that :func:`quantile` needs for an upper end."""
     return values_for_bound(share, 0.5 * (1.0 + CONFIDENCE))
 
 
 def is_constant(values: FloatArray) -> bool:
-    """Whether all values are one, to rounding: no statistics of ranks means anything then."""
+    """Whether all values agree to rounding, which makes rank statistics meaningless."""
     spread = float(np.ptp(values)) if len(values) else 0.0
     return spread <= 1e-12 * float(np.max(np.abs(values), initial=0.0))

@@ -1,4 +1,4 @@
-"""Dispersions bound to the keys of a scenario: what each draw does to which value, checked before anything runs."""
+"""Binding of dispersions to keys of a scenario: which sample changes which value, validated before the first run."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ KeyPath = tuple[str | int, ...]
 
 
 def bound(dispersions: Mapping[str, Dispersion], targets: Targets) -> tuple[Binding, ...]:
-    """Keys that a campaign sets, each with what is done to its value.
+    """Keys that a campaign sets, each with the operations on its value.
 
     Args:
-        dispersions: Entries by name.
+        dispersions: Entries of the campaign file by name.
         targets: Values of the base scenario.
 
     Raises:
-        ScenarioFaults: A key that the scenario does not have, a value that cannot be changed in this way, or numbers that
-            two entries would change.
+        ScenarioFaults: The scenario has no such key, a value cannot be changed in this way, or two entries change the same
+            number.
     """
     faults: list[Fault] = []
     bindings: dict[str, Binding] = {}
     owners: dict[tuple[str, tuple[int, ...]], str] = {}
     column = 0
     for name, dispersion in dispersions.items():
-        drawn = len(list(sampled_scalars(name, dispersion)))
-        columns, column = tuple(range(column, column + drawn)), column + drawn
+        count = len(list(sampled_scalars(name, dispersion)))
+        columns, column = tuple(range(column, column + count)), column + count
         for key, path in _keys(name, dispersion):
             try:
                 for target in _found(targets, key):
@@ -48,7 +48,7 @@ def bound(dispersions: Mapping[str, Dispersion], targets: Targets) -> tuple[Bind
 
 
 def _keys(name: str, dispersion: Dispersion) -> Iterator[tuple[str, KeyPath]]:
-    """Keys of an entry, and where each is stated."""
+    """Keys of an entry, each with its location in the campaign file."""
     if dispersion.keys is None:
         yield name, ("dispersions", name)
         return
@@ -58,10 +58,10 @@ def _keys(name: str, dispersion: Dispersion) -> Iterator[tuple[str, KeyPath]]:
 
 def _found(targets: Targets, key: str) -> list[Target]:
     if "=" in key:
-        raise LookupError("a key with '=' in it cannot be set")
+        raise LookupError("a key that contains '=' cannot be set")
     found = targets.find(key)
     if not found:
-        raise LookupError(f"{key} means nothing in this scenario: there is no entry for '*' to stand for")
+        raise LookupError(f"{key} matches nothing in this scenario")
     return found
 
 
@@ -70,27 +70,27 @@ def _effect(dispersion: Dispersion, target: Target, columns: tuple[int, ...]) ->
     fixed = axis if isinstance(axis, tuple) else None
     if how in ("rotation", "vector", "vector_offset"):
         return ValueOperation(how, columns, span=_span(how, target), axis=fixed)
-    meant = target.meant
-    if isinstance(meant, tuple) and how == "value" and dispersion.is_of_lists and target.span is None and not target.at:
+    current = target.current
+    if isinstance(current, tuple) and how == "value" and dispersion.is_of_lists and target.span is None and not target.at:
         return ValueOperation(how, columns)
-    if isinstance(meant, tuple):
+    if isinstance(current, tuple):
         raise LookupError(
-            f"{target.key} is a list of {len(meant)}: name one of its numbers ({target.key}.0), disperse it as a vector,"
+            f"{target.key} is a list of {len(current)}: name one of its numbers ({target.key}.0), disperse it as a vector,"
             " or write a choice of lists"
         )
-    if how != "value" and (not isinstance(meant, int | float) or isinstance(meant, bool)):
-        has = "has no value" if meant is None else f"is {meant!r}, no number"
+    if how != "value" and (not isinstance(current, int | float) or isinstance(current, bool)):
+        has = "has no value" if current is None else f"is {current!r}, not a number"
         raise LookupError(
-            f"{target.key} {has} for the {how} to start from; state one under overrides, or draw the value itself"
+            f"{target.key} {has}, but {how} needs a number: set it under overrides, or disperse the value itself"
         )
     spread = dispersion.offset or dispersion.scale or dispersion
-    if type(meant) is int and spread.is_numeric and not spread.is_integer:
-        raise LookupError(f"{target.key} is an integer: draw it from integers by values, choice or grid (2, not 2.0)")
+    if type(current) is int and spread.is_numeric and not spread.is_integer:
+        raise LookupError(f"{target.key} is an integer: disperse it with integers in values, choice or grid (2, not 2.0)")
     return ValueOperation(how, columns, target.at)
 
 
 def _span(how: Operation, target: Target) -> tuple[int, int]:
-    """Where the quaternion or the vector of a target is."""
+    """Positions of the quaternion or the vector in the value of a target."""
     size = 4 if how == "rotation" else 3
     value: Any = target.value
     if target.span is not None and target.span[1] - target.span[0] == size:
@@ -101,21 +101,23 @@ def _span(how: Operation, target: Target) -> tuple[int, int]:
         if pose or (whole and target.key.endswith(".quaternion")):
             return (len(value) - 4, len(value))
         raise LookupError(
-            f"{target.key} is no attitude to rotate: a free or ball joint (initial.joints.NAME) and a pose's quaternion are"
+            f"{target.key} is not an attitude; rotate a free or ball joint (initial.joints.NAME) or the quaternion of a pose"
         )
     if whole and len(value) == size:
         return (0, size)
-    raise LookupError(f"{target.key} is no vector of 3 numbers; of a free joint name a part: position, linear or angular")
+    raise LookupError(
+        f"{target.key} is not a vector of 3 numbers; for a free joint, name a part: position, linear or angular"
+    )
 
 
 def _refuse_second(
     owners: dict[tuple[str, tuple[int, ...]], str], name: str, target: Target, effect: ValueOperation
 ) -> None:
-    """Refuse that two entries change the same numbers: the order would matter."""
+    """Refuse two entries that change the same number: the result would depend on their order."""
     whole = range(len(target.value)) if isinstance(target.value, tuple) and not effect.at else None
     span = range(*effect.span) if effect.span is not None else whole
     numbers = [effect.at] if span is None else [(i,) for i in span]
     for at in numbers:
         if (place := (target.key, at)) in owners:
-            raise LookupError(f"{'.'.join([target.key, *map(str, at)])} is dispersed by {owners[place]!r} already")
+            raise LookupError(f"{'.'.join([target.key, *map(str, at)])} is already dispersed by {owners[place]!r}")
         owners[place] = name

@@ -1,4 +1,4 @@
-"""A campaign file: everything that is stated of a campaign, typed, validated and frozen."""
+"""Configuration model of campaign files: typed, validated and immutable."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ _MOST_RUNS = 10_000_000
 
 
 class SamplesConfig(StrictModel):
-    """How the runs fill the space of what is dispersed."""
+    """Sampling of the dispersed parameters."""
 
     kind: Literal["random", "lhs", "sobol", "saltelli", "grid"]
     """``random``: independent; ``lhs``: Latin hypercube; ``sobol``: scrambled Sobol points; ``saltelli``: for Sobol indices;
     ``grid``: every combination of levels."""
     n: Annotated[int, Field(ge=1, le=_MOST_RUNS)] | None = None
-    """Runs; of ``sobol`` and ``saltelli`` a power of 2, which makes n (d + 2) runs; a grid has as many as its levels."""
+    """Number of samples; a power of 2 for ``sobol`` and ``saltelli``, which gives n (d + 2) runs; not for ``grid``."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """Root of all chance."""
+    """Seed of the random numbers."""
 
     @model_validator(mode="after")
-    def _as_many_as_the_kind_takes(self) -> SamplesConfig:
+    def _validate_n(self) -> SamplesConfig:
         if self.kind == "grid":
             if self.n is not None:
-                raise ValueError("a grid has as many runs as combinations of its levels; leave n out")
+                raise ValueError("a grid has one run per combination of its levels; leave n out")
             return self
         if self.n is None:
-            raise ValueError("needs 'n', how many runs; only a grid has none")
+            raise ValueError("needs 'n', the number of samples; only a grid has none")
         if self.kind in ("sobol", "saltelli") and self.n & (self.n - 1):
             below = 1 << (self.n.bit_length() - 1)
             raise ValueError(f"n must be a power of 2 for {self.kind}: {below} or {2 * below}, not {self.n}")
@@ -41,30 +41,30 @@ class SamplesConfig(StrictModel):
 
 
 class KeepConfig(StrictModel):
-    """Runs whose whole logs are wanted; they are run again from the design."""
+    """Runs whose logs are written; they are repeated from the design at the end of the campaign."""
 
     failures: Annotated[int, Field(ge=0)] = 0
-    """The first so many that failed."""
+    """Number of failed runs, the first ones."""
     worst: dict[Name, PositiveInt] = {}
-    """By metric: so many runs with its largest values."""
+    """Number of runs with the largest values of a metric, by metric."""
 
 
 class LimitsConfig(StrictModel):
-    """When a run, or the campaign, is given up."""
+    """Limits of runs and of the campaign."""
 
     timeout_s: PositiveFloat | None = None
-    """Wall time that a run may take, s."""
+    """Largest wall time of a run, s."""
     max_failed: Share = 0.5
-    """The campaign stops when more than this share of its first 50 runs failed."""
+    """The campaign stops if more than this fraction of its first 50 runs fails."""
     workers: PositiveInt | None = None
-    """Processes; left out: as many as there are processors."""
+    """Number of worker processes; default: one per processor."""
 
 
 class StopConfig(StrictModel):
-    """End early, once an interval is narrow enough; it is looked at only when a power of 2 of the runs is there."""
+    """Early end of the campaign when a confidence interval is narrow enough; evaluated after 2^k runs."""
 
     metric: Name
-    """``success``, whose interval is that of its share, or a metric, whose interval is that of its median."""
+    """``success``, for the interval of the fraction of successes, or a metric, for the interval of its median."""
     width: PositiveFloat
     """Width of the 95 % interval at which the campaign ends."""
 
@@ -73,50 +73,50 @@ class CampaignFile(StrictModel):
     """A campaign: one scenario, run many times with dispersed keys."""
 
     campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
-    """Its name: letters, digits, '.', '_' and '-'."""
+    """Name of the campaign: letters, digits, '.', '_' and '-'."""
     description: str = ""
     """One line for ``ffsm campaign run --list``."""
     scenario: Name
-    """A scenario file, relative to this one, or the name of a shipped scenario."""
+    """A scenario file, relative to the campaign file, or the name of a shipped scenario."""
     overrides: dict[Name, Any] = {}
-    """Values that all runs take in place of the scenario's, by dotted key."""
+    """Overrides of the scenario for all runs, by dotted key."""
     samples: SamplesConfig
     dispersions: Annotated[dict[Name, Dispersion], Field(min_length=1)]
-    """What is drawn: by key of the scenario, or by a name of one's own with ``keys``."""
+    """Dispersions by key of the scenario, or by a free name with ``keys``."""
     metrics: tuple[Name, ...] = ()
-    """What is kept of each run: paths into ``summary.json``, and what docs/campaigns.md lists."""
+    """Metrics of each run: paths into ``summary.json``, and those listed in docs/campaigns.md."""
     success: str | None = None
-    """When a run that completed is a success: ``METRIC < NUMBER``, several joined by ``and``."""
+    """Condition for the success of a completed run: ``METRIC < NUMBER``, several joined by ``and``."""
     truncated: Literal["count", "fail"] = "count"
-    """Runs whose checks fail by the truncation of the step alone: they ``count`` as those that pass, or ``fail``."""
+    """Whether runs whose checks fail by the truncation of the step alone pass (``count``) or fail (``fail``)."""
     keep: KeepConfig = KeepConfig()
     limits: LimitsConfig = LimitsConfig()
     stop: StopConfig | None = None
 
     @field_validator("metrics")
     @classmethod
-    def _each_once(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+    def _refuse_duplicates(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         twice = next((name for name in value if value.count(name) > 1), None)
         if twice is not None:
-            raise ValueError(f"{twice} stands twice")
+            raise ValueError(f"{twice} is listed twice")
         return value
 
     @field_validator("success")
     @classmethod
-    def _is_one(cls, value: str | None) -> str | None:
+    def _validate_success(cls, value: str | None) -> str | None:
         if value is not None:
             conditions(value)
         return value
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
-        """What a run must fulfil to be a success; empty where nothing is asked for."""
+        """Conditions for the success of a run; empty if there are none."""
         return conditions(self.success) if self.success is not None else ()
 
     @property
     def kept_metrics(self) -> tuple[str, ...]:
-        """Every metric that is asked for, by whatever key, each once."""
-        asked = [*self.metrics, *(each.metric for each in self.conditions), *self.keep.worst]
+        """All metrics that any key of the file names, without duplicates."""
+        names = [*self.metrics, *(each.metric for each in self.conditions), *self.keep.worst]
         if self.stop is not None and self.stop.metric != "success":
-            asked.append(self.stop.metric)
-        return tuple(dict.fromkeys(asked))
+            names.append(self.stop.metric)
+        return tuple(dict.fromkeys(names))

@@ -1,4 +1,4 @@
-"""What a campaign would do, in lines for a person."""
+"""Description of a campaign as text, for ``ffsm check``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ffsm_mj.scenario.loading import validated
 
 
 def description(plan: Plan, design: Design) -> list[str]:
-    """Lines that tell what would run, and what to know of it: the campaign's, then those of its base scenario."""
+    """Lines that describe the runs of a campaign, then its base scenario."""
     config = plan.config
     size = f"{design.n} x ({len(design.parameters)} + 2) runs" if design.kind == "saltelli" else f"{len(design.rows)} runs"
     chance = "every combination" if design.kind == "grid" else f"{design.kind}, seed {design.seed}"
@@ -21,16 +21,16 @@ def description(plan: Plan, design: Design) -> list[str]:
     for column, name in enumerate(design.parameters):
         keys = [binding.key for binding in plan.bindings if any(column in effect.columns for effect in binding.effects)]
         values = [row[column] for row in design.rows]
-        lines.append(f"  {name}: {_spread(values)}, sets {', '.join(keys)}")
-    lines.append(f"  metrics: {', '.join(config.kept_metrics) or 'those of every run only'}")
+        lines.append(f"  {name}: {_range(values)}, sets {', '.join(keys)}")
+    lines.append(f"  metrics: {', '.join(config.kept_metrics) or 'only those of every run'}")
     if config.success is not None:
         lines.append(f"  success: {config.success}")
     lines += [f"  base {line}" if line.startswith(plan.base.scenario.name) else line for line in plan.base.describe()]
-    return [*lines, *(f"note: {note}" for note in _that_cannot_start(plan, design))]
+    return [*lines, *(f"note: {note}" for note in _runs_that_cannot_start(plan, design))]
 
 
-def _that_cannot_start(plan: Plan, design: Design) -> Iterator[str]:
-    """Of the runs with the least and greatest values, those that will be rows of failures, and why."""
+def _runs_that_cannot_start(plan: Plan, design: Design) -> Iterator[str]:
+    """Notes on runs with the smallest and largest values that will fail at the start."""
     for run in extreme_rows(design):
         source = plan.base.source.overridden(as_overrides(design.overrides(run)))
         try:
@@ -39,7 +39,7 @@ def _that_cannot_start(plan: Plan, design: Design) -> Iterator[str]:
             yield f"run {run} cannot start: {error.lines[0]}"
 
 
-def _spread(values: list[object]) -> str:
+def _range(values: list[object]) -> str:
     numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
     if len(numbers) == len(values):
         return f"{min(numbers):.6g} to {max(numbers):.6g}"

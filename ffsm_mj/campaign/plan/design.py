@@ -1,4 +1,4 @@
-"""The design of a campaign: every run's values, drawn once, written before the first run and never drawn again."""
+"""Design of a campaign: sampled values of all runs, computed once and written before the first run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ffsm_mj.errors import InputError
 
 _FORMAT = 1
 _LARGEST = 2**63
-"""Of a table's integers."""
+"""Bound of integers in the table."""
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,9 @@ class Binding:
     """A key of the scenario that every run sets.
 
     Attributes:
-        key: Dotted, positions for items of lists.
-        base: Plain value that it has without dispersions; lists as tuples. None where it has none.
-        effects: What the run's draws do to it, one after the other.
+        key: Dotted key, with positions for items of lists.
+        base: Plain value without dispersions, lists as tuples; None if there is none.
+        effects: Operations of the samples on the value, in order.
     """
 
     key: str
@@ -33,15 +33,15 @@ class Binding:
 
 @dataclass(frozen=True)
 class Design:
-    """What is drawn for every run, and what that means for its scenario.
+    """Sampled values of every run, and their effect on the scenario.
 
     Attributes:
         kind: Kind of samples.
-        seed: Root of all chance.
-        n: Size of the sample: the rows, of ``saltelli`` rows / (d + 2).
-        parameters: Names of what is drawn, columns of the table.
-        rows: By run, the drawn values.
-        bindings: Keys of the scenario that are set.
+        seed: Seed of the random numbers.
+        n: Number of samples: number of rows, for ``saltelli`` rows / (d + 2).
+        parameters: Names of the sampled parameters, columns of the table.
+        rows: Sampled values, one tuple per run.
+        bindings: Keys of the scenario that the runs set.
     """
 
     kind: str
@@ -52,7 +52,7 @@ class Design:
     bindings: tuple[Binding, ...]
 
     def overrides(self, run: int) -> dict[str, Any]:
-        """Dotted keys of the scenario and their plain values (numbers, texts, lists of numbers) of a run, from 0."""
+        """Values (numbers, texts, lists of numbers) by dotted key of the scenario for a run, counted from 0."""
         found = {}
         for binding in self.bindings:
             value = binding.base
@@ -62,7 +62,7 @@ class Design:
         return found
 
     def to_json(self) -> str:
-        """Text that :meth:`from_json` reads; numbers come back bit by bit."""
+        """JSON text for :meth:`from_json`; numbers are preserved bit for bit."""
         head = {"format": _FORMAT, "kind": self.kind, "seed": self.seed, "n": self.n, "parameters": self.parameters}
         lines = [f'"{key}": {json.dumps(value)}' for key, value in head.items()]
         for key, items in (("bindings", [asdict(binding) for binding in self.bindings]), ("rows", self.rows)):
@@ -71,10 +71,10 @@ class Design:
 
     @classmethod
     def from_json(cls, text: str) -> Design:
-        """The design that was written.
+        """Read a design from JSON text.
 
         Raises:
-            InputError: It is none, or of another version.
+            InputError: The text is not a design, or has another format version.
         """
         try:
             data = json.loads(text)
@@ -87,14 +87,14 @@ class Design:
             rows = tuple(map(tuple, _tuples(data["rows"])))
             design = cls(data["kind"], data["seed"], data["n"], tuple(data["parameters"]), rows, bindings)
         except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise InputError(f"no design of a campaign ({type(error).__name__}: {error})") from error
+            raise InputError(f"not a design of a campaign ({type(error).__name__}: {error})") from error
         if fault := _fault(design):
-            raise InputError(f"no design of a campaign ({fault})")
+            raise InputError(f"not a design of a campaign ({fault})")
         return design
 
 
 def _fault(design: Design) -> str:
-    """What is wrong with a design that somebody wrote, in a few words; empty where nothing is."""
+    """What is wrong with a design of unknown origin; empty if it is valid."""
     width = len(design.parameters)
     lists = {
         effect.columns[0]
@@ -106,13 +106,13 @@ def _fault(design: Design) -> str:
         f"kind {design.kind!r}": design.kind not in KINDS,
         f"seed {design.seed!r}": not isinstance(design.seed, int),
         f"n {design.n!r}": not isinstance(design.n, int) or design.n < 1,
-        "a parameter that is no name": not all(isinstance(name, str) for name in design.parameters),
-        "a row that has not as many values as there are parameters": any(len(row) != width for row in design.rows),
-        "a value that is no number or text": not all(
-            _is_drawn(value, i in lists) for row in design.rows for i, value in enumerate(row)
+        "a parameter name is not a text": not all(isinstance(name, str) for name in design.parameters),
+        "the number of values in a row differs from the number of parameters": any(len(row) != width for row in design.rows),
+        "a value is not a number or text": not all(
+            _is_sampled(value, i in lists) for row in design.rows for i, value in enumerate(row)
         ),
-        "a key that is no text": not all(isinstance(binding.key, str) for binding in design.bindings),
-        "an effect that cannot be applied": not all(
+        "a key is not a text": not all(isinstance(binding.key, str) for binding in design.bindings),
+        "an effect cannot be applied": not all(
             _can_be_applied(effect, width) for binding in design.bindings for effect in binding.effects
         ),
     }
@@ -124,29 +124,29 @@ def _is_scalar(value: Any) -> bool:
 
 
 def _takes_list(base: Any, effect: ValueOperation) -> bool:
-    """Whether a whole list takes the place of another."""
+    """Whether a sampled list replaces the whole value."""
     return effect.operation == "value" and isinstance(base, tuple) and not effect.at and effect.span is None
 
 
-def _is_drawn(value: Any, list_too: bool) -> bool:
-    return _is_scalar(value) or (list_too and isinstance(value, tuple) and all(map(_is_scalar, value)))
+def _is_sampled(value: Any, or_list: bool) -> bool:
+    return _is_scalar(value) or (or_list and isinstance(value, tuple) and all(map(_is_scalar, value)))
 
 
 def _can_be_applied(effect: ValueOperation, width: int) -> bool:
     axis, span = effect.axis, effect.span
     return (
         effect.operation in get_args(Operation)
-        and _are_whole(effect.columns)
+        and _are_integers(effect.columns)
         and len(effect.columns) in (1, 3)
         and all(0 <= column < width for column in effect.columns)
-        and _are_whole(effect.at)
-        and (span is None or (_are_whole(span) and len(span) == 2))
+        and _are_integers(effect.at)
+        and (span is None or (_are_integers(span) and len(span) == 2))
         and (axis is None or (isinstance(axis, tuple) and len(axis) == 3 and all(map(_is_scalar, axis)) and any(axis)))
         and (span is None or axis is not None or len(effect.columns) == 3)
     )
 
 
-def _are_whole(values: Any) -> bool:
+def _are_integers(values: Any) -> bool:
     return isinstance(values, tuple) and all(isinstance(value, int) for value in values)
 
 

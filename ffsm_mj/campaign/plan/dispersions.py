@@ -1,4 +1,4 @@
-"""What a campaign disperses: an entry of ``dispersions``, and the scalars that are drawn for it."""
+"""Entries of ``dispersions``, and the scalars that are sampled for them."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ffsm_mj.config import StrictModel
 
 Axis = Literal["random"] | tuple[float, float, float]
 _HEIGHT, _TURN = Distribution(uniform=(-1.0, 1.0)), Distribution(uniform=(0.0, 2.0 * math.pi))
-"""Height and azimuth: together uniform on the sphere, by Archimedes."""
+"""Height and azimuth of a uniform direction on the sphere (Archimedes)."""
 
 
 class Rotation(StrictModel):
-    """A turn of an attitude, since the four numbers of a quaternion cannot be drawn one by one."""
+    """Rotation of an attitude; the four numbers of a quaternion cannot be sampled independently."""
 
     axis: Axis
-    """Axis in the axes that the quaternion turns into, the world's; any length; or ``random``, uniform on the sphere."""
+    """Axis in the parent frame of the attitude, usually the world, of any length; or ``random``, uniform on the sphere."""
     angle: Distribution
     """Angle, rad."""
 
@@ -36,9 +36,9 @@ class Vector(StrictModel):
     """A vector as a direction times a magnitude."""
 
     direction: Axis
-    """Direction in the vector's own axes, any length; or ``random``, uniform on the sphere."""
+    """Direction in the axes of the vector, of any length; or ``random``, uniform on the sphere."""
     magnitude: Distribution
-    """Length, in the unit of the key."""
+    """Magnitude in the unit of the key."""
 
     @model_validator(mode="after")
     def _of_numbers(self) -> Vector:
@@ -51,28 +51,28 @@ class Spread(Distribution):
     """A distribution of a number or of a vector."""
 
     vector: Vector | None = None
-    """Three numbers as a direction times a magnitude."""
+    """Vector of three numbers: a direction times a magnitude."""
 
 
 class Dispersion(Spread):
-    """What happens to a key: it takes what is drawn, or that is a factor (``scale``) or an ``offset`` of its value."""
+    """Dispersion of a key: the sample replaces its value, multiplies it (``scale``) or is added to it (``offset``)."""
 
     beside: ClassVar[tuple[str, ...]] = ("keys",)
 
     keys: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], Field(min_length=1)] | None = None
-    """Keys that one draw applies to; left out: the entry's own name is the key."""
+    """Keys that share one sample; default: the name of the entry is the key."""
     scale: Distribution | None = None
-    """A factor on the value that the key has."""
+    """Factor on the value of the base scenario."""
     offset: Spread | None = None
-    """Added to the value that the key has."""
+    """Offset added to the value of the base scenario."""
     rotation: Rotation | None = None
-    """A turn of a quaternion, or of the attitude of a free joint, from where it is."""
+    """Rotation of a quaternion, or of the attitude of a free joint, relative to the base scenario."""
 
     @model_validator(mode="after")
     def _around_something(self) -> Dispersion:
         absolute = self.vector.magnitude if self.vector is not None else self
         if absolute.mean_missing:
-            raise ValueError("needs a 'mean'; only a scale, an offset and an angle have one of their own")
+            raise ValueError("needs a 'mean'; only scale, offset and angle have a default")
         for key, part in (("scale", self.scale), ("offset", self.offset)):
             if part is not None:
                 _refuse_texts(key, part)
@@ -81,13 +81,13 @@ class Dispersion(Spread):
 
 @dataclass(frozen=True)
 class SampledScalar:
-    """A scalar that is drawn for each run.
+    """A scalar that is sampled for each run.
 
     Attributes:
-        entry: The entry of ``dispersions`` that it is drawn for.
+        entry: Its entry of ``dispersions``.
         name: Its column in the table.
-        distribution: What it is drawn from.
-        mean: Mean of a normal distribution that states none.
+        distribution: Its distribution.
+        mean: Default mean of a normal distribution.
     """
 
     entry: str
@@ -100,7 +100,7 @@ Operation = Literal["value", "scale", "offset", "rotation", "vector", "vector_of
 
 
 def operation(dispersion: Dispersion) -> Operation:
-    """What is done to the value of a key."""
+    """Operation of a dispersion on the value of its keys."""
     if dispersion.offset is not None:
         return "vector_offset" if dispersion.offset.vector is not None else "offset"
     if dispersion.scale is not None:
@@ -111,7 +111,7 @@ def operation(dispersion: Dispersion) -> Operation:
 
 
 def axis_of(dispersion: Dispersion) -> Axis | None:
-    """Axis of a rotation or direction of a vector; None of a number."""
+    """Axis of a rotation or direction of a vector; None for a number."""
     spread = dispersion.offset or dispersion
     if dispersion.rotation is not None:
         return dispersion.rotation.axis
@@ -119,7 +119,7 @@ def axis_of(dispersion: Dispersion) -> Axis | None:
 
 
 def sampled_scalars(name: str, dispersion: Dispersion) -> Iterator[SampledScalar]:
-    """Scalars that an entry of ``dispersions`` draws: one, or with a random axis or direction three."""
+    """Scalars of an entry of ``dispersions``: one, or three with a random axis or direction."""
     how = operation(dispersion)
     if dispersion.offset is not None and dispersion.offset.vector is None:
         yield SampledScalar(name, f"{name}.offset", dispersion.offset, 0.0)
@@ -137,9 +137,9 @@ def sampled_scalars(name: str, dispersion: Dispersion) -> Iterator[SampledScalar
         yield SampledScalar(name, f"{name}.{what}_azimuth_rad", _TURN)
 
 
-def _refuse_texts(key: str, drawn: Distribution) -> None:
-    if not drawn.is_numeric:
-        raise ValueError(f"{key}: a choice of numbers is needed; texts and flags can only be the value itself")
+def _refuse_texts(key: str, distribution: Distribution) -> None:
+    if not distribution.is_numeric:
+        raise ValueError(f"{key}: needs a choice of numbers; texts and flags can only replace a value")
 
 
 def _refuse_zero(key: str, axis: Axis) -> None:

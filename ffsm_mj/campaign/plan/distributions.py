@@ -1,4 +1,4 @@
-"""Distributions that a campaign draws from, each by its inverse: a number in (0, 1) in, a value out."""
+"""Probability distributions of dispersed parameters, sampled by their inverse distribution functions."""
 
 from __future__ import annotations
 
@@ -26,33 +26,33 @@ def _number(value: Any) -> Any:
 
 
 Number = Annotated[Any, AfterValidator(_number), WithJsonSchema({"type": "number"})]
-"""An integer stays one: keys of a scenario that count take no other numbers."""
+"""A finite number; integers are preserved, because integer keys of a scenario accept nothing else."""
 Scalar = Annotated[Any, AfterValidator(_scalar), WithJsonSchema({"type": ["number", "string", "boolean", "array"]})]
 _LEAST_U, _MOST_U = 2.0**-54, 1.0 - 2.0**-53
-"""Between these every inverse is finite."""
+"""Probabilities are clipped to this interval, in which every inverse is finite."""
 
 
 class Normal(StrictModel):
     """A normal distribution."""
 
     mean: float | None = None
-    """Left out: 1 for a factor (``scale``), 0 for an ``offset`` and an angle."""
+    """Mean; default: 1 for ``scale``, 0 for ``offset`` and angle."""
     sd: PositiveFloat
     """Standard deviation."""
 
 
 class Truncated(Normal):
-    """A normal distribution between two bounds, one of which may be left out."""
+    """A normal distribution truncated at one or two bounds."""
 
     low: float | None = None
-    """Nothing below it is drawn."""
+    """Lower bound."""
     high: float | None = None
-    """Nothing above it is drawn."""
+    """Upper bound."""
 
     @model_validator(mode="after")
     def _bounded(self) -> Truncated:
         if self.low is None and self.high is None:
-            raise ValueError("needs 'low', 'high' or both; without bounds it is 'normal'")
+            raise ValueError("needs 'low', 'high' or both; without bounds, write 'normal'")
         if self.low is not None and self.high is not None and not self.low < self.high:
             raise ValueError(f"low must be below high, {self.low:g} is not below {self.high:g}")
         return self
@@ -62,7 +62,7 @@ class LogNormal(StrictModel):
     """A lognormal distribution."""
 
     median: PositiveFloat
-    """Half of the draws are below it."""
+    """Median."""
     sigma: PositiveFloat
     """Standard deviation of the natural logarithm."""
 
@@ -71,99 +71,97 @@ class Levels(StrictModel):
     """Equally spaced numbers, for a grid."""
 
     low: Number
-    """The first."""
+    """First level."""
     high: Number
-    """The last."""
+    """Last level."""
     levels: Annotated[int, Field(ge=2, le=100_000)]
-    """How many."""
+    """Number of levels."""
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """The levels; integers where both ends and the distance between levels are."""
+        """The levels; integers if both ends and the spacing are integers."""
         span, steps = self.high - self.low, self.levels - 1
         if isinstance(span, int) and span % steps == 0:
             return tuple(self.low + i * (span // steps) for i in range(self.levels))
-        with np.errstate(all="ignore"):  # what is not finite is refused once it is drawn
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused when the design is sampled
             return tuple(np.linspace(float(self.low), float(self.high), self.levels).tolist())
 
 
 class Distribution(StrictModel):
-    """One distribution, named by its key."""
+    """One distribution; the key is its name."""
 
     beside: ClassVar[tuple[str, ...]] = ()
-    """Keys of a subclass that may stand beside what is drawn."""
+    """Keys of a subclass that may accompany the distribution."""
 
     uniform: tuple[float, float] | None = None
-    """From the first number to the second."""
+    """Uniform between two numbers."""
     normal: Normal | None = None
-    """Normal, by mean and standard deviation."""
+    """Normal, with mean and standard deviation."""
     truncated: Truncated | None = None
     """Normal between two bounds."""
     lognormal: LogNormal | None = None
-    """Lognormal, by median and the standard deviation of the logarithm."""
+    """Lognormal, with median and standard deviation of the logarithm."""
     choice: Annotated[tuple[Scalar, ...], Field(min_length=1)] | None = None
-    """One of these, texts and lists of numbers too, all as likely; the levels of a grid in this order."""
+    """Equally likely values: numbers, texts, flags or lists of numbers; for a grid, the levels in this order."""
     values: Annotated[tuple[Number, ...], Field(min_length=1)] | None = None
-    """One of these numbers, all as likely, drawn in rising order; the levels of a grid. Integers stay integers."""
+    """Equally likely numbers, in ascending order; for a grid, the levels. Integers remain integers."""
     grid: Levels | None = None
     """Equally spaced levels; only for samples of kind ``grid``."""
 
     @model_validator(mode="after")
-    def _one_way(self) -> Distribution:
-        ways = [name for name in type(self).model_fields if name not in self.beside]
-        given = [name for name in ways if getattr(self, name) is not None]
+    def _validate_one(self) -> Distribution:
+        names = [name for name in type(self).model_fields if name not in self.beside]
+        given = [name for name in names if getattr(self, name) is not None]
         if len(given) != 1:
-            raise ValueError(
-                f"needs one of {', '.join(ways)}; {' and '.join(given) + ' stand' if given else 'none stands'} here"
-            )
+            raise ValueError(f"needs one of {', '.join(names)}; got {' and '.join(given) or 'none'}")
         if self.uniform is not None and not self.uniform[0] < self.uniform[1]:
-            raise ValueError(
-                f"uniform goes from a lower to a higher number, not from {self.uniform[0]:g} to {self.uniform[1]:g}"
-            )
+            raise ValueError(f"uniform needs a lower and a higher number, got {self.uniform[0]:g} and {self.uniform[1]:g}")
         if len({"number" if type(each) in (int, float) else type(each) for each in self.choice or ()}) > 1:
-            raise ValueError("a choice is of numbers, of texts, of flags or of lists: they are one column of the table")
+            raise ValueError(
+                "the values of a choice must have one type (numbers, texts, flags or lists): they form a column of the table"
+            )
         return self
 
     @property
     def levels(self) -> tuple[Any, ...] | None:
-        """The values of a discrete distribution; None of a continuous one."""
+        """Values of a discrete distribution; None for a continuous one."""
         if self.choice is not None:
             return self.choice
         if self.values is not None:
             whole = all(isinstance(each, int) for each in self.values)
-            return tuple(sorted(self.values if whole else map(float, self.values)))  # one column, of one type
+            return tuple(sorted(self.values if whole else map(float, self.values)))  # a column has one type
         return self.grid.numbers if self.grid is not None else None
 
     @property
     def is_numeric(self) -> bool:
-        """Whether only numbers are drawn."""
+        """Whether all samples are numbers."""
         return self.choice is None or not any(isinstance(each, bool | str | tuple) for each in self.choice)
 
     @property
     def is_of_lists(self) -> bool:
-        """Whether lists of numbers are drawn."""
+        """Whether samples are lists of numbers."""
         return self.choice is not None and isinstance(self.choice[0], tuple)
 
     @property
     def is_integer(self) -> bool:
-        """Whether only integers are drawn."""
+        """Whether all samples are integers."""
         return self.levels is not None and all(type(each) is int for each in self.levels)
 
     @property
     def mean_missing(self) -> bool:
-        """Whether only its use can tell around what it lies."""
+        """Whether the mean depends on the use of the distribution."""
         around = self.normal or self.truncated
         return around is not None and around.mean is None
 
     def quantiles(self, u: FloatArray, mean: float | None = None) -> list[Any]:
-        """Values below which these shares lie.
+        """Inverse of the distribution function.
 
         Args:
-            u: Shares, (n,), 0 to 1; the ends are taken a rounding inside.
-            mean: Mean of a normal distribution that states none.
+            u: Probabilities, (n,); 0 and 1 are replaced by the nearest numbers inside.
+            mean: Default mean of a normal distribution.
 
         Returns:
-            n plain values: floats, or of a choice its own.
+            n plain values: floats, or values of a discrete distribution.
         """
         u = np.clip(u, _LEAST_U, _MOST_U)
         levels = self.levels
@@ -173,7 +171,7 @@ class Distribution(StrictModel):
             return self._continuous(u, 0.0 if mean is None else mean).tolist()  # type: ignore[no-any-return]
 
     def _continuous(self, u: FloatArray, mean: float) -> Any:
-        from scipy.special import ndtri  # SciPy costs: for those who draw
+        from scipy.special import ndtri  # slow to import
 
         if self.uniform is not None:
             low, high = self.uniform
@@ -183,15 +181,15 @@ class Distribution(StrictModel):
         if self.lognormal is not None:
             return self.lognormal.median * np.exp(self.lognormal.sigma * ndtri(u))
         if self.truncated is None:
-            raise ValueError("no continuous distribution")
+            raise ValueError("not a continuous distribution")
         return _truncated(self.truncated, u, mean)
 
 
 def _truncated(given: Truncated, u: FloatArray, mean: float) -> Any:
-    from scipy.stats import truncnorm  # exact in the tails, where a difference of two normal integrals is not
+    from scipy.stats import truncnorm  # accurate in the tails, unlike a difference of two normal integrals
 
     centre = mean if given.mean is None else given.mean
     low = -np.inf if given.low is None else (given.low - centre) / given.sd
     high = np.inf if given.high is None else (given.high - centre) / given.sd
-    drawn = truncnorm.ppf(u, low, high, loc=centre, scale=given.sd)
-    return np.clip(drawn, given.low, given.high) if given.low is not None or given.high is not None else drawn
+    values = truncnorm.ppf(u, low, high, loc=centre, scale=given.sd)
+    return np.clip(values, given.low, given.high) if given.low is not None or given.high is not None else values

@@ -1,4 +1,4 @@
-"""From a campaign file to a plan: read, validated, its base scenario compiled, its dispersions bound to keys."""
+"""Plan of a campaign: campaign file and base scenario validated, scenario compiled, dispersions bound to keys."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ from ffsm_mj.yaml.parser import read_node
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A campaign that can be run.
+    """A validated campaign.
 
     Attributes:
-        config: What the file states.
-        source: Where each of its keys stands.
-        scenario: File of the base scenario.
-        overrides: What the campaign changes in it for every run, ``key=json`` each.
-        base: The base scenario, compiled; no run of it is part of the campaign.
-        draws: What is drawn for each run.
-        bindings: Keys of the scenario that this sets.
+        config: The campaign file.
+        source: Locations of its keys.
+        scenario: Path of the base scenario.
+        overrides: Overrides of the base scenario for all runs, ``key=json``.
+        base: The compiled base scenario.
+        scalars: Scalars that are sampled for each run.
+        bindings: Keys of the scenario that the samples set.
     """
 
     config: CampaignFile
@@ -49,45 +49,49 @@ class Plan:
     scenario: Path
     overrides: tuple[str, ...]
     base: PreparedRun
-    draws: tuple[SampledScalar, ...]
+    scalars: tuple[SampledScalar, ...]
     bindings: tuple[Binding, ...]
 
     def design(self) -> Design:
-        """Draw every run.
+        """Sample the design.
 
         Raises:
-            InputError: A run's values are none that the scenario takes.
+            InputError: The scenario does not accept the values of a run.
         """
         samples = self.config.samples
-        return self._drawn(samples.kind, samples.n or 0, samples.seed)
+        return self._sampled(samples.kind, samples.n or 0, samples.seed)
 
-    def _drawn(self, kind: str, n: int, seed: int) -> Design:
+    def _sampled(self, kind: str, n: int, seed: int) -> Design:
         try:
-            design = sample_design(kind, n, seed, self.draws, self.bindings)
+            design = sample_design(kind, n, seed, self.scalars, self.bindings)
         except ScenarioFaults as faults:
             raise located(faults, self.source) from faults
-        refuse_wrong_rows(self.base, design, self.source, self.draws)
+        refuse_wrong_rows(self.base, design, self.source, self.scalars)
         return design
 
     def extended(self, design: Design, n: int) -> Design:
-        """A design with more runs, the first of them those that it has.
+        """Extend a design; its runs are the first of the new design.
+
+        Args:
+            design: The present design.
+            n: New number of samples.
 
         Raises:
-            InputError: Samples of this kind cannot be extended, n is no size for them, or the numbers come out differently
-                here than where the design was made.
+            InputError: Samples of this kind cannot be extended, n is not a valid size, or this machine computes other
+                numbers for the present runs.
         """
         if design.kind not in EXTENDABLE:
             allowed = ", ".join(EXTENDABLE)
             raise self._refusal(
-                f"a sample of kind {design.kind} cannot be extended, a larger one is all new; allowed: {allowed}"
+                f"a design of kind {design.kind} cannot be extended: a larger one has other samples; allowed: {allowed}"
             )
         if n <= design.n or (design.kind == "sobol" and n & (n - 1)):
             power = "a power of 2 " if design.kind == "sobol" else ""
-            raise self._refusal(f"{n} runs; {power}above {design.n}, the number of runs so far, is needed")
-        longer = self._drawn(design.kind, n, design.seed)
+            raise self._refusal(f"{n} samples: needs {power or 'a number '}above {design.n}, the present number")
+        longer = self._sampled(design.kind, n, design.seed)
         if longer.rows[: len(design.rows)] != design.rows or longer.bindings != design.bindings:
             raise self._refusal(
-                "the first runs would not be those of the design, which was made from another file or by other versions"
+                "the extended design would not begin with the present runs, which come from another file or other versions"
             )
         return longer
 
@@ -98,12 +102,12 @@ class Plan:
 def load_campaign(
     campaign: str | Path, overrides: Sequence[str] = (), controllers: Mapping[str, Any] = MappingProxyType({})
 ) -> Plan:
-    """Read and validate a campaign; nothing is drawn.
+    """Read and validate a campaign; no design is sampled.
 
     Args:
         campaign: A file, or the name of a shipped campaign.
-        overrides: ``key=value`` each, of keys of the campaign file.
-        controllers: Control laws of the caller's own, see :func:`ffsm_mj.run`.
+        overrides: ``key=value`` overrides of the campaign file.
+        controllers: Control laws of the caller, see :func:`ffsm_mj.run`.
 
     Raises:
         InputError: One line per fault, with file, line and column.
@@ -113,17 +117,17 @@ def load_campaign(
 
 
 def planned(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({})) -> Plan:
-    """Validate a campaign; nothing is drawn.
+    """Validate a campaign; no design is sampled.
 
     Args:
-        source: Its data, and where each key stands; what it names is relative to its file.
-        controllers: Control laws of the caller's own, see :func:`ffsm_mj.run`.
+        source: Data of the campaign file and locations of its keys; paths are relative to the file.
+        controllers: Control laws of the caller, see :func:`ffsm_mj.run`.
 
     Raises:
         InputError: One line per fault, with file, line and column.
     """
     if "campaign" not in source.data and "phases" in source.data:
-        raise InputError(f"{source.path}: is a scenario, no campaign; 'ffsm run' takes it")
+        raise InputError(f"{source.path}: is a scenario, not a campaign; use 'ffsm run'")
     try:
         config = CampaignFile.model_validate(source.data)
     except ValidationError as error:
@@ -134,11 +138,11 @@ def planned(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyTyp
     try:
         refuse_metrics(config, base.system)
         refuse_levels(config)
-        draws = columns(config.dispersions)
+        scalars = columns(config.dispersions)
         bindings = bound(config.dispersions, Targets(base))
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
-    return Plan(config, source, scenario, tuple(changes.values()), base, draws, bindings)
+    return Plan(config, source, scenario, tuple(changes.values()), base, scalars, bindings)
 
 
 def _base_path(config: CampaignFile, source: YamlSource) -> Path:
@@ -158,6 +162,5 @@ def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, contro
         for line in error.lines:
             begins = {key: one_line(f"-s {change}: ") for key, change in changes.items()}
             key = next((key for key, begin in begins.items() if line.startswith(begin)), None)
-            told = line if key is None else line.removeprefix(begins[key])
-            lines.append(line if key is None else source.line(Fault(told, ("overrides", key))))
+            lines.append(line if key is None else source.line(Fault(line.removeprefix(begins[key]), ("overrides", key))))
         raise InputError(lines) from error

@@ -1,4 +1,4 @@
-"""Metrics that a campaign file names, checked where they stand."""
+"""Validation of the metrics that a campaign file names."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ffsm_mj.records.signals import identifier
 
 
 def refuse_metrics(config: CampaignFile, system: System) -> None:
-    """Refuse names that are no metrics.
+    """Refuse names that are not metrics.
 
     Raises:
-        ScenarioFaults: A line for each.
+        ScenarioFaults: One fault per name.
     """
     actuators = [identifier(name) for name in system.names("actuator")]
     faults = [Fault(fault, path) for name, path in _named(config) if (fault := fault_of(name, actuators)) is not None]
     if config.stop is not None and config.stop.metric == "success" and config.success is None:
-        faults.append(Fault("nothing is a success here: state 'success', or name a metric", ("stop", "metric")))
+        faults.append(Fault("the campaign has no success condition: set 'success', or name a metric", ("stop", "metric")))
     if faults:
         raise ScenarioFaults(faults)
 
 
 def _named(config: CampaignFile) -> Iterator[tuple[str, tuple[str | int, ...]]]:
-    """Metrics, and where each is named."""
+    """Metrics, each with its location in the campaign file."""
     for i, name in enumerate(config.metrics):
         yield name, ("metrics", i)
     for condition in config.conditions:

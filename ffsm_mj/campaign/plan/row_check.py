@@ -1,4 +1,4 @@
-"""Rows of a design tried on the scenario: what is drawn is allowed, and is what the run will read."""
+"""Validation of rows of a design against the scenario: the values are allowed, and the run has them."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource
 
 _ROUNDING = {"initial": 1e-12, "model": 1e-9, "controller_model": 1e-9}
-"""By the first part of a key, how far a number may be from the one that was drawn, times max(1, |it|): a run makes
-quaternions exact and compiles models; every other number it takes as it is."""
+"""Allowed difference of a number x of the run from its sample, times max(1, |x|), by first part of the key. Quaternions are
+normalized and models compiled; all other numbers are used unchanged."""
 
 
-def refuse_wrong_rows(base: PreparedRun, design: Design, source: YamlSource, draws: Sequence[SampledScalar]) -> None:
-    """Try the first run, and those with the least and the greatest of each parameter, or with each of its texts.
+def refuse_wrong_rows(base: PreparedRun, design: Design, source: YamlSource, scalars: Sequence[SampledScalar]) -> None:
+    """Validate the first run, and the runs with the smallest and largest value, or each text, of every parameter.
 
     Args:
         base: The base scenario.
         design: The runs.
         source: The campaign file.
-        draws: What is drawn, the design's parameters.
+        scalars: Sampled scalars, the parameters of the design.
 
     Raises:
-        InputError: The scenario refuses such a run's values, or does not have them once they are set.
+        InputError: The scenario refuses the values of such a run, or does not have them after they are set.
     """
-    owners = {b.key: draws[effect.columns[0]].entry for b in design.bindings for effect in b.effects}
+    owners = {b.key: scalars[effect.columns[0]].entry for b in design.bindings for effect in b.effects}
     for run in extreme_rows(design):
         values = design.overrides(run)
         changes = {key: f"{key}={json.dumps(value)}" for key, value in values.items()}
@@ -41,14 +41,14 @@ def refuse_wrong_rows(base: PreparedRun, design: Design, source: YamlSource, dra
             changed = base.source.overridden(list(changes.values()))
             targets = Targets(recipe(validated(changed, base.laws), changed, base.laws))
         except InputError as error:
-            raise InputError(_told(error.lines[0], run, changes, owners, source)) from error
+            raise InputError(_message(error.lines[0], run, changes, owners, source)) from error
         for key, value in values.items():
             if message := _not_applied(targets, key, value):
                 raise InputError(source.line(Fault(f"run {run}: {message}", ("dispersions", owners[key]))))
 
 
 def extreme_rows(design: Design) -> list[int]:
-    """The first row, and by parameter the first with its least and its greatest number, or with each of its other values."""
+    """Indices of the first row, and of rows with the smallest and largest number, or each text, of a parameter."""
     found = {0}
     for column in zip(*design.rows, strict=True):
         if all(isinstance(value, int | float) and not isinstance(value, bool) for value in column):
@@ -58,25 +58,25 @@ def extreme_rows(design: Design) -> list[int]:
     return sorted(found)
 
 
-def _told(line: str, run: int, changes: Mapping[str, str], owners: Mapping[str, str], source: YamlSource) -> str:
-    """A fault of a run's scenario as one of the campaign file."""
+def _message(line: str, run: int, changes: Mapping[str, str], owners: Mapping[str, str], source: YamlSource) -> str:
+    """Fault of the scenario of a run, located in the campaign file."""
     for key, change in changes.items():
         if line.startswith(prefix := one_line(f"-s {change}: ")):
             return source.line(Fault(f"run {run}: {line.removeprefix(prefix)}", ("dispersions", owners[key])))
     return source.line(Fault(f"run {run}: {line}", ("dispersions",)))
 
 
-def _not_applied(targets: Targets, key: str, drawn: Any) -> str:
-    """What is wrong where a scenario does not have what it was to have, or nothing."""
+def _not_applied(targets: Targets, key: str, sampled: Any) -> str:
+    """Why a scenario does not have the sampled value; empty if it has."""
     try:
         there = [target.value for target in targets.find(key)]
     except LookupError as error:
         return str(error.args[0])
     except ScenarioFaults as error:
         return error.faults[0].message
-    if len(there) == 1 and _same(there[0], drawn, _ROUNDING.get(key.partition(".")[0], 0.0)):
+    if len(there) == 1 and _same(there[0], sampled, _ROUNDING.get(key.partition(".")[0], 0.0)):
         return ""
-    return f"{key} is {there[0] if len(there) == 1 else there} although {drawn} was drawn: the dispersion is not applied"
+    return f"{key} is {there[0] if len(there) == 1 else there} although {sampled} was sampled: the dispersion is not applied"
 
 
 def _same(a: Any, b: Any, rounding: float) -> bool:

@@ -1,4 +1,4 @@
-"""Where in the unit cube the runs of a campaign lie: grid, random, Latin hypercube, Sobol, and Saltelli's scheme."""
+"""Samples in the unit cube: grid, random, Latin hypercube, Sobol sequence, and Saltelli's scheme."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ffsm_mj.arrays import FloatArray
 
 KINDS = ("grid", "random", "lhs", "sobol", "saltelli")
 EXTENDABLE = ("random", "sobol")
-"""Kinds of samples whose first rows stay where they are when there are more."""
+"""Kinds of samples whose first rows do not depend on the number of samples."""
 
 
 def samples(kind: str, n: int, seed: int, names: Sequence[str], levels: Sequence[int] = ()) -> FloatArray:
@@ -20,13 +20,13 @@ def samples(kind: str, n: int, seed: int, names: Sequence[str], levels: Sequence
 
     Args:
         kind: ``grid``, ``random``, ``lhs``, ``sobol`` or ``saltelli``.
-        n: How many; of ``saltelli``, whose design has n (d + 2) rows, how many it is made from; no matter for ``grid``.
-        seed: Root of all chance.
-        names: Of the d coordinates; each has a stream of its own in ``random``, so that a new one moves no other.
-        levels: Of a grid, how many each coordinate has.
+        n: Number of samples; ``saltelli`` gives n (d + 2) rows, ``grid`` ignores it.
+        seed: Seed of the random numbers.
+        names: Names of the d coordinates; for ``random`` each has its own stream, so that a new one changes no other.
+        levels: Number of levels of each coordinate, for ``grid``.
 
     Returns:
-        Numbers from 0 to 1, (rows, d). Of ``saltelli``: A, B, then A with each column of B in turn, n rows each.
+        Numbers from 0 to 1, (rows, d). For ``saltelli``: A, B, then A with each column of B in turn, n rows each.
     """
     d = len(names)
     if kind == "grid":
@@ -34,7 +34,7 @@ def samples(kind: str, n: int, seed: int, names: Sequence[str], levels: Sequence
         return np.array(list(product(*centres)))
     if kind == "random":
         return np.array([[_uniform(seed, name, i) for name in names] for i in range(n)])
-    from scipy.stats import qmc  # SciPy's statistics cost: for those who use them
+    from scipy.stats import qmc  # slow to import
 
     if kind == "lhs":
         return np.asarray(qmc.LatinHypercube(d, rng=np.random.default_rng(seed)).random(n))
@@ -44,7 +44,7 @@ def samples(kind: str, n: int, seed: int, names: Sequence[str], levels: Sequence
 
 
 def _uniform(seed: int, name: str, i: int) -> float:
-    """The number of run i in the stream of a name, inside (0, 1): one word of a seed sequence, the same in every NumPy."""
+    """Number i of the stream of a name, in (0, 1): one word of a seed sequence, equal in all versions of NumPy."""
     word = np.random.SeedSequence(seed, spawn_key=(crc32(name.encode()), i)).generate_state(1, np.uint64)[0]
     return ((int(word) >> 12) + 0.5) * 2.0**-52
 

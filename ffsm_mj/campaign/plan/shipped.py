@@ -1,4 +1,4 @@
-"""Where campaign files are: by path, or by the name of one that comes with ffsm-mj."""
+"""Paths of campaign files, and names of the shipped campaigns."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ffsm_mj.yaml.parser import read_node
 
 
 def campaigns_dir() -> Path:
-    """Folder of the shipped campaigns; the scenarios lie in the one above."""
+    """Folder of the shipped campaigns; the shipped scenarios are in its parent."""
     return scenarios_dir() / "campaigns"
 
 
@@ -21,10 +21,10 @@ def campaign_names() -> tuple[str, ...]:
 
 
 def campaign_path(campaign: str | Path) -> Path:
-    """Path of a campaign file given as a path or as the name of a shipped one.
+    """Path of a campaign file from a path or the name of a shipped campaign.
 
     Raises:
-        InputError: A word that is neither a file nor a shipped campaign.
+        InputError: The text is neither a file nor the name of a shipped campaign.
     """
     text = str(campaign)
     if os.path.exists(text) and text not in campaign_names():
@@ -37,8 +37,8 @@ def campaign_path(campaign: str | Path) -> Path:
 
 
 def is_campaign(given: str | Path) -> bool:
-    """Whether a path or name means a campaign rather than a scenario."""
+    """Whether a path or name is that of a campaign, not of a scenario."""
     try:
         return os.path.isfile(path := campaign_path(given)) and "campaign" in read_node(path).value
     except InputError:
-        return False  # whoever reads it as a scenario tells what is wrong
+        return False  # it is then read as a scenario, which reports the fault

@@ -1,4 +1,4 @@
-"""When a run is a success: conditions on metrics, joined by ``and``."""
+"""Success of a run: conditions on metrics, joined by ``and``."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Condition:
     Attributes:
         metric: Name of the metric.
         comparison: One of ``<``, ``<=``, ``>``, ``>=``, ``==`` and ``!=``.
-        bound: What it is compared with.
+        bound: Number to compare with.
     """
 
     metric: str
@@ -34,23 +34,23 @@ class Condition:
     bound: float
 
     def holds(self, metrics: Mapping[str, Any]) -> bool:
-        """Whether it holds; a metric that a run lacks, or that is a text, fulfils no condition."""
+        """Whether the condition holds; it does not for a missing metric or a text."""
         value = metrics.get(self.metric)
         return isinstance(value, int | float) and bool(_COMPARISONS[self.comparison](value, self.bound))
 
 
 def conditions(text: str) -> tuple[Condition, ...]:
-    """Conditions of a text such as ``tip.min_error_m < 0.05 and impacts.count == 1``.
+    """Parse conditions such as ``tip.min_error_m < 0.05 and impacts.count == 1``.
 
     Raises:
-        ValueError: It is none; the message says what is allowed.
+        ValueError: The text is not a condition; the message lists what is allowed.
     """
     found = []
     for part in re.split(r"\band\b", text):
         match = _CONDITION.fullmatch(part)
         if match is None:
             raise ValueError(
-                f"{part.strip()!r} is no condition; write METRIC OPERATOR NUMBER, e.g. tip.min_error_m < 0.05, "
+                f"{part.strip()!r} is not a condition; write METRIC OPERATOR NUMBER, e.g. tip.min_error_m < 0.05, "
                 f"joined by 'and'; operators: {', '.join(_COMPARISONS)}"
             )
         metric, comparison, bound = match.groups()
@@ -64,4 +64,4 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise ValueError(f"{text!r} is no number, and a metric is compared with a number, true or false") from error
+        raise ValueError(f"{text!r} is not a number; a metric can be compared with a number, true or false") from error

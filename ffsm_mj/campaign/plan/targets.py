@@ -1,4 +1,4 @@
-"""Keys of a scenario that can be dispersed: found by name, with wildcards, and read where the run will read them."""
+"""Values of a scenario that can be dispersed, found by dotted key with wildcards, as the run reads them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PARTS = {
     ("free", "rates"): {"linear": (0, 3), "angular": (3, 6)},
     ("ball", "rates"): {"angular": (0, 3)},
 }
-"""Vectors and quaternions in the numbers of a joint, by its kind: first position, and that behind the last."""
+"""Vectors and quaternions in the numbers of a joint by its kind: first and end position."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Target:
     """A value of a scenario, or numbers in it.
 
     Attributes:
-        key: Dotted key that an override sets, positions for items of lists.
-        value: Plain value: a number, a text, None, or a tuple of them.
-        at: Positions that lead to one number in a tuple.
-        span: A vector or quaternion in a tuple: first position, and that behind the last.
+        key: Dotted key for an override, with positions for items of lists.
+        value: Plain value: a number, a text, None, or a tuple of these.
+        at: Position of one number in nested tuples.
+        span: First and end position of a vector or quaternion in a tuple.
     """
 
     key: str
@@ -43,8 +43,8 @@ class Target:
     span: tuple[int, int] | None = None
 
     @property
-    def meant(self) -> Any:
-        """The number or the numbers that are meant."""
+    def current(self) -> Any:
+        """The number or the numbers at the target."""
         value = self.value if self.span is None else self.value[slice(*self.span)]
         for position in self.at:
             value = value[position]
@@ -52,18 +52,18 @@ class Target:
 
 
 class Targets:
-    """Values of a scenario as a run reads them: with defaults, joints as the model has them, bodies as compiled."""
+    """Values of a scenario as a run reads them: with defaults, joints of the initial state, bodies as compiled."""
 
     def __init__(self, prepared: PreparedRun) -> None:
-        """Take a scenario that is made ready."""
+        """Bind to a prepared scenario."""
         self._scenario, self._system = prepared.scenario, prepared.system
         self._models = {"model": prepared.system, "controller_model": prepared.believed or prepared.system}
 
     def find(self, key: str) -> list[Target]:
-        """Values that a dotted key means; ``*`` stands for every item of a list and every entry of a mapping.
+        """Find the values of a dotted key; ``*`` matches every item of a list and every entry of a mapping.
 
         Raises:
-            LookupError: The scenario has no such key; the message lists those that it has.
+            LookupError: The scenario has no such key; the message lists the existing ones.
             ScenarioFaults: No run can start from the initial state.
         """
         parts = tuple(key.split("."))
@@ -71,10 +71,10 @@ class Targets:
         return list(found)
 
     def _in_models(self, parts: tuple[str, ...]) -> Iterator[Target]:
-        """Properties of bodies: of the true models, or of those that the control laws believe in."""
+        """Properties of bodies in the plant or in the controller model."""
         size = 6 if parts[3:4] == ("geoms",) else 4
         if len(parts) < size:
-            raise LookupError(f"{'.'.join(parts)} is no property: it is written {parts[0]}.TREE.BODY.PROPERTY")
+            raise LookupError(f"{'.'.join(parts)} is not a property; write {parts[0]}.TREE.BODY.PROPERTY")
         model = self._models[parts[0]].mj
         for path in _properties(model, parts[:size]) if WILDCARD in parts[:size] else [parts[:size]]:
             key, value = ".".join(path), property_value(model, path)
@@ -98,7 +98,7 @@ class Targets:
     def _in_model(self, node: BaseModel, parts: tuple[str, ...], path: tuple[str, ...]) -> Iterator[Target]:
         fields = type(node).model_fields
         if not parts or parts[0] == WILDCARD:
-            raise LookupError(f"{'.'.join(path)} has keys of its own; name one: {', '.join(sorted(fields))}")
+            raise LookupError(f"{'.'.join(path)} is a mapping; name one of its keys: {', '.join(sorted(fields))}")
         if parts[0] not in fields:
             raise LookupError(unknown_name("key", parts[0], fields))
         value = getattr(node, parts[0])
@@ -111,10 +111,10 @@ class Targets:
     def _in_state(self, parts: tuple[str, ...], what: str) -> Iterator[Target]:
         stated: Mapping[str, Any] = getattr(self._scenario.initial, what)
         if not parts:
-            raise LookupError(f"initial.{what} has keys of its own: names of joints")
+            raise LookupError(f"initial.{what} is a mapping; name a joint")
         for name in [*stated] if parts[0] == WILDCARD else [parts[0]]:
             joint = self._system.joint(name)
-            # A second name for a joint that the scenario sets would leave it open which of the two holds.
+            # The scenario may already set the joint under another name, which must then be used: two would be ambiguous.
             written = next((other for other in stated if self._system.joint(other).name == joint.name), name)
             key, numbers = f"initial.{what}.{written}", joint.qpos if what == "joints" else joint.dofs
             value: Any = tuple(getattr(self._state, _STATE[what])[numbers].tolist())
@@ -127,7 +127,7 @@ class Targets:
 
 
 def _properties(model: Any, wanted: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    """Paths of properties that one with wildcards means."""
+    """Paths of the properties that match a path with wildcards."""
     geoms = len(wanted) == 6
     for i in range(model.ngeom if geoms else model.nbody):
         tree, _, body = model.body(model.geom_bodyid[i] if geoms else i).name.partition("/")
@@ -146,7 +146,7 @@ def _named(parts: tuple[str, ...], entries: Mapping[str, Any], what: str) -> lis
 
 
 def _items(items: tuple[Any, ...], parts: tuple[str, ...], here: str) -> list[tuple[int, tuple[str, ...]]]:
-    """Positions that the next parts mean in a list of named items, and what is left of the parts."""
+    """Positions in a list of named items that match the next parts of a key, each with the remaining parts."""
     names = [getattr(item, "name", None) for item in items]
     if not parts:
         raise LookupError(f"{here} is a list; name an item: {', '.join(name for name in names if name)}")
@@ -154,7 +154,7 @@ def _items(items: tuple[Any, ...], parts: tuple[str, ...], here: str) -> list[tu
         return [(position, parts[1:]) for position in range(len(items))]
     if parts[0].isdecimal() and int(parts[0]) < len(items):
         return [(int(parts[0]), parts[1:])]
-    for used in range(len(parts), 0, -1):  # a name may have dots in it: the longest that fits is meant
+    for used in range(len(parts), 0, -1):  # a name may contain dots: the longest match wins
         if (name := ".".join(parts[:used])) in names:
             return [(names.index(name), parts[used:])]
     known = [name for name in names if name]
@@ -164,7 +164,7 @@ def _items(items: tuple[Any, ...], parts: tuple[str, ...], here: str) -> list[tu
 def _place(
     value: Any, parts: tuple[str, ...], here: str, spans: Mapping[str, tuple[int, int]]
 ) -> tuple[tuple[int, ...], tuple[int, int] | None]:
-    """Where in a value the last parts of a key point: positions, or a span."""
+    """Positions or span in a value from the last parts of a key."""
     if len(parts) == 1 and parts[0] in spans:
         return (), spans[parts[0]]
     at: tuple[int, ...] = ()
@@ -179,7 +179,7 @@ def _place(
 
 
 def _default(annotation: Any) -> BaseModel | None:
-    """What an optional part is when only some of its keys are stated; None where it has keys without a default."""
+    """Default of an optional section; None if it has keys without a default."""
     for member in get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,):
         if isinstance(member, type) and issubclass(member, BaseModel):
             try:

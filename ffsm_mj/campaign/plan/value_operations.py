@@ -1,4 +1,4 @@
-"""How what was drawn changes a value of the scenario: plain data and arithmetic, no chance."""
+"""Operations of sampled scalars on values of a scenario: plain data, no random numbers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Vector3 = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class ValueOperation:
-    """What one entry of ``dispersions`` does to a value.
+    """Operation of one entry of ``dispersions`` on a value.
 
     Attributes:
-        operation: What it does.
-        columns: Positions in a row of what is drawn for it; one, or with a random axis its size, height and azimuth.
-        at: Positions that lead to the number in a list of numbers, or of lists; empty for a value that is one number.
-        span: First and last-but-one position of the numbers of a vector or quaternion.
-        axis: Axis or direction, any length; None where it is drawn.
+        operation: Kind of the operation.
+        columns: Columns of its scalars in a row: one, or magnitude, height and azimuth for a random axis.
+        at: Position of the number in nested lists; empty if the value is a number.
+        span: First and end position of a vector or quaternion.
+        axis: Axis or direction of any length; None if it is sampled.
     """
 
     operation: Operation
@@ -33,30 +33,30 @@ class ValueOperation:
     axis: Vector3 | None = None
 
     def applied(self, value: Any, row: Sequence[Any]) -> Any:
-        """The value after it, lists as lists.
+        """Apply the operation to a value; returns the new value.
 
         Args:
-            value: Plain value of the key, not changed.
-            row: Everything that is drawn for the run.
+            value: Plain value of the key; not modified.
+            row: Sampled scalars of the run.
         """
-        drawn = row[self.columns[0]]
+        sampled = row[self.columns[0]]
         if self.span is None:
             old = value
             for position in self.at:
                 old = old[position]
-            return _replaced(value, self.at, _number(self.operation, old, drawn))
+            return _replaced(value, self.at, _number(self.operation, old, sampled))
         first, end = self.span
         direction = self._direction(row)
         part = list(value[first:end])
         if self.operation == "rotation":
-            new = turned(part, direction, drawn)
+            new = rotated(part, direction, sampled)
         else:
             start = part if self.operation == "vector_offset" else [0.0] * 3
-            new = [s + drawn * d for s, d in zip(start, direction, strict=True)]
+            new = [s + sampled * d for s, d in zip(start, direction, strict=True)]
         return [*value[:first], *new, *value[end:]]
 
     def _direction(self, row: Sequence[Any]) -> Vector3:
-        """Unit vector."""
+        """Unit vector of the axis or direction."""
         if self.axis is not None:
             length = math.hypot(*self.axis)
             return (self.axis[0] / length, self.axis[1] / length, self.axis[2] / length)
@@ -65,16 +65,16 @@ class ValueOperation:
         return (ring * math.cos(azimuth), ring * math.sin(azimuth), height)
 
 
-def turned(quaternion: Sequence[float], axis: Vector3, angle: float) -> list[float]:
-    """A quaternion (w, x, y, z) turned on about an axis of the frame that it is told in.
+def rotated(quaternion: Sequence[float], axis: Vector3, angle: float) -> list[float]:
+    """Rotate an attitude about an axis of its parent frame.
 
     Args:
-        quaternion: Of any length but zero.
+        quaternion: Attitude (w, x, y, z), of any length except zero.
         axis: Unit vector.
-        angle: rad.
+        angle: Angle, rad.
 
     Returns:
-        A quaternion of length 1.
+        Unit quaternion.
     """
     s = math.sin(0.5 * angle)
     w, v = math.cos(0.5 * angle), np.array([s * a for a in axis])
@@ -83,14 +83,14 @@ def turned(quaternion: Sequence[float], axis: Vector3, angle: float) -> list[flo
     return (product / np.linalg.norm(product)).tolist()  # type: ignore[no-any-return]
 
 
-def _number(operation: Operation, old: Any, drawn: Any) -> Any:
+def _number(operation: Operation, old: Any, sampled: Any) -> Any:
     if operation == "scale":
-        return old * drawn
-    return old + drawn if operation == "offset" else drawn
+        return old * sampled
+    return old + sampled if operation == "offset" else sampled
 
 
 def _replaced(value: Any, at: tuple[int, ...], new: Any) -> Any:
-    """The value with one number in it replaced."""
+    """Copy of a value with one number replaced."""
     if not at:
         return new
     return [_replaced(item, at[1:], new) if i == at[0] else item for i, item in enumerate(value)]

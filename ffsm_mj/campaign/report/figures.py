@@ -1,4 +1,4 @@
-"""Pictures of a campaign: metrics against parameters, convergence, and the runs that were made again over each other."""
+"""Figures of a campaign: metrics against parameters, convergence, and trajectories of repeated runs."""
 
 from __future__ import annotations
 
@@ -28,30 +28,30 @@ if TYPE_CHECKING:
 _COLUMNS = 4
 _DPI = 130
 _MOST_POINTS = 5000
-"""More points than this are one dark patch, and a large file."""
+"""Largest number of points in a scatter plot; more would overlap and make a large file."""
 
 
 def save_figures(results: Results, rerun_runs: Sequence[tuple[TableRow, Run]], folder: Path) -> list[tuple[str, str]]:
-    """Draw what there is to draw: nothing of a metric that is constant.
+    """Write the figures; constant metrics have none.
 
     Args:
-        results: What the campaign came to.
-        rerun_runs: Runs that were made again, each with its row.
-        folder: Where to write, there already.
+        results: Results of the campaign.
+        rerun_runs: Repeated runs, each with its row.
+        folder: Existing folder to write to.
 
     Returns:
-        What each picture shows, and its file's name.
+        Title and file name of each figure.
     """
     varied = [metric for metric in results.metrics if not is_constant(measured(results.rows, metric))]
     drawn = [
         (f"{metric} against each parameter", f"metric-{identifier(metric)}", _against_parameters(results, metric))
         for metric in varied
     ]
-    watched = [what for what in ([SUCCESS] if results.judges else []) + varied if len(intervals(results, what)) > 1]
+    watched = [what for what in ([SUCCESS] if results.has_success else []) + varied if len(intervals(results, what)) > 1]
     if watched:
         drawn.append(("intervals against the number of runs", "convergence", _convergence(results, watched)))
     if rerun_runs:
-        drawn.append(("runs made again, over each other", "trajectories", _trajectories(rerun_runs)))
+        drawn.append(("trajectories of repeated runs", "trajectories", _trajectories(rerun_runs)))
     for _, name, figure in drawn:
         write(figure, folder, name, ("png",), dpi=_DPI)
     return [(what, f"{name}.png") for what, name, _ in drawn]
@@ -92,7 +92,7 @@ def _against_parameters(results: Results, metric: str) -> Figure:
 
 
 def _axis(rows: Sequence[TableRow], name: str) -> tuple[Any, list[str]]:
-    """Values of a parameter as numbers; of texts their places, and the texts."""
+    """Values of a parameter for an axis; texts become positions with tick labels."""
     values = numbers(rows, name)
     if np.isfinite(values).all():
         return values, []
@@ -121,14 +121,14 @@ def _convergence(results: Results, watched: Sequence[str]) -> Figure:
             axes.set_xscale("log", base=2)
             axes.set_xticks(runs[:: -(-len(runs) // 5)], labels=[f"{each}" for each in runs[:: -(-len(runs) // 5)]])
             axes.set_xlabel("runs", fontsize=7.0)
-            axes.set_ylabel("share" if what == SUCCESS else "median", fontsize=7.0)
+            axes.set_ylabel("fraction" if what == SUCCESS else "median", fontsize=7.0)
             axes.set_title("successes" if what == SUCCESS else _in_two_lines(what), fontsize=7.0)
             axes.tick_params(labelsize=6.5)
     return figure
 
 
 def _trajectories(rerun_runs: Sequence[tuple[TableRow, Run]]) -> Figure:
-    """Paths of the tip and of the objects, or of all that moves, in the plane of the first run's motion; the tip's error."""
+    """Paths of tip and objects, or of all bodies without a task, in the plane of the first run's motion; the tip error."""
     subjects = [(row, Subject(run)) for row, run in rerun_runs]
     plane = subjects[0][1].planes[0]
     tipped = [(row, run) for row, run in rerun_runs if run.summary(checks=False)["tip"] is not None]
@@ -145,7 +145,7 @@ def _trajectories(rerun_runs: Sequence[tuple[TableRow, Run]]) -> Figure:
             grid[1].set_xlabel("time, s")
             grid[1].set_ylabel("tip error, m")
         what = "the tip and the objects" if tipped else "robot and objects"
-        grid[0].set_title(f"{len(rerun_runs)} runs: paths of {what}; not good ones dashed")
+        grid[0].set_title(f"{len(rerun_runs)} runs: paths of {what}; dashed: not good")
     return figure
 
 
@@ -157,7 +157,7 @@ def _paths(subject: Subject) -> list[FloatArray]:
 
 
 def _box(paths: Sequence[FloatArray], subject: Subject, plane: Plane) -> tuple[float, float, float, float]:
-    """Least and greatest coordinates of paths and of the target, with a margin: (left, right, bottom, top) in m."""
+    """Bounding box of paths and target with a margin: (left, right, bottom, top), m."""
     task = logged_task(subject.run.log.header.facts)
     target = [task.point_m[None, plane.axes]] if task is not None and set(plane.axes) <= set(task.axes) else []
     points = np.vstack([*paths, *target])

@@ -1,4 +1,4 @@
-"""The report of a campaign: a page, its pictures, and the table for other tools."""
+"""Report of a campaign: a page with figures, and the table for other tools."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from ffsm_mj.report.run import load_run
 PAGE, PARQUET, CSV = "report.md", "results.parquet", "results.csv"
 FIGURES = "figures"
 _MOST_REPLAYS = 100
-"""More paths than this are a patch of colour."""
+"""Largest number of trajectories in a figure."""
 
 
 def write_report(found: Campaign, page: Path | None = None) -> list[Path]:
-    """Write the page with its pictures, and the table as Parquet and CSV beside the campaign.
+    """Write the page with its figures, and the table as Parquet and CSV in the folder of the campaign.
 
     Args:
         found: The campaign, finished or not.
-        page: Markdown file, whose pictures go to ``figures/<its name>/`` beside it; None: ``report.md`` in the campaign's
-            folder.
+        page: Markdown file; its figures go to ``figures/<its name>/`` beside it. None: ``report.md`` in the folder of the
+            campaign.
 
     Returns:
-        The files written.
+        The written files.
 
     Raises:
         InputError: A folder cannot be written to.
-        OutputLostError: A file could not be written to its end.
+        OutputLostError: A file could not be written completely.
     """
-    from ffsm_mj.campaign.report.figures import save_figures  # Matplotlib costs: for those who want pictures
+    from ffsm_mj.campaign.report.figures import save_figures  # Matplotlib is slow to import
     from ffsm_mj.campaign.report.page import report_page
 
     results = found.results()
@@ -67,7 +67,7 @@ def _write_tables(folder: Path, rows: Sequence[TableRow]) -> list[Path]:
 
 
 def _rerun_runs(found: Campaign, rows: Sequence[TableRow]) -> Iterator[tuple[TableRow, Run]]:
-    """Runs that were made again and whose logs are there, with their rows."""
+    """Repeated runs whose logs exist, with their rows."""
     by_run: Mapping[int, TableRow] = {row["run"]: row for row in rows}
     folder = found.folder.path / RERUNS
     made = sorted(folder.iterdir()) if folder.is_dir() else []
@@ -75,6 +75,6 @@ def _rerun_runs(found: Campaign, rows: Sequence[TableRow]) -> Iterator[tuple[Tab
         try:
             run = load_run(find_log(place))
         except (InputError, LogError):
-            continue  # it is being made, or its disk was full
+            continue  # it is being written, or the disk was full
         if len(run.log.rows):
             yield by_run[int(place.name)], run
