@@ -81,7 +81,9 @@ def test_flight_is_the_same_to_the_last_bit(case_study, rng):
         for effort in efforts:
             data.ctrl[:] = effort
             clear.append(flight.step(1e-3))
-        runs.append((data.qpos, data.qvel, data.qacc, state, data.site_xpos, clear, (flight.energy, flight.way, momentum)))
+        runs.append(
+            (data.qpos, data.qvel, data.qacc, state, data.site_xpos, clear, (flight.energy, flight.motion_bound, momentum))
+        )
     for plain, twin in zip(runs[0][:-1], runs[1][:-1], strict=True):
         np.testing.assert_array_equal(plain, twin)
     assert True in clear
@@ -90,7 +92,7 @@ def test_flight_is_the_same_to_the_last_bit(case_study, rng):
 
 
 def test_flight_notices_what_is_not_finite(case_study):
-    """No way is proved clear, whatever the horizon."""
+    """A motion that is not finite excludes no event, whatever the event bound."""
     for kind in (FreeStepper, twins.FreeStepper):
         data = mujoco.MjData(case_study.mj)
         flight = kind(

@@ -22,10 +22,10 @@ cdef int WHOLE_STATE = plain.WHOLE_STATE
 
 
 cdef class FreeStepper:
-    """Integration that keeps account of sqrt(2 T) dt."""
+    """Integrates steps and accumulates the motion bound, the integral of sqrt(2 T) dt."""
 
-    cdef readonly double energy, way, last
-    cdef public double horizon
+    cdef readonly double energy, motion_bound, last_increment
+    cdef public double event_bound
     cdef const mjModel* m
     cdef mjData* d
     cdef double[::1] state, momentum, rates
@@ -40,14 +40,14 @@ cdef class FreeStepper:
         self.runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self.clear(INFINITY)
 
-    def clear(self, double horizon):
-        """Begin a new account at the state in ``data``."""
-        self.way, self.last, self.horizon = 0.0, 0.0, horizon
+    def clear(self, double event_bound):
+        """Reset the motion bound at the state in ``data``."""
+        self.motion_bound, self.last_increment, self.event_bound = 0.0, 0.0, event_bound
         self.energy = self.kinetic()
         self.unconstrained = self.data.nefc == 0
 
     def step(self, double duration_s):
-        """Integrate for the model's time step; says whether no pair can have touched."""
+        """Integrate for the model's time step; returns whether no event is possible."""
         cdef double before = self.energy
         mj.getState(self.m, self.d, &self.state[0], WHOLE_STATE)
         if self.runge_kutta and self.unconstrained:
@@ -59,12 +59,12 @@ cdef class FreeStepper:
         else:
             mj.step(self.m, self.d)
         mj.forward(self.m, self.d)
-        # Asked here, not when it is needed: a look for collisions in between forgets the constraints.
+        # Evaluated here, not when it is needed: collision detection in between discards the constraints.
         self.unconstrained = self.data.nefc == 0
         self.energy = self.kinetic()
-        self.last = BOUND_MARGIN * duration_s * sqrt(2.0 * fabs(before if before > self.energy else self.energy))
-        self.way += self.last
-        return self.way < self.horizon
+        self.last_increment = BOUND_MARGIN * duration_s * sqrt(2.0 * fabs(before if before > self.energy else self.energy))
+        self.motion_bound += self.last_increment
+        return self.motion_bound < self.event_bound
 
     cdef double kinetic(self) noexcept:
         cdef double twice = 0.0

@@ -110,9 +110,9 @@ class ContactModel:
         active: Whether it exerts forces: the exchange of each step is then entered in the balance.
         pushes: Whether its wrenches are evaluated in the stages of each step while it is active.
         is_reactive: Whether its forces depend on those of the other contact models: it is evaluated after them.
-        horizon: Bound on the motion since the last restart (``way`` of
+        event_bound: Motion bound since the last restart (``motion_bound`` of
             :class:`~ffsm_mj.dynamics.free_stepper.FreeStepper`) below which no event is possible: event detection is
-            skipped until the motion exceeds it.
+            skipped until the motion bound exceeds it.
         scene: The logged system and its data.
         motion: The current motion.
     """
@@ -126,7 +126,7 @@ class ContactModel:
     active = False
     pushes: ClassVar[bool] = True
     is_reactive: ClassVar[bool] = False
-    horizon = math.inf
+    event_bound = math.inf
     motion: Motion
 
     def __init__(self, config: Any, scene: Scene) -> None:
@@ -154,7 +154,7 @@ class ContactModel:
         return False
 
     def is_clear(self) -> bool:
-        """Whether the last step certainly contains no event; called only when the motion exceeds ``horizon``."""
+        """Whether the last step certainly contains no event; called only when the motion bound exceeds ``event_bound``."""
         return True
 
     def first_event(self, duration_s: float) -> float | None:

@@ -19,13 +19,13 @@ class FreeStepper:
     """Integrates steps and accumulates the motion bound, the integral of sqrt(2 T) dt.
 
     With kinetic energy T, the speed of any point is at most k sqrt(2 T), where k depends on masses and dimensions only. The
-    integral therefore bounds every displacement, and event detection is skipped until it exceeds ``horizon``.
+    integral therefore bounds every displacement, and event detection is skipped until it exceeds ``event_bound``.
 
     Attributes:
         energy: Kinetic energy at the state in ``data``, J.
-        way: Motion bound: sum of margin * sqrt(2 T) * dt since ``clear``, in m kg^1/2.
-        last: Contribution of the last step.
-        horizon: Motion bound below which no event is possible.
+        motion_bound: Sum of margin * sqrt(2 T) * dt since ``clear``, in m kg^1/2.
+        last_increment: Contribution of the last step.
+        event_bound: Motion bound below which no event is possible.
     """
 
     def __init__(self, model: Any, data: Any, state: FloatArray, momentum: FloatArray) -> None:
@@ -41,9 +41,9 @@ class FreeStepper:
         self._momentum, self._rates = momentum, data.qvel
         self.clear(math.inf)
 
-    def clear(self, horizon: float) -> None:
+    def clear(self, event_bound: float) -> None:
         """Reset the motion bound at the state in ``data``."""
-        self.way, self.last, self.horizon = 0.0, 0.0, horizon
+        self.motion_bound, self.last_increment, self.event_bound = 0.0, 0.0, event_bound
         self.energy = self._energy()
 
     def step(self, duration_s: float) -> bool:
@@ -57,9 +57,11 @@ class FreeStepper:
         """Add a finished step to the motion bound; derived quantities must be current."""
         before, self.energy = self.energy, self._energy()
         # Not max(), which would hide a NaN; abs(), since the rounding of a body at rest may be negative.
-        self.last = BOUND_MARGIN * duration_s * math.sqrt(2.0 * abs(before if before > self.energy else self.energy))
-        self.way += self.last
-        return self.way < self.horizon
+        self.last_increment = (
+            BOUND_MARGIN * duration_s * math.sqrt(2.0 * abs(before if before > self.energy else self.energy))
+        )
+        self.motion_bound += self.last_increment
+        return self.motion_bound < self.event_bound
 
     def _energy(self) -> float:
         mujoco.mj_mulM(self._model, self._data, self._momentum, self._rates)

@@ -18,7 +18,7 @@ class EventDrivenIntegrator:
     """Integrates a motion and locates the events of contact models.
 
     Most steps skip event detection: the kinetic energy bounds how far anything can have moved, and a contact model is asked
-    only once this motion bound exceeds its ``horizon``.
+    only once this motion bound exceeds its ``event_bound``.
 
     Attributes:
         motion: The current motion.
@@ -66,13 +66,13 @@ class EventDrivenIntegrator:
         self.motion.push_with(pushes, answers)
         for contact_model in self.contact_models:
             contact_model.restart()
-        self.motion.flight.clear(self._horizon())
+        self.motion.flight.clear(self._event_bound())
         if self.control is not None:
             self.control.restart()
 
     def reconsider(self) -> None:
-        """Update the horizon after a contact model has handled a request."""
-        self.motion.flight.horizon = self._horizon()
+        """Update the event bound after a contact model has handled a request."""
+        self.motion.flight.event_bound = self._event_bound()
 
     def after_event(self, time_s: float) -> None:
         """Store the time of an event: contact models are notified when the next step begins, with its efforts set."""
@@ -86,8 +86,8 @@ class EventDrivenIntegrator:
         for contact_model in self._active:
             contact_model.begin_step()
 
-    def _horizon(self) -> float:
-        return min((contact_model.horizon for contact_model in self.contact_models), default=math.inf)
+    def _event_bound(self) -> float:
+        return min((contact_model.event_bound for contact_model in self.contact_models), default=math.inf)
 
     @property
     def columns(self) -> list[Columns]:
@@ -118,7 +118,7 @@ class EventDrivenIntegrator:
             StepLimitError: The motion is too fast for the required accuracy.
         """
         motion, flight = self.motion, self.motion.flight
-        if flight.horizon <= flight.way:
+        if flight.event_bound <= flight.motion_bound:
             for contact_model in self.contact_models:
                 if contact_model.due():
                     return 0.0, contact_model
@@ -130,7 +130,7 @@ class EventDrivenIntegrator:
         motion.path.at_s = step_s
         if not watching:
             self._after_substep(step_s)
-            flight.horizon = self._horizon()
+            flight.event_bound = self._event_bound()
             return step_s, None
         # Each model searches only up to the earliest event so far; at equal times the earlier model in the order wins.
         first: tuple[float, ContactModel] | None = None
@@ -143,7 +143,7 @@ class EventDrivenIntegrator:
         self._after_substep(at_s)
         for contact_model in self.contact_models:
             contact_model.on_event_located(at_s)
-        motion.flight.clear(self._horizon())
+        motion.flight.clear(self._event_bound())
         return first if first is not None else (step_s, None)
 
     def integrate(self, most_s: float, left_s: float) -> float:

@@ -65,7 +65,7 @@ class Spring(ContactModel):
     kind = "spring"
     Config = SpringConfig
     records = (SPRING,)
-    horizon = -math.inf  # it looks at every step
+    event_bound = -math.inf  # evaluated at every step
 
     def __init__(self, config, scene):
         super().__init__(config, scene)

@@ -84,7 +84,7 @@ class Weld(ContactModel):
         )
 
     @property
-    def horizon(self):
+    def event_bound(self):
         return -math.inf if self._armed or self._release else math.inf
 
     def handle_request(self, request):

@@ -138,7 +138,7 @@ class GraspModel(ContactModel):
 
     def _update_watched(self) -> None:
         self._watching = [latch for latch in self._latches.values() if latch.watches]
-        self.horizon = -math.inf if self._requests or self._closing or self._watching else math.inf
+        self.event_bound = -math.inf if self._requests or self._closing or self._watching else math.inf
 
     def due(self) -> bool:
         """Whether a request is pending, an impact closes a grasp, or the bounds of an armed grasp are satisfied."""

@@ -80,7 +80,7 @@ class Detector(ContactModel):
             math.inf if self._is_skipped(pair) else self._clearance(pair) / speed
             for pair, speed in zip(self.pairs, self._speeds, strict=True)
         ]
-        self.horizon = min(self._safe, default=math.inf)
+        self.event_bound = min(self._safe, default=math.inf)
 
     def _clearance(self, pair: ContactPair) -> float:
         """Distance in m that a pair can certainly close before it is near contact."""
@@ -93,19 +93,19 @@ class Detector(ContactModel):
     def is_clear(self) -> bool:
         """Whether the motion bound excludes contact of all pairs in the last step; evaluates distances where needed."""
         flight = self.motion.flight
-        before = flight.way - flight.last
+        before = flight.motion_bound - flight.last_increment
         if before > 0.0:
             self._evaluated.clear()  # of an earlier step
         for i, (pair, speed) in enumerate(zip(self.pairs, self._speeds, strict=True)):
-            if flight.way < self._safe[i]:
+            if flight.motion_bound < self._safe[i]:
                 continue
             apart = self._clearance(pair)
             # The pair is at least ``speed * (safe - before)`` apart at the start of the step and ``apart`` at its end:
             # contact in between needs a motion of at least the sum of both.
-            if apart <= 0.0 or speed * (self._safe[i] - before) + apart <= speed * flight.last:
+            if apart <= 0.0 or speed * (self._safe[i] - before) + apart <= speed * flight.last_increment:
                 return False
-            self._safe[i] = flight.way + apart / speed
-        self.horizon = min(self._safe, default=math.inf)
+            self._safe[i] = flight.motion_bound + apart / speed
+        self.event_bound = min(self._safe, default=math.inf)
         return True
 
     def first_event(self, duration_s: float) -> float | None:
@@ -177,10 +177,10 @@ class Detector(ContactModel):
     def due(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
         flight = self.motion.flight
-        if flight.way > 0.0:
+        if flight.motion_bound > 0.0:
             self._evaluated.clear()  # of an earlier step
         for i, safe in enumerate(self._safe):
-            if safe <= flight.way:
+            if safe <= flight.motion_bound:
                 near = self._proximity(i, 0.0)
                 if near.gap <= 0.0 and near.approaches:
                     return True

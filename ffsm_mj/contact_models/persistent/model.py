@@ -140,7 +140,7 @@ class PersistentContactModel(ContactModel):
             self._active_set.remove(pair)
         self.active = bool(self._active_set.by_pair)
         # No bound on the motion excludes a change of the active set, which depends on forces: check every step.
-        self.horizon = -math.inf if self.active else math.inf
+        self.event_bound = -math.inf if self.active else math.inf
         if not self.active:
             self._active_set.pressing = ()
 
