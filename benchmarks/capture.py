@@ -75,7 +75,7 @@ def measured(prepared: PreparedRun) -> Cost:
 
     def noted(self: Simulation, time_s: float) -> None:
         record(self, time_s)
-        ticks.append((time.perf_counter() - in_blocks, bool(self._plant.course.motion.grasp)))
+        ticks.append((time.perf_counter() - in_blocks, bool(self._plant.integrator.motion.grasp)))
 
     def passing(self: Recorder) -> None:
         nonlocal in_blocks

@@ -14,24 +14,20 @@ from ffsm_controllers.settled import SettlingMonitor
 
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.assembly.column_faults import refuse_same_names, refuse_telemetry
-from ffsm_mj.assembly.contact_models import declared_contact_models, impacts_of
 from ffsm_mj.assembly.controller_model import ControllerModel, ControllerModelPhaseMachine
-from ffsm_mj.assembly.grasps import GraspedSystem, grasp_models_of
+from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.models import changes_of
+from ffsm_mj.assembly.plant import build_plant
 from ffsm_mj.assembly.run_size import too_large
-from ffsm_mj.assembly.step_control import step_control
-from ffsm_mj.balance.balance import Balance
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.grasp.model import GraspModel
-from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.contact_models.interface import ContactModel
 from ffsm_mj.contact_models.persistent.refusals import FRICTION, refusal
 from ffsm_mj.controller_protocol import ControllerContext, Task
-from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults, described
-from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Row
@@ -39,8 +35,7 @@ from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import kind_named
 from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, located
 from ffsm_mj.scenario.source import YamlSource
-from ffsm_mj.simulation.integrator import EventDrivenIntegrator
-from ffsm_mj.simulation.state_signals import StateSignals
+from ffsm_mj.simulation.plant import Plant
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -51,35 +46,40 @@ class Assembly:
 
     Attributes:
         scenario: Scenario of the run.
-        system: Robot and objects.
-        data: Initial state, all derived quantities current.
+        plant: The simulated system at its initial state, all derived quantities current.
         seen: What the control laws are shown of it: the same, or the data of the model that they believe in.
         believed: The scene that the control laws take it for; None: they know it.
         pairs: Impact pairs.
         known_pairs: Geom pairs that need no watching: those of the contact models, and ignored ones.
-        course: What moves, and the contact models that watch it.
-        balance: Energy and momentum balance.
-        actuation: Actuator limits.
         controller: The phase machine.
         task: The tip's task, if any.
-        state: Columns of the state.
         row: Columns of all components.
     """
 
     scenario: Scenario
-    system: System
-    data: Any
+    plant: Plant
     seen: Any
     believed: System | None
     pairs: tuple[ContactPair, ...]
     known_pairs: frozenset[frozenset[int]]
-    course: EventDrivenIntegrator
-    balance: Balance
-    actuation: Actuation
     controller: PhaseMachine
     task: Task | None
-    state: StateSignals
     row: Row
+
+    @property
+    def system(self) -> System:
+        """Robot and objects."""
+        return self.plant.system
+
+    @property
+    def data(self) -> Any:
+        """State of the plant."""
+        return self.plant.data
+
+    @property
+    def actuation(self) -> Actuation:
+        """Actuator limits."""
+        return self.plant.actuation
 
     @property
     def changes(self) -> tuple[PropertyChange, ...]:
@@ -113,49 +113,26 @@ def assemble(
         pairs = impact_pairs(scenario, system)
         ignored = ignored_pairs(scenario, system, pairs)
         refuse_undetectable(system, data, pairs)
-        scene = Scene(system, data)
-        motion = Motion(system.mj, data)
-        impacts, lasting = impacts_of(scenario, scene, pairs)
-        declared = declared_contact_models(scenario, scene)
-        captures = grasp_models_of(scenario, scene, motion, impacts, held, (lasting, *declared))
-        contact_models = (impacts, lasting, *captures, *declared)
-        course = EventDrivenIntegrator(motion, contact_models)
-        course.restore_state(motion)
-        actuation = Actuation(system, scenario.actuators)
         task = task_of(scenario, system)
+        plant = build_plant(scenario, system, data, pairs, held, task)
+        plant.integrator.restore_state(plant.integrator.motion)
         phases = _phases(scenario, _context(scenario, believed or system, task), laws, held)
         belief = ControllerModel(believed.mj, data) if believed is not None else None
         controller = (
-            PhaseMachine(phases) if belief is None else ControllerModelPhaseMachine(phases, belief, _beliefs(captures, held))
+            PhaseMachine(phases)
+            if belief is None
+            else ControllerModelPhaseMachine(phases, belief, _beliefs(plant.integrator.contact_models, held))
         )
-        balance = Balance(system, data, course.motion.momentum, notes=BLOCK_ROWS)
-        course.control = step_control(scenario, system, data, balance)
-        state = StateSignals(system, data, task.tip_site if task is not None else None)
-        columns = [*state.columns, *balance.columns, *course.columns, *actuation.columns, *controller.columns]
+        columns = [*plant.columns, *controller.columns]
         refuse_same_names(columns, system)
         row = Row(columns)
         if fault := too_large(scenario.ticks, len(row.layout.signals), scenario.log.max_size_GB):
             raise ScenarioFaults([Fault(fault, ("duration_s",))])
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
-    known = ignored.union(*(contact_model.watched for contact_model in contact_models))
+    known = ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
     seen = data if belief is None else belief.data
-    return Assembly(
-        scenario,
-        system,
-        data,
-        seen,
-        believed,
-        pairs,
-        known,
-        course,
-        balance,
-        actuation,
-        controller,
-        task,
-        state,
-        row,
-    )
+    return Assembly(scenario, plant, seen, believed, pairs, known, controller, task, row)
 
 
 def task_of(scenario: Scenario, system: System) -> Task | None:
@@ -178,11 +155,12 @@ def _context(scenario: Scenario, system: System, task: Task | None) -> Controlle
     return ControllerContext(system, task, scenario.control_period_s)
 
 
-def _beliefs(captures: Sequence[GraspModel], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
+def _beliefs(contact_models: Sequence[ContactModel], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
     """Controller models while an object is grasped, by the name of the grasp."""
     return {
         name: ControllerModel(each.believed.mj, contact_model.data_of(name), each.system.mj)
-        for contact_model in captures
+        for contact_model in contact_models
+        if isinstance(contact_model, GraspModel)
         for name, each in held.items()
         if each.believed is not None
     }
@@ -258,7 +236,7 @@ def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
 
 def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
     """Impact pairs and other pairs that are inactive while a grasp is closed."""
-    for contact_model in assembly.course.contact_models:
+    for contact_model in assembly.plant.integrator.contact_models:
         if isinstance(contact_model, GraspModel):
             for name, pairs in contact_model.disarmed.items():
                 found = [pair.name for pair in assembly.pairs if pair.geom_ids in pairs]

@@ -2,20 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from ffsm_mj.assembly.grasps import GraspedSystem, grasp_models_of
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.record import KINDS
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.contact_models.interface import ContactModel, Scene, contact_model_of
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
+from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.scenario.scenario import Scenario
 
 
-def impacts_of(
+def contact_models_of(
+    scenario: Scenario, scene: Scene, motion: Motion, pairs: tuple[ContactPair, ...], held: Mapping[str, GraspedSystem]
+) -> tuple[ContactModel, ...]:
+    """All contact models of a scenario, in the order in which simultaneous events are applied.
+
+    Args:
+        scenario: Scenario of the run.
+        scene: The logged system and its data.
+        motion: Its motion.
+        pairs: Impact pairs.
+        held: Systems with grasped objects, by the name of the grasp.
+
+    Raises:
+        ScenarioFaults: A declared model cannot be created from its configuration.
+    """
+    impacts, persistent = _impacts_of(scenario, scene, pairs)
+    declared = _declared(scenario, scene)
+    grasps = grasp_models_of(scenario, scene, motion, impacts, held, (persistent, *declared))
+    return (impacts, persistent, *grasps, *declared)
+
+
+def _impacts_of(
     scenario: Scenario, scene: Scene, pairs: tuple[ContactPair, ...]
 ) -> tuple[ImpactModel, PersistentContactModel]:
-    """The impact model of a scenario, and the model of persistent contact."""
     interval = scenario.impact.rest_interval_s
     rules = ImpactRules(
         law=scenario.impact.law,
@@ -27,7 +51,7 @@ def impacts_of(
     return impacts, PersistentContactModel(scene, impacts)
 
 
-def declared_contact_models(scenario: Scenario, scene: Scene) -> tuple[ContactModel, ...]:
+def _declared(scenario: Scenario, scene: Scene) -> tuple[ContactModel, ...]:
     """The contact models that a scenario declares, in its order.
 
     Raises:

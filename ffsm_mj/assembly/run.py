@@ -31,7 +31,7 @@ from ffsm_mj.records.header import RunHeader
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.simulation.internal_error import internal_error
-from ffsm_mj.simulation.loop import Plant, Settings, Simulation
+from ffsm_mj.simulation.loop import Settings, Simulation
 from ffsm_mj.simulation.rows import RowWriter
 
 _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
@@ -80,18 +80,11 @@ def simulate(
         from ffsm_mj.log.rerun.live import LiveSink  # takes a second to import
 
         sinks.append(LiveSink(live, system, config.log.view_rate_hz))
-    plant = Plant(
-        system,
-        assembly.data,
-        assembly.actuation,
-        assembly.course,
-        ContactWatch(system.mj, assembly.data, assembly.known_pairs),
-        assembly.balance,
-    )
     block = np.zeros((BLOCK_ROWS, len(layout.signals)))
-    rows = RowWriter(assembly.row, assembly.state.sampler, block)
+    rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)
     recorder = Recorder(block, sinks, rows.complete, by_clock=clock is None)
-    simulation = Simulation(plant, assembly.controller, rows, recorder, _settings(config))
+    watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs)
+    simulation = Simulation(assembly.plant, watch, assembly.controller, rows, recorder, _settings(config))
     try:
         with noted() as interrupted, recorder:
             recorder.open(header)
@@ -145,7 +138,7 @@ def _facts(assembly: Assembly) -> dict[str, str]:
         "control_period_s": repr(config.time_step_s * config.steps_per_tick),
         "phases": "\n".join(phase.name for phase in config.phases),
     }
-    facts |= conservative_facts(assembly.system.faults) | free_facts(assembly.balance.free)
+    facts |= conservative_facts(assembly.system.faults) | free_facts(assembly.plant.balance.free)
     facts |= gravity_facts(assembly.system.mj.opt.gravity)
     facts |= model_facts(assembly.changes)
     if config.task is not None:

@@ -9,7 +9,7 @@ Others are registered by kind, or through the entry-point group ``ffsm_mj.contac
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import entry_points
@@ -17,6 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import mujoco
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange, ExchangeIntegrator
 from ffsm_mj.config import StrictModel
 from ffsm_mj.dynamics.motion import Motion
@@ -27,6 +28,7 @@ from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
 
 GROUP = "ffsm_mj.contact_models"
@@ -72,6 +74,39 @@ class EventTime(NamedTuple):
 
     time_s: float
     step: int
+
+
+@dataclass(frozen=True)
+class LoggedEvent:
+    """One event of a log.
+
+    Attributes:
+        kind: Name of the kind of its records.
+        name: Name for messages, such as ``impact 1``.
+        number: Its number among the events of its kind, from 0.
+        records: Its records.
+        state: Coordinates and rates before, (nq + nv,).
+        state_after: Coordinates and rates after, (nq + nv,).
+        efforts: Efforts after the event, (nu,).
+    """
+
+    kind: str
+    name: str
+    number: int
+    records: tuple[Any, ...]
+    state: FloatArray
+    state_after: FloatArray
+    efforts: FloatArray
+
+    @property
+    def time_s(self) -> float:
+        """Time of the event."""
+        return float(self.records[0].time_s)
+
+    @property
+    def step(self) -> int:
+        """Index of its integration step."""
+        return int(self.records[0].step)
 
 
 class EventEffect(NamedTuple):
@@ -217,8 +252,36 @@ class ContactModel:
         """Records to write at the end of the run; they do not change the state."""
         return ()
 
+    def record_fault(self, records: Sequence[Any]) -> str:
+        """Why logged records of one event do not fit the models, in one word; empty if they do."""
+        return ""
+
     def prepare_replay(self, records: Sequence[Any]) -> None:
         """Prepare to reproduce these records of its own: a log replay has reached their event and calls :meth:`act` next."""
+
+    def replay(self, event: LoggedEvent) -> EventEffect | None:
+        """Reproduce a logged event at its logged state, which is in ``data``; the logged state after it is set next.
+
+        Returns:
+            The effect, whose records are compared with the logged ones; None if no event is possible here.
+        """
+        self.prepare_replay(event.records)
+        return self.act(EventTime(event.time_s, event.step))
+
+    def after_replayed_step(self) -> None:
+        """Called at the end of a replayed (sub-)step, with the logged state in ``data`` where the log has it."""
+
+    def force_check(self, layout: Layout) -> Callable[[FloatArray], float] | None:
+        """Independent check of its forces in the rows of a log.
+
+        Args:
+            layout: Layout of the rows.
+
+        Returns:
+            Function of a row whose state is in ``data``: the largest difference between logged and independently recomputed
+            forces, N. None if there is no such check.
+        """
+        return None
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:
         """Closed contacts and their forces under the efforts in ``data``, for control laws; called only while active."""

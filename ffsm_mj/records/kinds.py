@@ -87,6 +87,7 @@ class RecordKind:
         state: State from the event on, in a word, for a track of states; None for none.
         warning: Whether to show it as a warning.
         in_every_run: Whether every log has its topic; otherwise those whose header names it.
+        own_numbers: Whether its events are numbered by themselves, not with those of the other contact models.
     """
 
     record: type
@@ -104,6 +105,7 @@ class RecordKind:
     state: Callable[[Any], str] | None = None
     warning: Callable[[Any], bool] = _never
     in_every_run: bool = False
+    own_numbers: bool = False
 
     @property
     def topic(self) -> str:

@@ -41,22 +41,22 @@ def replay_log(
     """
     try:
         scene = log_scene(log)
-        retrace = LogReplay(scene, log)
+        replay = LogReplay(scene, log)
     except InputError as error:
         return ReplayResult({}, 0, 0, "", error.lines[0], accumulate_checks(log), log.impacts, FrictionCheck(log))
-    seen = CheckAccumulator(log.header.layout, dict(log.header.facts) | state_facts(scene, retrace))
+    seen = CheckAccumulator(log.header.layout, dict(log.header.facts) | state_facts(scene))
     sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
     with collected_warnings([]):
         for block in log.blocks():
-            again = retrace.take(block, sampling.ticks(block[:, log.header.layout.time]))
+            again = replay.take(block, sampling.ticks(block[:, log.header.layout.time]))
             seen.rows(again)
             if rows is not None:
                 rows(again)
             if report is not None:
                 report(seen.samples, max(scene.scenario.ticks + 1, seen.samples))
-        retrace.finish()
+        replay.finish()
     sampling.end(log.outcome.end_s if log.outcome else None)
-    found = {"motion": retrace.motion, "columns": retrace.columns, "impacts": retrace.impacts}
+    found = {"motion": replay.motion, "columns": replay.columns, "impacts": replay.impacts}
     worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
     refine = cache(lambda: refined(log))  # computed only if a check fails
     numbers = sum(agreement.numbers for agreement in found.values())

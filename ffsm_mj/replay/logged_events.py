@@ -2,52 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import groupby, product
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.interface import LoggedEvent
 from ffsm_mj.model.system import System
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.verification.agreement import AGREES, Agreement, Discrepancy
-
-
-@dataclass(frozen=True)
-class LoggedEvent:
-    """One event of the log.
-
-    Attributes:
-        kind: Name of the kind of its records.
-        name: Name for messages, such as ``impact 1``.
-        number: Its number among the events of its kind, from 0.
-        records: Its records.
-        state: Coordinates and rates before, (nq + nv,).
-        state_after: Coordinates and rates after, (nq + nv,).
-        efforts: Efforts after the event, (nu,).
-    """
-
-    kind: str
-    name: str
-    number: int
-    records: tuple[Any, ...]
-    state: FloatArray
-    state_after: FloatArray
-    efforts: FloatArray
-
-    @property
-    def time_s(self) -> float:
-        """Time of the event."""
-        return float(self.records[0].time_s)
-
-    @property
-    def step(self) -> int:
-        """Index of its integration step."""
-        return int(self.records[0].step)
+from ffsm_mj.verification.agreement import Agreement, impossible
 
 
 def _order(event: LoggedEvent) -> tuple[int, float, int]:
@@ -55,42 +21,43 @@ def _order(event: LoggedEvent) -> tuple[int, float, int]:
     return event.step, event.time_s, int(getattr(event.records[0], "event", 0))
 
 
-def _in_order(events: Sequence[LoggedEvent]) -> list[LoggedEvent]:
+def _in_order(events: Sequence[LoggedEvent], own_numbers: Collection[str]) -> list[LoggedEvent]:
     """Events in the order in which they were applied.
 
-    Impacts are numbered separately from other events: at equal times, only the states tell their order.
+    Kinds in ``own_numbers`` are numbered separately from the others: at equal times, only the states tell their order.
     """
     out: list[LoggedEvent] = []
     for _, group in groupby(sorted(events, key=_order), key=lambda event: (event.step, event.time_s)):
         at_once = list(group)
-        impacts = [event for event in at_once if event.kind == "impact"]
-        out += _merged(impacts, [event for event in at_once if event.kind != "impact"])
+        apart = [event for event in at_once if event.kind in own_numbers]
+        out += _merged(apart, [event for event in at_once if event.kind not in own_numbers])
     return out
 
 
-def _merged(impacts: Sequence[LoggedEvent], others: Sequence[LoggedEvent]) -> list[LoggedEvent]:
+def _merged(first: Sequence[LoggedEvent], second: Sequence[LoggedEvent]) -> list[LoggedEvent]:
     """Merge two sequences so that the state after each event is nearest to that before the next.
 
     The two states need not be equal, as a drift projection may lie between them. Dynamic programming over the numbers of
-    events taken from each sequence minimises the sum of all jumps; in a tie, impacts come first.
+    events taken from each sequence minimises the sum of all jumps; in a tie, those of the first sequence come first.
     """
-    if not impacts or not others:
-        return [*impacts, *others]
+    if not first or not second:
+        return [*first, *second]
+    both = first, second
     sums: dict[tuple[int, int, int], float] = {}
     before: dict[tuple[int, int, int], tuple[int, int, int]] = {}
-    counts = len(impacts), len(others)
+    counts = len(first), len(second)
     for i, j, which in product(range(counts[0] + 1), range(counts[1] + 1), (0, 1)):
         if (i, j)[which]:
-            event, rest = (impacts[i - 1], (i - 1, j)) if which == 0 else (others[j - 1], (i, j - 1))
-            ways = [(*rest, last) for last in (1, 0) if rest[last]]
-            found = [sums[way] + _jump((impacts, others)[way[2]][rest[way[2]] - 1], event) for way in ways]
+            event, rest = (first[i - 1], (i - 1, j)) if which == 0 else (second[j - 1], (i, j - 1))
+            previous = [(*rest, last) for last in (1, 0) if rest[last]]
+            found = [sums[each] + _jump(both[each[2]][rest[each[2]] - 1], event) for each in previous]
             sums[i, j, which] = min(found, default=0.0)
             if found:
-                before[i, j, which] = ways[found.index(min(found))]
+                before[i, j, which] = previous[found.index(min(found))]
     place: tuple[int, int, int] | None = min(((*counts, last) for last in (1, 0)), key=lambda end: sums[end])
     out = []
     while place is not None:
-        out.append((impacts, others)[place[2]][place[place[2]] - 1])
+        out.append(both[place[2]][place[place[2]] - 1])
         place = before.get(place)
     return out[::-1]
 
@@ -108,7 +75,12 @@ class LoggedEvents:
     """
 
     def __init__(
-        self, system: System, log: RunLog, step_s: float, found: Agreement, fault_of: Callable[[LoggedEvent], str]
+        self,
+        system: System,
+        log: RunLog,
+        step_s: float,
+        found: Agreement,
+        fault_of: Callable[[RecordKind, Sequence[Any]], str],
     ) -> None:
         """Read the events; an event that does not fit the models is omitted and counts as a difference.
 
@@ -117,18 +89,18 @@ class LoggedEvents:
             log: The log.
             step_s: Integration step.
             found: Collects differences.
-            fault_of: Returns another fault of an event, in one word; empty if there is none.
+            fault_of: Returns why records of one event do not fit the models, in one word; empty if they do.
         """
         self._system, self._step_s, self._found, self._fault_of = system, step_s, found, fault_of
         met = [event for kind in log.event_kinds for event in self._of_kind(kind, log)]
-        self.pending = _in_order(met)
+        self.pending = _in_order(met, {kind.name for kind in log.event_kinds if kind.own_numbers})
 
     def _of_kind(self, kind: RecordKind, log: RunLog) -> Iterator[LoggedEvent]:
         records = log.records.get(kind.plural, ())
         groups = groupby(enumerate(records), key=lambda pair: getattr(pair[1], "event", pair[0]))
         for number, (_, group) in enumerate(groups):
             event = self._event_of(kind, number, tuple(record for _, record in group))
-            fault = self._fault_of(event) if event is not None else "state"
+            fault = self._fault_of(kind, event.records) if event is not None else "state"
             if event is None or fault:
                 self.refuse(f"{kind.name} {number + 1} {fault}", float(records[0].time_s))
             else:
@@ -157,7 +129,7 @@ class LoggedEvents:
 
     def refuse(self, what: str, time_s: float) -> None:
         """Add an infinite difference: part of an event is invalid as a whole."""
-        self._found.keep(Discrepancy(what, math.inf, AGREES, "", time_s))
+        self._found.keep(impossible(what, time_s))
 
     def skip_to(self, step: int) -> None:
         """Discard events before a step: no logged state precedes them to start from."""

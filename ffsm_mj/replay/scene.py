@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
+import mujoco
 from pydantic import ValidationError
 
-from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.assembly.assemble import task_of
-from ffsm_mj.assembly.grasps import GraspedSystem, held_systems
+from ffsm_mj.assembly.grasps import held_systems
 from ffsm_mj.assembly.impact_pairs import impact_pairs
-from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.controller_protocol import Task
+from ffsm_mj.assembly.plant import build_plant
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import compile_log, scenario_data
-from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.scenario.impact_law import UNUSABLE_LAW
 from ffsm_mj.scenario.scenario import Scenario, timing_faults, with_contact_models
+from ffsm_mj.simulation.plant import Plant
 
 _NO_LAW = [{"name": "any", "until": "end", "controller": {"kind": "off"}}]
 
 
 @dataclass(frozen=True)
 class LogScene:
-    """The parts of a run without its control laws; see :class:`ffsm_mj.assembly.assemble.Assembly`."""
+    """Scenario and plant of a run without its control laws; see :class:`ffsm_mj.assembly.assemble.Assembly`."""
 
     scenario: Scenario
-    system: System
-    pairs: tuple[ContactPair, ...]
-    actuation: Actuation
-    task: Task | None
-    held: Mapping[str, GraspedSystem]
+    plant: Plant
 
 
 def log_scene(log: RunLog) -> LogScene:
@@ -43,15 +37,12 @@ def log_scene(log: RunLog) -> LogScene:
     """
     scenario = _scenario(log)
     system = compile_log(log)
+    data = mujoco.MjData(system.mj)
+    mujoco.mj_forward(system.mj, data)
     try:
-        return LogScene(
-            scenario,
-            system,
-            impact_pairs(scenario, system),
-            Actuation(system, scenario.actuators),
-            task_of(scenario, system),
-            held_systems(scenario, system, lambda grasp, _: compile_log(log, grasp=grasp)),
-        )
+        pairs = impact_pairs(scenario, system)
+        held = held_systems(scenario, system, lambda grasp, _: compile_log(log, grasp=grasp))
+        return LogScene(scenario, build_plant(scenario, system, data, pairs, held, task_of(scenario, system)))
     except ScenarioFaults as error:
         raise InputError([f"{'.'.join(map(str, fault.path))}: {fault.message}" for fault in error.faults]) from error
 

@@ -51,7 +51,7 @@ def refined(log: RunLog, look: Callable[[], object] = lambda: None) -> Refined |
         again = _Refining(scene, log)
     except InputError:
         return None
-    layout, facts = log.header.layout, dict(log.header.facts) | state_facts(scene, again)
+    layout, facts = log.header.layout, dict(log.header.facts) | state_facts(scene)
     states, half, without = (CheckAccumulator(layout, facts) for _ in range(3))
     sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
     with collected_warnings([]):
@@ -75,7 +75,7 @@ class _Refining(LogReplay):
 
     def __init__(self, scene: LogScene, log: RunLog) -> None:
         super().__init__(scene, log)
-        self._error = StepError(scene.system, self._data, self._balance)
+        self._error = StepError(scene.plant.system, scene.plant.data, scene.plant.balance)
         self._so_far = np.zeros((2, 3, 7))
         self.corrections: list[FloatArray] = []
         steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, STRETCH_STEPS)
@@ -99,22 +99,21 @@ class _Refining(LogReplay):
 
     def _before_substep(self, duration_s: float, left_s: float) -> None:
         """Make the coming flight, then the same in shorter steps; nothing has moved after."""
-        motion, control = self._course.motion, self._course.control
+        motion, control = self._plant.integrator.motion, self._plant.integrator.control
         start = np.empty(mujoco.mj_stateSize(motion.model, WHOLE_STATE))
         mujoco.mj_getState(motion.model, motion.data, start, WHOLE_STATE)
         plan = dict(vars(control)) if control is not None else {}
         try:
-            self._balance.open()
             self._error.begin(measured=True)
-            flown_s = self._course.integrate(duration_s, left_s)
+            flown_s = self._plant.integrate(duration_s, left_s)
             whole = self._left_over(flown_s)
-            self._course.control = None
+            self._plant.integrator.control = None
             if self._size(whole) > self._negligible:
                 self._refine(whole, flown_s, start)
         except RunEnded:  # the flight itself says so
             pass
         finally:
-            self._course.control = control
+            self._plant.integrator.control = control
             if control is not None:
                 vars(control).update(plan)
             self._back_to(start)
@@ -138,23 +137,22 @@ class _Refining(LogReplay):
         """Residuals over a time in so many steps."""
         total, part_s = np.zeros((3, 7)), duration_s / parts
         for _ in range(parts):
-            self._balance.open()
             self._error.begin(measured=True)
-            self._course.integrate(part_s, part_s)
+            self._plant.integrate(part_s, part_s)
             total += self._left_over(part_s)
         return total
 
     def _left_over(self, duration_s: float) -> FloatArray:
-        residuals = self._error.residuals(duration_s, self._course.exchanged(duration_s))
-        if self._course.motion.carried is not None:
+        residuals = self._error.residuals(duration_s, self._plant.integrator.exchanged(duration_s))
+        if self._plant.integrator.motion.carried is not None:
             # What passes between robot and object is what the object gained: nothing is left of it, and all for the robot.
             residuals[1], residuals[2] = residuals[0], 0.0
         return residuals
 
     def _size(self, residuals: FloatArray) -> float:
-        return self._error.over_scale(residuals, grasped=self._course.motion.carried is not None)
+        return self._error.over_scale(residuals, grasped=self._plant.integrator.motion.carried is not None)
 
     def _back_to(self, start: FloatArray) -> None:
-        path = self._course.motion.path
+        path = self._plant.integrator.motion.path
         path.start[:], path.at_s = start, np.nan
         path.move_to(0.0)

@@ -16,8 +16,6 @@ from typing import Any
 
 import mujoco
 
-from ffsm_mj.actuation.actuation import Actuation
-from ffsm_mj.balance.balance import Balance
 from ffsm_mj.contact.step_control import StepLimitError
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventTime
@@ -25,10 +23,9 @@ from ffsm_mj.controller_protocol import Command, Observation, TaskController
 from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at, unknown_name
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
-from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ControllerReport, Outcome, OutcomeRecord, RunEnded
-from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.internal_error import internal_error
+from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.rows import RowWriter
 
 MOST_EVENTS_PER_STEP = 1000
@@ -44,18 +41,6 @@ class Settings:
 
 
 @dataclass
-class Plant:
-    """The simulated system with its actuation, integrator, contact watch and balance."""
-
-    system: System
-    data: Any
-    actuation: Actuation
-    course: EventDrivenIntegrator
-    watch: ContactWatch
-    balance: Balance
-
-
-@dataclass
 class _Progress:
     time_s: float = 0.0
     steps: int = 0
@@ -66,10 +51,16 @@ class Simulation:
     """Simulates a plant under a controller; an instance serves one run."""
 
     def __init__(
-        self, plant: Plant, controller: TaskController, rows: RowWriter, recorder: Recorder, settings: Settings
+        self,
+        plant: Plant,
+        watch: ContactWatch,
+        controller: TaskController,
+        rows: RowWriter,
+        recorder: Recorder,
+        settings: Settings,
     ) -> None:
-        """Store the parts."""
-        self._plant, self._controller, self._rows = plant, controller, rows
+        """Store the parts; ``watch`` reports overlaps that no contact model handles."""
+        self._plant, self._watch, self._controller, self._rows = plant, watch, controller, rows
         self._recorder, self._settings = recorder, settings
         self._command = Command.off(int(plant.system.mj.nu))
         self._done = _Progress()
@@ -116,7 +107,7 @@ class Simulation:
 
     def _sub_steps(self) -> dict[str, Any]:
         """Statistics of step-size control; empty without it."""
-        control = self._plant.course.control
+        control = self._plant.integrator.control
         return {"sub_steps": control.steps, "smallest_step_s": control.smallest_s} if control and control.steps else {}
 
     def _outcome_of(self, part: Callable[[], None]) -> tuple[Outcome, str]:
@@ -162,10 +153,10 @@ class Simulation:
             if interrupted():
                 raise RunEnded(Outcome.INTERRUPTED)
 
-        self._plant.course.interrupt_by(poll)
+        self._plant.integrator.interrupt_by(poll)
         for tick in range(settings.ticks):
             now = tick * period
-            self._decide(self._observed(now, self._pending_records, self._plant.course.contacts(), at_tick=True))
+            self._decide(self._observed(now, self._pending_records, self._plant.integrator.contacts(), at_tick=True))
             self._record(now)
             report(now)
             poll()
@@ -177,15 +168,15 @@ class Simulation:
 
     def _finish(self) -> None:
         """Write the remaining records at the end of the run, whatever its outcome."""
-        for record in self._plant.watch.finish(self._done.time_s):
+        for record in self._watch.finish(self._done.time_s):
             self._recorder.event(record)
-        for record in self._plant.course.finish(EventTime(self._done.time_s, self._done.steps)):
+        for record in self._plant.integrator.finish(EventTime(self._done.time_s, self._done.steps)):
             self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
         self._recorder.pass_on()
 
     def _observed(self, time_s: float, events: tuple[Any, ...], contacts: tuple[Any, ...], at_tick: bool) -> Observation:
         """Observation for the controller."""
-        free, motion = self._plant.data, self._plant.course.motion
+        free, motion = self._plant.data, self._plant.integrator.motion
         shown = motion.data if motion.grasp else free
         return Observation(time_s, shown, events, at_tick, contacts, free, motion.grasp)
 
@@ -213,14 +204,14 @@ class Simulation:
         """Forward the requests of the controller to the contact models that handle them."""
         handlers = {
             request: contact_model
-            for contact_model in self._plant.course.contact_models
+            for contact_model in self._plant.integrator.contact_models
             for request in contact_model.requests
         }
         for request in sorted(self._command.requests):
             if request not in handlers:
                 raise ControllerError(unknown_name("request", request, handlers))
             handlers[request].handle_request(request)
-        self._plant.course.reconsider()
+        self._plant.integrator.reconsider()
 
     def _report_phases(self) -> None:
         for phase in self._controller.drain_phases():
@@ -229,7 +220,7 @@ class Simulation:
     def _record(self, time_s: float) -> None:
         self._rows.fill(self._recorder.line, time_s)
         self._recorder.commit()
-        for record in self._plant.watch.look(time_s):
+        for record in self._watch.look(time_s):
             self._recorder.event(record)
 
     def _step(self) -> None:
@@ -238,13 +229,7 @@ class Simulation:
         end_s, left = (self._done.steps + 1) * step_s, step_s
         events = 0
         while left > 0.0:
-            plant.balance.open()
             elapsed, contact_model = self._advance(left, end_s)
-            if elapsed > 0.0:
-                plant.balance.close(elapsed)
-            for booking in plant.course.exchanges(elapsed):
-                plant.balance.book(*booking)
-            plant.actuation.elapse(elapsed)
             self._check_finite()
             left -= elapsed
             if contact_model is not None:
@@ -258,7 +243,7 @@ class Simulation:
     def _advance(self, left: float, end_s: float) -> tuple[float, ContactModel | None]:
         """Integrate in the grid step that ends at ``end_s``, with ``left`` seconds remaining."""
         try:
-            return self._plant.course.advance(left)
+            return self._plant.advance(left)
         except UnsupportedContactError as error:
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
         except StepLimitError as error:
@@ -266,36 +251,28 @@ class Simulation:
             raise RunEnded(Outcome.STEP_LIMIT, f"{message}; use a shorter time_step_s or a larger accuracy") from error
 
     def _check_finite(self) -> None:
-        if self._warnings or not math.isfinite(self._plant.course.kinetic_energy_J):
+        if self._warnings or not math.isfinite(self._plant.integrator.kinetic_energy_J):
             message = self._warnings[-1] if self._warnings else "the state is not finite"
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
 
     def _act(self, contact_model: ContactModel, time_s: float, events: int) -> None:
         """Apply an event: enter it in the balance, record it, and evaluate the controller."""
         plant, done = self._plant, self._done
-        self._plant.course.motion.path.poll()
+        plant.integrator.motion.path.poll()
         if events > MOST_EVENTS_PER_STEP:
             message = f"{contact_model.names()} touched {events - 1} times within the step before t = {time_s:.6g} s"
             raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; use a shorter time_step_s")
-        # The balance separates robot and object at the event itself; a grasped object counts with the robot only in steps.
-        plant.balance.carry(None)
-        effect = contact_model.act(EventTime(time_s, done.steps))
-        if effect is None or effect.motion is None:
-            plant.course.restart()
-        else:
-            plant.course.bind(effect.motion)
-            plant.watch.rigid = effect.motion.rigid
-        plant.balance.carry(plant.course.motion.carried)
+        effect = plant.apply(lambda: contact_model.act(EventTime(time_s, done.steps)))
         if effect is None:
             return
-        if effect.exchange is not None:
-            plant.balance.book(*effect.exchange)
+        if effect.motion is not None:
+            self._watch.rigid = effect.motion.rigid
         self._after_event(effect, time_s)
 
     def _after_event(self, effect: EventEffect, time_s: float) -> None:
         """Evaluate the controller if the event triggers it, and record the event with the efforts that follow."""
         end, events = effect.end, (*self._pending_records, *effect.records)
-        contacts = self._plant.course.contacts() if effect.triggers_control else ()
+        contacts = self._plant.integrator.contacts() if effect.triggers_control else ()
         observation = self._observed(time_s, events, contacts, at_tick=False)
         try:
             if not effect.triggers_control:
@@ -307,7 +284,7 @@ class Simulation:
             for record in effect.records:
                 self._recorder.event(replace(record, efforts_after=efforts))
         self._report_phases()
-        self._plant.course.after_event(time_s)
+        self._plant.integrator.after_event(time_s)
         if end is not None:
             if end.outcome == Outcome.COMPLETED:
                 self._record(observation.time_s)

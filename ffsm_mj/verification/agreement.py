@@ -56,6 +56,11 @@ class Discrepancy:
         return self.size / self.allowed
 
 
+def impossible(what: str, time_s: float) -> Discrepancy:
+    """An infinite difference: something of the log is invalid as a whole."""
+    return Discrepancy(what, math.inf, AGREES, "", time_s)
+
+
 @dataclass
 class Agreement:
     """Accumulates comparisons and keeps the worst difference.

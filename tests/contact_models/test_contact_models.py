@@ -185,10 +185,10 @@ def test_what_a_regime_imports_is_on_its_page():
 def test_a_contact_does_not_last_while_another_model_moves(tmp_path):
     """Its forces would go through what holds there: neither begins such a contact, nor does one that has begun go on."""
     parts = prepare(two_balls(tmp_path, speed=0.0, gap=0.0, restitution=0.0)).assemble()
-    (pair,), (impacts, lasting, *_) = parts.pairs, parts.course.contact_models
+    (pair,), (impacts, lasting, *_) = parts.pairs, parts.plant.integrator.contact_models
     assert (lasting.refusal(pair), lasting.holds(pair)) == ("", True)
     lasting.act(EventTime(0.0, 0))  # it is told of
-    parts.course.bind(Motion(parts.system.mj, mujoco.MjData(parts.system.mj)))
+    parts.plant.integrator.bind(Motion(parts.system.mj, mujoco.MjData(parts.system.mj)))
     assert "another model" in lasting.refusal(pair)
     assert [kind.kind for kind in (impacts, lasting) if kind.due()] == ["contact"]
     (record,) = lasting.act(EventTime(0.0, 0)).records

@@ -14,14 +14,16 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, contact_points
 from ffsm_mj.contact_models.impact.contact import Contact
 from ffsm_mj.contact_models.impact.record import impact_energies, impact_records, impulses_between
+from ffsm_mj.contact_models.impact.record_kind import IMPACT
+from ffsm_mj.contact_models.impact.replayed_impact import impact_fault, logged_impact
 from ffsm_mj.contact_models.impact.resolution import Impact, resolve
 from ffsm_mj.contact_models.impact.rest_rule import RestingResult, RestRule, resolve_resting
 from ffsm_mj.contact_models.impact.time_of_impact import Detector
-from ffsm_mj.contact_models.interface import EventEffect, EventTime, Scene
+from ffsm_mj.contact_models.interface import EventEffect, EventTime, LoggedEvent, Scene
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.events import Outcome, RunEnded
+from ffsm_mj.records.events import ImpactRecord, Outcome, RunEnded
 from ffsm_mj.records.signals import Signal
 
 _HEAT = Signal(
@@ -47,6 +49,7 @@ class ImpactModel(Detector):
     """Resolves the impacts of its pairs; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
 
     kind = "impact"
+    records = (IMPACT,)
     hit_pairs: frozenset[str] = frozenset()
     """Names of the pairs of the last impact; a grasp that closes by contact reads and clears them."""
 
@@ -56,6 +59,7 @@ class ImpactModel(Detector):
         self._rules = rules
         self._impacts = 0
         self._heat = np.zeros(1)
+        self._bodies = {pair.name: (pair.body_a, pair.body_b) for pair in pairs}
         if any(pair.mu > 0.0 for pair in pairs):
             self.columns = (*self.columns, Columns((_HEAT,), live=self._heat, resume=self._resume_heat))
 
@@ -95,6 +99,35 @@ class ImpactModel(Detector):
         self._impacts += 1
         self.hit_pairs = frozenset(pair.name for pair, _ in touching)
         return EventEffect(records, self.exchange(energies, impact), end=self._end())
+
+    def record_fault(self, records: Sequence[ImpactRecord]) -> str:
+        """Why logged impacts do not fit the pairs, in one word; empty if they do."""
+        return impact_fault(records, self._bodies)
+
+    def replay(self, event: LoggedEvent) -> EventEffect:
+        """Resolve an impact again at its logged state, for comparison; the exchange is that of the logged impact."""
+        logged = logged_impact(self.scene, event, self._bodies)
+        exchange = self.exchange(impact_energies(self.scene.system, self.scene.data, logged), logged)
+        return EventEffect(self._resolved_again(event), exchange)
+
+    def _resolved_again(self, event: LoggedEvent) -> tuple[ImpactRecord, ...]:
+        """Records of the impact at the state in ``data``; empty if there is none."""
+        system, data = self.scene.system, self.scene.data
+        try:
+            touching = self.contacts()
+            met = self.resolve(touching)
+            met = replace(met, impact=self.apply(touching, met.impact))
+            energies = impact_energies(system, data, met.impact)
+            instant = EventTime(event.time_s, event.step)
+            records = impact_records(system, data, touching, met, energies, event.number, instant)
+            self.closing.close(touching)
+        except (UnsupportedContactError, ValueError, ArithmeticError):
+            return ()
+        return records
+
+    def after_replayed_step(self) -> None:
+        """Update the deepest overlap."""
+        self.update_overlap()
 
     def resolve(self, touching: ClosedPairs) -> RestingResult:
         """Resolve an impact in the coordinates of the motion, plastic for contacts that come to rest."""

@@ -155,4 +155,5 @@ IMPACT = RecordKind(
     marks=_marks,
     warning=_warns,
     in_every_run=True,
+    own_numbers=True,
 )

@@ -276,6 +276,14 @@ class ActiveContactSet:
         near = pair.proximity(self._model, data)
         return near.gap if near.approaches else max(near.gap, 0.0)
 
+    def places(self) -> dict[ContactPair, list[FloatArray]]:
+        """Positions of the contact points of each closed pair at the state in ``data``, m, world axes."""
+        data = self._scene.data
+        return {
+            pair: [contact.feature.at(data).point for contact in contact_points]
+            for pair, contact_points in self.by_pair.items()
+        }
+
     def pairs_outside_feature(self) -> list[ContactPair]:
         """Pairs with a contact point outside its feature."""
         return self._pairs_where(lambda at: at.inside < -FEATURE_BOUND_M)

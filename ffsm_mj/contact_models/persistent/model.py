@@ -31,6 +31,7 @@ from ffsm_mj.contact_models.persistent.active_set import (
 )
 from ffsm_mj.contact_models.persistent.drift import DriftProjection, sum_exchanges
 from ffsm_mj.contact_models.persistent.exchange import Shares, exchanged, robot_dofs
+from ffsm_mj.contact_models.persistent.force_check import ForceCheck
 from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.contact_models.persistent.refusals import friction_fault, pressing_pairs, refusal
 from ffsm_mj.contact_models.persistent.report import ContactReport
@@ -41,6 +42,7 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M, EVENT_TIME, EVENT_TIME_S
 
@@ -293,13 +295,9 @@ class PersistentContactModel(ContactModel):
         booking, impulses = exchanged(stages, duration_s * WEIGHTS, *self._shares_cache[1:])
         return sum_exchanges(self._projection_exchange, booking), impulses
 
-    def closed_points(self) -> dict[ContactPair, list[FloatArray]]:
-        """Contact points of the closed pairs at the state in ``data``, m, world axes."""
-        data = self.scene.data
-        return {
-            pair: [contact.feature.at(data).point for contact in contact_points]
-            for pair, contact_points in self._active_set.by_pair.items()
-        }
+    def force_check(self, layout: Layout) -> Callable[[FloatArray], float]:
+        """Check of the logged contact forces by other functions; see :mod:`.force_check`."""
+        return ForceCheck(self.scene, self._impacts.pairs, self._active_set, layout).residual
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:
         """The closed pairs with their forces, for control laws."""

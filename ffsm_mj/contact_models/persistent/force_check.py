@@ -25,43 +25,38 @@ from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.active_set import closed_and_still, held_rate_tolerance
-from ffsm_mj.contact_models.persistent.model import PersistentContactModel
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet, closed_and_still, held_rate_tolerance
 from ffsm_mj.contact_models.persistent.report import force_keys, mode_key
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
+from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.records.signals import Layout
-from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.tolerances import CLEARLY_APART_M, LANDING_DEPTH_M, SAME_POINT_M
 
 
-class ContactCheck:
+class ForceCheck:
     """Compares the logged contact forces of rows with those recomputed from the state of the row."""
 
-    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], lasting: PersistentContactModel, layout: Layout) -> None:
-        """Bind to the data, which holds the state of the row at each call, and to the contact model of the replay."""
-        self._scene, self._pairs, self._lasting = scene, tuple(pairs), lasting
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], closed: ActiveContactSet, layout: Layout) -> None:
+        """Bind to the data, which holds the state of the row at each call, and to the closed contacts of the replay."""
+        self._scene, self._pairs, self._closed_set = scene, tuple(pairs), closed
         self._forces = layout.places(key for pair in pairs for key in force_keys(pair))
         self._modes = layout.places(mode_key(pair) for pair in pairs)
         self._scratch = mujoco.MjData(scene.system.mj)
 
-    def residual(self, row: FloatArray, course: EventDrivenIntegrator) -> float:
-        """Largest difference between recomputed and logged resultant forces, N; 0 if no pair is closed.
-
-        Args:
-            row: Row of the log.
-            course: Integrator of the replay; pairs on one rigid body of its motion exert no contact forces.
-        """
+    def residual(self, row: FloatArray) -> float:
+        """Largest difference between recomputed and logged resultant forces in a row, N; 0 if no pair is closed."""
+        motion = self._closed_set.motion
         logged = row[self._forces].reshape(-1, 3)
         logged_pairs = row[self._modes] > 0.0
         touching = [
             (pair, near)
             for pair, lasts in zip(self._pairs, logged_pairs, strict=True)
-            if pair.geom_ids not in course.motion.rigid and (near := self._closed(pair, lasts))
+            if pair.geom_ids not in motion.rigid and (near := self._closed(pair, lasts))
         ]
         if not touching and not np.any(logged):
             return 0.0
-        found = dict.fromkeys(self._pairs, np.zeros(3)) | self._resultants(touching, course)
+        found = dict.fromkeys(self._pairs, np.zeros(3)) | self._resultants(touching, motion)
         return float(max(np.linalg.norm(force - found[pair]) for pair, force in zip(self._pairs, logged, strict=True)))
 
     def _closed(self, pair: ContactPair, lasts: bool) -> Proximity | None:
@@ -74,16 +69,16 @@ class ContactCheck:
         return near if closed_and_still(seen, held_rate_tolerance(near) if lasts else near.rate_tolerance) else None
 
     def _resultants(
-        self, touching: Sequence[tuple[ContactPair, Proximity]], course: EventDrivenIntegrator
+        self, touching: Sequence[tuple[ContactPair, Proximity]], motion: Motion
     ) -> dict[ContactPair, FloatArray]:
         """Resultant force on geom b of each pair, N."""
-        held = self._lasting.closed_points()
+        held = self._closed_set.places()
         points = [(pair, near, point) for pair, near in touching for point in _closed_points(near, held.get(pair, []))]
         if not points:
             return {}
-        motion, bodies = course.motion, course.motion.bodies
+        bodies = motion.bodies
         contacts = [Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal) for pair, near, point in points]
-        with self._free_motion(course) as (seen, moving):
+        with self._free_motion(motion) as (seen, moving):
             model = self._scene.system.mj
             rates = np.array([pair.second_rate(model, seen, near, point).value for pair, near, point in points])
             J = np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts])
@@ -95,23 +90,23 @@ class ContactCheck:
         return found
 
     @contextmanager
-    def _free_motion(self, course: EventDrivenIntegrator) -> Iterator[tuple[Any, Any]]:
+    def _free_motion(self, motion: Motion) -> Iterator[tuple[Any, Any]]:
         """Context with data of the system and of the motion, holding the accelerations without contact forces.
 
         State and efforts are those of the row; forces of other contact models are included.
         """
-        motion, model, data, scratch = course.motion, self._scene.system.mj, self._scene.data, self._scratch
+        model, data, scratch = self._scene.system.mj, self._scene.data, self._scratch
         if motion.data is data:
             state = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
             mujoco.mj_getState(model, data, state, WHOLE_STATE)
             mujoco.mj_setState(model, scratch, state, WHOLE_STATE)
-            _push(course, model, scratch)
+            _push(motion, model, scratch)
             yield scratch, scratch
             return
         applied = motion.data.qfrc_applied.copy()
         try:
             motion.data.ctrl[:] = data.ctrl
-            _push(course, motion.model, motion.data)
+            _push(motion, motion.model, motion.data)
             motion.path.on_event_located()
             yield data, motion.data
         finally:
@@ -132,16 +127,11 @@ def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArr
     return closed if closed and near.gap >= -LANDING_DEPTH_M else still
 
 
-def _push(course: EventDrivenIntegrator, model: Any, data: Any) -> None:
+def _push(motion: Motion, model: Any, data: Any) -> None:
     """Apply all forces except contact forces to the data of the motion, or to a copy."""
     data.qfrc_applied.fill(0.0)
     mujoco.mj_forward(model, data)
-    others = [
-        contact_model
-        for contact_model in course.contact_models
-        if contact_model.active and contact_model.pushes and not contact_model.is_reactive
-    ]
-    for contact_model in others:
-        contact_model.push(data)
-    if others:
+    for push in motion.pushes:
+        push(data)
+    if motion.pushes:
         mujoco.mj_forward(model, data)

@@ -7,8 +7,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact_models.persistent.force_check import _closed_points
 from ffsm_mj.replay import replay_log
-from ffsm_mj.replay.contact_check import _closed_points
 from tests.contact_models.persistent.random_pushes import LAWS
 from tests.scenes import HEAD, scene
 

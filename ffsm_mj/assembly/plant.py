@@ -1,0 +1,51 @@
+"""Builds the simulated system of a scenario, for a run and for the replay of its log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ffsm_mj.actuation.actuation import Actuation
+from ffsm_mj.assembly.contact_models import contact_models_of
+from ffsm_mj.assembly.grasps import GraspedSystem
+from ffsm_mj.assembly.step_control import step_control
+from ffsm_mj.balance.balance import Balance
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.controller_protocol import Task
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.model.system import System
+from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
+from ffsm_mj.simulation.plant import Plant
+from ffsm_mj.simulation.state_signals import StateSignals
+
+
+def build_plant(
+    scenario: Scenario,
+    system: System,
+    data: Any,
+    pairs: tuple[ContactPair, ...],
+    held: Mapping[str, GraspedSystem],
+    task: Task | None,
+) -> Plant:
+    """Build the simulated system of a scenario; ``integrator.restore_state`` must follow at the state from which it starts.
+
+    Args:
+        scenario: Scenario of the run.
+        system: Robot and objects; the plant writes the time step of its model.
+        data: Their state, derived quantities current.
+        pairs: Impact pairs.
+        held: Systems with grasped objects, by the name of the grasp.
+        task: Task of the scenario; None if it has none.
+
+    Raises:
+        ScenarioFaults: A contact model or an actuator does not fit the system, or no accuracy can be measured.
+    """
+    scene, motion = Scene(system, data), Motion(system.mj, data)
+    integrator = EventDrivenIntegrator(motion, contact_models_of(scenario, scene, motion, pairs, held))
+    balance = Balance(system, data, motion.momentum, notes=BLOCK_ROWS)
+    integrator.control = step_control(scenario, system, data, balance)
+    state = StateSignals(system, data, task.tip_site if task is not None else None)
+    return Plant(scene, Actuation(system, scenario.actuators), integrator, balance, state)

@@ -1,0 +1,43 @@
+"""Check of logged events: the contact model of each reproduces it at the logged state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from ffsm_mj.contact_models.interface import ContactModel, EventEffect, LoggedEvent
+from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.records.events import RunEnded
+from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.verification.agreement import Agreement, impossible
+
+
+class EventCheck:
+    """Reproduces logged events, and compares their records with the logged ones."""
+
+    def __init__(self, contact_models: Sequence[ContactModel], found: Agreement) -> None:
+        """Find the contact model of each kind of record; differences are added to ``found``."""
+        self._found = found
+        self._models = {kind.name: contact_model for contact_model in contact_models for kind in contact_model.records}
+
+    def fault_of(self, kind: RecordKind, records: Sequence[Any]) -> str:
+        """Why the records of one event do not fit the models, in one word; empty if they do."""
+        return self._models[kind.name].record_fault(records)
+
+    def reproduce(self, event: LoggedEvent) -> EventEffect | None:
+        """Reproduce the event at the state in ``data``, and compare its records; None if the models do not allow it."""
+        effect = self._effect(event)
+        if effect is None or len(effect.records) != len(event.records):
+            self._found.keep(impossible(f"{event.name} records", event.time_s))
+            return effect
+        for mine, theirs in zip(effect.records, event.records, strict=True):
+            again = replace(mine, time_s=theirs.time_s, efforts_after=theirs.efforts_after)
+            self._found.record(event.name, theirs, again)
+        return effect
+
+    def _effect(self, event: LoggedEvent) -> EventEffect | None:
+        try:
+            return self._models[event.kind].replay(event)
+        except (RunEnded, UnsupportedContactError, ValueError, ArithmeticError):
+            return None

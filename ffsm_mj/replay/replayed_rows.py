@@ -1,0 +1,135 @@
+"""Rows of a log as a replay needs them: states and efforts to start from, and columns to compare."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ffsm_mj.actuation.actuation import Actuation
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import InputError
+from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.records.columns import Columns, Row, same_names
+from ffsm_mj.records.signals import FORCE_RESIDUAL, Layout, coordinate_keys, rate_keys
+from ffsm_mj.simulation.plant import Plant
+from ffsm_mj.simulation.rows import RowWriter
+from ffsm_mj.verification.agreement import Agreement, scales
+
+
+class LoggedRows:
+    """A block of rows, split into states and efforts.
+
+    Attributes:
+        rows: The rows, (n, number of signals).
+        times: Times, s, (n,).
+        states: Coordinates and rates, (n, nq + nv).
+        asked: Commanded efforts, (n, nu).
+        applied: Applied efforts, (n, nu).
+        ctrl: MuJoCo's controls for them, (n, nu).
+        powered: Whether each actuator is powered, (n, nu).
+    """
+
+    def __init__(self, rows: FloatArray, states: FloatArray, layout: Layout, actuation: Actuation) -> None:
+        """Split a block of rows."""
+        self.rows, self.times, self.states = rows, rows[:, layout.time], states
+        efforts = (np.nan_to_num(rows[:, layout.places(actuation.keys[what])]) for what in ("command", "applied"))
+        self.asked, self.applied = map(np.ascontiguousarray, efforts)
+        self.ctrl = self.applied / actuation.gear
+        # An actuator without power has neither a command nor an applied effort.
+        self.powered = (self.asked != 0.0) | (self.applied != 0.0)
+
+
+class ReplayedRows:
+    """Recomputed rows of a plant, a block at a time.
+
+    Attributes:
+        again: Recomputed rows, (lines, number of signals).
+        predicted: States integrated from the samples before, (lines, nq + nv).
+        forces_apart: Differences of the contact forces from independent checks, N, (lines,).
+    """
+
+    def __init__(self, plant: Plant, layout: Layout) -> None:
+        """Bind the columns of the plant to the layout of the log.
+
+        Raises:
+            InputError: The columns of the log are not those of its models.
+        """
+        self._plant, self._layout = plant, layout
+        model = plant.system.mj
+        self.again = np.zeros((BLOCK_ROWS, len(layout.keys)))
+        self.predicted, self.forces_apart = np.zeros((BLOCK_ROWS, model.nq + model.nv)), np.zeros(BLOCK_ROWS)
+        known = plant.columns
+        # Columns of the controller cannot be recomputed: they are copied from the log.
+        controller = tuple(signal for signal in layout.signals if signal.group in ("controller", "phase"))
+        self._copied, self._copy = layout.places(signal.key for signal in controller), np.zeros(len(controller))
+        row = _row_of_log([*known, Columns(controller, live=self._copy)], layout)
+        self._writer = RowWriter(row, plant.state.sampler, self.again)
+        self._resume = [(part.resume, layout.places(s.key for s in part.signals)) for part in known if part.resume]
+        joints = plant.system.joints.values()
+        self._state = layout.places((*coordinate_keys(joints), *rate_keys(joints)))
+        self._known = np.setdiff1d(np.arange(len(layout.keys)), np.concatenate((self._copied, self._state)))
+        checks = (contact_model.force_check(layout) for contact_model in plant.integrator.contact_models)
+        self._force_checks: list[Callable[[FloatArray], float]] = [check for check in checks if check is not None]
+        self._residual, self._energy = layout.index[f"balance.{FORCE_RESIDUAL}"], layout.index["energy.total_J"]
+        self._mass = float(model.body_mass.sum())
+        self._completed = 0
+
+    def begin(self, block: FloatArray) -> LoggedRows:
+        """Begin a block of logged rows."""
+        self._completed = 0
+        return LoggedRows(block, np.ascontiguousarray(block[:, self._state]), self._layout, self._plant.actuation)
+
+    def restore(self, row: FloatArray | None) -> None:
+        """Continue accumulated columns from a logged row; None: from zero, as at the start of a run."""
+        for resume, places in self._resume:
+            resume(row[places] if row is not None else np.zeros(len(places)))
+
+    def write(self, line: int, time_s: float, logged: FloatArray) -> None:
+        """Write the row of the state in ``data``; columns of the controller are copied from the logged row."""
+        self._copy[:] = logged[self._copied]
+        self._writer.fill(line, time_s)
+        self.forces_apart[line] = max((check(logged) for check in self._force_checks), default=0.0)
+
+    def skip(self, line: int) -> None:
+        """Leave a row that has no valid state as NaN."""
+        self.complete(line)
+        self._completed = line + 1
+        self.again[line] = self.predicted[line] = self.forces_apart[line] = np.nan
+
+    def complete(self, line: int) -> None:
+        """Compute the table columns of the rows before a line."""
+        if line > self._completed:
+            self._writer.complete(self.again[self._completed : line])
+        self._completed = line
+
+    def compare(self, block: FloatArray, motion: Agreement, columns: Agreement) -> FloatArray:
+        """Compare a finished block with the logged one; returns the recomputed rows for the checks."""
+        count, model = len(block), self._plant.system.mj
+        self.complete(count)
+        again, predicted = self.again[:count].copy(), self.predicted[:count]
+        size = np.abs(predicted)
+        lever, speed = (size[:, part].max(axis=1, keepdims=True) for part in (slice(model.nq), slice(model.nq, None)))
+        scale = np.concatenate((np.repeat(lever, model.nq, axis=1), np.repeat(speed, model.nv, axis=1)), axis=1)
+        motion.rows(self._layout, self._state, block, predicted, scale)
+        # The sum of all m |v| is at most sqrt(2 M T).
+        momentum = (1.0 + lever[:, 0]) * np.sqrt(2.0 * self._mass * np.abs(again[:, self._energy]))
+        measured = scales(self._layout, self._known, again, momentum)
+        columns.rows(self._layout, self._known, block, again[:, self._known], measured)
+        again[:, self._residual] = self.forces_apart[:count]  # the check uses the recomputed differences
+        return again
+
+
+def _row_of_log(columns: Sequence[Columns], layout: Layout) -> Row:
+    """Row layout of some parts.
+
+    Raises:
+        InputError: It differs from that of the log.
+    """
+    for one, other in same_names(columns):
+        raise InputError(f"its models have two columns {one.key}: {one.element} and {other.element}")
+    row = Row(columns)
+    if layout.keys != row.layout.keys:
+        odd = sorted(set(layout.keys) ^ set(row.layout.keys))
+        raise InputError(f"the columns of the log are not those of its models: {', '.join(odd[:3]) or 'another order'}")
+    return row

@@ -1,0 +1,133 @@
+"""The simulated system, and the code that steps it: used by a run and by the replay of its log."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.actuation.actuation import Actuation
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.balance.balance import Balance
+from ffsm_mj.contact_models.interface import ContactModel, EventEffect, Scene
+from ffsm_mj.model.system import System
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.simulation.integrator import EventDrivenIntegrator
+from ffsm_mj.simulation.state_signals import StateSignals
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """Robot and objects with their actuators, contact models and energy and momentum balance.
+
+    A run advances it from event to event. A log replay integrates it from logged state to logged state, and applies logged
+    events. Every (sub-)step and every event is entered in the balance here.
+
+    Attributes:
+        scene: Robot and objects with their state, derived quantities current.
+        actuation: Actuator limits.
+        integrator: Integrates the motion under the contact models.
+        balance: Energy and momentum balance.
+        state: Columns of the state.
+    """
+
+    scene: Scene
+    actuation: Actuation
+    integrator: EventDrivenIntegrator
+    balance: Balance
+    state: StateSignals
+
+    @property
+    def system(self) -> System:
+        """Robot and objects."""
+        return self.scene.system
+
+    @property
+    def data(self) -> Any:
+        """MuJoCo data of the system."""
+        return self.scene.data
+
+    @property
+    def columns(self) -> list[Columns]:
+        """Columns of all parts, in the order of a row."""
+        return [*self.state.columns, *self.balance.columns, *self.integrator.columns, *self.actuation.columns]
+
+    def advance(self, duration_s: float) -> tuple[float, ContactModel | None]:
+        """Integrate for a time, a sub-step of it, or until the first event, and enter it in the balance.
+
+        Returns:
+            Time integrated in s, and the contact model with an event there; None if there is no event.
+
+        Raises:
+            UnsupportedContactError: The motion is too fast for event detection.
+            StepLimitError: The motion is too fast for the required accuracy.
+        """
+        self.balance.open()
+        elapsed_s, contact_model = self.integrator.advance(duration_s)
+        self.enter(elapsed_s)
+        return elapsed_s, contact_model
+
+    def integrate(self, most_s: float, left_s: float) -> float:
+        """Integrate for a time or a sub-step of it without event detection; :meth:`enter` must follow.
+
+        Args:
+            most_s: The time.
+            left_s: Remaining time of the grid step.
+
+        Returns:
+            Time integrated in s.
+
+        Raises:
+            StepLimitError: The motion is too fast for the required accuracy.
+        """
+        self.balance.open()
+        return self.integrator.integrate(most_s, left_s)
+
+    def enter(self, elapsed_s: float) -> None:
+        """Enter the finished (sub-)step in the balance; no effect if its duration is not positive."""
+        if elapsed_s <= 0.0:
+            return
+        self.balance.close(elapsed_s)
+        for exchange in self.integrator.exchanges(elapsed_s):
+            self.balance.book(*exchange)
+        self.actuation.elapse(elapsed_s)
+
+    def apply(self, event: Callable[[], EventEffect | None], state_after: FloatArray | None = None) -> EventEffect | None:
+        """Apply an event: it changes the state in ``data``, is entered in the balance, and may change the motion.
+
+        Args:
+            event: Applies the event to the state, and returns its effect; None if there is no event after all.
+            state_after: Coordinates and rates to set after it, (nq + nv,); None keeps those that the event leaves.
+        """
+        # The balance separates robot and object at the event itself; a grasped object counts with the robot only in steps.
+        self.balance.carry(None)
+        effect = event()
+        moved = effect is not None and effect.motion is not None
+        if effect is not None and effect.motion is not None:
+            self.integrator.bind(effect.motion)
+        if state_after is not None:
+            self.set_state(state_after)
+        if state_after is not None or not moved:
+            self.integrator.restart()
+        self.balance.carry(self.integrator.motion.carried)
+        if effect is not None and effect.exchange is not None:
+            self.balance.book(*effect.exchange)
+        return effect
+
+    def state_now(self) -> FloatArray:
+        """Coordinates and rates in ``data``, (nq + nv,), a copy."""
+        return np.concatenate((self.data.qpos, self.data.qvel))
+
+    def set_state(self, state: FloatArray) -> None:
+        """Set coordinates and rates, (nq + nv,), and update derived quantities; the motion follows."""
+        model, data = self.system.mj, self.data
+        data.qpos[:], data.qvel[:] = np.split(state, [model.nq])
+        if not np.isfinite(data.qacc_warmstart).all():  # absurd logged efforts may have left non-finite values
+            data.qacc_warmstart.fill(0.0)
+        mujoco.mj_forward(model, data)
+        self.integrator.motion.sync_from_system()
+        self.integrator.motion.flight.clear(math.inf)
