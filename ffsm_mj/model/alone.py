@@ -1,7 +1,7 @@
 """Models compiled alone, before they are attached to a scene.
 
-MuJoCo refuses there what refers to nothing: attaching drops such a motor, tendon or constraint silently. A campaign compiles
-the same files thousands of times, so results are kept for the process.
+A reference to a missing element is an error then; attaching would drop such a motor or constraint silently. A campaign
+compiles the same files thousands of times, so results are kept for the process.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What in a model breaks the conservation of energy or momentum: each element by name, with file and line.
+"""Detection of elements that break the conservation of energy or momentum, each with its name, file and line.
 
-Uniform gravity, and ``gravcomp`` against it, are refused in a conservative scenario, for momentum is not conserved under
-them. Where a scenario need not be conservative they are outside forces that the balance knows, and no fault.
+A conservative scenario refuses uniform gravity and ``gravcomp``, under which momentum is not conserved. In other scenarios
+they are external forces that enter the balance, and no fault.
 """
 
 from __future__ import annotations
@@ -22,50 +22,51 @@ _AUTHORED_INTEGRATOR = 1 << 16
 
 
 def authored_integrator(spec: Any) -> str | None:
-    """Name of the integrator that the model file asks for, or None where it leaves the choice open."""
+    """Name of the integrator given in the model file; None if it gives none."""
     if not spec.authored.option & _AUTHORED_INTEGRATOR:
         return None
     return str(mujoco.mjtIntegrator(spec.option.integrator).name.removeprefix("mjINT_"))
 
 
 def spec_faults(spec: Any, files: ModelFiles, *, conservative: bool) -> list[str]:
-    """Options of one model file that act on free motion: fluid, wind, another integrator; gravity where that is refused."""
+    """Options of one model file that break conservation: fluid, wind, another integrator; gravity if it is refused."""
     option = spec.option
     faults = []
     if conservative and any(gravity := gravity_of(spec, files)):
         faults.append(f'{files.place}: gravity is {_vector(gravity)}; write <option gravity="0 0 0"/>')
     for name in ("density", "viscosity"):
         if getattr(option, name):
-            faults.append(f"{files.place}: <option {name}={getattr(option, name):g}> makes a fluid; remove it")
+            faults.append(f"{files.place}: <option {name}={getattr(option, name):g}> adds fluid forces; remove it")
     if np.any(option.wind):
-        faults.append(f"{files.place}: <option wind> moves the medium; remove it")
+        faults.append(f"{files.place}: <option wind> adds fluid forces; remove it")
     integrator = authored_integrator(spec)
     if integrator not in (None, "RK4"):
         faults.append(
-            f'{files.place}: integrator {integrator} leaks momentum; write <option integrator="RK4"/> or leave it out'
+            f"{files.place}: integrator {integrator} does not conserve momentum; "
+            'write <option integrator="RK4"/> or leave it out'
         )
     return faults
 
 
 def gravity_of(spec: Any, files: ModelFiles) -> tuple[float, ...]:
-    """Gravity that a model asks for, m/s^2: MuJoCo's own where an MJCF says nothing, none where a URDF does not."""
+    """Gravity of a model, (3,), m/s^2; without one in the file, MuJoCo's default (MJCF) or zero (URDF)."""
     silent = files.urdf and not spec.authored.option & _AUTHORED_GRAVITY
     return (0.0, 0.0, 0.0) if silent else tuple(map(float, spec.option.gravity))
 
 
 def gravity_faults(asked: Mapping[str, tuple[float, ...]], files: Mapping[str, ModelFiles]) -> list[str]:
-    """What is wrong where models ask for different gravity: one acts on a whole scene; who asks for none takes the others'.
+    """Faults of models with different gravity: a scene has one, and models without gravity take it over.
 
     Args:
-        asked: Of each model by name, from :func:`gravity_of`.
+        asked: Gravity of each model by name, from :func:`gravity_of`.
         files: Files of each model by name.
     """
-    pulled = [name for name, gravity in asked.items() if any(gravity)]
+    with_gravity = [name for name, gravity in asked.items() if any(gravity)]
     return [
-        f"{files[name].place}: gravity is {_vector(asked[name])}, and {_vector(asked[pulled[0]])} in "
-        f"{files[pulled[0]].place}; one gravity acts on all models of a scene"
-        for name in pulled
-        if asked[name] != asked[pulled[0]]
+        f"{files[name].place}: gravity is {_vector(asked[name])}, and {_vector(asked[with_gravity[0]])} in "
+        f"{files[with_gravity[0]].place}; all models of a scene have one gravity"
+        for name in with_gravity
+        if asked[name] != asked[with_gravity[0]]
     ]
 
 
@@ -74,18 +75,18 @@ def _vector(values: Iterable[float]) -> str:
 
 
 def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles], *, conservative: bool) -> list[str]:
-    """Dissipative or elastic elements of the compiled scene, each with the file and line of the model it came from."""
+    """Dissipative or elastic elements of the compiled scene, each with the file and line of its model."""
     following = {prefix: mimics(each) for prefix, each in files.items()} if model.neq else {}
     places = Places(scene, files)
     return [
         (_mimic_fault(model, name, following) if kind == "equality" else "")
-        or f"{places.of(kind, name)} has {what}; remove it, or let 'strip' of the scenario"
+        or f"{places.of(kind, name)} has {what}; remove it, or use 'strip' in the scenario"
         for kind, name, what in _elements(model, conservative=conservative)
     ]
 
 
 def _mimic_fault(model: Any, equality: str, following: Mapping[str, list[Mimic]]) -> str:
-    """What is to be said of a constraint that a ``<mimic>`` became; empty for other constraints."""
+    """Fault of a constraint that a ``<mimic>`` was compiled to; empty for other constraints."""
     e = model.equality(equality).id
     if model.eq_type[e] != mujoco.mjtEq.mjEQ_JOINT or model.eq_obj2id[e] < 0:
         return ""
@@ -94,8 +95,8 @@ def _mimic_fault(model: Any, equality: str, following: Mapping[str, list[Mimic]]
     return mimic_fault(following[prefix], follower, leader)
 
 
-def _cut_short(model: Any, body: int) -> bool:
-    """Whether actuators hold a body up against gravity, at a joint that limits their force."""
+def _has_limited_gravcomp(model: Any, body: int) -> bool:
+    """Whether the gravity compensation of a body acts through actuators at a joint that limits their force."""
     limited = model.jnt_actgravcomp.astype(bool) & model.jnt_actfrclimited.astype(bool)
     while body:
         if limited[model.jnt_bodyid == body].any():
@@ -105,7 +106,7 @@ def _cut_short(model: Any, body: int) -> bool:
 
 
 def _elements(model: Any, *, conservative: bool) -> Iterator[tuple[str, str, str]]:
-    """Yield (kind, full name, what breaks conservation)."""
+    """Yield (kind, full name, property that breaks conservation)."""
     for j in range(model.njnt):
         joint = model.joint(j)
         dofs = slice(joint.dofadr[0], joint.dofadr[0] + len(joint.damping))
@@ -115,14 +116,14 @@ def _elements(model: Any, *, conservative: bool) -> Iterator[tuple[str, str, str
             yield "joint", joint.name, f"frictionloss {np.max(model.dof_frictionloss[dofs]):g}"
         if np.any(model.jnt_stiffness[j]):
             yield "joint", joint.name, f"stiffness {np.max(model.jnt_stiffness[j]):g} (a spring)"
-        if model.jnt_limited[j] and not conservative:  # a conservative scenario does not enforce them
+        if model.jnt_limited[j] and not conservative:  # conservative scenarios disable them
             yield "joint", joint.name, "limits (a soft constraint force)"
     for t in range(model.ntendon):
         for attribute in ("stiffness", "damping", "frictionloss"):
             if np.any(getattr(model, f"tendon_{attribute}")[t]):
                 yield "tendon", model.tendon(t).name, attribute
     for b in range(model.nbody):
-        if model.body_gravcomp[b] and (conservative or _cut_short(model, b)):
+        if model.body_gravcomp[b] and (conservative or _has_limited_gravcomp(model, b)):
             yield "body", model.body(b).name, "gravcomp"
     for e in range(model.neq):
         yield "equality", model.equality(e).name, "a soft constraint force"

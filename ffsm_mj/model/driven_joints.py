@@ -15,7 +15,7 @@ from ffsm_mj.model.system import System
 
 @dataclass(frozen=True)
 class DrivenJoints:
-    """Some hinge or slide joints of the robot and the motors on them, in the order asked for.
+    """Hinge or slide joints of the robot and their motors, in the requested order.
 
     Attributes:
         names: Full names of the joints.
@@ -34,12 +34,12 @@ def driven_joints(system: System, names: Sequence[str] | None, key: str = "joint
     """Resolve joints by name; ``None`` means every motor-driven joint of the robot that is not a base joint.
 
     Args:
-        system: The scene.
+        system: The system.
         names: Full or unambiguous names, or None.
-        key: What the list is called in the controller's section.
+        key: Name of the list in the section of the controller.
 
     Raises:
-        ScenarioFaults: A joint is unknown, no part of the robot, or has no motor.
+        ScenarioFaults: A joint is unknown, does not belong to the robot, or has no motor.
     """
     motors = _motors(system)
     key_given = names is not None
@@ -58,7 +58,7 @@ def driven_joints(system: System, names: Sequence[str] | None, key: str = "joint
             faults.append(Fault(unknown_name("motor-driven joint", name, motors), (key, i)))
         found.append(joint)
     if not names and key_given:
-        faults.append(Fault("must name at least one joint, or be left out", (key,)))
+        faults.append(Fault("must contain at least one joint, or be left out", (key,)))
     elif not found and not faults:
         faults.append(Fault("the robot has no motor-driven joint; add <motor joint=.../> to its MJCF", (key,)))
     if faults:
@@ -72,7 +72,7 @@ def driven_joints(system: System, names: Sequence[str] | None, key: str = "joint
 
 
 def _motors(system: System) -> dict[str, int]:
-    """Actuator by the robot's hinge or slide joint that it drives."""
+    """Id of the actuator of each hinge or slide joint of the robot, by joint name."""
     model = system.mj
     motors = {}
     for i in range(model.nu):

@@ -1,7 +1,7 @@
-"""The files that a model is made of, in memory: the MJCF or URDF itself, what it includes and attaches, meshes, textures.
+"""Files of a model in memory: the MJCF or URDF itself, files that it includes or attaches, meshes and textures.
 
-They are read once, compiled from memory, kept in the log and copied into the run folder, so that a run can be repeated from
-what it left behind. What the model does not use, or what lies outside the folders it may use, is never read.
+They are read once, compiled from memory, stored in the log and copied to the run folder, so that a run can be repeated from
+its folder or its log. Files that the model does not use, and files outside the folders that it may use, are never read.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class ModelFiles:
     Attributes:
         main: Name of the MJCF or URDF file.
         files: Content by name, ``main`` first, in reading order; names are relative to one folder, with forward slashes.
-        label: What stands before a name in messages: the folder with a slash, or the log.
-        strip: What is taken out of the model when it is compiled; see :mod:`ffsm_mj.model.strip`.
-        sites: What is put in then; see :mod:`ffsm_mj.model.sites`.
-        overrides: What of its bodies and geoms is changed then, one layer on the other; see :mod:`ffsm_mj.model.overrides`.
-        pose: Where it is fixed to the world; None: it floats.
+        label: Prefix of file names in messages: the folder with a slash, or the log.
+        strip: Elements to remove before compilation; see :mod:`ffsm_mj.model.strip`.
+        sites: Sites to add before compilation; see :mod:`ffsm_mj.model.sites`.
+        overrides: Layers of changed properties of bodies and geoms, the last on top; see :mod:`ffsm_mj.model.overrides`.
+        pose: Pose at which it is fixed to the world; None: it floats.
     """
 
     main: str
@@ -47,27 +47,27 @@ class ModelFiles:
 
     @property
     def place(self) -> str:
-        """The main file as messages name it."""
+        """Name of the main file in messages."""
         return self.label + self.main
 
     @property
     def urdf(self) -> bool:
-        """Whether the model is a URDF by its name."""
+        """Whether the main file is a URDF, by its name."""
         return self.main.lower().endswith(".urdf")
 
     @property
     def beside(self) -> bool:
-        """Whether all files lie in the folder of the main one, or below."""
+        """Whether all files are in the folder of the main file or below."""
         folder = posixpath.dirname(self.main)
         return not folder or all(name.startswith(f"{folder}/") for name in self.files)
 
 
 def logged_name(model: str, name: str) -> str:
-    """Name of a model's file in the log and in the run folder.
+    """Name of a file of a model in the log and in the run folder.
 
     Args:
         model: ``robot`` or the name of an object.
-        name: The file as :class:`ModelFiles` names it.
+        name: Name of the file in :class:`ModelFiles`.
     """
     return f"mjcf/{model}/{name}"
 
@@ -75,12 +75,12 @@ def logged_name(model: str, name: str) -> str:
 def read_model(main: Path, folders: Sequence[Path] = (), packages: Sequence[Path] = ()) -> ModelFiles:
     """Read a model from disk.
 
-    A file of a package gets the name that its URDF would have without ``package://``, so that it is found again by it.
+    A file of a package is stored under its name in the URDF without ``package://``, by which it is found again.
 
     Args:
         main: The MJCF or URDF file.
-        folders: Further folders that it may use files of; its own is one.
-        packages: Folders that hold packages which a URDF names, beside those above it.
+        folders: Folders, in addition to its own, from which the model may use files.
+        packages: Folders in which to look for packages of a URDF, in addition to those above it.
 
     Raises:
         InputError: A file is missing, malformed, outside these folders or too large, or the model has too many.
@@ -98,21 +98,21 @@ def read_model(main: Path, folders: Sequence[Path] = (), packages: Sequence[Path
 
 
 def logged_model(main: str, files: Mapping[str, bytes], label: str) -> ModelFiles:
-    """A model out of what a log carries, without what it does not use.
+    """A model from the files in a log; files that it does not use are left out.
 
     Args:
         main: Name of the MJCF or URDF file.
         files: Content by name.
-        label: What stands before a name in messages.
+        label: Prefix of file names in messages.
 
     Raises:
-        InputError: A file is missing or malformed; nothing is ever looked for on disk.
+        InputError: A file is missing or malformed; no file is read from disk.
     """
     return ModelFiles(main, collect(main, _LogFiles(files, label)), label)
 
 
 class _Disk(Shelf):
-    """Files on disk, below some folders or in the packages that a URDF names, within the limits of one model."""
+    """Files on disk, in permitted folders or in packages of a URDF, within the limits of one model."""
 
     def __init__(self, home: Path, folders: Sequence[Path], packages: Sequence[Path]) -> None:
         self._home, self._folders, self._packages = home, [folder.resolve() for folder in folders], packages
@@ -122,7 +122,7 @@ class _Disk(Shelf):
         return os.path.normpath(self._home / name)
 
     def has(self, name: str) -> bool:
-        return os.path.isfile(self.label(name))  # without an exception for a name that is too long
+        return os.path.isfile(self.label(name))  # unlike Path.is_file, False for a name that is too long
 
     def take(self, name: str, place: str) -> bytes:
         path = Path(self.label(name))
@@ -138,7 +138,7 @@ class _Disk(Shelf):
     def _refuse_outside(self, path: Path, folders: Sequence[Path], place: str) -> None:
         if not any(path.resolve().is_relative_to(folder) for folder in folders):
             raise InputError(
-                f"{place}: {path} lies outside the model's folder: put it there, or name its folder in 'asset_folders', "
+                f"{place}: {path} is outside the folder of the model: move it there, or list its folder in 'asset_folders', "
                 "beside 'mjcf' in the scenario"
             )
 
@@ -151,7 +151,7 @@ class _Disk(Shelf):
             self._count, self._bytes = self._count + 1, self._bytes + state.st_size
             if self._count > MAX_FILES or self._bytes > MAX_BYTES:
                 limit = f"{MAX_FILES} files and {MAX_BYTES >> 20} MiB"
-                raise InputError(f"{before}{path}: a model may have {limit}, with this file it has more")
+                raise InputError(f"{before}{path}: with this file the model exceeds {limit}")
             return path.read_bytes()
         except FileNotFoundError as error:
             raise InputError(f"{before}{path}: no such {'' if place else 'model '}file") from error

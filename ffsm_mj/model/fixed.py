@@ -1,4 +1,4 @@
-"""Bodies that are fixed to the world: a wall, a docking port, a test rig. They are hit, and never move."""
+"""Models that are fixed to the world: a wall, a docking port, a test rig. They take part in contacts and never move."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class FixedModel:
     """One model that is fixed to the world.
 
     Attributes:
-        name: The object's key in the scenario.
-        root: Body id of its world frame, at its pose; what the file has in ``<worldbody>`` belongs to it.
-        bodies: Ids of all its bodies, the root first.
+        name: Key of the object in the scenario.
+        root: Id of the body that represents the ``<worldbody>`` of its file, at its pose.
+        bodies: Ids of all its bodies, root first.
     """
 
     name: str
@@ -29,21 +29,21 @@ class FixedModel:
 
 
 def place(scene: Any, name: str, pose: Pose | None) -> Any:
-    """The frame of a scene's specification that a model is attached to: the world's, or a body at a pose.
+    """Frame of a scene to which a model is attached: one of the world, or of a body at its pose.
 
     Args:
         scene: Specification of the scene.
-        name: What the model is called.
-        pose: Where it is fixed; None where it floats.
+        name: Name of the model.
+        pose: Pose at which it is fixed; None if it floats.
     """
     if pose is None:
         return scene.worldbody.add_frame()
-    # No body of a file is called as its world, so the name is free.
+    # MuJoCo reserves the body name "world", so the name is free.
     return scene.worldbody.add_body(name=_world(name), pos=pose.position_m, quat=pose.quaternion).add_frame()
 
 
 def moving_parts(scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[str]:
-    """A fault for each joint and mocap body of a fixed model, and for each actuator: it has nothing to drive.
+    """Faults of fixed models: one for each joint, mocap body and actuator.
 
     Args:
         scene: Specification with all models attached.
@@ -59,11 +59,11 @@ def moving_parts(scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[str]:
         for element in elements:
             name = element.name.partition("/")[0]
             if name in files and files[name].pose is not None:
-                yield f"{places.of(kind, element.name)} {does} what is fixed; remove it, or write 'fixed: false'"
+                yield f"{places.of(kind, element.name)} {does} a fixed object; remove it, or write 'fixed: false'"
 
 
 def weightless(model: Any, files: Mapping[str, ModelFiles]) -> None:
-    """Take the masses of fixed bodies out of a compiled model: nothing depends on them, and no sum shall."""
+    """Set the masses of fixed bodies in a compiled model to zero, so that sums over bodies leave them out."""
     bodies = [body for name, each in files.items() if each.pose is not None for body in _bodies(model, name)]
     if bodies:
         for numbers in (model.body_mass, model.body_inertia, model.body_subtreemass):
@@ -72,7 +72,7 @@ def weightless(model: Any, files: Mapping[str, ModelFiles]) -> None:
 
 
 def fixed_model(model: Any, name: str) -> FixedModel:
-    """One fixed model of a compiled scene."""
+    """Index map of one fixed model of a compiled scene."""
     bodies = _bodies(model, name)
     return FixedModel(name, bodies[0], bodies)
 

@@ -1,4 +1,4 @@
-"""A grasp: an object's body becomes a child of a body of the robot, and its own joint is gone."""
+"""A grasp in the model: the base of an object becomes a child of a link of the robot, without joints of its own."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ _NO_TURN = (1.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Grasp:
-    """Which two bodies are joined.
+    """Sites and bodies that a grasp joins.
 
     Attributes:
-        name: What the scenario calls it.
+        name: Name of the grasp in the scenario.
         robot_site: Full name of the site of the robot.
         object_site: Full name of the site of the object.
-        link: Full name of the body that the robot's site is on.
+        link: Full name of the body of the robot's site.
         tree: Name of the object.
-        root: Full name of the object's base, which the object's site is fixed to.
+        root: Full name of the base of the object, the body of the object's site.
     """
 
     name: str
@@ -32,12 +32,12 @@ class Grasp:
 
 
 def join(scene: Any, spec: Any, grasp: Grasp) -> None:
-    """Attach an object to the link that holds it, its base's joints taken away; where it is held is written later.
+    """Attach an object to the link of a grasp, without the joints of its base. Its pose in the link is set at the capture.
 
     Args:
-        scene: Specification that the robot is attached to already.
-        spec: That of the object.
-        grasp: Who holds it.
+        scene: Specification of the scene, with the robot attached.
+        spec: Specification of the object.
+        grasp: The grasp.
     """
     base = spec.body(grasp.root.partition("/")[2])
     for joint in base.joints:

@@ -1,4 +1,4 @@
-"""Mass, centre of mass and inertia of one body: out of a compiled model, changed, and into a specification."""
+"""Mass, centre of mass and inertia of one body: read from a compiled model, changed, written to a specification."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 
-# Rounding that may carry moments of a flat body, of which the greatest is the sum of the others, over what MuJoCo takes.
+# The greatest moment of a flat body is the sum of the others; rounding must not make MuJoCo refuse it.
 _ROUNDING = 1e-12
-_WHERE_NONE_IS_GIVEN = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+_FROM_GEOMS_BY_DEFAULT = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
 
 
 @dataclass(frozen=True)
 class Inertial:
-    """What a body weighs.
+    """Inertial of a body.
 
     Attributes:
         mass_kg: Mass, kg.
         centre_m: Centre of mass in the body's frame, (3,), m.
-        moments: Principal moments of inertia about it, (3,), kg m^2.
-        axes: Orientation of their axes in the body's frame, quaternion w, x, y, z, (4,).
+        moments: Principal moments of inertia about the centre of mass, (3,), kg m^2.
+        axes: Orientation of the principal axes in the body's frame, quaternion w, x, y, z, (4,).
     """
 
     mass_kg: float
@@ -34,7 +34,7 @@ class Inertial:
 
     @classmethod
     def of(cls, model: Any, body: int) -> Inertial:
-        """That of a body of a compiled model, a copy."""
+        """Inertial of a body of a compiled model, as a copy."""
         numbers = (model.body_ipos[body], model.body_inertia[body], model.body_iquat[body])
         return cls(float(model.body_mass[body]), *(each.copy() for each in numbers))
 
@@ -50,12 +50,12 @@ class Inertial:
     def changed(
         self, mass_kg: float | None, inertia_kg_m2: Sequence[float] | None, centre_m: Sequence[float] | None
     ) -> Inertial:
-        """The same with other numbers, None for those that stay.
+        """A copy with other values; None keeps a value.
 
         Args:
-            mass_kg: Mass; without an inertia the moments are scaled with it.
+            mass_kg: Mass; without an inertia, the moments are scaled with it.
             inertia_kg_m2: xx, yy, zz, or these and xy, xz, yz, about the centre of mass in the body's axes.
-            centre_m: Centre of mass; the inertia about it stays.
+            centre_m: Centre of mass; the inertia about it is kept.
         """
         moments, axes = self.moments, self.axes
         if inertia_kg_m2 is not None:
@@ -66,12 +66,12 @@ class Inertial:
         return Inertial(mass, self.centre_m if centre_m is None else np.array(centre_m), moments, axes)
 
     def write(self, body: Any) -> None:
-        """Give a body of a specification these numbers, whatever its own were made of, and whatever would change them."""
+        """Set the inertial of a body of a specification, and disable all compiler options that would change it."""
         body.explicitinertial = True
         body.mass, body.ipos, body.inertia, body.iquat = self.mass_kg, self.centre_m, self.moments, self.axes
         body.fullinertia, body.ialt.type = np.full(6, np.nan), mujoco.mjtOrientation.mjORIENTATION_QUAT
-        compiler = body.compiler  # of the file that has it: a model may attach others
-        compiler.inertiafromgeom = _WHERE_NONE_IS_GIVEN
+        compiler = body.compiler  # that of the body's own file: a model may attach others
+        compiler.inertiafromgeom = _FROM_GEOMS_BY_DEFAULT
         compiler.boundmass = compiler.boundinertia = 0.0
         compiler.balanceinertia = False
 
@@ -87,17 +87,17 @@ def principal(inertia_kg_m2: Sequence[float]) -> tuple[FloatArray, FloatArray]:
 
 
 def fault_of_moments(moments: FloatArray) -> str:
-    """What is wrong with principal moments of inertia; empty where a body can have them."""
+    """Fault of principal moments of inertia as text; empty if they are possible."""
     if not moments.min() > 0.0:
         return f"must have positive principal moments; they are {_listed(moments)}"
     greatest = float(moments.max())
     if greatest > (moments.sum() - greatest) * (1.0 + _ROUNDING):
-        return f"no body has an inertia whose greatest principal moment exceeds the sum of the others: {_listed(moments)}"
+        return f"the greatest principal moment must not exceed the sum of the others: {_listed(moments)}"
     return ""
 
 
 def _without_excess(moments: FloatArray) -> FloatArray:
-    """Moments of which the greatest is no more than the sum of the others, where only rounding made it so."""
+    """Moments with the greatest reduced to the sum of the others if it exceeds it by rounding only."""
     greatest = int(np.argmax(moments))
     others = float(np.delete(moments, greatest).sum())
     if others < moments[greatest] <= others * (1.0 + _ROUNDING):

@@ -1,4 +1,4 @@
-"""``<mimic>`` in a URDF: which joint follows which. MuJoCo makes a soft constraint of it, which tells neither."""
+"""``<mimic>`` elements of URDFs, which MuJoCo compiles to unnamed soft constraints."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ffsm_mj.model.xml import elements
 
 @dataclass(frozen=True)
 class Mimic:
-    """A ``<mimic>`` as it is written.
+    """A ``<mimic>`` element.
 
     Attributes:
         joint: The joint that follows.
@@ -23,41 +23,41 @@ class Mimic:
     leader: str
     place: str
 
-    def makes(self, follower: str, leader: str) -> bool:
-        """Whether a constraint between two joints may be this one's.
+    def is_source_of(self, follower: str, leader: str) -> bool:
+        """Whether a constraint between two joints can come from this element.
 
         Args:
-            follower: Name of the joint that follows, in the model: that of the URDF behind the prefixes of what attaches it.
-            leader: Name of the joint that it follows, likewise.
+            follower: Name in the model of the joint that follows: its name in the URDF after the prefixes of attachments.
+            leader: Name in the model of the joint that it follows.
         """
         before = follower.removesuffix(self.joint)
         return (before + self.joint, before + self.leader) == (follower, leader)
 
 
 def mimic_fault(written: Iterable[Mimic], follower: str, leader: str) -> str:
-    """What is to be said of a constraint between two joints; empty where no ``<mimic>`` makes it.
+    """Fault of a constraint between two joints that comes from a ``<mimic>``; empty if it does not.
 
-    Where several URDFs of a model have joints of these names, all places are told.
+    If several URDFs of a model have joints of these names, all their places are given.
 
     Args:
-        written: Each ``<mimic>`` of the model, longest names first.
+        written: All ``<mimic>`` elements of the model, longest names first.
         follower: Name of the joint that follows, in the model.
         leader: Name of the joint that it follows.
     """
-    found = [each for each in written if each.makes(follower, leader)]
+    found = [each for each in written if each.is_source_of(follower, leader)]
     if not found:
         return ""
     same = [each for each in found if each.joint == found[0].joint]
     place = " or ".join(dict.fromkeys(each.place for each in same))
     return (
-        f"{place}: joint {follower!r} mimics joint {leader!r} (<mimic>), which MuJoCo makes a soft constraint: "
-        f"take <mimic> out, or let 'strip: [equalities]' of the scenario, so that each moves by its own motor, "
+        f"{place}: joint {follower!r} mimics joint {leader!r} (<mimic>), which MuJoCo compiles to a soft constraint: "
+        f"remove <mimic>, or use 'strip: [equalities]' in the scenario, so that each joint has its own motor, "
         f'or write type="fixed" at joint {found[0].joint!r}'
     )
 
 
 def mimics(files: ModelFiles) -> list[Mimic]:
-    """Each ``<mimic>`` of a model, of the URDFs that it attaches too; longest names first, which could end in others."""
+    """All ``<mimic>`` elements of a model and its attached URDFs; longest names first, as names may share an ending."""
     urdfs = [name for name in files.files if name.lower().endswith(".urdf")]
     found = [each for name in urdfs for each in _written(files.files[name], files.label + name)]
     return sorted(found, key=lambda each: -len(each.joint))

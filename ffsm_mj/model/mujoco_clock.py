@@ -1,7 +1,7 @@
-"""MuJoCo's clock, stopped while a run goes: it is read at the start and end of every stage, 8 % of a compiled baseline.
+"""Removal of MuJoCo's clock during a run: reading it at every stage takes 8 % of a compiled baseline.
 
-MuJoCo adds up how long its own stages take in ``data.timer``, which is no part of the physics; nobody reads it here. Its
-bindings install that clock for the whole process and have no way to take it away (``set_mjcb_time(None)`` puts it back).
+MuJoCo measures its stages in ``data.timer``, which is not used here. Its Python bindings install the clock for the whole
+process and cannot remove it (``set_mjcb_time(None)`` restores it), so the pointer is cleared through ctypes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import mujoco
 
 
 class _Clock:
-    """MuJoCo's pointer to its clock: cleared by the first one in, put back by the last one out."""
+    """MuJoCo's pointer to its clock, cleared while any thread is inside :func:`stopped_clock`."""
 
     def __init__(self) -> None:
         self._lock, self._inside = Lock(), 0
@@ -28,16 +28,18 @@ class _Clock:
     def stop(self) -> None:
         with self._lock:
             place = _place()
-            # A function of Python's that the user has set is left alone.
+            # A Python function set by the user is kept.
             if not self._inside and place is not None and mujoco.get_mjcb_time() is None:
                 self._before, place.value = place.value, None
             self._inside += 1
 
-    def go_on(self) -> None:
+    def restore(self) -> None:
         with self._lock:
             self._inside -= 1
             place = _place()
-            if not self._inside and place is not None and place.value is None:  # one that was set meanwhile stays
+            if (
+                not self._inside and place is not None and place.value is None
+            ):  # a clock that was set in the meantime is kept
                 place.value = self._before
 
 
@@ -46,17 +48,17 @@ _CLOCK = _Clock()
 
 @contextmanager
 def stopped_clock() -> Iterator[None]:
-    """No clock for MuJoCo; the last one out puts it back."""
+    """Remove MuJoCo's clock in this context; the last thread to leave restores it."""
     _CLOCK.stop()
     try:
         yield
     finally:
-        _CLOCK.go_on()
+        _CLOCK.restore()
 
 
 @cache
 def _place() -> Any:
-    """MuJoCo's pointer to its clock; None where its library is not where it should be."""
+    """MuJoCo's pointer to its clock; None if its library is not found."""
     names = {"win32": "mujoco.dll", "darwin": f"libmujoco.{mujoco.__version__}.dylib"}
     path = Path(mujoco.__file__).parent / names.get(sys.platform, f"libmujoco.so.{mujoco.__version__}")
     try:

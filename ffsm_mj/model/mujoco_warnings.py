@@ -1,7 +1,7 @@
-"""MuJoCo's warnings, kept: by itself it writes them to MUJOCO_LOG.TXT where the user stands, and on the console.
+"""Collection of MuJoCo's warnings, which otherwise go to MUJOCO_LOG.TXT in the current folder and to the console.
 
-MuJoCo calls one handler for the whole process, in the thread that warns. Ours is there while any thread collects, and hands
-each warning to those who collect in its own thread; in all others everything stays as it is without us.
+MuJoCo calls one handler for the whole process, in the thread of the warning. This handler is installed while any thread
+collects, and passes a warning to the collector of its thread; warnings of other threads are handled as without it.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import mujoco
 from ffsm_mj.model.files import ModelFiles
 
 _IDLE = ("Attaching a spec with an empty prefix", "Child model has pending keyframes")
-"""How warnings begin of what is never done here: a model is not saved, and nothing begins at a keyframe."""
+"""Starts of irrelevant warnings: models are neither saved nor reset to a keyframe."""
 
 
 class _Here(local):
-    """Who collects in this thread, the latest last."""
+    """Collectors of a thread, innermost last."""
 
     def __init__(self) -> None:
         self.collectors: list[list[str]] = []
@@ -30,7 +30,7 @@ _HERE = _Here()
 
 
 class _Handler:
-    """What MuJoCo calls while anybody collects; the handler that was there before is put back by the last one out."""
+    """The handler that MuJoCo calls while any thread collects; the last one to leave restores the previous handler."""
 
     def __init__(self) -> None:
         self._lock, self._collecting = Lock(), 0
@@ -47,7 +47,7 @@ class _Handler:
     def leave(self) -> None:
         with self._lock:
             self._collecting -= 1
-            # One that somebody has set meanwhile stays.
+            # A handler that was set in the meantime is kept.
             if not self._collecting and mujoco.get_mju_user_warning() == self.handle:
                 mujoco.set_mju_user_warning(self._before)
 
@@ -56,7 +56,7 @@ class _Handler:
             _HERE.collectors[-1].append(message)
         elif self._before is not None:
             self._before(message)
-        else:  # as MuJoCo does where there is no handler
+        else:  # as MuJoCo without a handler
             mujoco.mju_writeLog("WARNING", message)
             print(f"WARNING: {message}", file=sys.stderr)
 
@@ -66,7 +66,7 @@ _HANDLER = _Handler()
 
 @contextmanager
 def collected_warnings(messages: list[str]) -> Iterator[None]:
-    """Add what MuJoCo warns of in this thread to some messages instead."""
+    """Append MuJoCo's warnings of this thread to ``messages``."""
     _HANDLER.enter()
     _HERE.collectors.append(messages)
     try:
@@ -77,7 +77,7 @@ def collected_warnings(messages: list[str]) -> Iterator[None]:
 
 
 def warning_lines(warned: Mapping[str, Sequence[str]], files: Mapping[str, ModelFiles]) -> Iterator[str]:
-    """What MuJoCo warned of, each once on a line: of a model with its file, of the scene what no model has alone."""
+    """MuJoCo's warnings, each once and on one line: those of models with their files, then those of the scene only."""
     known = set[str]()
     for name, model in files.items():
         for text in dict.fromkeys(" ".join(text.split()).replace(f"{name}/", "") for text in warned[name]):

@@ -1,4 +1,4 @@
-"""Numbers of a compiled scene that MuJoCo takes and a run could not work with: each element by name, with file and line."""
+"""Values of a compiled scene that MuJoCo accepts but a simulation cannot use, by element."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_MASS = 1e20
-"""Greatest mass in kg and moment of inertia in kg m^2: energies, their squares and their sums stay finite with room."""
+"""Greatest mass in kg and moment of inertia in kg m^2: energies, their squares and their sums stay finite."""
 MOST_LENGTH = 1e10
 """Greatest length and coordinate in m; MuJoCo's own limit for a state."""
 LEAST_SHARE = 1e-10
-"""Least eigenvalue of the mass matrix scaled to a diagonal of ones: below, six digits of an acceleration are rounding."""
+"""Least eigenvalue of the mass matrix scaled to a diagonal of ones: below it, accelerations lose six digits to rounding."""
 
 
 def number_faults(model: Any) -> Iterator[tuple[str, str, str]]:
-    """Yield (kind, full name, what is wrong and what is allowed)."""
+    """Yield (kind, full name, fault and allowed values)."""
     for b in range(1, model.nbody):
         worst = max(float(model.body_mass[b]), float(np.max(model.body_inertia[b])))
         if not worst <= MOST_MASS:
@@ -43,7 +43,7 @@ def number_faults(model: Any) -> Iterator[tuple[str, str, str]]:
 
 
 def _delays(model: Any) -> Iterator[tuple[str, str, str]]:
-    """Elements whose values MuJoCo delays: the balance would take the effort of now where that of before acts."""
+    """Elements with delays in MuJoCo: the balance would use the current effort instead of the delayed one."""
     for kind, count in (("actuator", model.nu), ("sensor", model.nsensor)):
         delays, buffers = (getattr(model, f"{kind}_{what}") for what in ("delay", "history"))
         for i in range(count):
@@ -63,14 +63,14 @@ def _colour_faults(model: Any) -> Iterator[tuple[str, str, str]]:
 
 
 def weakest_dof(model: Any, data: Any) -> tuple[int, float]:
-    """The degree of freedom that the mass matrix hardly holds, and the least eigenvalue of the scaled matrix.
+    """The degree of freedom with the least effective inertia, and the least eigenvalue of the scaled mass matrix.
 
     Args:
         model: The scene.
-        data: A state with ``mj_forward`` done.
+        data: MuJoCo data after ``mj_forward``.
 
     Returns:
-        Number of the degree of freedom, and the eigenvalue: 1 where all are independent, NaN where the matrix is not finite.
+        Index of the degree of freedom, and the eigenvalue: 1 if all are independent, NaN if the matrix is not finite.
     """
     mass: npt.NDArray[np.float64] = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)

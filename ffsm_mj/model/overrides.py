@@ -1,9 +1,8 @@
-"""Properties of bodies and geoms that a scenario gives: written into a specification, read back out of the compiled scene.
+"""Properties of bodies and geoms given in a scenario: written to a specification and read back from the compiled scene.
 
-MuJoCo takes a mass that is written and ignores it where something else in the file decides: the geoms of a body without an
-inertial, ``inertiafromgeom``, ``boundmass``, ``balanceinertia``. So the model is compiled once as it is, all its bodies get
-what came out as explicit inertials, what would decide otherwise is switched off, and what is asked for is written on top.
-Whether it has arrived, only the compiled scene can tell.
+MuJoCo ignores a mass in a file if something else determines it: geoms of a body without inertial, ``inertiafromgeom``,
+``boundmass`` or ``balanceinertia``. Therefore the model is compiled alone, its bodies get the result as explicit inertials,
+these options are disabled, and the given properties are written on top. The values are then verified in the compiled scene.
 """
 
 from __future__ import annotations
@@ -43,14 +42,14 @@ _WORLD = "world"
 
 @dataclass
 class ModelOverrides:
-    """One model with other properties than its files have.
+    """Changed properties of one model.
 
     Attributes:
-        name: Its name in the scene.
-        key: The uppermost key of a scenario that says so.
+        name: Name of the model in the scene.
+        key: Key of the scenario with the uppermost layer of changes.
         warnings: MuJoCo's warnings about the model compiled alone.
-        inertials: What each of its bodies is to weigh, by name; empty for a fixed model, where nothing weighs.
-        changes: What was asked for by its keys, as it should come out; of two layers the upper one's.
+        inertials: Expected inertial of each body, by name; empty for a fixed model, which has no masses.
+        changes: Given properties with their expected values, by keys of the scenario; an upper layer replaces a lower one.
     """
 
     name: str
@@ -60,49 +59,49 @@ class ModelOverrides:
     changes: dict[tuple[str, ...], PropertyChange] = field(default_factory=dict)
 
     def add(self, path: tuple[str, ...], before: Value, after: Value) -> None:
-        """A change, which takes the place of that of a lower layer."""
+        """Add a change; it replaces a change of the same property in a lower layer."""
         below = self.changes.pop(next((known for known in self.changes if known[1:] == path[1:]), ()), None)
         self.changes[path] = PropertyChange(path, below.after if below else before, after)
 
     def correct(self, place: tuple[str, ...], after: Value) -> None:
-        """What a change below comes to with one above, such as a scaled inertia."""
+        """Set the expected value of a change that a further change affects, such as an inertia that is scaled."""
         for path, change in self.changes.items():
             if path[1:] == place:
                 self.changes[path] = replace(change, after=after)
 
     def read_back(self, model: Any) -> tuple[PropertyChange, ...]:
-        """The changes as a compiled scene has them.
+        """The changes with the values in the compiled scene.
 
         Raises:
-            ScenarioFaults: The scene has something else than was asked for, or another body weighs something else.
+            ScenarioFaults: A value differs from the given one, or the inertial of another body has changed.
         """
         faults, found = [], []
         for path, change in self.changes.items():
             value = property_value(model, path)
             if not _equal(value, change.after):
-                faults.append(Fault(f"MuJoCo makes {shown(value)} of it, not {shown(change.after)}", path))
+                faults.append(Fault(f"MuJoCo compiles it to {shown(value)}, not {shown(change.after)}", path))
             found.append(PropertyChange(path, change.before, value))
         for body, inertial in self.inertials.items() if not faults else ():
-            there = Inertial.of(model, model.body(f"{self.name}/{body}").id)
-            if not (_equal(there.mass_kg, inertial.mass_kg) and _equal(there.moments, inertial.moments)):
-                faults.append(Fault(f"body {body!r} would weigh something else than it does", (self.key, self.name)))
+            compiled = Inertial.of(model, model.body(f"{self.name}/{body}").id)
+            if not (_equal(compiled.mass_kg, inertial.mass_kg) and _equal(compiled.moments, inertial.moments)):
+                faults.append(Fault(f"the mass or inertia of body {body!r} would change too", (self.key, self.name)))
         if faults:
             raise ScenarioFaults(faults)
         return tuple(found)
 
 
 def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverrides:
-    """Give bodies and geoms of a specification other properties, before it is attached.
+    """Change properties of bodies and geoms of a specification before it is attached.
 
     Args:
-        spec: The model; all its elements have names.
-        name: What the model is called in the scene.
-        files: Its files, and what is asked for: one layer at least.
+        spec: Specification of the model; all its elements have names.
+        name: Name of the model in the scene.
+        files: Files of the model, with at least one layer of changes.
         vfs: MuJoCo's virtual files.
 
     Raises:
-        InputError: The model does not compile by itself.
-        ScenarioFaults: There is no such body or geom, or it cannot have such a property.
+        InputError: The model does not compile alone.
+        ScenarioFaults: A body or geom does not exist, or cannot have the property.
     """
     own = compiled_alone(files, vfs)
     done = ModelOverrides(name, files.overrides[-1].key, own.warnings)
@@ -118,7 +117,7 @@ def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverride
         if faults:
             raise ScenarioFaults(faults)
         _resize(spec, alone, compiled, layer, done)
-        _weigh(alone, layer, done, vfs)
+        _set_inertials(alone, layer, done, vfs)
     for body, inertial in done.inertials.items():
         inertial.write(spec.body(body))
     return done
@@ -130,7 +129,7 @@ def _compiles_again(files: ModelFiles) -> bool:
 
 
 def _resize(spec: Any, alone: Any, compiled: Any, layer: Overrides, done: ModelOverrides) -> None:
-    """Write the sizes of geoms."""
+    """Set the sizes of geoms."""
     for body, asked in layer.bodies.items():
         for name, given in asked.geoms.items():
             done.add(
@@ -144,7 +143,7 @@ def _resize(spec: Any, alone: Any, compiled: Any, layer: Overrides, done: ModelO
 
 
 def _put_size(geom: Any, size: tuple[float, ...]) -> None:
-    if np.isfinite(geom.fromto[0]):  # its two ends stand in the file: it stays between them
+    if np.isfinite(geom.fromto[0]):  # a geom given by its end points keeps its centre and axis
         ends = geom.fromto.reshape(2, 3).copy()
         turn = np.empty(4)
         mujoco.mju_quatZ2Vec(turn, ends[0] - ends[1])
@@ -152,8 +151,8 @@ def _put_size(geom: Any, size: tuple[float, ...]) -> None:
     geom.size = (*size, *[0.0] * (3 - len(size)))
 
 
-def _weigh(alone: Any, layer: Overrides, done: ModelOverrides, vfs: Any) -> None:
-    """Work out what bodies are to weigh."""
+def _set_inertials(alone: Any, layer: Overrides, done: ModelOverrides, vfs: Any) -> None:
+    """Compute the expected inertials of the bodies with changes."""
     of_geoms = [body for body, asked in layer.bodies.items() if asked.mass_from_geoms]
     before = dict(done.inertials)
     if of_geoms:
@@ -172,18 +171,18 @@ def _weigh(alone: Any, layer: Overrides, done: ModelOverrides, vfs: Any) -> None
                 done.correct((done.name, body, key), inertial_value(now, key))
 
 
-_NO_MASS = "the body has no mass that an inertia could be scaled with; give mass_kg and inertia_kg_m2 both"
+_NO_MASS = "the body has no mass to scale its inertia with; give both mass_kg and inertia_kg_m2"
 
 
 def _of_geoms(alone: Any, bodies: list[str], path: tuple[str, str], vfs: Any) -> dict[str, Inertial]:
-    """What bodies weigh by their geoms, all others having explicit inertials.
+    """Inertials of bodies computed from their geoms; all other bodies have explicit inertials.
 
     Raises:
-        ScenarioFaults: They weigh nothing.
+        ScenarioFaults: The geoms have no mass.
     """
     for body in map(alone.body, bodies):
         Inertial(0.0, np.full(3, np.nan), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])).write(body)
-        body.explicitinertial = False  # and without a centre MuJoCo asks the geoms
+        body.explicitinertial = False  # without a centre of mass, MuJoCo uses the geoms
     try:
         compiled = compile_spec(alone, vfs)
     except REFUSALS as error:
@@ -195,7 +194,7 @@ def _of_geoms(alone: Any, bodies: list[str], path: tuple[str, str], vfs: Any) ->
 def _faults(
     spec: Any, compiled: Any, name: str, asked: BodyProperties, files: ModelFiles
 ) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """What is wrong with the properties of a body, and the key that it is wrong with."""
+    """Yield faults of the properties given for a body, each with its keys below that of the body."""
     fixed = files.pose is not None
     names = [body.name for body in spec.bodies[0 if fixed else 1 :]]
     if name not in names:
@@ -205,12 +204,12 @@ def _faults(
     for key in asked.inertial_keys:
         if compiled.body_weldid[compiled.body(name).id] == 0:
             yield (
-                f"{'it is fixed' if fixed else 'the body does not move'}: what it weighs has no effect; leave it out",
+                f"{'it is fixed' if fixed else 'the body does not move'}: its mass has no effect; remove the key",
                 (key,),
             )
         elif _is_aligned(body):
             yield (
-                "MuJoCo would align the body's frame with its inertia (align, alignfree); switch that off in the model",
+                "MuJoCo aligns the frame of this body with its inertia (align, alignfree); disable that in the model",
                 (key,),
             )
     geoms = [geom.name for geom in body.geoms]
@@ -222,7 +221,7 @@ def _faults(
 
 
 def _is_aligned(body: Any) -> bool:
-    """Whether the frame of a body that floats alone is turned and shifted to its inertia."""
+    """Whether MuJoCo moves the frame of a single floating body to its centre of mass and principal axes."""
     joints = body.joints
     if len(joints) != 1 or joints[0].type != _FREE or body.first_body() is not None:
         return False
@@ -232,15 +231,13 @@ def _is_aligned(body: Any) -> bool:
 def _fault_of_size(geom: Any, size: tuple[float, ...]) -> str:
     kind = kind_of_geom(geom.type)
     if geom.meshname or kind not in SIZES:
-        return (
-            f"the size of a {'mesh' if geom.meshname else kind} is none of its own; kinds that have one: {', '.join(SIZES)}"
-        )
+        return f"a {'mesh' if geom.meshname else kind} has no size of its own; kinds that have one: {', '.join(SIZES)}"
     if len(size) != SIZES[kind]:
-        return f"a {kind} has {SIZES[kind]} number{'s' if SIZES[kind] > 1 else ''}, got {len(size)}"
+        return f"the size of a {kind} has {SIZES[kind]} number{'s' if SIZES[kind] > 1 else ''}, got {len(size)}"
     return ""
 
 
 def _equal(value: Any, asked: Any) -> bool:
-    """Whether numbers are those asked for, to rounding of the greatest of them."""
+    """Whether values are equal to the given ones, up to rounding relative to the greatest of them."""
     a, b = np.atleast_1d(value), np.atleast_1d(asked)
     return len(a) == len(b) and bool(np.all(np.abs(a - b) <= _ROUNDING * np.abs(b).max(initial=0.0)))

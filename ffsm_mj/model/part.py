@@ -1,4 +1,4 @@
-"""One model of a scenario as a specification, as every scene is made of it: stripped, changed, given sites."""
+"""Preparation of one model of a scenario before it is attached to the scene."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ffsm_mj.model.strip import strip
 
 @dataclass(frozen=True)
 class Part:
-    """A model to be attached.
+    """A prepared model.
 
     Attributes:
         spec: Its specification; all its elements have names.
-        notes: What was taken out, and what the file says in vain, for people.
-        overridden: What was changed, to be read back out of the compiled scene; None where nothing was.
+        notes: Removed elements, and ignored settings, as text.
+        overridden: Changed properties, to be verified in the compiled scene; None if there are none.
         warnings: MuJoCo's warnings about the model compiled alone.
     """
 
@@ -31,21 +31,23 @@ class Part:
 
 
 def part(name: str, files: ModelFiles, vfs: Any) -> Part:
-    """Make one model ready, in this order: what is stripped goes, properties are changed, sites are added.
+    """Prepare one model: remove elements, change properties and add sites, in this order.
 
     Args:
-        name: What it is called in the scene.
-        files: Its files and what is to be done to them.
-        vfs: MuJoCo's virtual files; the model's are added. They are needed until the scene is compiled.
+        name: Name of the model in the scene.
+        files: Files of the model, and what to change.
+        vfs: MuJoCo's virtual files; those of the model are added. They are needed until the scene is compiled.
 
     Raises:
-        InputError: MuJoCo does not take the model.
-        ScenarioFaults: A site cannot be put where it is wanted, or a property is none that the model can have.
+        InputError: MuJoCo refuses the model.
+        ScenarioFaults: A site or a property is impossible.
     """
     spec = load_spec(files, vfs)
-    notes = [f"taken out of {name}: {what}" for what in strip(spec, files.strip)]
+    notes = [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
     if spec.compiler.settotalmass > 0.0:
-        notes.append(f"{files.place}: <compiler settotalmass> has no effect on a model in a scene; say masses under 'model'")
+        notes.append(
+            f"{files.place}: <compiler settotalmass> has no effect on a model in a scene; give masses under 'model'"
+        )
     overridden = override(spec, name, files, vfs) if files.overrides else None
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
     add_sites(spec, files.sites)

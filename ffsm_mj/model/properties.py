@@ -1,4 +1,4 @@
-"""What a scenario may say of bodies of its models, the files untouched: mass, inertia, centre of mass, sizes of geoms."""
+"""Properties of models that a scenario may give: mass, inertia, centre of mass, sizes of geoms, pose of a fixed object."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ffsm_mj.model.inertial import Inertial, fault_of_moments, principal
 from ffsm_mj.model.number_faults import MOST_LENGTH, MOST_MASS
 
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
-"""How many numbers are the size of a geom, by its kind; other kinds have none of their own."""
+"""Number of values in the size of a geom, by its kind; other kinds have no size of their own."""
 INERTIAL = ("mass_kg", "inertia_kg_m2", "centre_of_mass_m")
-"""Keys of a body whose values are numbers."""
+"""Keys of the inertial of a body."""
 
 _Length = Annotated[float, Field(gt=0.0, le=MOST_LENGTH)]
 _Coordinate = Annotated[float, Field(ge=-MOST_LENGTH, le=MOST_LENGTH)]
@@ -29,26 +29,26 @@ Value = float | tuple[float, ...]
 
 
 class GeomProperties(StrictModel):
-    """A geom of a body."""
+    """Properties of a geom."""
 
     size_m: Annotated[tuple[_Length, ...], Field(min_length=1, max_length=3)]
     """MuJoCo's size: radius of a sphere, radius and half length of a capsule or cylinder, half lengths of a box, half axes
-    of an ellipsoid, m. What the body weighs stays, unless ``mass_from_geoms`` says otherwise."""
+    of an ellipsoid, m. The inertial of the body is kept unless ``mass_from_geoms`` is set."""
 
 
 class BodyProperties(StrictModel):
-    """A body: what is left out stays as the model has it."""
+    """Properties of a body; keys that are left out keep the values of the model."""
 
     mass_kg: Annotated[float, Field(gt=0.0, le=MOST_MASS)] | None = None
-    """Mass, kg; the inertia is scaled with it, unless it is given too."""
+    """Mass, kg; the inertia is scaled with it unless it is given too."""
     inertia_kg_m2: Annotated[tuple[_Moment, ...], Field(min_length=3, max_length=6)] | None = None
     """Inertia about the centre of mass in the body's axes, kg m^2: xx, yy, zz, or these and xy, xz, yz."""
     centre_of_mass_m: Annotated[tuple[_Coordinate, ...], Field(min_length=3, max_length=3)] | None = None
-    """Centre of mass in the body's frame, m; the inertia about it stays."""
+    """Centre of mass in the body's frame, m; the inertia about it is kept."""
     mass_from_geoms: bool = False
-    """Mass, inertia and centre of mass are those of its geoms, at their sizes and densities; the keys above apply on top."""
+    """Compute mass, inertia and centre of mass from sizes and densities of the geoms; the keys above apply on top."""
     geoms: dict[_Name, GeomProperties] = {}
-    """Its geoms by their names in the model."""
+    """Properties of its geoms, by their names in the model."""
 
     @field_validator("inertia_kg_m2")
     @classmethod
@@ -72,29 +72,29 @@ class BodyProperties(StrictModel):
 
 
 class Pose(StrictModel):
-    """Where a fixed body stands: the pose of its file's world frame in the scene's."""
+    """Pose of a fixed object: of the world frame of its file in that of the scene."""
 
     position_m: Annotated[tuple[_Coordinate, ...], Field(min_length=3, max_length=3)] = (0.0, 0.0, 0.0)
     """Position in world axes, m."""
     quaternion: Annotated[tuple[float, ...], Field(min_length=4, max_length=4)] = (1.0, 0.0, 0.0, 0.0)
-    """Orientation w, x, y, z; of length 1 to within 1e-3, made exact."""
+    """Orientation w, x, y, z; its length must be 1 to within 1e-3, and it is normalised."""
 
     @field_validator("quaternion")
     @classmethod
     def _unit(cls, value: tuple[float, ...]) -> tuple[float, ...]:
         length = np.linalg.norm(value)
         if not abs(length - 1.0) <= _UNIT_LENGTH:
-            raise ValueError(f"the quaternion (w, x, y, z) must have length 1, it has {length:.6g}")
+            raise ValueError(f"the quaternion (w, x, y, z) must have length 1, got {length:.6g}")
         return value
 
 
 Trees = dict[_Name, dict[_Name, BodyProperties]]
-"""Bodies by name, by ``robot`` or the name of the object."""
+"""Properties by ``robot`` or object, then by body."""
 
 
 @dataclass(frozen=True)
 class Overrides:
-    """What one key of a scenario says of one model.
+    """Properties that one key of a scenario gives for one model.
 
     Attributes:
         key: The key: ``model`` or ``controller_model``.
@@ -107,12 +107,12 @@ class Overrides:
 
 @dataclass(frozen=True)
 class PropertyChange:
-    """A property that was given, read out of the compiled scene.
+    """A given property, with its value in the compiled scene.
 
     Attributes:
-        path: Keys of the scenario that lead to it.
-        before: The model's own value: of an inertia xx, yy, zz, xy, xz, yz.
-        after: What it is compiled to.
+        path: Keys of the property in the scenario.
+        before: Value in the model; an inertia as xx, yy, zz, xy, xz, yz.
+        after: Value in the compiled scene.
     """
 
     path: tuple[str, ...]
@@ -126,21 +126,21 @@ class PropertyChange:
 
 
 def property_value(model: Any, path: str | tuple[str, ...]) -> Value:
-    """What a key below ``model`` or ``controller_model`` is in a compiled scene, be it stated in its scenario or not.
+    """Value in a compiled scene of a property below ``model`` or ``controller_model``, given in the scenario or not.
 
     Args:
         model: Compiled MuJoCo model of a scene, :attr:`ffsm_mj.model.system.System.mj`.
-        path: The keys, or these with dots between: ``model.box.lid.mass_kg``.
+        path: Keys of the property, as a tuple or joined by dots: ``model.box.lid.mass_kg``.
 
     Returns:
-        A number, or numbers; an inertia as xx, yy, zz, xy, xz, yz.
+        One number or several; an inertia as xx, yy, zz, xy, xz, yz.
 
     Raises:
-        LookupError: There is no such body, geom or property; the message lists those there are.
+        LookupError: No such body, geom or property; the message lists the valid names.
     """
     keys = tuple(path.split(".")) if isinstance(path, str) else path
     if len(keys) < 4:
-        raise LookupError(f"{'.'.join(keys)!r} is no property: it is written model.<tree>.<body>.<property>")
+        raise LookupError(f"{'.'.join(keys)!r} is not a property; write model.<tree>.<body>.<property>")
     _, tree, body, *rest = keys
     b = _index(model, "body", tree, body)
     if len(rest) == 1 and rest[0] in INERTIAL:
@@ -160,23 +160,23 @@ def _index(model: Any, kind: str, tree: str, name: str) -> int:
 
 
 def inertial_value(inertial: Inertial, key: str) -> Value:
-    """The value of one of the keys of numbers."""
+    """Value of a key of the inertial."""
     if key == "mass_kg":
         return inertial.mass_kg
     return tuple((inertial.inertia_kg_m2 if key == "inertia_kg_m2" else inertial.centre_m).tolist())
 
 
 def geom_size(model: Any, geom: int) -> tuple[float, ...]:
-    """Size of a geom of a compiled model, as many numbers as its kind has; all three of other kinds."""
+    """Size of a geom of a compiled model, with the number of values of its kind; all three values of other kinds."""
     kind = kind_of_geom(model.geom_type[geom])
     return tuple(np.asarray(model.geom_size[geom], dtype=np.float64)[: SIZES.get(kind, 3)].tolist())
 
 
 def kind_of_geom(code: int) -> str:
-    """Name of a kind of geoms by MuJoCo's number of it."""
+    """Name of a kind of geom, by MuJoCo's type number."""
     return str(mujoco.mjtGeom(code).name.removeprefix("mjGEOM_").lower())
 
 
 def shown(value: Value) -> str:
-    """A value for a person."""
+    """A value as text."""
     return f"{value:g}" if isinstance(value, float) else f"[{', '.join(f'{each:g}' for each in value)}]"

@@ -1,4 +1,4 @@
-"""The specification of a scene: what models are attached to, whose options rule them all, and how it is compiled."""
+"""Specification of the scene to which the models are attached: its options and its compilation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ffsm_mj.model.overrides import override
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.source import REFUSALS, load_spec, own_words
 
-# At MuJoCo's default of 1e-6 cylinders and ellipsoids miss their distance by 7e-7 m and flip normals near touch.
+# With MuJoCo's default of 1e-6, distances of cylinders and ellipsoids are wrong by 7e-7 m, and normals flip near contact.
 _CCD_TOLERANCE = 1e-12
 _CCD_ITERATIONS = 200
 
@@ -29,7 +29,7 @@ _SHARED_OPTIONS = (
 
 
 def empty_scene(time_step_s: float) -> Any:
-    """One with nothing in it: no gravity, contacts without force, integrated by RK4 in steps of this time, s."""
+    """An empty scene: no gravity, contacts without force, RK4 with a step of ``time_step_s``."""
     scene = mujoco.MjSpec()
     scene.modelname = "ffsm-mj scene"
     scene.option.gravity = [0.0, 0.0, 0.0]
@@ -37,15 +37,15 @@ def empty_scene(time_step_s: float) -> Any:
     scene.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     scene.option.ccd_tolerance = _CCD_TOLERANCE
     scene.option.ccd_iterations = _CCD_ITERATIONS
-    # Contact is resolved by ffsm_mj.contact_models.impact, limits would be soft springs, and a reset would rewind a
-    # diverging run.
+    # Contact models replace MuJoCo's contact forces, joint limits would be soft springs, and an automatic reset would hide
+    # that a run diverges.
     for flag in ("CONTACT", "LIMIT", "AUTORESET"):
         scene.option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     return scene
 
 
 def compile_scene(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any:
-    """Compile the scene, and refuse numbers that MuJoCo takes though no run could work with them."""
+    """Compile the scene, and refuse values that MuJoCo accepts but a simulation cannot use."""
     try:
         model = compile_spec(scene, vfs)
     except REFUSALS as error:
@@ -60,7 +60,7 @@ def compile_scene(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any:
 
 
 def _refuse_overrides(files: Mapping[str, ModelFiles], vfs: Any) -> None:
-    """Refuse changed properties with which a model does not compile, as it does without.
+    """Refuse changed properties with which a model no longer compiles.
 
     Raises:
         ScenarioFaults: There is such a model.
@@ -73,18 +73,18 @@ def _refuse_overrides(files: Mapping[str, ModelFiles], vfs: Any) -> None:
                 compile_spec(spec, vfs)
             except REFUSALS as error:
                 text = " ".join(str(error).split())
-                fault = Fault(f"MuJoCo refuses what this makes of the model: {text}", (each.overrides[-1].key, name))
+                fault = Fault(f"MuJoCo refuses the model with these properties: {text}", (each.overrides[-1].key, name))
                 raise ScenarioFaults([fault]) from error
 
 
 def take_options(scene: Any, spec: Any, gravity: tuple[float, ...], *, conservative: bool) -> None:
-    """Give parent and child equal options before attaching: the scene's, or the model's where dissipation is allowed.
+    """Make the options of scene and model equal before attaching: those of the scene, or of a dissipative model.
 
     Args:
         scene: The scene.
         spec: The model.
-        gravity: What the model asks for, m/s^2.
-        conservative: Whether nothing may act on free motion.
+        gravity: Gravity of the model, m/s^2.
+        conservative: Whether the scenario must be conservative.
     """
     if not conservative:
         if any(gravity):

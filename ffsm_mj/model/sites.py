@@ -1,4 +1,4 @@
-"""Sites that a scenario gives a robot, the file untouched: MJCF cannot put one on a body of a model that it attaches."""
+"""Sites that a scenario adds to the robot: MJCF cannot add a site to a body of an attached model."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 
 @dataclass(frozen=True)
 class AddedSite:
-    """A site that the model's file does not have.
+    """A site to add to a model.
 
     Attributes:
         name: Its name in the model.
-        body: Body that it is fixed to, by its name in the model.
-        pos_m: Its place in the body's frame, m.
+        body: Name in the model of the body that it is fixed to.
+        pos_m: Position in the frame of the body, (3,), m.
     """
 
     name: str
@@ -25,14 +25,14 @@ class AddedSite:
 
 
 def add_sites(spec: Any, sites: Iterable[AddedSite]) -> None:
-    """Put sites into a specification, before it is compiled.
+    """Add sites to a specification before it is compiled.
 
     Args:
-        spec: The robot; all its elements have names.
-        sites: What it is given.
+        spec: Specification of the robot; all its elements have names.
+        sites: The sites.
 
     Raises:
-        ScenarioFaults: There is no such body, or a site of that name already.
+        ScenarioFaults: A body does not exist, or a site of that name exists.
     """
     faults = []
     for site in sites:
@@ -41,7 +41,7 @@ def add_sites(spec: Any, sites: Iterable[AddedSite]) -> None:
             names = [each.name for each in spec.bodies[1:]]
             faults.append(Fault(unknown_name("body", site.body, names), ("robot", "sites", site.name, "body")))
         elif site.name in {each.name for each in spec.sites}:
-            faults.append(Fault("the model has a site of this name; give it another", ("robot", "sites", site.name)))
+            faults.append(Fault("the model already has a site of this name; choose another", ("robot", "sites", site.name)))
         else:
             body.add_site(name=site.name, pos=site.pos_m)
     if faults:

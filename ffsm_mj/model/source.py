@@ -1,4 +1,4 @@
-"""A model as MuJoCo's editable specification, completed: names for all, and what URDF has no words for."""
+"""A model as an editable specification of MuJoCo, with names for all elements and the parts that a URDF cannot describe."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from ffsm_mj.model.packages import SCHEME
 from ffsm_mj.model.xml import elements
 
 REFUSALS = (ValueError, RuntimeError, MemoryError)
-"""What MuJoCo raises for a model that it does not take."""
+"""Exceptions that MuJoCo raises for a model that it refuses."""
 
 
 def load_spec(files: ModelFiles, vfs: Any) -> Any:
     """Parse an MJCF or URDF; every body, joint, geom, site and actuator has a name afterwards.
 
     Args:
-        files: The model.
+        files: Files of the model.
         vfs: MuJoCo's virtual files; the model's are added. They are needed until the model is compiled.
 
     Raises:
         InputError: MuJoCo cannot parse it.
     """
     spec = parse_spec(files, vfs)
-    for mesh in spec.meshes:  # with it, MuJoCo looks for the last part of the name alone
+    for mesh in spec.meshes:  # with the scheme, MuJoCo searches for the base name only
         mesh.file = mesh.file.removeprefix(SCHEME)
     if spec.strippath:
         _strip_folders(spec)
@@ -43,7 +43,7 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
 
 
 def parse_spec(files: ModelFiles, vfs: Any) -> Any:
-    """Parse an MJCF or URDF, and add nothing to it; see :func:`load_spec`.
+    """Parse an MJCF or URDF without additions; see :func:`load_spec`.
 
     Raises:
         InputError: MuJoCo cannot parse it.
@@ -55,13 +55,13 @@ def parse_spec(files: ModelFiles, vfs: Any) -> Any:
 
 
 def _mounted(files: ModelFiles, vfs: Any) -> str:
-    """Name of the main file among the virtual ones.
+    """Add the files to the virtual files of MuJoCo; returns the virtual name of the main file.
 
-    The digest keeps apart what MuJoCo keeps by name (compiled meshes), and no such folder exists: a file that is missing
-    here is not found on disk either.
+    The folder name contains a digest, because MuJoCo caches compiled meshes by name. No such folder exists on disk, so that
+    MuJoCo cannot find a missing file there.
     """
     folder = f"ffsm-{digest_of(files)}"
-    if f"{folder}/{files.main}" not in vfs:  # two objects may be of one kind
+    if f"{folder}/{files.main}" not in vfs:  # two objects may have the same model
         for name, content in files.files.items():
             vfs[f"{folder}/{name}"] = content
     return f"{folder}/{files.main}"
@@ -74,7 +74,7 @@ def digest_of(files: ModelFiles) -> str:
 
 @lru_cache(maxsize=4)
 def _digest(files: tuple[tuple[str, bytes], ...]) -> str:
-    """SHA-256 of files; those of a model that is compiled again are the same objects, and need not be read again."""
+    """SHA-256 of files, cached: a model that is compiled again consists of the same objects."""
     digest = hashlib.sha256()
     for name, content in files:
         digest.update(f"{len(name)} {name} {len(content)} ".encode() + content)
@@ -82,7 +82,7 @@ def _digest(files: tuple[tuple[str, bytes], ...]) -> str:
 
 
 def _strip_folders(spec: Any) -> None:
-    """Do what ``strippath`` says: the scene that the model is attached to does not, and holds files of other models."""
+    """Apply ``strippath`` to the names of assets, as the scene to which the model is attached lacks this option."""
     for asset in (*spec.meshes, *spec.textures, *spec.hfields, *spec.skins):
         asset.file = posixpath.basename(asset.file)
     for texture in spec.textures:
@@ -91,11 +91,11 @@ def _strip_folders(spec: Any) -> None:
 
 
 def _complete_urdf(spec: Any, *, floats: bool) -> None:
-    """Give a URDF what it has no words for: a root that floats, a motor on each joint, a site on each link.
+    """Add what a URDF cannot describe: a free joint at the root, a motor on each joint, a site on each link.
 
     The free joint is named ``base``, a motor ``<joint>_motor``, a site like its link.
     """
-    spec.compiler.fusestatic = False  # a fixed tool frame stays a body, and so does the root
+    spec.compiler.fusestatic = False  # keep fixed links, such as a tool frame, and the root as bodies
     root = spec.worldbody.first_body()
     if floats and root is not None and not root.joints:
         root.add_freejoint(name="base")
@@ -109,7 +109,7 @@ def _complete_urdf(spec: Any, *, floats: bool) -> None:
 
 
 def _name_all(spec: Any) -> None:
-    """Name what has no name after what it belongs to, because logs, scenarios and errors speak of names."""
+    """Give each element without a name one derived from its parent: logs, scenarios and messages refer to names."""
     taken = {element.name for kind in ("bodies", "joints", "geoms", "sites", "actuators") for element in getattr(spec, kind)}
 
     def name(element: Any, wanted: str) -> None:
@@ -129,14 +129,14 @@ def _name_all(spec: Any) -> None:
         name(actuator, f"{actuator.target or 'actuator'}_motor")
     for tendon in spec.tendons:
         name(tendon, "tendon")
-    for key in spec.keys:  # two without a name would be one name with the prefix
+    for key in spec.keys:  # with the prefix, two empty names would collide
         name(key, "key")
     for equality in spec.equalities:
         name(equality, f"{equality.name1 or 'equality'}_equality")
 
 
 def own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:
-    """A complaint of the scene, which names no file, as the complaint of the model that has the same alone."""
+    """Message for an error of the scene, which names no file: that of the first model which fails alone, if any."""
     models = tuple(models)
     for files in models:
         try:
@@ -147,11 +147,13 @@ def own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:
 
 
 def mujoco_line(files: ModelFiles, error: Exception) -> str:
-    """MuJoCo's own message on one line, with the file in front; "line 0" as the lines on which such elements stand."""
+    """MuJoCo's message on one line after the name of the file; "line 0" is replaced by the lines of such elements."""
     text = " ".join(str(error).split())
-    nowhere = re.search(r"Element '(\w+)', line 0\b", text)
-    if nowhere:
-        places = [e.place.rpartition(":")[2] for e in elements(files.files[files.main], files.place) if e.tag == nowhere[1]]
+    without_line = re.search(r"Element '(\w+)', line 0\b", text)
+    if without_line:
+        places = [
+            e.place.rpartition(":")[2] for e in elements(files.files[files.main], files.place) if e.tag == without_line[1]
+        ]
         lines = f", line {' or '.join(places)}" if places else ""
-        text = text.replace(nowhere.group(), f"Element '{nowhere[1]}'{lines}")
+        text = text.replace(without_line.group(), f"Element '{without_line[1]}'{lines}")
     return f"{files.place}: {text}"

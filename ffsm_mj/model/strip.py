@@ -1,6 +1,6 @@
-"""What is taken out of a vendor's model before it is compiled: what free motion would not conserve, or what does nothing.
+"""Removal of non-conservative and ineffective elements from a vendor's model before it is compiled.
 
-The files stay as they are; a run, its log and a rerun take the same out.
+The files are not changed; a run, a log replay and a rerun remove the same elements.
 """
 
 from __future__ import annotations
@@ -16,40 +16,40 @@ _SHOWN = 6
 
 
 def strip(spec: Any, what: Iterable[str]) -> list[str]:
-    """Take out of a specification, before it is compiled.
+    """Remove elements from a specification before it is compiled.
 
     Args:
-        spec: The model; all its elements have names.
+        spec: Specification of the model; all its elements have names.
         what: ``damping``, ``frictionloss`` and ``stiffness`` of joints and tendons (a ``springdamper`` goes with either of
             its two), ``limits`` of their ranges, ``equalities``, ``tendons`` with the actuators, sensors and equalities
             that need them, ``servos``: the actuators that are no plain motors, with the sensors that need them, and
             ``gravcomp`` of bodies.
 
     Returns:
-        What was taken out, a phrase for each kind that the model had: ``damping of 2 joints (elbow, wrist)``.
+        A phrase for each kind of removed element, such as ``damping of 2 joints (elbow, wrist)``.
     """
-    wanted, taken = set(what), []
+    wanted, removed = set(what), []
     for word in STRIPPABLE:
         if word not in wanted:
             continue
         if word == "equalities":
-            taken += _deleted(spec, "equality constraint", list(spec.equalities))
+            removed += _deleted(spec, "equality constraint", list(spec.equalities))
         elif word == "tendons":
-            taken += _without_tendons(spec)
+            removed += _without_tendons(spec)
         elif word == "gravcomp":
-            names = [body.name for body in spec.bodies if _weightless(body)]
-            taken += [f"gravcomp of {_counted('link', names)}"] if names else []
+            names = [body.name for body in spec.bodies if _clear_gravcomp(body)]
+            removed += [f"gravcomp of {_counted('link', names)}"] if names else []
         elif word == "servos":
-            taken += _without_actuators(spec, [each for each in spec.actuators if not _is_motor(each)])
+            removed += _without_actuators(spec, [each for each in spec.actuators if not _is_motor(each)])
         else:
             for noun, elements in (("joint", spec.joints), ("tendon", spec.tendons)):
-                names = [element.name for element in elements if _cleared(element, word)]
-                taken += [f"{word} of {_counted(noun, names)}"] if names else []
-    return taken
+                names = [element.name for element in elements if _clear(element, word)]
+                removed += [f"{word} of {_counted(noun, names)}"] if names else []
+    return removed
 
 
-def _cleared(element: Any, word: str) -> bool:
-    """Whether a joint or a tendon had something of a kind, which is gone now."""
+def _clear(element: Any, word: str) -> bool:
+    """Clear a property of a joint or tendon; returns whether it was set."""
     if word == "limits":
         limited = element.limited == mujoco.mjtLimited.mjLIMITED_TRUE or (
             element.limited == mujoco.mjtLimited.mjLIMITED_AUTO and bool(element.range.any())
@@ -68,8 +68,8 @@ def _cleared(element: Any, word: str) -> bool:
     return had
 
 
-def _weightless(body: Any) -> bool:
-    """Whether a body was held against gravity, which it is no more."""
+def _clear_gravcomp(body: Any) -> bool:
+    """Clear the gravity compensation of a body; returns whether it was set."""
     had, body.gravcomp = bool(body.gravcomp), 0.0
     return had
 
@@ -77,11 +77,11 @@ def _weightless(body: Any) -> bool:
 def _without_tendons(spec: Any) -> list[str]:
     tendons = list(spec.tendons)
     names = {tendon.name for tendon in tendons}
-    taken = _without_sensors_of(spec, mujoco.mjtObj.mjOBJ_TENDON, names)
+    removed = _without_sensors_of(spec, mujoco.mjtObj.mjOBJ_TENDON, names)
     pulling = [each for each in spec.actuators if each.trntype == mujoco.mjtTrn.mjTRN_TENDON and each.target in names]
-    taken += _without_actuators(spec, pulling)
+    removed += _without_actuators(spec, pulling)
     equalities = [each for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_TENDON]
-    return taken + _deleted(spec, "equality constraint", equalities) + _deleted(spec, "tendon", tendons)
+    return removed + _deleted(spec, "equality constraint", equalities) + _deleted(spec, "tendon", tendons)
 
 
 def _is_motor(actuator: Any) -> bool:
@@ -94,10 +94,10 @@ def _is_motor(actuator: Any) -> bool:
 
 def _without_actuators(spec: Any, actuators: list[Any]) -> list[str]:
     names = {actuator.name for actuator in actuators}
-    taken = _without_sensors_of(spec, mujoco.mjtObj.mjOBJ_ACTUATOR, names)
-    for key in spec.keys if actuators else ():  # they hold a value for each actuator, and nothing here begins at a keyframe
+    removed = _without_sensors_of(spec, mujoco.mjtObj.mjOBJ_ACTUATOR, names)
+    for key in spec.keys if actuators else ():  # keyframes have a value per actuator; they are not used here
         key.ctrl, key.act = [], []
-    return taken + _deleted(spec, "actuator", actuators)
+    return removed + _deleted(spec, "actuator", actuators)
 
 
 def _without_sensors_of(spec: Any, kind: Any, names: set[str]) -> list[str]:

@@ -33,13 +33,13 @@ _JOINT_KINDS: tuple[JointKind, ...] = ("free", "ball", "slide", "hinge")
 _QPOS_SIZE = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}
 _DOF_SIZE = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
 
-# Two threads that set Python's filters of warnings aside at once would put them back in the wrong order.
+# catch_warnings is not thread-safe: two threads could restore Python's warning filters in the wrong order.
 _COMPILING = Lock()
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Where a joint lives: its full name, kind, slices into ``qpos`` and ``qvel``, and the id of its body."""
+    """A joint: its full name, kind, slices of ``qpos`` and ``qvel``, and the id of its body."""
 
     name: str
     kind: JointKind
@@ -58,7 +58,7 @@ class Tree:
         bodies: Ids of all bodies of the tree, root first.
         joints: All joints, those of the root body first.
         dofs: The tree's slice of ``qvel``.
-        base_dofs: The tree's dofs that move the root body against the world, as a slice of ``qvel``.
+        base_dofs: The dofs of the root body relative to the world, as a slice of ``qvel``.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Tree:
 
 @dataclass(frozen=True)
 class System:
-    """A compiled scene: the robot and its objects, contacts without force; no gravity where it must be conservative.
+    """A compiled scene: robot and objects, contacts without force, no gravity if it must be conservative.
 
     Attributes:
         mj: The MuJoCo model (RK4, contacts disabled, autoreset off).
@@ -79,11 +79,10 @@ class System:
         objects: Trees of the floating objects, in the order of the scenario.
         fixed: Objects that are fixed to the world, in the order of the scenario.
         files: Files of each model by tree name.
-        faults: What breaks the balance of energy or momentum; empty where nothing does. Gravity does not, it enters it.
-        notes: What was taken out of models; what MJCF says and the simulation does not do (joint limits); what MuJoCo
-            warned of.
-        changes: Properties of bodies and geoms that the scenario gives, as the scene was compiled.
-        grasp: What makes an object a part of the robot's tree; None in the scene as it begins.
+        faults: Elements that break the balance of energy or momentum, as text. Gravity is none: it enters the balance.
+        notes: Elements removed from models, settings of the MJCF that are ignored (joint limits), and MuJoCo's warnings.
+        changes: Properties of bodies and geoms given in the scenario, with their compiled values.
+        grasp: The closed grasp, which makes an object part of the robot's tree; None in the initial scene.
     """
 
     mj: Any
@@ -99,17 +98,17 @@ class System:
 
     @property
     def trees(self) -> tuple[Tree, ...]:
-        """The robot's tree, then those of the objects."""
+        """The tree of the robot, then those of the objects."""
         return (self.robot, *self.objects)
 
     @property
     def models(self) -> tuple[Tree | FixedModel, ...]:
-        """What moves, then what is fixed."""
+        """Moving trees, then fixed objects."""
         return (*self.trees, *self.fixed)
 
     @property
     def logged_files(self) -> dict[str, bytes]:
-        """Content of all model files, by the names that logs and run folders give them."""
+        """Content of all model files, by their names in logs and run folders."""
         return {logged_name(tree, name): data for tree, each in self.files.items() for name, data in each.files.items()}
 
     @cached_property
@@ -119,16 +118,16 @@ class System:
 
     @cached_property
     def projectors(self) -> dict[str, tuple[FloatArray, ...]]:
-        """Room for :func:`ffsm_mj.dynamics.rigid_body.free_projectors`, by tree: all parts of a run ask for the same."""
+        """Cache of :func:`ffsm_mj.dynamics.rigid_body.free_projectors` by tree, shared by all parts of a run."""
         return {}
 
     def copy(self) -> System:
-        """The same scene with a MuJoCo model of its own."""
+        """A copy with its own MuJoCo model."""
         return replace(self, mj=copy.copy(self.mj))
 
     @cached_property
     def _names(self) -> dict[str, tuple[str, ...]]:
-        return {}  # by kind, filled when they are asked for
+        return {}  # by kind, filled on demand
 
     def names(self, kind: str) -> tuple[str, ...]:
         """Full names of all elements of a kind: ``body``, ``joint``, ``geom``, ``site`` or ``actuator``."""
@@ -139,7 +138,7 @@ class System:
         return self._names[kind]
 
     def resolve(self, kind: str, name: str) -> str:
-        """Full name of an element; the prefix may be left out where the rest of the name is unique.
+        """Full name of an element; the prefix may be left out if the rest of the name is unique.
 
         Raises:
             LookupError: No such element, or more than one; the message lists the valid names.
@@ -175,7 +174,7 @@ class System:
         return {name: tuple(qvel[joint.dofs].tolist()) for name, joint in self.joints.items()}
 
     def tree_of_body(self, body: int) -> Tree | None:
-        """Tree that a body belongs to, or None where it does not move."""
+        """Tree of a body; None if it does not move."""
         return next((tree for tree in self.trees if body in tree.bodies), None)
 
 
@@ -187,29 +186,30 @@ def compile_system(
     conservative: bool = True,
     grasp: Grasp | None = None,
 ) -> System:
-    """Compose robot and objects into one model and freeze its index maps; nothing is read from disk.
+    """Compile robot and objects into one model with index maps; nothing is read from disk.
 
-    All that runs, is analysed or drawn is made here: each model by :func:`ffsm_mj.model.part.part`, then attached, and
-    fixed where it is to be. What was changed is read out of the compiled scene.
+    Runs, analyses and views all use this function. Each model is prepared by :func:`ffsm_mj.model.part.part` and attached,
+    fixed objects at their poses. Changed properties are verified in the compiled scene.
 
     Args:
         robot: MJCF or URDF of the robot: one tree whose root is the base.
-        objects: MJCF or URDF of each object by name; the name becomes its prefix. One with a pose is fixed there.
+        objects: MJCF or URDF of each object by name, which becomes its prefix; one with a pose is fixed.
         time_step_s: Integration step in s.
-        conservative: Refuse whatever breaks the conservation of energy or momentum.
-        grasp: Let an object be held: a part of the robot's tree, at a pose that is written into the model.
+        conservative: Refuse elements that break the conservation of energy or momentum.
+        grasp: Closed grasp: the object is part of the robot's tree, at a pose that is written to the model later.
 
     Raises:
-        InputError: A model is malformed, has no single moving tree, moves though it is fixed, or is not conservative.
-        ScenarioFaults: A site cannot be put where it is wanted, or a property is none that the model can have.
+        InputError: A model is malformed, does not have exactly one moving tree, moves although it is fixed, or is not
+            conservative.
+        ScenarioFaults: A site or a property given in the scenario is impossible.
     """
     files = {"robot": robot, **objects}
     scene = empty_scene(time_step_s)
     faults: list[str] = []
-    warned: dict[str, list[str]] = {name: [] for name in ("", *files)}  # by model, first those of the scene
+    warned: dict[str, list[str]] = {name: [] for name in ("", *files)}  # by model; those of the scene under the empty name
     parts: list[Part] = []
     asked: dict[str, tuple[float, ...]] = {}
-    # The compiler tells Python of its warnings too, whose filters are the whole process's.
+    # The compiler also issues Python warnings, whose filters are global.
     with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
         for name, model_files in files.items():
             with collected_warnings(warned[name]):
@@ -255,7 +255,7 @@ def _tree(model: Any, name: str, place: str) -> Tree:
     """Index map of one attached model.
 
     Raises:
-        InputError: The file holds no moving body, or several that are not connected.
+        InputError: The file has no moving body, or several that are not connected.
     """
     bodies = [i for i in range(1, model.nbody) if model.body(i).name.startswith(f"{name}/")]
     roots = [i for i in bodies if model.body_parentid[i] == 0 and model.body_dofnum[model.body_rootid == i].sum() > 0]
@@ -269,12 +269,12 @@ def _tree(model: Any, name: str, place: str) -> Tree:
                 else "Put each in a file of its own"
             )
         )
-    members = tuple(i for i in range(1, model.nbody) if model.body_rootid[i] == roots[0])  # and what it holds
+    members = tuple(i for i in range(1, model.nbody) if model.body_rootid[i] == roots[0])  # including a grasped object
     joints = tuple(_joint(model, j) for j in range(model.njnt) if model.jnt_bodyid[j] in members)
     base = [joint for joint in joints if joint.body == roots[0]]
     if not base:
         raise InputError(
-            f"{place}: the root body {model.body(roots[0]).name.split('/', 1)[1]!r} has no joint: it cannot float"
+            f"{place}: the root body {model.body(roots[0]).name.split('/', 1)[1]!r} has no joint, so it cannot float"
         )
     return Tree(
         name=name,

@@ -1,7 +1,7 @@
-"""Which files a model's XML refers to, by the rules by which MuJoCo finds them; nothing is opened here.
+"""Elements of a model's XML, and the files that it refers to, by MuJoCo's rules; no file is opened here.
 
-What MuJoCo reads and what this file finds must be the same, or a model could name a file that nobody has looked at. So the
-text is taken as UTF-8 whatever it declares, document types (entities, default attributes) are refused, and so are plugins.
+This parser must find every file that MuJoCo would open, or a model could refer to a file that was not checked. Therefore the
+text is parsed as UTF-8 whatever it declares, and document types (entities, default attributes) and plugins are refused.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from xml.parsers import expat
 
 from ffsm_mj.errors import InputError
-from ffsm_mj.model.allowances import MOST_ELEMENTS, copies, refuse_giant, refuse_poison
+from ffsm_mj.model.allowances import MOST_ELEMENTS, copies, refuse_giant, refuse_unsafe
 
 _CUBE_SIDES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 _FOLDER_OF = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "flexcomp": "meshdir", "texture": "texturedir"}
@@ -23,12 +23,12 @@ class Element:
     """An XML element.
 
     Attributes:
-        tag: Its name in lower case: MuJoCo does not tell ``Include`` from ``include``.
+        tag: Its tag in lower case, as MuJoCo ignores case.
         attributes: Its attributes.
-        parents: Tags of the elements around it, the root first.
+        parents: Tags of the enclosing elements, root first.
         place: ``file:line`` for messages.
-        folder: Folder of the file that it stands in.
-        copies: How often it is there: once for each time that a ``<replicate>`` around it repeats what it holds.
+        folder: Folder of its file.
+        copies: Number of copies made by the ``<replicate>`` elements around it.
     """
 
     tag: str
@@ -44,9 +44,9 @@ class Asset:
     """A file that a model uses.
 
     Attributes:
-        folder: Where the model's settings look for it, relative to the model's own folder.
-        name: Its path below that.
-        place: ``file:line`` where it is named.
+        folder: Folder given by the settings of the model, relative to the folder of the model.
+        name: Path below that folder.
+        place: ``file:line`` of the reference.
     """
 
     folder: str
@@ -55,7 +55,7 @@ class Asset:
 
 
 def elements(xml: bytes, place: str, folder: str = "") -> list[Element]:
-    """Elements of a document in their order, the root first.
+    """Elements of a document in order, root first.
 
     Args:
         xml: The document.
@@ -63,8 +63,8 @@ def elements(xml: bytes, place: str, folder: str = "") -> list[Element]:
         folder: Folder of the file.
 
     Raises:
-        InputError: It is not UTF-8, not well-formed, too deep or too long, has a document type, asks for a plugin or for
-            too much, or holds what MuJoCo cannot bear.
+        InputError: It is not UTF-8, not well-formed, too deep or too long, has a document type or a plugin, exceeds a limit,
+            or contains values that MuJoCo does not survive.
     """
     found: list[Element] = []
     parents: list[str] = []
@@ -76,13 +76,16 @@ def elements(xml: bytes, place: str, folder: str = "") -> list[Element]:
 
     def start(name: str, attributes: dict[str, str]) -> None:
         tag = name.lower()
-        if tag in ("plugin", "extension") and parents[:2] != ["robot", "gazebo"]:  # a URDF's notes for another simulator
-            refuse(f"<{name}>: plugins are not modelled, what they do is in no balance; remove it")
+        if tag in ("plugin", "extension") and parents[:2] != [
+            "robot",
+            "gazebo",
+        ]:  # settings of a URDF for Gazebo are ignored
+            refuse(f"<{name}>: plugins are not modelled, as their effects do not enter the balance; remove it")
         if len(parents) >= _MAX_DEPTH or len(found) >= MOST_ELEMENTS:
             refuse(f"more than {_MAX_DEPTH} levels or {MOST_ELEMENTS} elements of XML")
         line = f"{place}:{parser.CurrentLineNumber}"
         refuse_giant(tag, attributes, line)
-        refuse_poison(tag, attributes, line)
+        refuse_unsafe(tag, attributes, line)
         found.append(Element(tag, attributes, tuple(parents), line, folder, repeats[-1] if repeats else 1.0))
         repeats.append(found[-1].copies * copies(tag, attributes))
         parents.append(tag)
@@ -93,7 +96,7 @@ def elements(xml: bytes, place: str, folder: str = "") -> list[Element]:
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
-    parser.StartDoctypeDeclHandler = lambda *_: refuse("<!DOCTYPE>: a model has no document type; remove it")
+    parser.StartDoctypeDeclHandler = lambda *_: refuse("<!DOCTYPE>: document types are not supported; remove it")
     try:
         parser.Parse(xml, True)
     except expat.ExpatError as error:
@@ -109,7 +112,7 @@ def is_urdf(document: Sequence[Element]) -> bool:
 
 
 def strips_folders(document: Sequence[Element]) -> bool:
-    """Whether a model's settings cut folders off the names of assets."""
+    """Whether the settings of a model remove folders from the names of assets."""
     return _settings(document).get("strippath") == "true"
 
 
@@ -117,8 +120,8 @@ def assets(document: Sequence[Element], *, strip: bool) -> Iterator[Asset]:
     """Meshes, textures, height fields and skins that MuJoCo opens for a model.
 
     Args:
-        document: The model, its includes filled in.
-        strip: Cut folders off their names.
+        document: The model, with includes replaced by their elements.
+        strip: Remove folders from their names.
     """
     urdf, settings = is_urdf(document), _settings(document)
     for element in document:
@@ -136,7 +139,7 @@ def _settings(document: Sequence[Element]) -> dict[str, str]:
 
 
 def _mjcf_names(element: Element) -> Iterator[str]:
-    """Files of an element of MJCF; what stands there and is ignored is not among them."""
+    """Files of an MJCF element, without those that MuJoCo ignores."""
     given = element.attributes
     if element.tag in ("include", "model") or (element.tag == "texture" and given.get("builtin", "none") != "none"):
         return
@@ -147,8 +150,8 @@ def _mjcf_names(element: Element) -> Iterator[str]:
 
 
 def _urdf_names(element: Element, settings: dict[str, str]) -> Iterator[str]:
-    """Files of an element of URDF: of meshes; those that are only looked at count where visual geometry is kept."""
-    seen = settings.get("discardvisual") != "true"
+    """Mesh file of a URDF element; meshes of visual geometry only if MuJoCo keeps it."""
+    with_visual = settings.get("discardvisual") != "true"
     name = element.attributes.get("filename")
-    if element.tag == "mesh" and name and ("collision" in element.parents or (seen and "visual" in element.parents)):
+    if element.tag == "mesh" and name and ("collision" in element.parents or (with_visual and "visual" in element.parents)):
         yield name

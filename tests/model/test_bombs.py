@@ -1,4 +1,4 @@
-"""Input that asks for more than any machine has is refused by stated limits, in one line, before memory or disk is taken."""
+"""Input that requests more than any machine has is refused by stated limits, in one line, before memory or disk is taken."""
 
 from __future__ import annotations
 
@@ -108,13 +108,13 @@ PNG_HEAD = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\x7f\xff\xff\xff\0\0\xff\xff\x08\x02\0
         ('<asset><texture name="t" type="cube" builtin="flat" width="9999"/></asset>', "", "more than 67108864 pixels"),
         ('<asset><texture name="t" type="2d" file="bomb.png"/></asset>', "", "more than 67108864 pixels"),
         ('<asset><hfield name="h" nrow="99999" ncol="99999" size="1 1 1 1"/></asset>', "", "more than 67108864 pixels"),
-        ("", REPEATED.format(n=10**8, inner=GEOM), "more than 200000 elements, repeated ones included"),
+        ("", REPEATED.format(n=10**8, inner=GEOM), "more than 200000 elements, including repeated ones"),
         ("", REPEATED.format(n=3e4, inner=REPEATED.format(n=30000, inner=GEOM)), "more than 200000 elements"),
         ("", REPEATED.format(n=30000, inner='<include file="many.xml"/>'), "more than 200000 elements"),
-        ("", '<flexcomp name="x" type="grid" count="1000 1000 1000"/>', "<flexcomp count='1000 1000 1000'> asks for more"),
-        ('<size memory="1000G"/>', "", "<size memory='1000G'> asks for more than 1.07374e+09"),
-        ('<size nkey="2000000000"/>', "", "<size nkey='2000000000'> asks for more than 100000"),
-        ('<asset><mesh name="m" builtin="plate" params="50000 50000"/></asset>', "", "<mesh params='50000 50000'> asks for"),
+        ("", '<flexcomp name="x" type="grid" count="1000 1000 1000"/>', "<flexcomp count='1000 1000 1000'> requests more"),
+        ('<size memory="1000G"/>', "", "<size memory='1000G'> requests more than 1.07374e+09"),
+        ('<size nkey="2000000000"/>', "", "<size nkey='2000000000'> requests more than 100000"),
+        ('<asset><mesh name="m" builtin="plate" params="50000 50000"/></asset>', "", "<mesh params='50000 50000'> requests"),
     ],
 )
 def test_a_few_words_of_a_model_cannot_ask_for_everything(tmp_path, top, inner, expected):

@@ -104,8 +104,8 @@ def test_a_log_with_a_pose_that_is_none_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("inside", "line"),
     [
-        ('<joint name="hinge"/>', "port.xml:5: joint 'hinge' moves what is fixed; remove it, or write 'fixed: false'"),
-        ("<freejoint/>", "port.xml:5: joint 'post_joint' moves what is fixed; remove it, or write 'fixed: false'"),
+        ('<joint name="hinge"/>', "port.xml:5: joint 'hinge' moves a fixed object; remove it, or write 'fixed: false'"),
+        ("<freejoint/>", "port.xml:5: joint 'post_joint' moves a fixed object; remove it, or write 'fixed: false'"),
     ],
 )
 def test_a_joint_is_refused_with_file_and_line(tmp_path, inside, line):
@@ -115,7 +115,7 @@ def test_a_joint_is_refused_with_file_and_line(tmp_path, inside, line):
 
 def test_a_body_that_is_moved_by_hand_is_refused_with_file_and_line(tmp_path):
     port = PORT.replace('<body name="post"', '<body name="hand" mocap="true"/><body name="post"')
-    line = "port.xml:4: body 'hand' (mocap) moves what is fixed; remove it, or write 'fixed: false'"
+    line = "port.xml:4: body 'hand' (mocap) moves a fixed object; remove it, or write 'fixed: false'"
     assert faults(docking(tmp_path, port)) == [f"{tmp_path}/{line}"]
 
 
@@ -124,7 +124,7 @@ def test_an_actuator_is_refused_with_file_and_line(tmp_path):
         "</worldbody>", '</worldbody>\n<actuator><motor name="jet" site="nozzle" gear="1 0 0 0 0 0"/></actuator>'
     )
     assert faults(docking(tmp_path, port)) == [
-        f"{tmp_path}/port.xml:9: actuator 'jet' drives what is fixed; remove it, or write 'fixed: false'"
+        f"{tmp_path}/port.xml:9: actuator 'jet' drives a fixed object; remove it, or write 'fixed: false'"
     ]
 
 
@@ -145,9 +145,9 @@ def test_a_urdf_is_fixed_as_it_is(tmp_path):
         ({"fixed": False, "pose": {}}, "objects.port.pose: only with 'fixed: true'"),
         (
             {"pose": {"quaternion": [1, 0, 0, 0.2]}},
-            "pose.quaternion: the quaternion (w, x, y, z) must have length 1, it has 1.0198",
+            "pose.quaternion: the quaternion (w, x, y, z) must have length 1, got 1.0198",
         ),
-        ({"pose": {"quaternion": [0, 0, 0, 0]}}, "must have length 1, it has 0"),
+        ({"pose": {"quaternion": [0, 0, 0, 0]}}, "must have length 1, got 0"),
         ({"pose": {"position_m": [1, 2]}}, "objects.port.pose.position_m:"),
         ({"pose": {"position_m": [1, 2, 1e12]}}, "objects.port.pose.position_m"),
         ({"pose": {"position": [1, 2, 3]}}, "unknown key (did you mean 'position_m'?); allowed: position_m, quaternion"),

@@ -48,7 +48,7 @@ def test_strip_takes_it_out(otto):
     system = compile_system(replace(read_model(otto), strip=("equalities",)), {}, time_step_s=1e-3)
     assert not system.faults
     assert len(system.robot.joints) == 3
-    assert system.notes[0] == "taken out of robot: 1 equality constraint (nod_equality)"
+    assert system.notes[0] == "removed from robot: 1 equality constraint (nod_equality)"
 
 
 @pytest.mark.parametrize("prefixes", [("a_",), ("left_", "right_")])

@@ -139,22 +139,22 @@ def refused(path: Path, *folders: Path) -> str:
     [
         (
             MESH.format(file="../out/a.obj"),
-            "{root}/out/a.obj lies outside the model's folder: put it",
+            "{root}/out/a.obj is outside the folder of the model: move it",
         ),
-        (MESH.format(file="{root}/out/a.obj"), "'{root}/out/a.obj' is no path relative to the model"),
+        (MESH.format(file="{root}/out/a.obj"), "'{root}/out/a.obj' is not a path relative to the model"),
         (
             '<compiler meshdir="{root}/out"/>' + MESH.format(file="a.obj"),
-            "'{root}/out/a.obj' is no path relative to the model",
+            "'{root}/out/a.obj' is not a path relative to the model",
         ),
-        (MESH.format(file="link.obj"), "{root}/in/link.obj lies outside"),
-        (MESH.format(file="linked/a.obj"), "{root}/in/linked/a.obj lies outside"),
-        (MESH.format(file="package://p/a.obj"), "'package://p/a.obj' is no path relative to the model"),
-        (MESH.format(file="m\\a.obj"), "is no path relative to the model, with forward slashes"),
+        (MESH.format(file="link.obj"), "{root}/in/link.obj is outside"),
+        (MESH.format(file="linked/a.obj"), "{root}/in/linked/a.obj is outside"),
+        (MESH.format(file="package://p/a.obj"), "'package://p/a.obj' is not a path relative to the model"),
+        (MESH.format(file="m\\a.obj"), "is not a path relative to the model with forward slashes"),
         (MESH.format(file="absent.obj"), "{root}/in/absent.obj: no such file"),
         (MESH.format(file="pipe"), "{root}/in/pipe: not a file"),
-        ('<include file="../out/i.xml"/>', "{root}/out/i.xml lies outside"),
-        ('<include file="self.xml"/>', "'self.xml' comes round to itself"),
-        ('<asset><model name="s" file="r.xml"/></asset>', "'r.xml' comes round to itself"),
+        ('<include file="../out/i.xml"/>', "{root}/out/i.xml is outside"),
+        ('<include file="self.xml"/>', "'self.xml' includes itself"),
+        ('<asset><model name="s" file="r.xml"/></asset>', "'r.xml' includes itself"),
         ('<extension><plugin plugin="mujoco.pid"/></extension>', "<extension>: plugins are not modelled"),
     ],
 )
@@ -195,7 +195,7 @@ def test_a_scenario_names_further_folders(tmp_path):
     write(tmp_path, models__robot_dot_xml=model(inner), meshes__a_dot_obj=TETRA.format(x=1))
     path = scene_of(tmp_path, "models/robot.xml")
     (line,) = faults(path=path)
-    assert line.startswith(f"{tmp_path}/models/robot.xml:1: {tmp_path}/meshes/a.obj lies outside")
+    assert line.startswith(f"{tmp_path}/models/robot.xml:1: {tmp_path}/meshes/a.obj is outside")
     run = ffsm_mj.run(path, ['robot.asset_folders=["meshes"]'], out=tmp_path / "run", rerun=False)
     assert set(run.log.header.files) == {"mjcf/robot/models/robot.xml", "mjcf/robot/meshes/a.obj"}
     again = ffsm_mj.run(tmp_path / "run" / "scenario.yaml")
@@ -237,4 +237,4 @@ def test_models_of_too_many_bytes_are_refused_before_they_are_read(tmp_path):
     with (tmp_path / "a.obj").open("wb") as huge:
         huge.truncate(8 << 30)  # a hole: it takes no space
     line = refused(tmp_path / "r.xml")
-    assert line.startswith(f"{tmp_path}/r.xml:1: {tmp_path}/a.obj: a model may have 1000 files and 256 MiB")
+    assert line.startswith(f"{tmp_path}/r.xml:1: {tmp_path}/a.obj: with this file the model exceeds 1000 files and 256 MiB")

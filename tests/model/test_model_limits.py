@@ -39,23 +39,23 @@ def with_body(text):
         (with_asset('<mesh name="m" vertex="nan 0 0 1 0 0 0 1 0 0 0 1"/>'), "<mesh vertex='nan 0 0 1 0"),
         (
             with_asset('<hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/>'),
-            "with this the model's images have more than",
+            "the images of the model have more than",
         ),
         (
             with_asset('<texture name="t" type="2d" builtin="flat" width="90000" height="9000"/>'),
-            "with this the model's images have more than",
+            "the images of the model have more than",
         ),
         (with_body('<replicate count="100000000"><geom size="1"/></replicate>'), "more than 200000 elements"),
         (
             with_body('<replicate count="9000">' * 3 + '<geom size="1"/>' + "</replicate>" * 3),
             "more than 200000 elements",
         ),
-        (ball("ball").replace("<worldbody>", '<size memory="100G"/><worldbody>'), "<size memory='100G'> asks for more"),
+        (ball("ball").replace("<worldbody>", '<size memory="100G"/><worldbody>'), "<size memory='100G'> requests more"),
         (
             ball("ball").replace("<worldbody>", '<size nuser_geom="1000000"/><worldbody>'),
-            "<size nuser_geom='1000000'> asks",
+            "<size nuser_geom='1000000'> requests",
         ),
-        (ball("ball").replace('type="sphere"', 'type="sphere" class="%s%n"'), "must not hold a percent sign; rename it"),
+        (ball("ball").replace('type="sphere"', 'type="sphere" class="%s%n"'), "must not contain a percent sign; rename it"),
         (ball("ball", mass=1e300), "robot.xml:1: body 'ball' has a mass or inertia of 1e+300; at most 1e+20 kg"),
         (with_body('<geom name="far" size="1e20" mass="0"/>'), "geom 'far' has a length of 1e+20 m; at most 1e+10 m"),
         (
@@ -84,7 +84,7 @@ def test_a_file_name_is_no_format(tmp_path):
     path = scene(tmp_path, ball("ball"), {"target": ball("target")})
     path.write_text(path.read_text().replace('"robot.xml"', '"%n.xml"'))
     (tmp_path / "%n.xml").write_text(ball("ball"))
-    with pytest.raises(InputError, match="the name of a model file must not hold a percent sign"):
+    with pytest.raises(InputError, match="the name of a model file must not contain a percent sign"):
         prepare(path)
 
 
@@ -141,7 +141,7 @@ def test_a_model_is_known_by_its_ending(tmp_path, name):
     path = scene(tmp_path, ball("ball"), {"target": ball("target")})
     path.write_text(path.read_text().replace('"robot.xml"', f'"{name}"'))
     (tmp_path / name).write_text(ball("ball"))
-    with pytest.raises(InputError, match=r"no model file by its name: MJCF ends in \.xml, URDF in \.urdf"):
+    with pytest.raises(InputError, match=r"not the name of a model file: MJCF ends in \.xml, URDF in \.urdf"):
         prepare(path)
 
 

@@ -191,7 +191,7 @@ def test_bodies_that_weigh_by_a_bound_alone_are_no_hindrance():
 
 def test_a_total_mass_that_has_no_effect_is_noted():
     (note,) = [note for note in compiled(mjcf("settotalmass")).notes if "has no effect" in note]
-    assert note == "robot.xml: <compiler settotalmass> has no effect on a model in a scene; say masses under 'model'"
+    assert note == "robot.xml: <compiler settotalmass> has no effect on a model in a scene; give masses under 'model'"
 
 
 def test_a_capsule_given_by_its_ends_stays_between_them():
@@ -242,7 +242,7 @@ def test_a_layer_starts_from_the_one_below():
 def test_a_mass_that_does_not_arrive_is_noticed(monkeypatch, kept):
     """The naive way, a mass written and nothing else done, ends in a line and not in a run of other numbers."""
     monkeypatch.setattr(Inertial, "write", lambda self, body: setattr(body, "mass", self.mass_kg))
-    with pytest.raises(ScenarioFaults, match=r"MuJoCo makes [48] of it, not 7") as error:
+    with pytest.raises(ScenarioFaults, match=r"MuJoCo compiles it to [48], not 7") as error:
         compiled(mjcf(kept), {"b": ASKED})
     assert error.value.faults[0].path == ("model", "robot", "b", "mass_kg")
 
@@ -254,13 +254,13 @@ def test_a_body_that_weighs_something_else_by_the_way_is_noticed(monkeypatch):
         own(dataclasses.replace(self, mass_kg=5.0) if body.name == "c" else self, body)
 
     monkeypatch.setattr(Inertial, "write", write)
-    with pytest.raises(ScenarioFaults, match="body 'c' would weigh something else"):
+    with pytest.raises(ScenarioFaults, match=r"mass or inertia of body .c. would change too"):
         compiled(mjcf("fusestatic"), {"b": ASKED})
 
 
 def test_a_size_that_does_not_arrive_is_noticed(monkeypatch):
     monkeypatch.setattr(overrides_of, "_put_size", lambda *_: None)
-    with pytest.raises(ScenarioFaults, match=r"MuJoCo makes \[0.1, 0.2, 0.3\] of it, not \[1, 1, 1\]"):
+    with pytest.raises(ScenarioFaults, match=r"MuJoCo compiles it to \[0.1, 0.2, 0.3\], not \[1, 1, 1\]"):
         compiled(mjcf("inferred"), {"b": {"geoms": {"hull": {"size_m": [1.0, 1.0, 1.0]}}}})
 
 
@@ -279,7 +279,7 @@ def test_a_size_that_does_not_arrive_is_noticed(monkeypatch):
         ({"target": {"target": {"mass": 1.0}}}, r"model\.target\.target\.mass: unknown key .*allowed: .*mass_kg"),
         (
             {"target": {"target": {"inertia_kg_m2": [1, 1, 3]}}},
-            r"greatest principal moment exceeds the sum of the others: 1, 1, 3",
+            r"greatest principal moment must not exceed the sum of the others: 1, 1, 3",
         ),
         ({"target": {"target": {"inertia_kg_m2": [1, 1, 1, 2, 0, 0]}}}, r"must have positive principal moments"),
         ({"target": {"target": {"inertia_kg_m2": [1, 1, 1, 2]}}}, r"must be 3 numbers \(xx, yy, zz\) or 6"),
@@ -288,13 +288,16 @@ def test_a_size_that_does_not_arrive_is_noticed(monkeypatch):
             {"target": {"target": {"geoms": {"x": {"size_m": [1]}}}}},
             r"geoms\.x: unknown geom of the body 'x'; allowed: target",
         ),
-        ({"target": {"target": {"geoms": {"target": {"size_m": [1, 2]}}}}}, r"size_m: a sphere has 1 number, got 2"),
+        (
+            {"target": {"target": {"geoms": {"target": {"size_m": [1, 2]}}}}},
+            r"size_m: the size of a sphere has 1 number, got 2",
+        ),
         ({"target": {"target": {"geoms": {"target": {"size_m": [0]}}}}}, r"size_m\.0: should be greater than 0"),
         (
             {"target": {"target": {"mass_from_geoms": True}}},
             r"model\.target: mass_from_geoms: MuJoCo finds no mass in the geoms",
         ),
-        ({"target": {"target": {"mass_kg": 1e-17}}}, r"model\.target: MuJoCo refuses what this makes of the model: "),
+        ({"target": {"target": {"mass_kg": 1e-17}}}, r"model\.target: MuJoCo refuses the model with these properties: "),
     ],
 )
 @pytest.mark.parametrize("key", ["model", "controller_model"])
@@ -311,30 +314,30 @@ def test_what_has_no_effect_is_refused(tmp_path):
     wall = f"<mujoco>{HEAD}<worldbody><geom name='wall' type='box' size='0.1 1 1'/></worldbody></mujoco>"
     path = scene(tmp_path, ball(), {"wall": wall, "mesh": ball("mesh")}, fixed={"wall": {"position_m": [2, 0, 0]}})
     with pytest.raises(
-        InputError, match=r"model\.wall\.world\.mass_kg: it is fixed: what it weighs has no effect; leave it out"
+        InputError, match=r"model\.wall\.world\.mass_kg: it is fixed: its mass has no effect; remove the key"
     ):
         ffsm_mj.prepare(path, {"model.wall.world.mass_kg": 3})
     system = ffsm_mj.prepare(path, {"model.wall.world.geoms.wall.size_m": [0.2, 1, 1]}).system
     assert property_value(system.mj, "model.wall.world.geoms.wall.size_m") == (0.2, 1.0, 1.0)
     static = mjcf("inferred").replace("</worldbody>", '<body name="lamp"><geom name="lamp" size="1"/></body></worldbody>')
-    with pytest.raises(ScenarioFaults, match="the body does not move: what it weighs has no effect"):
+    with pytest.raises(ScenarioFaults, match="the body does not move: its mass has no effect"):
         compiled(static, {"lamp": ASKED})
     aligned = mjcf("explicit").replace("<freejoint/>", '<freejoint align="true"/>')
-    with pytest.raises(ScenarioFaults, match="MuJoCo would align the body's frame with its inertia"):
+    with pytest.raises(ScenarioFaults, match="MuJoCo aligns the frame of this body with its inertia"):
         compiled(aligned, {"b": ASKED})
     empty = "<body name='b'><freejoint/>" + GEOM + "<body name='tool'/></body>"
-    with pytest.raises(ScenarioFaults, match="no mass that an inertia could be scaled with; give mass_kg and inertia_kg_m2"):
+    with pytest.raises(ScenarioFaults, match="no mass to scale its inertia with; give both mass_kg and inertia_kg_m2"):
         compiled(f"<mujoco>{HEAD}<worldbody>{empty}</worldbody></mujoco>", {"tool": ASKED})
     plane = '<body name="b"><freejoint/>' + DIAGONAL + '<geom name="p" type="mesh" mesh="m"/></body>'
     mesh = '<asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>'
-    with pytest.raises(ScenarioFaults, match="the size of a mesh is none of its own; kinds that have one: sphere"):
+    with pytest.raises(ScenarioFaults, match="a mesh has no size of its own; kinds that have one: sphere"):
         compiled(f"<mujoco>{HEAD}{mesh}<worldbody>{plane}</worldbody></mujoco>", {"b": {"geoms": {"p": {"size_m": [1.0]}}}})
 
 
 @pytest.mark.parametrize(
     ("path", "said"),
     [
-        ("model.robot.b", "is no property: it is written"),
+        ("model.robot.b", "is not a property; write"),
         ("model.robot.x.mass_kg", "unknown body 'robot/x'"),
         ("model.robot.b.mass", "unknown property 'mass'"),
         ("model.robot.b.geoms.x.size_m", "unknown geom 'robot/x'"),

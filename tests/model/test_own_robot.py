@@ -42,7 +42,7 @@ def test_the_page_runs(folder, name, capsys):
     ("old", "new", "file", "expected"),
     [
         ('<option gravity="0 0 0"/>', "", "crab.xml", 'gravity is 0 0 -9.81; write <option gravity="0 0 0"/>'),
-        ('<freejoint name="float"/>', "", "crab.xml", "has no joint: it cannot float"),
+        ('<freejoint name="float"/>', "", "crab.xml", "has no joint, so it cannot float"),
         (
             '<motor name="drive a" joint="J-a"/>',
             '<position name="servo" joint="J-a"/>',

@@ -161,13 +161,13 @@ def test_a_run_carries_the_file_of_a_package(tmp_path, settings, capsys):
 @pytest.mark.parametrize(
     ("mesh", "there", "expected"),
     [
-        (MESH, "", "no folder 'pk' above the model or in 'package_paths'; name the folder that it lies in under"),
-        (MESH, "pk/m/b.obj", "no m/a.obj in {folder}/pk; name the folder that it lies in under 'package_paths'"),
-        ("package://pk", "pk", "'package://pk' is no package://NAME/path"),
-        ("package://pk/../secret.obj", "secret.obj", "is no package://NAME/path"),
-        ("package:///m/a.obj", "m/a.obj", "is no path relative to the model"),
+        (MESH, "", "no folder 'pk' above the model or in 'package_paths'; list the folder that contains it in"),
+        (MESH, "pk/m/b.obj", "no m/a.obj in {folder}/pk; list the folder that contains it in 'package_paths'"),
+        ("package://pk", "pk", "'package://pk' is not of the form package://NAME/path"),
+        ("package://pk/../secret.obj", "secret.obj", "is not of the form package://NAME/path"),
+        ("package:///m/a.obj", "m/a.obj", "is not a path relative to the model"),
         ("package://" + "x" * 300 + "/a.obj", "", "no folder 'xxx"),
-        ("model://pk/m/a.obj", "pk/m/a.obj", "is no path relative to the model"),
+        ("model://pk/m/a.obj", "pk/m/a.obj", "is not a path relative to the model"),
     ],
 )
 def test_what_is_not_found_is_one_line_with_the_way_on(tmp_path, mesh, there, expected):
@@ -183,7 +183,7 @@ def test_a_link_out_of_a_package_counts_as_outside(tmp_path):
     write(tmp_path, robots__r_dot_urdf=urdf(), private__a_dot_obj=TETRA.format(x=1))
     (tmp_path / "pk" / "m").mkdir(parents=True)
     (tmp_path / "pk" / "m" / "a.obj").symlink_to(tmp_path / "private" / "a.obj")
-    with pytest.raises(InputError, match=r"r\.urdf:4: .*pk/m/a\.obj lies outside the model's folder"):
+    with pytest.raises(InputError, match=r"r\.urdf:4: .*pk/m/a\.obj is outside the folder of the model"):
         read_model(tmp_path / "robots" / "r.urdf")
     assert len(read_model(tmp_path / "robots" / "r.urdf", [tmp_path / "private"]).files) == 2
 

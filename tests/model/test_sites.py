@@ -71,7 +71,7 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path, site, said):
 def test_a_site_of_the_model_is_not_replaced(tmp_path):
     path = reaching(tmp_path, tip={"body": "lower"})
     (tmp_path / "robot.xml").write_text(ARM.replace('<geom name="tip"', '<site name="tip"/><geom name="tip"'))
-    with pytest.raises(InputError, match=r"robot\.sites\.tip: the model has a site of this name; give it another"):
+    with pytest.raises(InputError, match=r"robot\.sites\.tip: the model already has a site of this name; choose another"):
         ffsm_mj.prepare(path)
 
 

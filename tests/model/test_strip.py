@@ -53,20 +53,20 @@ def test_check_tells_what_is_taken_out(tmp_path, capfd):
     path, changes = moving(tmp_path, ALL)
     notes = ffsm_mj.prepare(path, changes).system.notes
     assert notes == (
-        "taken out of robot: damping of 2 joints (shoulder, elbow)",
-        "taken out of robot: damping of 1 tendon (strap)",
-        "taken out of robot: frictionloss of 1 joint (shoulder)",
-        "taken out of robot: frictionloss of 1 tendon (strap)",
-        "taken out of robot: stiffness of 1 joint (shoulder)",
-        "taken out of robot: stiffness of 1 tendon (strap)",
-        "taken out of robot: limits of 1 joint (shoulder)",
-        "taken out of robot: limits of 1 tendon (strap)",
-        "taken out of robot: 2 equality constraints (tied, taut)",
-        "taken out of robot: 1 sensor (unnamed)",
-        "taken out of robot: 1 actuator (pull)",
-        "taken out of robot: 1 tendon (strap)",
-        "taken out of robot: 1 sensor (unnamed)",
-        "taken out of robot: 2 actuators (aim, lag)",
+        "removed from robot: damping of 2 joints (shoulder, elbow)",
+        "removed from robot: damping of 1 tendon (strap)",
+        "removed from robot: frictionloss of 1 joint (shoulder)",
+        "removed from robot: frictionloss of 1 tendon (strap)",
+        "removed from robot: stiffness of 1 joint (shoulder)",
+        "removed from robot: stiffness of 1 tendon (strap)",
+        "removed from robot: limits of 1 joint (shoulder)",
+        "removed from robot: limits of 1 tendon (strap)",
+        "removed from robot: 2 equality constraints (tied, taut)",
+        "removed from robot: 1 sensor (unnamed)",
+        "removed from robot: 1 actuator (pull)",
+        "removed from robot: 1 tendon (strap)",
+        "removed from robot: 1 sensor (unnamed)",
+        "removed from robot: 2 actuators (aim, lag)",
     )
     capfd.readouterr()
     assert main(["check", str(path), "-s", f"robot.strip={ALL}"]) == 0
@@ -121,8 +121,8 @@ def test_what_holds_a_body_against_gravity_is_taken_out(tmp_path):
     path, changes = moving(tmp_path, [])
     held = ARM.replace('<body name="lower"', '<body name="lower" gravcomp="1"')
     (tmp_path / "robot.xml").write_text(held)
-    with pytest.raises(InputError, match=r"body 'lower' has gravcomp; remove it, or let 'strip' of the scenario"):
+    with pytest.raises(InputError, match=r"body 'lower' has gravcomp; remove it, or use 'strip' in the scenario"):
         ffsm_mj.prepare(path, changes)
     system = ffsm_mj.prepare(path, changes | {"robot.strip": ["gravcomp"]}).system
-    assert system.notes == ("taken out of robot: gravcomp of 1 link (lower)",)
+    assert system.notes == ("removed from robot: gravcomp of 1 link (lower)",)
     assert not system.mj.body_gravcomp.any()

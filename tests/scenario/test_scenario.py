@@ -89,7 +89,7 @@ def faults(*overrides, path=BASELINE):
         ("phases.2.name=approach", "another phase has the name 'approach'"),
         ("impact_pairs=[]", "phases.0.until: no impact can end it: the scenario has no impact_pairs"),
         ("ignored_pairs.0.pair=[gripper, box]", "robot/gripper - object/box is also in ignored_pairs"),
-        ("phases.0.controller.joints=[]", "must name at least one joint, or be left out"),
+        ("phases.0.controller.joints=[]", "must contain at least one joint, or be left out"),
         (
             "phases.1.controller={kind: pd, kp: -1, kd: 1}",
             "phases.1.controller.kp: should be greater than or equal to 0, got -1",
@@ -265,9 +265,9 @@ def replaced(tmp_path, old, new):
     [
         ('gravity="0 0 0"', 'gravity="0 0 -9.81"', "gravity is 0 0 -9.81"),
         ('<option gravity="0 0 0" integrator="RK4"/>', "", "gravity is 0 0 -9.81"),
-        ('integrator="RK4"', 'integrator="implicitfast"', "integrator IMPLICITFAST leaks momentum"),
-        ('integrator="RK4"', 'integrator="Euler"', "integrator EULER leaks momentum"),
-        ('integrator="RK4"', 'density="1.2"', "density=1.2> makes a fluid"),
+        ('integrator="RK4"', 'integrator="implicitfast"', "integrator IMPLICITFAST does not conserve momentum"),
+        ('integrator="RK4"', 'integrator="Euler"', "integrator EULER does not conserve momentum"),
+        ('integrator="RK4"', 'density="1.2"', "density=1.2> adds fluid forces"),
         ('axis="1 0 0"', 'axis="1 0 0" damping="0.5"', "box.xml:8: joint 'x' has damping 0.5"),
         ('axis="1 0 0"', 'axis="1 0 0" frictionloss="0.5"', "joint 'x' has frictionloss 0.5"),
         ('axis="1 0 0"', 'axis="1 0 0" stiffness="2"', "joint 'x' has stiffness 2"),
