@@ -28,6 +28,6 @@ def test_as_the_campaign_says(tmp_path, capsys, truncated, failed):
     assert f"| success | {3 - failed} of 3 |" in page
     assert "a check fails by the truncation of the step alone (remedy: accuracy in the scenario) | 3 of 3" in page
     # Drift of all runs: 1e-6 of energy and momenta, a thousand times what is allowed, whether they count or not.
-    drift = float(page.partition("over (1 + scale) of each is ")[2].split()[0])
+    drift = float(page.partition("over (1 + scale): at most ")[2].split()[0].rstrip("."))
     assert drift > 1e-8
     assert main(["campaign", "rerun", str(tmp_path / "out"), "0"]) == 0
