@@ -8,7 +8,7 @@ from functools import cache
 from ipaddress import ip_address
 from typing import Any, NoReturn
 
-from ffsm_mj.cli.campaign_words import describe_campaign
+from ffsm_mj.cli.campaign_options import describe_campaign
 from ffsm_mj.cli.exit_codes import EXIT_CODES
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND

@@ -1,4 +1,4 @@
-"""Shell completion scripts for ``ffsm``: commands, options, shipped scenarios and files."""
+"""Implementation of ``ffsm completion``: completion scripts of commands, options, shipped scenarios and files."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from collections.abc import Iterator
 import shtab
 
 from ffsm_mj.cli.command_line import parser
+from ffsm_mj.cli.exit_codes import OK
+from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.scenario.shipped import scenario_names
 
 _PLACES = ("--out", "--plots", "--robot", "--package-path")
@@ -31,7 +33,13 @@ end""",
 }
 
 
-def completion(shell: str) -> str:
+def completion(options: argparse.Namespace, output: Output) -> int:
+    """Print the completion script of a shell; returns the exit code."""
+    output.say(_script(options.shell))
+    return OK
+
+
+def _script(shell: str) -> str:
     """Completion script for ``bash``, ``zsh`` or ``fish``; it lists the scenarios of the installed version."""
     whole = parser()
     for option in _options(whole):

@@ -37,7 +37,8 @@ _BATCH = 100
 # What commands import when they need it, and what these import in turn.
 _COSTLY = (
     *(
-        "ffsm_mj.cli.commands",
+        "ffsm_mj.cli.analyze",
+        "ffsm_mj.cli.export",
         "ffsm_mj.report.animation",
         "ffsm_mj.report.export",
         "pandas",

@@ -1,43 +1,33 @@
-"""Implementation of ``ffsm analyze`` and ``ffsm export``."""
+"""Implementation of ``ffsm analyze``: replay logs, evaluate checks, write figures, compare runs."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ffsm_mj.analysis.run import compare
+from ffsm_mj.cli.display import Say, Stage, displayed
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, DAMAGED, OK, TRUNCATED
 from ffsm_mj.cli.progress import Report
+from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.errors import InputError, unknown_name, working_on
-from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.check_report import fail_by_truncation
 from ffsm_mj.report.comparison_report import comparison_report
 from ffsm_mj.report.json_text import json_text
-from ffsm_mj.report.output_place import folder_below, refuse_link, usable_file, usable_folder
+from ffsm_mj.report.output_place import folder_below, refuse_link, usable_folder
 from ffsm_mj.report.run import Run, load_run
-from ffsm_mj.report.run_report import what_is_missing
 from ffsm_mj.report.verification_report import damage_of, verification, verification_data
 from ffsm_mj.verification.checks import CHECK_NAMES, DEEPEST_M, DEFAULT_TOLERANCE, RELATIVE_CHECKS, Tolerance
 from ffsm_mj.verification.replay_result import ReplayResult
 
-Say = Callable[[str], None]
-Stage = Callable[[str, str], Report | None]
-"""Begins a stage, given its name and the unit of its progress; see :class:`ffsm_mj.cli.progress.Progress`."""
-_EXPORT_SUFFIX = {"csv": ".csv", "parquet": ".parquet", "gif": ".gif", "mp4": ".mp4", "html": ".html"}
-_FILE_NAMES = {"gif": "motion", "mp4": "motion", "html": "run"}
-"""Of what is no table."""
 
-
-# A log may hold any double. A value that is not finite fails its check; numpy's warnings would only repeat that.
-_any_double = np.errstate(all="ignore")
-
-
-@_any_double
-def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+# A log may hold any double. A value that is not finite fails its check; NumPy's warnings would only repeat that.
+@np.errstate(all="ignore")
+def analyze(options: argparse.Namespace, output: Output) -> int:
     """Replay each run and evaluate its checks; print, plot and compare as requested.
 
     Returns:
@@ -50,6 +40,11 @@ def analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
         OutputLostError: A figure could not be written completely.
     """
     _refuse_impossible(options)
+    with displayed(output) as (say, shown):
+        return _analyze(options, say, shown.stage)
+
+
+def _analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     tolerance = _tolerance(options.tolerance)
     names = run_names(options.runs)
     several = len(names) > 1
@@ -178,50 +173,3 @@ def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | N
     if say is not None:
         left_out = f", the first {MOST_RUNS} runs" if len(runs) > MOST_RUNS else ""
         say(f"figures in {folder}: comparison (svg, png){left_out}")
-
-
-@_any_double
-def export(options: argparse.Namespace, say: Say, stage: Stage) -> str:
-    """Export a table, an animation or a page of a run.
-
-    Returns:
-        What is missing from the log, in one line; empty if it is complete.
-
-    Raises:
-        InputError: The run cannot be read, there is no such table, or the file cannot be written.
-        MissingPackageError: An optional package is not installed.
-        OutputLostError: The file could not be written completely.
-    """
-    table = options.table or "samples"
-    log = find_log(Path(options.run))
-    suffix = _EXPORT_SUFFIX[options.form]
-    out = Path(options.out) if options.out else log.with_name(_FILE_NAMES.get(options.form, table) + suffix)
-    if out.suffix.lower() != suffix and (options.form in _FILE_NAMES or out.suffix.lower() in _EXPORT_SUFFIX.values()):
-        raise InputError(f"--{options.form} writes {suffix}, but --out {out} has another suffix")
-    usable_file(out)
-    with working_on(log):
-        run = _export(log, table, out, options, say, stage)
-    if run.note:
-        say(f"note: {run.note}")
-    return f"{log}: {what_is_missing(run)}" if what_is_missing(run) else ""
-
-
-def _export(log: Path, table: str, out: Path, options: argparse.Namespace, say: Say, stage: Stage) -> Run:
-    stage(f"read {log}", "")
-    run = load_run(log)
-    if options.form == "html":
-        from ffsm_mj.report.page import write_page
-
-        stage(out.name, "")
-        say(f"{out}: {write_page(run, out)}")
-    elif options.form in _FILE_NAMES:
-        from ffsm_mj.report.animation import write_animation
-
-        report, rate = stage(out.name, "pictures"), options.fps or 20.0
-        say(f"{out}: {write_animation(run, out, frames_per_second=rate, speed=options.speed, report=report)}")
-    else:
-        from ffsm_mj.report.export import write_table
-
-        stage(out.name, "")
-        say(f"{out}: {write_table(run, table, out, options.form)}")
-    return run

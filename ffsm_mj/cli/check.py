@@ -1,0 +1,37 @@
+"""Implementation of ``ffsm check`` and ``ffsm schema``: validation of scenarios and campaigns, and their schemas."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.campaign.plan.description import description
+from ffsm_mj.campaign.plan.loading import load_campaign
+from ffsm_mj.campaign.plan.schema import campaign_schema
+from ffsm_mj.campaign.plan.shipped import is_campaign
+from ffsm_mj.cli.exit_codes import OK
+from ffsm_mj.cli.standard_streams import Output
+from ffsm_mj.scenario.schema import scenario_schema
+
+
+def check(options: argparse.Namespace, output: Output) -> int:
+    """Validate a scenario or a campaign and describe it; returns the exit code.
+
+    Raises:
+        InputError: It is invalid.
+    """
+    if is_campaign(options.scenario):
+        plan = load_campaign(options.scenario, options.overrides)
+        lines = description(plan, plan.design())
+    else:
+        lines = prepare(options.scenario, options.overrides).describe()
+    for line in lines:
+        output.say(line)
+    return OK
+
+
+def schema(options: argparse.Namespace, output: Output) -> int:
+    """Print the JSON Schema of scenario or campaign files; returns the exit code."""
+    output.say(json.dumps(campaign_schema() if options.campaign else scenario_schema(), indent=2))
+    return OK

@@ -1,0 +1,83 @@
+"""Implementation of ``ffsm run``: simulate a scenario, or list the shipped scenarios."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+from ffsm_mj.cli.exit_codes import BAD_INPUT, CHECK_FAILED, INTERRUPTED, OK, RUN_FAILED, TRUNCATED
+from ffsm_mj.cli.progress import progress
+from ffsm_mj.cli.standard_streams import Output, complain
+from ffsm_mj.errors import InputError
+
+if TYPE_CHECKING:
+    from ffsm_mj.log.run_folder import RunFolder
+    from ffsm_mj.report.run import Run
+
+_VIEWER = "127.0.0.1:9876"
+
+
+def run(options: argparse.Namespace, output: Output) -> int:
+    """Simulate a scenario and print a summary; returns the exit code.
+
+    Raises:
+        InputError: The scenario or a model is invalid, or the folder holds a run.
+    """
+    if options.list:
+        return _list(output)
+    if options.scenario is None:
+        complain("ffsm run: name a scenario; 'ffsm run --list' shows the shipped ones")
+        return BAD_INPUT
+    from ffsm_mj.assembly.prepare import prepare  # slow imports, which --list does not need
+    from ffsm_mj.campaign.plan.shipped import is_campaign
+    from ffsm_mj.log.run_folder import RunFolder
+
+    if is_campaign(options.scenario):
+        raise InputError(f"{options.scenario}: is a campaign, not a scenario; use 'ffsm campaign run {options.scenario}'")
+    prepared = prepare(options.scenario, options.overrides)
+    scenario = prepared.scenario
+    if options.out == "":
+        complain("--out: an empty name; leave --out away for a folder in logs/")
+        return BAD_INPUT
+    folder = RunFolder(Path(options.out), force=options.force) if options.out else RunFolder.in_logs(scenario.name)
+    live, rerun = (options.viewer or _VIEWER) if options.live else None, False if options.no_rerun else None
+    with progress() as shown:
+        report = shown.stage(scenario.name, "s", scenario.duration_s)
+        done = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
+    if not options.out:
+        folder.link_latest()
+    return _summarise(done, folder, options, output)
+
+
+def _summarise(run: Run, folder: RunFolder, options: argparse.Namespace, output: Output) -> int:
+    """Print the summary of a run; returns the exit code."""
+    from ffsm_mj.report.check_report import any_check_failed, fail_by_truncation, verdict
+    from ffsm_mj.report.run_report import run_report
+    from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
+
+    output.say(run_report(run))
+    output.say(f"\nfiles in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
+    output.say(f"view: ffsm view {folder.path}   verify: ffsm analyze {folder.path}")
+    if run.outcome != "completed":
+        complain(f"{run.outcome}: {run.message}")
+        return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
+    if any_check_failed(run, DEFAULT_TOLERANCE):
+        complain(verdict(run, run.checks()))
+        code = TRUNCATED if fail_by_truncation(run.checks()) else CHECK_FAILED
+        return OK if options.allow_failed_checks else code
+    return OK
+
+
+def _list(output: Output) -> int:
+    from ffsm_mj.report.text_table import terminal_width
+    from ffsm_mj.scenario.shipped import scenario_names, scenario_path
+    from ffsm_mj.scenario.source import read_yaml
+
+    names = scenario_names()
+    width, room = max(map(len, names)), terminal_width()
+    for name in names:
+        text = f"{name:{width}}  {read_yaml(scenario_path(name)).data.get('description', '')}"
+        output.say(text if room is None else fill(text, max(room, width + 22), subsequent_indent=(width + 2) * " "))
+    return OK
