@@ -67,10 +67,10 @@ CONTENT = f"""## Attachments and metadata
 |---|---|---|
 | attachment | `{form.SCENARIO_ATTACHMENT}` | the resolved scenario; it can be run with the attached models |
 | attachment | `mjcf/<robot or object>/...` | every model file |
-| metadata | `{form.FACTS_METADATA}` | versions, start of the run (UTC), task, phases, whether the models are conservative |
+| metadata | `{form.RUN_METADATA}` | versions, start of the run (UTC), task, phases, whether the models are conservative |
 | metadata | `{form.SIGNALS_METADATA}` | `unit \\| description` of every field of `{form.SAMPLE_TOPIC}` |
 
-The metadata of the channel `{form.SAMPLE_TOPIC}` contain the record `{form.FACTS_METADATA}` again, protected by a checksum.
+The metadata of the channel `{form.SAMPLE_TOPIC}` contain the record `{form.RUN_METADATA}` again, protected by a checksum.
 """
 
 

@@ -11,8 +11,8 @@ from ffsm_mj.analysis.contact_intervals import ContactIntervals, contact_records
 from ffsm_mj.analysis.grasp_intervals import GraspIntervals, grasp_records
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.facts import LoggedTask, logged_task
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.metadata import LoggedTask, logged_task
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import TIP, TIP_RATE, Layout
 from ffsm_mj.verification.checks import CheckAccumulator
@@ -65,9 +65,9 @@ class Digest:
     def __init__(self, header: RunHeader) -> None:
         """Start without rows."""
         self._layout = header.layout
-        self.check_accumulator = CheckAccumulator(header.layout, header.facts)
+        self.check_accumulator = CheckAccumulator(header.layout, header.metadata)
         self.contacts, self.grasps = ContactIntervals(header.layout), GraspIntervals(header.layout)
-        task = logged_task(header.facts)
+        task = logged_task(header.metadata)
         self.tip = TipDigest(task) if task is not None else None
         self.samples, self.end_s = 0, 0.0
 

@@ -20,7 +20,7 @@ from ffsm_mj.analysis.tables import Table, table
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.records.events import ImpactRecord, Outcome, PhaseRecord, UnhandledContactRecord
-from ffsm_mj.records.facts import is_conservative, why_not_conservative
+from ffsm_mj.records.metadata import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Check, Tolerance
@@ -181,12 +181,12 @@ class Run:
     @property
     def conservative(self) -> bool:
         """Whether nothing in the models breaks conservation."""
-        return is_conservative(self.log.header.facts)
+        return is_conservative(self.log.header.metadata)
 
     @property
     def why_not_conservative(self) -> str:
         """What in the models breaks conservation; empty if nothing does."""
-        return why_not_conservative(self.log.header.facts)
+        return why_not_conservative(self.log.header.metadata)
 
     def checks(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
         """Results of all checks with their worst residuals; see :func:`ffsm_mj.verification.checks.evaluate_checks`.

@@ -12,8 +12,8 @@ import numpy as np
 from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.record import CAPTURE
-from ffsm_mj.records.facts import is_conservative, logged_models, logged_task
 from ffsm_mj.records.kinds import all_fields
+from ffsm_mj.records.metadata import is_conservative, logged_models, logged_task
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.checks import Check, CheckAccumulator
 from ffsm_mj.verification.truncation import Truncation
@@ -28,7 +28,7 @@ def tip_error(log: RunLog) -> FloatArray:
     Raises:
         ValueError: The scenario has no task.
     """
-    task = logged_task(log.header.facts)
+    task = logged_task(log.header.metadata)
     if task is None:
         raise ValueError("the scenario has no task, so there is no tip error")
     tip = np.column_stack([log.column(f"state.tip_{axis}_m") for axis in "xyz"])
@@ -51,7 +51,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
         "smallest_step_s": outcome.smallest_step_s if outcome else 0.0,
         "wall_s": wall,
         "real_time_factor": end / wall if wall else 0.0,
-        "conservative": is_conservative(log.header.facts),
+        "conservative": is_conservative(log.header.metadata),
         **_records(log, digest, end),
         "tip": tip_summary(digest.tip),
         "controller": {
@@ -62,7 +62,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
             ],
         },
         "conservation": _conservation(digest.check_accumulator),
-        **logged_models(log.header.facts),
+        **logged_models(log.header.metadata),
         "versions": dict(outcome.versions) if outcome else {},
     }
 

@@ -19,7 +19,7 @@ from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
-from ffsm_mj.records.facts import gravity_facts, gravity_line
+from ffsm_mj.records.metadata import gravity_line, gravity_metadata
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.grasps import never_armed
 from ffsm_mj.scenario.loading import load_scenario
@@ -188,7 +188,7 @@ class PreparedRun:
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
             f" steps of {self.scenario.time_step_s:g} s",
         ]
-        falls = gravity_line(gravity_facts(system.mj.opt.gravity))
+        falls = gravity_line(gravity_metadata(system.mj.opt.gravity))
         lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
             falls or "conservative: nothing in the models breaks it"
         ]

@@ -26,8 +26,15 @@ from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder, Sink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.records.events import Outcome, OutcomeRecord
-from ffsm_mj.records.facts import FORMAT_VERSION, conservative_facts, free_facts, gravity_facts, model_facts, task_facts
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.metadata import (
+    FORMAT_VERSION,
+    conservative_metadata,
+    free_metadata,
+    gravity_metadata,
+    model_metadata,
+    task_metadata,
+)
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.simulation.internal_error import internal_error
@@ -71,7 +78,7 @@ def simulate(
     kept = len(layout.signals) if columns is None else 1 + len(columns)
     refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
     text = resolved_yaml(config, system) if columns is None else ""
-    header = RunHeader(config.name, text, layout, system.logged_files, _facts(assembly), record_kinds(config))
+    header = RunHeader(config.name, text, layout, system.logged_files, _metadata(assembly), record_kinds(config))
     memory, digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
     sinks: list[Sink] = [memory, digested, *watchers]
     if folder is not None:
@@ -127,9 +134,9 @@ def versions() -> dict[str, str]:
     return {package: version(package) for package in _PACKAGES}
 
 
-def _facts(assembly: Assembly) -> dict[str, str]:
+def _metadata(assembly: Assembly) -> dict[str, str]:
     config = assembly.scenario
-    facts = {
+    metadata = {
         "format_version": FORMAT_VERSION,
         "scenario": config.name,
         "created_utc": (source_date() or datetime.now(UTC)).strftime("%Y-%m-%dT%H:%M:%SZ"),
@@ -138,9 +145,9 @@ def _facts(assembly: Assembly) -> dict[str, str]:
         "control_period_s": repr(config.time_step_s * config.steps_per_tick),
         "phases": "\n".join(phase.name for phase in config.phases),
     }
-    facts |= conservative_facts(assembly.system.faults) | free_facts(assembly.plant.balance.free)
-    facts |= gravity_facts(assembly.system.mj.opt.gravity)
-    facts |= model_facts(assembly.changes)
+    metadata |= conservative_metadata(assembly.system.faults) | free_metadata(assembly.plant.balance.free)
+    metadata |= gravity_metadata(assembly.system.mj.opt.gravity)
+    metadata |= model_metadata(assembly.changes)
     if config.task is not None:
-        facts |= task_facts(config.task.axes, config.task.target_m)
-    return facts | {f"version {name}": text for name, text in versions().items()}
+        metadata |= task_metadata(config.task.axes, config.task.target_m)
+    return metadata | {f"version {name}": text for name, text in versions().items()}

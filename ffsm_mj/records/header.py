@@ -17,7 +17,7 @@ class RunHeader:
         scenario_yaml: The resolved scenario; its MJCF paths are keys of ``files``.
         layout: The columns of a row.
         files: Contents of every model file by its path relative to the scenario.
-        facts: Versions, start time, task target, whether the system is conservative; text by name.
+        metadata: Versions, start time, task target, whether the system is conservative; text by name.
         kinds: Names of the kinds of records of its contact models, in addition to those of every run.
     """
 
@@ -25,5 +25,5 @@ class RunHeader:
     scenario_yaml: str
     layout: Layout
     files: Mapping[str, bytes]
-    facts: Mapping[str, str]
+    metadata: Mapping[str, str]
     kinds: tuple[str, ...] = ()

@@ -17,8 +17,8 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.replay.facts import state_facts
 from ffsm_mj.replay.log_replay import LogReplay
+from ffsm_mj.replay.metadata import state_metadata
 from ffsm_mj.replay.scene import log_scene
 from ffsm_mj.verification.checks import CheckAccumulator, accumulate_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
@@ -44,7 +44,7 @@ def replay_log(
         replay = LogReplay(scene, log)
     except InputError as error:
         return ReplayResult({}, 0, 0, "", error.lines[0], accumulate_checks(log), log.impacts, FrictionCheck(log))
-    seen = CheckAccumulator(log.header.layout, dict(log.header.facts) | state_facts(scene))
+    seen = CheckAccumulator(log.header.layout, dict(log.header.metadata) | state_metadata(scene))
     sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
     with collected_warnings([]):
         for block in log.blocks():

@@ -21,8 +21,8 @@ from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.replay.facts import state_facts
 from ffsm_mj.replay.log_replay import LogReplay
+from ffsm_mj.replay.metadata import state_metadata
 from ffsm_mj.replay.scene import LogScene, log_scene
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator
 from ffsm_mj.verification.refined import Refined
@@ -51,8 +51,8 @@ def refined(log: RunLog, look: Callable[[], object] = lambda: None) -> Refined |
         again = _Refining(scene, log)
     except InputError:
         return None
-    layout, facts = log.header.layout, dict(log.header.facts) | state_facts(scene)
-    states, half, without = (CheckAccumulator(layout, facts) for _ in range(3))
+    layout, metadata = log.header.layout, dict(log.header.metadata) | state_metadata(scene)
+    states, half, without = (CheckAccumulator(layout, metadata) for _ in range(3))
     sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
     with collected_warnings([]):
         for block in log.blocks():

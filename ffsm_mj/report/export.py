@@ -21,15 +21,15 @@ from ffsm_mj.report.output_place import new_file, usable_file
 _ROWS_AT_ONCE = 50_000
 
 
-def to_arrow(table: Table, facts: dict[str, str] | None = None) -> Any:
-    """Arrow table with ``unit`` and ``description`` in each field's metadata, and the run's facts in that of the schema."""
+def to_arrow(table: Table, metadata: dict[str, str] | None = None) -> Any:
+    """Arrow table with ``unit`` and ``description`` in the metadata of each field, and metadata of the run in the schema."""
     fields, arrays = [], []
     for name, values in table.columns.items():
         array = pa.array(np.ascontiguousarray(values)) if len(values) else pa.array([], type=pa.float64())
         meaning = {"unit": table.units[name], "description": table.descriptions[name]}
         fields.append(pa.field(name, array.type, metadata=meaning))
         arrays.append(array)
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=facts or {}))
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=metadata or {}))
 
 
 def write_table(run: Run, name: str, path: Path, form: str) -> str:
@@ -58,17 +58,17 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
 
 def _parts(run: Run, name: str) -> Iterator[Any]:
     """One table of a run in one or more parts; samples in blocks of some ten thousand."""
-    facts, held = {"scenario": run.name, **run.log.header.facts}, list[FloatArray]()
+    metadata, held = {"scenario": run.name, **run.log.header.metadata}, list[FloatArray]()
     if name != "samples" or not len(run.log.rows):
-        yield to_arrow(run.table(name), facts)
+        yield to_arrow(run.table(name), metadata)
         return
     for block in run.log.blocks():
         held.append(block)
         if sum(map(len, held)) >= _ROWS_AT_ONCE:
-            yield to_arrow(samples(run.log.header.layout, np.concatenate(held)), facts)
+            yield to_arrow(samples(run.log.header.layout, np.concatenate(held)), metadata)
             held = []
     if held:
-        yield to_arrow(samples(run.log.header.layout, np.concatenate(held)), facts)
+        yield to_arrow(samples(run.log.header.layout, np.concatenate(held)), metadata)
 
 
 def _write_parquet(parts: Iterator[Any], stream: BinaryIO) -> tuple[int, int]:

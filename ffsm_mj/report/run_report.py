@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
-from ffsm_mj.records.facts import changed_property_lines, gravity_line
+from ffsm_mj.records.metadata import changed_property_lines, gravity_line
 from ffsm_mj.report.check_report import conservation_table, truncation_lines
 from ffsm_mj.report.record_tables import contact_table, impact_table, record_lines, unhandled_table
 
@@ -58,8 +58,8 @@ def _sub_steps(run: Run) -> str:
 
 def _models(run: Run) -> str:
     """Compiled values of body and geom properties that the scenario sets; gravity."""
-    facts = run.log.header.facts
-    return "\n".join([*changed_property_lines(facts), *filter(None, [gravity_line(facts)])])
+    metadata = run.log.header.metadata
+    return "\n".join([*changed_property_lines(metadata), *filter(None, [gravity_line(metadata)])])
 
 
 def what_is_missing(run: Run) -> str:
@@ -71,7 +71,7 @@ def what_is_missing(run: Run) -> str:
 def _missed_phases(run: Run) -> str:
     """Phases of the scenario that the run did not reach; empty if it reached all."""
     reached = {phase.name for phase in run.phases}
-    missed = [name for name in run.log.header.facts.get("phases", "").split("\n") if name and name not in reached]
+    missed = [name for name in run.log.header.metadata.get("phases", "").split("\n") if name and name not in reached]
     lost = "" if not run.damage else ", or lost with the damage"
     return f"phases not reached{lost}: {', '.join(missed)}" if missed else ""
 

@@ -15,7 +15,7 @@ import numpy as np
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import System
-from ffsm_mj.records.facts import logged_task
+from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.reproduction.measure import state_at
 
 _EVERY = 50  # rows
@@ -50,7 +50,7 @@ def drift(run: Run, system: System) -> DriftExperiment:
     """Look at a run from the robot's mass centre."""
     model, root = system.mj, system.robot.root
     centres = _mass_centres(run, system)
-    task = logged_task(run.log.header.facts)
+    task = logged_task(run.log.header.metadata)
     goal = np.zeros(3) if task is None else task.point_m
     time = run.time[::_EVERY]
     last = time >= run.phases[-1].start_s

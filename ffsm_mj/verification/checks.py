@@ -26,7 +26,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.installed_laws import law_of_record
 from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.records.facts import free_components, is_conservative
+from ffsm_mj.records.metadata import free_components, is_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import FORCE_RESIDUAL, OVERLAP, SUBSYSTEMS, Layout, momentum_keys
 from ffsm_mj.tolerances import CHECK_TOLERANCE, CONTACT_GAP_M
@@ -113,15 +113,15 @@ class CheckAccumulator:
         samples: Rows so far.
     """
 
-    def __init__(self, layout: Layout, facts: Mapping[str, str]) -> None:
+    def __init__(self, layout: Layout, metadata: Mapping[str, str]) -> None:
         """Find the columns of the checks."""
-        self._conservative = is_conservative(facts)
-        self._accounts = {subsystem: BalanceColumns(layout, facts, subsystem) for subsystem in SUBSYSTEMS}
+        self._conservative = is_conservative(metadata)
+        self._accounts = {subsystem: BalanceColumns(layout, metadata, subsystem) for subsystem in SUBSYSTEMS}
         self._changes = {
-            (subsystem, name): ResidualDrift(stretch_s(facts)) for subsystem in SUBSYSTEMS for name in CHECK_NAMES[:3]
+            (subsystem, name): ResidualDrift(stretch_s(metadata)) for subsystem in SUBSYSTEMS for name in CHECK_NAMES[:3]
         }
         self._bodies, self._matrix = (layout.places(momentum_keys(way)) for way in ("robot", "robot_by_mass_matrix"))
-        self._free, self._two_ways = free_components(facts, "robot"), Peak()
+        self._free, self._two_ways = free_components(metadata, "robot"), Peak()
         self._overlap, self._deepest = layout.index.get(_OVERLAP), Peak()
         self._residual, self._complementarity = layout.index.get(_RESIDUAL), Peak()
         self._forces = layout.places(key.removesuffix("_mode") + "_force_N" for key in layout.keys if key.endswith("_mode"))
@@ -207,7 +207,7 @@ def evaluate_checks(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tu
 
 def accumulate_checks(log: RunLog) -> CheckAccumulator:
     """Process all rows of a log."""
-    seen = CheckAccumulator(log.header.layout, log.header.facts)
+    seen = CheckAccumulator(log.header.layout, log.header.metadata)
     for block in log.blocks():
         seen.rows(block)
     return seen

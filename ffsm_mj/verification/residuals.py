@@ -13,7 +13,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.subsystems import energy_balance_residual, momentum_balance_residual
-from ffsm_mj.records.facts import free_components
+from ffsm_mj.records.metadata import free_components
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Layout, momentum_keys
 
 STRETCH_STEPS = 100_000
@@ -23,17 +23,17 @@ STRETCH_STEPS = 100_000
 _OUTSIDE = ("fixed", "gravity")
 
 
-def stretch_s(facts: Mapping[str, str]) -> float:
+def stretch_s(metadata: Mapping[str, str]) -> float:
     """Length of a stretch in s; infinite if the log does not give its step."""
-    return STRETCH_STEPS * float(facts.get("time_step_s", "inf"))
+    return STRETCH_STEPS * float(metadata.get("time_step_s", "inf"))
 
 
 class BalanceColumns:
     """Columns of one subsystem from which its residuals are computed."""
 
-    def __init__(self, layout: Layout, facts: Mapping[str, str], subsystem: str) -> None:
+    def __init__(self, layout: Layout, metadata: Mapping[str, str], subsystem: str) -> None:
         """Find the columns."""
-        self._party, self._free = subsystem, free_components(facts, subsystem)
+        self._party, self._free = subsystem, free_components(metadata, subsystem)
         self._momenta = {p: layout.places(momentum_keys(p)) for p in SUBSYSTEMS}
         there = [name for name in _OUTSIDE if f"balance.{name}_on_robot_{COMPONENTS[0]}" in layout.index]
         self._external, self._contact = (

@@ -70,8 +70,8 @@ def test_a_leak_of_a_ten_millionth_is_found_whenever_it_happens(long, at, key, n
     """Also between the last row of a stretch and the first of the next; it is told in the stretch where it happens."""
     run = leaking(long, key, np.where(np.arange(ROWS) >= at, 1e-7, 0.0))
     if name == "angular momentum":  # a ball on a rail cannot turn: say that it can
-        facts = {**run.log.header.facts, "free_components_objects": "1 1 1 1 1 1"}
-        run = Run(replace(run.log, header=replace(run.log.header, facts=facts)))
+        metadata = {**run.log.header.metadata, "free_components_objects": "1 1 1 1 1 1"}
+        run = Run(replace(run.log, header=replace(run.log.header, metadata=metadata)))
     assert broken(run) == [(name, "objects")]
     (law,) = (check for check in run.checks() if not check.passes)
     assert law.residual == pytest.approx(1e-7)
@@ -81,7 +81,7 @@ def test_a_leak_of_a_ten_millionth_is_found_whenever_it_happens(long, at, key, n
 @pytest.mark.long
 def test_the_same_verdict_however_the_rows_are_cut(baseline):
     log = replace(baseline.log, rows=baseline.log.rows[::7])
-    header = replace(log.header, facts={**log.header.facts, "time_step_s": "3e-5"})  # ten stretches
+    header = replace(log.header, metadata={**log.header.metadata, "time_step_s": "3e-5"})  # ten stretches
     rng = np.random.default_rng(3)
     found = set()
     for cuts in ([], range(1, len(log.rows)), rng.integers(0, len(log.rows), 50), rng.integers(0, len(log.rows), 900)):
@@ -98,8 +98,8 @@ def test_a_first_order_integrator_is_found_out_in_a_long_run():
     prepared = prepare("baseline", ["duration_s=6.0"])
     prepared.system.mj.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     log = prepared.run().log
-    facts = {**log.header.facts, "time_step_s": "1e-5"}
-    run = Run(replace(log, header=replace(log.header, facts=facts)))
+    metadata = {**log.header.metadata, "time_step_s": "1e-5"}
+    run = Run(replace(log, header=replace(log.header, metadata=metadata)))
     assert {("linear momentum", "robot"), ("angular momentum", "robot"), ("energy", "total")} <= set(broken(run))
 
 
@@ -151,10 +151,10 @@ def test_no_penetration_is_judged_to_a_billionth_of_a_metre_always(coast, conser
     header, rows = replace(coast.header, layout=Layout(tuple(signals))), coast.rows[:, kept]
     assert "no penetration" not in {check.name for check in Run(replace(coast, header=header, rows=rows)).checks()}
     layout = Layout((*signals, Signal("balance", "deepest_overlap_m", "m", "")))
-    facts = {**header.facts, "conservative": conservative}
+    metadata = {**header.metadata, "conservative": conservative}
     for depth, holds in ((0.9e-9, True), (1.1e-9, False), (np.nan, False)):
         deep = np.column_stack((rows, np.where(np.arange(len(rows)) == 42, depth, 0.0)))
-        run = Run(replace(coast, header=replace(header, layout=layout, facts=facts), rows=deep))
+        run = Run(replace(coast, header=replace(header, layout=layout, metadata=metadata), rows=deep))
         for tolerance in (1e-9, 1.0, 1e-15):
             (law,) = (check for check in run.checks(tolerance) if check.name == "no penetration")
             assert (law.passes, law.tolerance, law.time_s) == (holds, 1e-9, 0.042)

@@ -97,14 +97,14 @@ def test_a_log_without_its_scenario(hit, tmp_path, capsys, command, code, conten
         ("controller_model", '{"a":' * 100_000),
     ],
 )
-def test_facts_that_are_no_numbers(hit, tmp_path, capsys, name, text):
+def test_metadata_that_are_no_numbers(hit, tmp_path, capsys, name, text):
     def change(record):
         facts = isinstance(record, Channel) and "conservative" in record.metadata
         yield replace(record, metadata=record.metadata | {name: text}) if facts else record
 
     path = changed(hit, tmp_path / "x.mcap", change)
     assert main(["analyze", path]) == 2
-    assert capsys.readouterr().err.startswith(f"{path}: its fact {name} is {text!r}; ")
+    assert capsys.readouterr().err.startswith(f"{path}: its metadata entry {name} is {text!r}; ")
 
 
 def test_a_number_that_is_not_finite_is_null_in_json(hit, tmp_path, capsys):
@@ -156,7 +156,10 @@ def test_a_step_that_is_none(hit, tmp_path, capsys, name, text):
 
     path = changed(hit, tmp_path / "x.mcap", change)
     assert main(["analyze", path]) == 2
-    assert capsys.readouterr().err == f"{path}: its fact {name} is {text!r}; a positive number of seconds is allowed\n"
+    assert (
+        capsys.readouterr().err
+        == f"{path}: its metadata entry {name} is {text!r}; a positive number of seconds is allowed\n"
+    )
 
 
 @pytest.mark.parametrize("arguments", ["analyze", "export --csv", "export --html", "view"])

@@ -42,7 +42,7 @@ def test_the_log_says_the_stated_time(tmp_path, monkeypatch, capsys):
     assert main(["run", str(two_balls(tmp_path, duration_s=0.1)), "--no-rerun", "--out", str(tmp_path / "a")]) == 0
     assert "scene: completed; 0.1 s simulated\n" in capsys.readouterr().out
     run = ffsm_mj.load_run(tmp_path / "a")
-    assert run.log.header.facts["created_utc"] == "2023-11-14T22:13:20Z"
+    assert run.log.header.metadata["created_utc"] == "2023-11-14T22:13:20Z"
     summary = json.loads((tmp_path / "a" / "summary.json").read_text())
     assert (summary["wall_s"], summary["real_time_factor"]) == (0.0, 0.0)
 

@@ -152,7 +152,7 @@ def test_what_rerun_plots_is_what_its_names_say(plain):
     _, run, drawn = plain
     system = compile_paths(run.path.parent / "mjcf/robot/robot.xml", {"target": run.path.parent / "mjcf/target/target.xml"})
     layout = run.log.header.layout
-    found = plots(layout, system, run.log.header.facts)
+    found = plots(layout, system, run.log.header.metadata)
     assert {plot.entity for plot in found} >= {"plots/energy", "plots/balance", "plots/linear_momentum/robot"}
     for plot in found:
         ((times, values),) = (

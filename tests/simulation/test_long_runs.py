@@ -109,7 +109,7 @@ def test_a_thinned_run_keeps_what_stands_out(baseline, monkeypatch):
     curves = {key: (baseline[key], thin[key]) for key in baseline.keys}
     curves["tip"] = baseline.tip_error(), thin.tip_error()
     for subsystem in ("total", "robot"):
-        accounts = BalanceColumns(baseline.log.header.layout, baseline.log.header.facts, subsystem)
+        accounts = BalanceColumns(baseline.log.header.layout, baseline.log.header.metadata, subsystem)
         start = accounts.momentum(baseline.log.rows[:1])
         curves[subsystem] = tuple(norms((accounts.momentum(run.log.rows) - start)[:, 3:]) for run in (baseline, thin))
     for i, (start, stop) in enumerate(zip(edges, [*edges[1:], len(baseline.time)], strict=True), 1):
@@ -169,7 +169,7 @@ def test_a_long_baseline_holds_in_little_memory_and_a_leak_is_found(tmp_path, du
     assert peak_MB(f"from ffsm_mj.cli.main import main\nassert main({arguments!r}) == 0", kept_MiB) < 1000
     log = ffsm_mj.load_run(out).log
     assert 8 * log.rows.shape[0] * log.rows.shape[1] > kept_MiB << 20
-    sound, leaking = (CheckAccumulator(log.header.layout, log.header.facts) for _ in range(2))
+    sound, leaking = (CheckAccumulator(log.header.layout, log.header.metadata) for _ in range(2))
     for block in log.blocks():
         sound.rows(block)
         block[block[:, 0] > duration_s - 5.0, log.header.layout.index["momentum.robot_L_z_N_m_s"]] += 1e-7

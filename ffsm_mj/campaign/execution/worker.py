@@ -24,7 +24,7 @@ from ffsm_mj.campaign.storage.store import RunRow
 from ffsm_mj.errors import FfsmError, InputError, described, raised_at
 from ffsm_mj.model.files import read_model
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.records.facts import logged_models
+from ffsm_mj.records.metadata import logged_models
 from ffsm_mj.replay.truncation import refined
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.loading import validated
@@ -152,7 +152,7 @@ def _run(job: Job, overrides: Mapping[str, Any], started: float) -> dict[str, An
         "message": run.message,
         "phase": run.phases[-1].name if run.phases else "",
         "metrics": metrics,
-        "model": dict(_by_dotted_key(logged_models(run.log.header.facts))),
+        "model": dict(_by_dotted_key(logged_models(run.log.header.metadata))),
     }
 
 

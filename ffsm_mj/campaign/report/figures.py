@@ -14,7 +14,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.campaign.evaluation.convergence import SUCCESS, intervals
 from ffsm_mj.campaign.evaluation.results import Results, TableRow, is_good, measured, numbers
 from ffsm_mj.campaign.evaluation.statistics import is_constant
-from ffsm_mj.records.facts import logged_task
+from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.report.plots.motion import draw_plane
 from ffsm_mj.report.plots.panels import envelope
@@ -158,7 +158,7 @@ def _paths(subject: Subject) -> list[FloatArray]:
 
 def _box(paths: Sequence[FloatArray], subject: Subject, plane: Plane) -> tuple[float, float, float, float]:
     """Bounding box of paths and target with a margin: (left, right, bottom, top), m."""
-    task = logged_task(subject.run.log.header.facts)
+    task = logged_task(subject.run.log.header.metadata)
     target = [task.point_m[None, plane.axes]] if task is not None and set(plane.axes) <= set(task.axes) else []
     points = np.vstack([*paths, *target])
     low, high = points.min(axis=0), points.max(axis=0)

@@ -23,9 +23,9 @@ from ffsm_mj.log.mcap.format import nanoseconds
 from ffsm_mj.log.plumes import thrusters
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds_of
+from ffsm_mj.records.metadata import logged_task
 
 TRANSFORMS_TOPIC = "/tf"
 SCENE_TOPIC = "/scene"
@@ -75,7 +75,7 @@ class ViewerTopics:
 
     def open(self, header: RunHeader) -> None:
         """Take the columns of the rows, the kinds of records and the task from the header of the run."""
-        task = logged_task(header.facts)
+        task = logged_task(header.metadata)
         self._kinds = kinds_of(header.kinds)
         self._target = task.point_m if task is not None else None
         self._picker = FramePicker(self._system, header.layout, self._view_rate_hz)

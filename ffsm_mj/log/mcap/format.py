@@ -19,7 +19,7 @@ from ffsm_mj.records.signals import GROUPS, TIME, Layout, Signal
 SAMPLE_TOPIC = "/ffsm/sample"
 SAMPLE_SCHEMA = "ffsm.Sample"
 SIGNALS_METADATA = "ffsm.signals"
-FACTS_METADATA = "ffsm.run"
+RUN_METADATA = "ffsm.run"
 SCENARIO_ATTACHMENT = "scenario.yaml"
 
 _MOST_ATTACHMENTS, _MOST_NAME_CHARACTERS = 10_000, 512

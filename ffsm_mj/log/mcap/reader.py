@@ -24,9 +24,9 @@ from ffsm_mj.log.mcap.salvage import MAGIC, Salvage
 from ffsm_mj.log.mcap.stored_rows import StoredRows
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.facts import fault_of_facts, fault_of_version
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds
+from ffsm_mj.records.metadata import fault_of_metadata, fault_of_version
 from ffsm_mj.records.run_log import RunLog, run_log
 from ffsm_mj.records.signals import TIME, Layout
 
@@ -154,7 +154,7 @@ class _Contents:
         channels = {channel.topic: channel for channel in self.channels.values()}
         channel = channels.get(form.SAMPLE_TOPIC)
         if channel is None or channel.schema_id not in self.schemas:
-            if form.FACTS_METADATA in self.metadata:
+            if form.RUN_METADATA in self.metadata:
                 raise LogError(path, "the log ends, or is damaged, before its first sample")
             raise LogError(path, "not a log of ffsm-mj, or it ends before its header")
         if fault := fault_of_version(channel.metadata):
@@ -176,7 +176,7 @@ class _Contents:
             raise LogError(path, f"not of this version's format ({error})") from error
         outcome = next((record for record in records if isinstance(record, OutcomeRecord)), None)
         events: list[Event] = [record for record in records if not isinstance(record, OutcomeRecord)]
-        if fault := fault_of_names(self.attachments) or fault_of_facts(channel.metadata):
+        if fault := fault_of_names(self.attachments) or fault_of_metadata(channel.metadata):
             raise LogError(path, fault)
         files = dict(self.attachments)
         scenario = _text(path, form.SCENARIO_ATTACHMENT, files.pop(form.SCENARIO_ATTACHMENT, b""))
@@ -226,7 +226,7 @@ def _text(path: Path, name: str, content: bytes) -> str:
 def _gaps(log: RunLog) -> str:
     """Gaps and repetitions of the samples as text; empty if there are none or the control period is unknown."""
     try:
-        sampling = Sampling(float(log.header.facts.get("control_period_s", "")), log.instants_s)
+        sampling = Sampling(float(log.header.metadata.get("control_period_s", "")), log.instants_s)
     except ValueError:
         return ""
     sampling.ticks(log.column(TIME))

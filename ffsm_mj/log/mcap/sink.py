@@ -44,7 +44,7 @@ class McapSink:
         self._broken = False
 
     def open(self, header: RunHeader) -> None:
-        """Write facts, signals, scenario and models, which every readable log needs.
+        """Write metadata, signals, scenario and models, which every readable log needs.
 
         They are collected in memory and written at once: a kill leaves no file, or a readable one.
         """
@@ -54,7 +54,7 @@ class McapSink:
         opening = BytesIO()
         self._writer = BlockWriter(opening, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._writer.start(profile="", library="ffsm-mj")
-        self._writer.add_metadata(form.FACTS_METADATA, dict(header.facts))
+        self._writer.add_metadata(form.RUN_METADATA, dict(header.metadata))
         self._writer.add_metadata(form.SIGNALS_METADATA, form.signals_metadata(header.layout))
         self._attach(form.SCENARIO_ATTACHMENT, header.scenario_yaml.encode())
         for name, content in header.files.items():
@@ -69,10 +69,10 @@ class McapSink:
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=content)
 
     def _register(self, header: RunHeader) -> None:
-        # The facts are also metadata of a channel: channels are in a chunk with a checksum, and again in the summary.
+        # The metadata are also those of a channel: channels are in a chunk with a checksum, and again in the summary.
         self._channels = {
             form.SAMPLE_TOPIC: self._channel(
-                form.SAMPLE_TOPIC, form.SAMPLE_SCHEMA, form.sample_schema(header.layout), dict(header.facts)
+                form.SAMPLE_TOPIC, form.SAMPLE_SCHEMA, form.sample_schema(header.layout), dict(header.metadata)
             )
         }
         for kind in kinds_of(header.kinds):

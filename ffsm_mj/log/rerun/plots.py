@@ -11,7 +11,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import external_actuators
 from ffsm_mj.log.palette import BLUE, GREEN, GREY, ORANGE, PALE, PURPLE, SKY, VERMILION, Colour
 from ffsm_mj.model.system import System
-from ffsm_mj.records.facts import free_components
+from ffsm_mj.records.metadata import free_components
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Layout, effort_key, identifier
 
 _COLOURS = {
@@ -55,30 +55,30 @@ class Plot:
         return np.log10(np.maximum(np.abs(values), _LEAST)) if self.logarithmic else values
 
 
-def plots(layout: Layout, system: System, facts: Mapping[str, str]) -> list[Plot]:
+def plots(layout: Layout, system: System, metadata: Mapping[str, str]) -> list[Plot]:
     """All plots of a run except the tip error, which is not a column."""
     index = layout.index
     subsystems = [subsystem for subsystem in SUBSYSTEMS if subsystem != "objects" or system.objects]
     energy = [index[f"energy.{subsystem}_J"] for subsystem in subsystems]
     return [
         Plot("plots/energy", energy, subsystems, [_COLOURS[subsystem][0] for subsystem in subsystems]),
-        *_momenta(index, facts, subsystems[1:]),
-        _residuals(index, facts),
+        *_momenta(index, metadata, subsystems[1:]),
+        _residuals(index, metadata),
         *_efforts(layout, system),
     ]
 
 
-def _free(facts: Mapping[str, str], subsystem: str) -> list[str]:
+def _free(metadata: Mapping[str, str], subsystem: str) -> list[str]:
     """Components of momentum that the joints of a subsystem leave free; the others are not conserved."""
-    flags = free_components(facts, subsystem)
+    flags = free_components(metadata, subsystem)
     return [component for component, flag in zip(COMPONENTS, flags, strict=True) if flag]
 
 
-def _momenta(index: Mapping[str, int], facts: Mapping[str, str], subsystems: Sequence[str]) -> list[Plot]:
+def _momenta(index: Mapping[str, int], metadata: Mapping[str, str], subsystems: Sequence[str]) -> list[Plot]:
     found = []
     for subsystem in subsystems:
         for kind, letter in (("linear", "P"), ("angular", "L")):
-            components = [c for c in _free(facts, subsystem) if c.startswith(letter)]
+            components = [c for c in _free(metadata, subsystem) if c.startswith(letter)]
             colours = [_COLOURS[subsystem]["xyz".index(c[2])] for c in components]
             columns = [index[f"momentum.{subsystem}_{c}"] for c in components]
             names = [f"{subsystem} {c[:3]}" for c in components]
@@ -87,9 +87,9 @@ def _momenta(index: Mapping[str, int], facts: Mapping[str, str], subsystems: Seq
     return found
 
 
-def _residuals(index: Mapping[str, int], facts: Mapping[str, str]) -> Plot:
+def _residuals(index: Mapping[str, int], metadata: Mapping[str, str]) -> Plot:
     colours = dict(zip(COMPONENTS, (ORANGE, VERMILION, PURPLE, SKY, BLUE, GREEN), strict=True))
-    components = _free(facts, "total")
+    components = _free(metadata, "total")
     columns = [index["balance.total_energy_residual_J"], *(index[f"balance.total_residual_{c}"] for c in components)]
     names = ["energy", *(c[:3] for c in components)]
     return Plot("plots/balance", columns, names, [PALE, *(colours[c] for c in components)], logarithmic=True)

@@ -27,9 +27,9 @@ from ffsm_mj.log.rerun.scene import body_path, log_shapes
 from ffsm_mj.log.rerun.states import OFF, Switching, phase_looks, thruster_looks
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kind_of
+from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.signals import TIP
 
 _PLUME = (*PLUME, round(255 * PLUME_OPACITY))
@@ -57,13 +57,13 @@ class RerunSink:
         self._picker = FramePicker(self._system, layout, self._view_rate_hz)
         self._recording = rr.RecordingStream(
             f"ffsm-mj {header.scenario_name}",  # an open viewer keeps one layout for each application id
-            recording_id=f"{header.scenario_name}-{header.facts.get('created_utc', '')}",
+            recording_id=f"{header.scenario_name}-{header.metadata.get('created_utc', '')}",
         )
         self._connect()
         self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         log_shapes(self._recording, self._system)
         self._target(header)
-        self._plots = plots(layout, self._system, header.facts)
+        self._plots = plots(layout, self._system, header.metadata)
         for plot in self._plots:
             lines = rr.SeriesLines(names=plot.names, colors=plot.colours, widths=[1.5] * len(plot.names))
             self._recording.log(plot.entity, lines, static=True)
@@ -90,7 +90,7 @@ class RerunSink:
 
     def _target(self, header: RunHeader) -> None:
         """Draw a small cross at the target of the tip, on a pole that carries its name above the motion."""
-        self._task = task = logged_task(header.facts)
+        self._task = task = logged_task(header.metadata)
         if task is None:
             return
         goal = task.point_m

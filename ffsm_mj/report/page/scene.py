@@ -15,7 +15,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import one_line
 from ffsm_mj.log.drawing import DrawnShape, shapes
 from ffsm_mj.log.marks import DrawnMark, drawn_marks
-from ffsm_mj.records.facts import logged_task
+from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.report.page.moving import FAR_M, SWITCH_S, along_z, during, forces, plumes, single, solid, tick
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.solids import arrow_solid, joined, triangles
@@ -65,7 +65,7 @@ def _box(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> tuple[FloatA
     """Corners of the initial view box: bodies at the start and at the first mark, marks, the target."""
     moments = [0, *(poses.nearest(marks[0].time_s) for _ in marks[:1])]
     points = [poses.positions[moments, 1:].reshape(-1, 3), *(np.array([each.mark.point_m]) for each in marks[:MOST_MARKS])]
-    task = logged_task(subject.run.log.header.facts)
+    task = logged_task(subject.run.log.header.metadata)
     points += [task.point_m[None]] if task is not None else []
     everything = np.concatenate(points)
     everything = everything[(np.abs(everything) < FAR_M).all(axis=1)]  # a log may hold any double
@@ -76,7 +76,7 @@ def _box(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> tuple[FloatA
 
 def _others(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> Iterator[Any]:
     yield from _paths(subject, marks)
-    task = logged_task(subject.run.log.header.facts)
+    task = logged_task(subject.run.log.header.metadata)
     if task is not None:
         arms = [task.point_m + sign * 0.2 * axis for axis in np.eye(3) for sign in (-1, 1)]
         yield k3d.lines(single(arms), [[0, 1], [2, 3], [4, 5]], indices_type="segment", width=0.03, color=TARGET)

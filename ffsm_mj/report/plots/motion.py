@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.records.facts import logged_task
+from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.report.plots.silhouette import WORLD, Plane, ProjectedOutline
 from ffsm_mj.report.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, WIDTH_IN, YELLOW, plain
 from ffsm_mj.report.plots.subject import Subject
@@ -90,7 +90,7 @@ def draw_plane(axes: Axes, subject: Subject, plane: Plane, box: tuple[float, flo
     axes.set_ylim(box[2], box[3])
     axes.set_xlabel(f"${plane.names[0]}$, m")
     axes.set_ylabel(f"${plane.names[1]}$, m")
-    task = logged_task(subject.run.log.header.facts)
+    task = logged_task(subject.run.log.header.metadata)
     if task is not None and set(plane.axes) <= set(task.axes):
         axes.plot(
             *task.point_m[plane.axes],
@@ -207,7 +207,7 @@ def mark_handles(subject: Subject) -> list[Line2D]:
         star = Line2D([], [], linestyle="none", marker="*", markersize=10, markeredgecolor=BLACK, label=label)
         star.set_markerfacecolor(YELLOW)
         handles.append(star)
-    if logged_task(subject.run.log.header.facts) is not None:
+    if logged_task(subject.run.log.header.metadata) is not None:
         cross = Line2D([], [], linestyle="none", marker="+", markersize=9, markeredgewidth=1.6, color=BLACK, label="target")
         handles.append(cross)
     return handles

@@ -15,8 +15,8 @@ import numpy as np
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
-from ffsm_mj.records.facts import logged_task
 from ffsm_mj.records.kinds import kind_of
+from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import SUBSYSTEMS, TIP
 from ffsm_mj.verification.residuals import BalanceColumns, norms
@@ -57,10 +57,10 @@ class _Beside:
     """Derived quantities in figures: the tip error, and the norms of the residuals."""
 
     def __init__(self, log: RunLog) -> None:
-        layout, facts = log.header.layout, log.header.facts
-        self._accounts = [BalanceColumns(layout, facts, subsystem) for subsystem in SUBSYSTEMS]
+        layout, metadata = log.header.layout, log.header.metadata
+        self._accounts = [BalanceColumns(layout, metadata, subsystem) for subsystem in SUBSYSTEMS]
         self._first: Sequence[FloatArray] | None = None
-        self._task = logged_task(facts)
+        self._task = logged_task(metadata)
         self._tip = layout.places(TIP) if self._task is not None else layout.places(())
 
     def of(self, part: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import Joint, Tree
-from ffsm_mj.records.facts import free_components, logged_task
+from ffsm_mj.records.metadata import free_components, logged_task
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, coordinate_names, identifier, rate_names
 from ffsm_mj.report.plots.panels import Curve, Panel, running_maximum, stacked
 from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILLION, plain
@@ -85,7 +85,7 @@ def joints(subject: Subject) -> Figure:
 
 def tip(subject: Subject) -> Figure:
     """Error of the tip along the task's axes, and its velocity (paper, Fig. 6)."""
-    run, task = subject.run, logged_task(subject.run.log.header.facts)
+    run, task = subject.run, logged_task(subject.run.log.header.metadata)
     assert task is not None, "a figure for runs with a task"
     error, best = run.tip_error(), run.summary(checks=False)["tip"]
     lines = [Curve("norm", error, BLACK, "-", 1.6)]
@@ -180,7 +180,7 @@ def momenta(subject: Subject) -> Figure:
 
 
 def _momentum_lines(subject: Subject, subsystem: str, first: int, letter: str) -> list[Curve]:
-    free = free_components(subject.run.log.header.facts, subsystem) > 0
+    free = free_components(subject.run.log.header.metadata, subsystem) > 0
     values = subject.run.momentum(subsystem)
     lines: list[Curve] = []
     again: list[Curve] = []
@@ -215,11 +215,11 @@ def conservation(subject: Subject) -> Figure:
     run, header = subject.run, subject.run.log.header
     sizes = {}
     for subsystem in SUBSYSTEMS:
-        accounts, rows = BalanceColumns(header.layout, header.facts, subsystem), np.asarray(run.log.rows)
+        accounts, rows = BalanceColumns(header.layout, header.metadata, subsystem), np.asarray(run.log.rows)
         energy, momentum = accounts.energy(rows), accounts.momentum(rows)
         energy, momentum = energy - energy[0], momentum - momentum[0]
         sizes[subsystem] = np.abs(energy), norms(momentum[:, :3]), norms(momentum[:, 3:])
-    stretches = np.maximum(np.ceil(run.time / stretch_s(header.facts) - 1e-9), 1.0)
+    stretches = np.maximum(np.ceil(run.time / stretch_s(header.metadata) - 1e-9), 1.0)
     panels, checks = [], run.checks(DEFAULT_TOLERANCE)
     for i, (check, unit) in enumerate(CONSERVED.items()):
         allowed = {

@@ -1,6 +1,6 @@
-"""Facts of a run: written to a log, read from it and validated in this module.
+"""Metadata of a run: written to a log, read from it and validated in this module.
 
-Facts are text by name. A log may be of unknown origin, so its reader calls :func:`fault_of_facts` first.
+Metadata are texts by name. A log may be of unknown origin, so its reader calls :func:`fault_of_metadata` first.
 """
 
 from __future__ import annotations
@@ -50,63 +50,63 @@ class LoggedTask:
         return np.asarray(tip_m[:, self.axes] - self.target_m)
 
 
-def task_facts(axes: Iterable[str], target_m: Iterable[float]) -> dict[str, str]:
-    """Facts of a task: its axes as ``x``, ``y``, ``z``, and the target along them in m."""
+def task_metadata(axes: Iterable[str], target_m: Iterable[float]) -> dict[str, str]:
+    """Metadata of a task: its axes as ``x``, ``y``, ``z``, and the target along them in m."""
     return {"task_axes": " ".join(axes), "task_target_m": " ".join(repr(float(x)) for x in target_m)}
 
 
-def logged_task(facts: Mapping[str, str]) -> LoggedTask | None:
-    """The task in the facts; None if there is none."""
-    if "task_axes" not in facts:
+def logged_task(metadata: Mapping[str, str]) -> LoggedTask | None:
+    """The task in the metadata; None if there is none."""
+    if "task_axes" not in metadata:
         return None
-    axes = ["xyz".index(axis) for axis in facts["task_axes"].split()]
-    return LoggedTask(axes, np.array([float(x) for x in facts["task_target_m"].split()]))
+    axes = ["xyz".index(axis) for axis in metadata["task_axes"].split()]
+    return LoggedTask(axes, np.array([float(x) for x in metadata["task_target_m"].split()]))
 
 
-def free_facts(free: FloatArray) -> dict[str, str]:
-    """Facts of which components of (P, L about the origin) the base joints leave free: 1 or 0 by subsystem, (3, 6)."""
+def free_metadata(free: FloatArray) -> dict[str, str]:
+    """Metadata of which components of (P, L about the origin) the base joints leave free: 1 or 0 by subsystem, (3, 6)."""
     return {_free(subsystem): " ".join(f"{x:.0f}" for x in row) for subsystem, row in zip(SUBSYSTEMS, free, strict=True)}
 
 
-def free_components(facts: Mapping[str, str], subsystem: str) -> FloatArray:
+def free_components(metadata: Mapping[str, str], subsystem: str) -> FloatArray:
     """1 for each component of (P, L about the origin) that the subsystem's base joints leave free, else 0, (6,)."""
-    return np.array([float(x) for x in facts.get(_free(subsystem), _ALL_FREE).split()])
+    return np.array([float(x) for x in metadata.get(_free(subsystem), _ALL_FREE).split()])
 
 
 def _free(subsystem: str) -> str:
     return f"free_components_{subsystem}"
 
 
-def conservative_facts(faults: Sequence[str]) -> dict[str, str]:
-    """Facts of what breaks conservation; an empty list of faults means conservative."""
+def conservative_metadata(faults: Sequence[str]) -> dict[str, str]:
+    """Metadata of what breaks conservation; an empty list of faults means conservative."""
     return {"conservative": "false" if faults else "true", "not_conservative": "; ".join(faults)}
 
 
-def gravity_facts(gravity: Iterable[float]) -> dict[str, str]:
-    """Facts of uniform gravity, (3,), m/s^2; empty without gravity."""
+def gravity_metadata(gravity: Iterable[float]) -> dict[str, str]:
+    """Metadata of uniform gravity, (3,), m/s^2; empty without gravity."""
     shown = [repr(float(g)) for g in gravity]
     return {"gravity_m_s2": " ".join(shown)} if any(float(g) for g in shown) else {}
 
 
-def gravity_line(facts: Mapping[str, str]) -> str:
+def gravity_line(metadata: Mapping[str, str]) -> str:
     """Line of a report on gravity; empty without gravity."""
-    if "gravity_m_s2" not in facts:
+    if "gravity_m_s2" not in metadata:
         return ""
-    return f"gravity {one_line(facts['gravity_m_s2'])} m/s2 is an external force: its impulse and work enter the balance"
+    return f"gravity {one_line(metadata['gravity_m_s2'])} m/s2 is an external force: its impulse and work enter the balance"
 
 
-def is_conservative(facts: Mapping[str, str]) -> bool:
+def is_conservative(metadata: Mapping[str, str]) -> bool:
     """Whether nothing in the models breaks conservation."""
-    return facts.get("conservative") == "true"
+    return metadata.get("conservative") == "true"
 
 
-def why_not_conservative(facts: Mapping[str, str]) -> str:
+def why_not_conservative(metadata: Mapping[str, str]) -> str:
     """What in the models breaks conservation, as text; empty if nothing does."""
-    return facts.get("not_conservative", "")
+    return metadata.get("not_conservative", "")
 
 
-def model_facts(changes: Iterable[PropertyChange]) -> dict[str, str]:
-    """Facts of the compiled values of body and geom properties that the scenario sets: JSON by the scenario's key."""
+def model_metadata(changes: Iterable[PropertyChange]) -> dict[str, str]:
+    """Metadata of the compiled values of body and geom properties that the scenario sets: JSON by the scenario's key."""
     nested: dict[str, Any] = {}
     for change in changes:
         place = nested
@@ -116,14 +116,14 @@ def model_facts(changes: Iterable[PropertyChange]) -> dict[str, str]:
     return {key: json.dumps(nested[key]) for key in _MODELS if key in nested}
 
 
-def logged_models(facts: Mapping[str, str]) -> dict[str, Any]:
-    """The properties in the facts, nested like the keys of the scenario; empty if none were set."""
-    return {key: json.loads(facts[key]) for key in _MODELS if key in facts}
+def logged_models(metadata: Mapping[str, str]) -> dict[str, Any]:
+    """The properties in the metadata, nested like the keys of the scenario; empty if none were set."""
+    return {key: json.loads(metadata[key]) for key in _MODELS if key in metadata}
 
 
-def changed_property_lines(facts: Mapping[str, str]) -> list[str]:
+def changed_property_lines(metadata: Mapping[str, str]) -> list[str]:
     """One line of text per property, e.g. ``model.box.lid.mass_kg = 7``."""
-    return [f"{one_line('.'.join(path))} = {shown(value)}" for path, value in _leaves(logged_models(facts))]
+    return [f"{one_line('.'.join(path))} = {shown(value)}" for path, value in _leaves(logged_models(metadata))]
 
 
 def _leaves(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Value]]:
@@ -134,31 +134,34 @@ def _leaves(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, 
         yield path, node
 
 
-def fault_of_version(facts: Mapping[str, str]) -> str:
+def fault_of_version(metadata: Mapping[str, str]) -> str:
     """Why a log of another format version cannot be read; empty for the current version."""
-    version = facts.get("format_version", "")
+    version = metadata.get("format_version", "")
     if version == FORMAT_VERSION:
         return ""
     return f"log format {one_line(version) or 'unknown'}; this version of ffsm-mj reads format {FORMAT_VERSION}"
 
 
-def fault_of_facts(facts: Mapping[str, str]) -> str:
-    """What is wrong with facts that are used as numbers; empty if they are valid."""
+def fault_of_metadata(metadata: Mapping[str, str]) -> str:
+    """What is wrong with metadata that are used as numbers; empty if they are valid."""
     for name in map(_free, SUBSYSTEMS):
-        words = facts.get(name, _ALL_FREE).split()
+        words = metadata.get(name, _ALL_FREE).split()
         if len(words) != 6 or not set(words) <= {"0", "1"}:
-            return f"its fact {name} is {facts[name]!r}; six of 0 and 1 are allowed"
+            return f"its metadata entry {name} is {metadata[name]!r}; six of 0 and 1 are allowed"
     for name in _TIMES:
-        if name in facts and not (_is_number(facts[name]) and float(facts[name]) > 0.0):
-            return f"its fact {name} is {facts[name]!r}; a positive number of seconds is allowed"
+        if name in metadata and not (_is_number(metadata[name]) and float(metadata[name]) > 0.0):
+            return f"its metadata entry {name} is {metadata[name]!r}; a positive number of seconds is allowed"
     for name in _MODELS:
-        if name in facts and not _is_numbers(facts[name]):
-            return f"its fact {name} is {facts[name]!r}; JSON objects with finite numbers or lists of them are allowed"
-    axes, target = (facts.get(name, "").split() for name in ("task_axes", "task_target_m"))
+        if name in metadata and not _is_numbers(metadata[name]):
+            allowed = "JSON objects with finite numbers or lists of them are allowed"
+            return f"its metadata entry {name} is {metadata[name]!r}; {allowed}"
+    axes, target = (metadata.get(name, "").split() for name in ("task_axes", "task_target_m"))
     if len(set(axes)) != len(axes) or not set(axes) <= set("xyz"):
-        return f"its fact task_axes is {facts['task_axes']!r}; different axes of x, y and z are allowed"
+        return f"its metadata entry task_axes is {metadata['task_axes']!r}; different axes of x, y and z are allowed"
     if len(target) != len(axes) or not all(map(_is_number, target)):
-        return f"its fact task_target_m is {' '.join(target)!r}; a finite number for each of its task_axes is allowed"
+        return (
+            f"its metadata entry task_target_m is {' '.join(target)!r}; a finite number for each of its task_axes is allowed"
+        )
     return ""
 
 
