@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.collection import Shelf, collect
 from ffsm_mj.model.packages import SCHEME, find_in_package
 from ffsm_mj.model.properties import Overrides, Pose
 from ffsm_mj.model.sites import AddedSite
-from ffsm_mj.model.walk import Shelf, collect
 
 MAX_FILES = 1000
 MAX_BYTES = 256 * 1024**2

@@ -30,7 +30,7 @@ from ffsm_mj.model.properties import (
     inertial_value,
     kind_of_geom,
     property_value,
-    shown,
+    value_text,
 )
 from ffsm_mj.model.source import REFUSALS
 
@@ -79,7 +79,7 @@ class ModelOverrides:
         for path, change in self.changes.items():
             value = property_value(model, path)
             if not _equal(value, change.after):
-                faults.append(Fault(f"MuJoCo compiles it to {shown(value)}, not {shown(change.after)}", path))
+                faults.append(Fault(f"MuJoCo compiles it to {value_text(value)}, not {value_text(change.after)}", path))
             found.append(PropertyChange(path, change.before, value))
         for body, inertial in self.inertials.items() if not faults else ():
             compiled = Inertial.of(model, model.body(f"{self.name}/{body}").id)

@@ -122,7 +122,7 @@ class PropertyChange:
     @property
     def sentence(self) -> str:
         """The change as text."""
-        return f"{'.'.join(self.path)} is {shown(self.after)}; without it {shown(self.before)}"
+        return f"{'.'.join(self.path)} is {value_text(self.after)}; without it {value_text(self.before)}"
 
 
 def property_value(model: Any, path: str | tuple[str, ...]) -> Value:
@@ -177,6 +177,6 @@ def kind_of_geom(code: int) -> str:
     return str(mujoco.mjtGeom(code).name.removeprefix("mjGEOM_").lower())
 
 
-def shown(value: Value) -> str:
+def value_text(value: Value) -> str:
     """A value as text."""
     return f"{value:g}" if isinstance(value, float) else f"[{', '.join(f'{each:g}' for each in value)}]"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from xml.parsers import expat
 
 from ffsm_mj.errors import InputError
-from ffsm_mj.model.allowances import MOST_ELEMENTS, copies, refuse_giant, refuse_unsafe
+from ffsm_mj.model.limits import MOST_ELEMENTS, copies, refuse_giant, refuse_unsafe
 
 _CUBE_SIDES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 _FOLDER_OF = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "flexcomp": "meshdir", "texture": "texturedir"}

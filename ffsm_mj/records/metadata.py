@@ -15,7 +15,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import one_line
-from ffsm_mj.model.properties import PropertyChange, Value, shown
+from ffsm_mj.model.properties import PropertyChange, Value, value_text
 from ffsm_mj.records.signals import SUBSYSTEMS
 
 FORMAT_VERSION = "3"
@@ -84,8 +84,8 @@ def conservative_metadata(faults: Sequence[str]) -> dict[str, str]:
 
 def gravity_metadata(gravity: Iterable[float]) -> dict[str, str]:
     """Metadata of uniform gravity, (3,), m/s^2; empty without gravity."""
-    shown = [repr(float(g)) for g in gravity]
-    return {"gravity_m_s2": " ".join(shown)} if any(float(g) for g in shown) else {}
+    texts = [repr(float(g)) for g in gravity]
+    return {"gravity_m_s2": " ".join(texts)} if any(float(g) for g in texts) else {}
 
 
 def gravity_line(metadata: Mapping[str, str]) -> str:
@@ -123,7 +123,7 @@ def logged_models(metadata: Mapping[str, str]) -> dict[str, Any]:
 
 def changed_property_lines(metadata: Mapping[str, str]) -> list[str]:
     """One line of text per property, e.g. ``model.box.lid.mass_kg = 7``."""
-    return [f"{one_line('.'.join(path))} = {shown(value)}" for path, value in _leaves(logged_models(metadata))]
+    return [f"{one_line('.'.join(path))} = {value_text(value)}" for path, value in _leaves(logged_models(metadata))]
 
 
 def _leaves(node: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Value]]:

@@ -59,7 +59,7 @@ def write_animation(
     cut = _cut(run, frames_per_second, speed, f"{path}: ", "raise --speed or lower --fps")
     with publication():
         writers[path.suffix.lower()](path, cut.pictures(report), frames_per_second)
-    return cut.said
+    return cut.description
 
 
 def gif(run: Run, *, frames_per_second: float = 20.0, speed: float | None = None) -> tuple[bytes, str]:
@@ -74,10 +74,10 @@ def gif(run: Run, *, frames_per_second: float = 20.0, speed: float | None = None
         InputError: No samples, models that no longer compile, or too many frames.
     """
     cut = _cut(run, frames_per_second, speed, "", "raise speed or lower frames_per_second")
-    held = BytesIO()
+    buffer = BytesIO()
     with publication():
-        _save_gif(held, cut.pictures(), frames_per_second)
-    return held.getvalue(), cut.said
+        _save_gif(buffer, cut.pictures(), frames_per_second)
+    return buffer.getvalue(), cut.description
 
 
 @dataclass(frozen=True)
@@ -88,30 +88,30 @@ class _Cut:
         subject: The run.
         times: Simulation time of each frame, s.
         speed: Playback speed relative to real time.
-        said: One line that describes the animation.
+        description: One line that describes the animation.
     """
 
     subject: Subject
     times: FloatArray
     speed: float
-    said: str
+    description: str
 
     def pictures(self, report: Callable[[float, float], None] | None = None) -> Iterator[Any]:
         """The frames, drawn lazily."""
         return _counted(pictures(self.subject, self.times, self.speed), len(self.times), report)
 
 
-def _cut(run: Run, frames_per_second: float, speed: float | None, place: str, way_on: str) -> _Cut:
+def _cut(run: Run, frames_per_second: float, speed: float | None, place: str, remedy: str) -> _Cut:
     end = run.digest.end_s
     fast = speed or next((s for s in _SPEEDS if end / s <= _LONGEST_S), end / _LONGEST_S)
     wanted = end / fast * frames_per_second
     if not wanted < _MOST_PICTURES:
         amount = f"{end:g} s at {fast:g} times real time need {wanted:.3g} frames"
-        raise InputError(f"{place}{amount}, more than {_MOST_PICTURES}; {way_on}")
+        raise InputError(f"{place}{amount}, more than {_MOST_PICTURES}; {remedy}")
     count = max(2, 1 + math.ceil(wanted))
     times = np.linspace(0.0, end, count)
-    said = f"{count} frames, {count / frames_per_second:.1f} s at {fast:g} times real time"
-    return _Cut(Subject(run, times.tolist()), times, fast, said)
+    description = f"{count} frames, {count / frames_per_second:.1f} s at {fast:g} times real time"
+    return _Cut(Subject(run, times.tolist()), times, fast, description)
 
 
 def _counted(pictures: Iterator[Any], count: int, report: Callable[[float, float], None] | None) -> Iterator[Any]:
@@ -123,10 +123,10 @@ def _counted(pictures: Iterator[Any], count: int, report: Callable[[float, float
 
 
 def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
-    held = BytesIO()
-    _save_gif(held, pictures, frames_per_second)
+    buffer = BytesIO()
+    _save_gif(buffer, pictures, frames_per_second)
     with new_file(path) as place:
-        place.write_bytes(held.getvalue())
+        place.write_bytes(buffer.getvalue())
 
 
 def _save_gif(to: BinaryIO, pictures: Iterator[Any], frames_per_second: float) -> None:

@@ -58,17 +58,17 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
 
 def _parts(run: Run, name: str) -> Iterator[Any]:
     """One table of a run in one or more parts; samples in blocks of some ten thousand."""
-    metadata, held = {"scenario": run.name, **run.log.header.metadata}, list[FloatArray]()
+    metadata, blocks = {"scenario": run.name, **run.log.header.metadata}, list[FloatArray]()
     if name != "samples" or not len(run.log.rows):
         yield to_arrow(run.table(name), metadata)
         return
     for block in run.log.blocks():
-        held.append(block)
-        if sum(map(len, held)) >= _ROWS_AT_ONCE:
-            yield to_arrow(samples(run.log.header.layout, np.concatenate(held)), metadata)
-            held = []
-    if held:
-        yield to_arrow(samples(run.log.header.layout, np.concatenate(held)), metadata)
+        blocks.append(block)
+        if sum(map(len, blocks)) >= _ROWS_AT_ONCE:
+            yield to_arrow(samples(run.log.header.layout, np.concatenate(blocks)), metadata)
+            blocks = []
+    if blocks:
+        yield to_arrow(samples(run.log.header.layout, np.concatenate(blocks)), metadata)
 
 
 def _write_parquet(parts: Iterator[Any], stream: BinaryIO) -> tuple[int, int]:

@@ -20,12 +20,12 @@ class Film:
 
     Attributes:
         name: Name of the scenario.
-        said: One line that describes it: frames, duration, playback speed.
+        description: One line that describes it: frames, duration, playback speed.
         gif: Bytes of the file.
     """
 
     name: str
-    said: str
+    description: str
     gif: bytes = field(repr=False)
 
     def save(self, path: str | Path) -> Path:
@@ -44,7 +44,7 @@ class Film:
         return target
 
     def _repr_html_(self) -> str:
-        words = html.escape(f"{self.name}: {self.said}")
+        words = html.escape(f"{self.name}: {self.description}")
         return f'<img alt="{words}" title="{words}" src="data:image/gif;base64,{b64encode(self.gif).decode("ascii")}">'
 
 
@@ -54,5 +54,5 @@ def film(run: Run, frames_per_second: float, speed: float | None) -> Film:
         raise ValueError(f"frames_per_second is {frames_per_second!r}; allowed: above 0, up to {MOST_FRAMES_PER_SECOND}")
     if speed is not None and not 0.0 < speed < float("inf"):
         raise ValueError(f"speed is {speed!r}; allowed: a positive number")
-    made, said = gif(run, frames_per_second=frames_per_second, speed=speed)
-    return Film(run.name, said, made)
+    made, description = gif(run, frames_per_second=frames_per_second, speed=speed)
+    return Film(run.name, description, made)

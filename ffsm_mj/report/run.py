@@ -14,7 +14,7 @@ from ffsm_mj.report.run_card import card_html, card_text
 
 if TYPE_CHECKING:
     from ffsm_mj.report.film import Film
-    from ffsm_mj.report.plots.shown import Figures
+    from ffsm_mj.report.plots.notebook import Figures
 
 
 class Run(analysis.Run):
@@ -40,9 +40,9 @@ class Run(analysis.Run):
             InputError: The run has no samples, or its models no longer compile.
             KeyError: The run has no figure of that name; the message lists those it has.
         """
-        from ffsm_mj.report.plots.shown import shown
+        from ffsm_mj.report.plots.notebook import notebook_figures
 
-        return shown(self, names)
+        return notebook_figures(self, names)
 
     @np.errstate(all="ignore")
     def animate(self, *, frames_per_second: float = 20.0, speed: float | None = None) -> Film:

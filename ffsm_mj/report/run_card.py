@@ -27,8 +27,8 @@ _LEFT = 'style="text-align:left"'
 def card_text(run: Run) -> str:
     """One line, and a second one with the tip if there is a task."""
     hits = len({record.event for record in run.impacts})
-    lasting = _lasting(run)
-    counts = [_counted(hits, "impact"), *([_counted(len(lasting), "persistent contact")] if lasting else [])]
+    contacts = _known_contacts(run)
+    counts = [_counted(hits, "impact"), *([_counted(len(contacts), "persistent contact")] if contacts else [])]
     line = f"<Run {run.name}: {'; '.join((_outcome(run), *counts, _checks(run)))}"
     tip = _tip(run)
     return "\n  ".join(map(one_line, [line, f"tip {tip}"] if tip else [line])) + ">"
@@ -39,7 +39,7 @@ def card_html(run: Run) -> str:
     rows = {
         "outcome": [_outcome(run)],
         "impacts": _impacts(run.impacts),
-        "contacts": _contacts(_lasting(run)),
+        "contacts": _contacts(_known_contacts(run)),
         "checks": [_checks(run)],
         "tip": [_tip(run)],
     }
@@ -63,8 +63,8 @@ def _outcome(run: Run) -> str:
     ended = run.log.outcome
     if ended is None:
         return what_is_missing(run)
-    said = f"{ended.outcome} after {ended.end_s:g} s" + (f" ({ended.message})" if ended.message else "")
-    return "; ".join(part for part in (said, what_is_missing(run)) if part)
+    ending = f"{ended.outcome} after {ended.end_s:g} s" + (f" ({ended.message})" if ended.message else "")
+    return "; ".join(part for part in (ending, what_is_missing(run)) if part)
 
 
 def _impacts(records: tuple[ImpactRecord, ...]) -> list[str]:
@@ -75,7 +75,7 @@ def _impacts(records: tuple[ImpactRecord, ...]) -> list[str]:
     return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines
 
 
-def _lasting(run: Run) -> tuple[ContactInterval, ...]:
+def _known_contacts(run: Run) -> tuple[ContactInterval, ...]:
     return run.contacts if _quick(run) else ()
 
 

@@ -171,7 +171,7 @@ def test_plot_without_names_has_every_figure(hit):
 def test_animate_shows_a_film_in_a_cell(hit, tmp_path):
     """0.5 s at 10 pictures a second are 6, in the cell and in the file that it is saved to."""
     film = hit.animate(frames_per_second=10.0)
-    assert repr(film) == "Film(name='scene', said='6 frames, 0.6 s at 1 times real time')"
+    assert repr(film) == "Film(name='scene', description='6 frames, 0.6 s at 1 times real time')"
     (shown,) = pictures(film._repr_html_(), "gif")
     assert shown.n_frames == 6
     with Image.open(film.save(tmp_path / "new" / "x.gif")) as saved:

@@ -45,4 +45,4 @@ def write_page(run: Run, path: Path) -> str:
     page = document(run, drawn, picked).encode()
     with new_file(path) as place:
         place.write_bytes(page)
-    return f"{picked.said}, {len(page) / 1e6:.1f} MB"
+    return f"{picked.description}, {len(page) / 1e6:.1f} MB"

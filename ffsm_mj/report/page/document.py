@@ -103,8 +103,8 @@ def _events(run: Run) -> list[str]:
     for record in found[:_MOST_EVENTS]:
         kind = kind_of(record)
         marked = ' class="marked"' if kind.marks is not None else ""
-        time, said = kind.time(record), _escaped(kind.sentence(record))
-        lines.append(f'<li{marked}><button type="button" data-time="{time!r}"><b>{time:.3f} s</b> {said}</button></li>')
+        time, text = kind.time(record), _escaped(kind.sentence(record))
+        lines.append(f'<li{marked}><button type="button" data-time="{time!r}"><b>{time:.3f} s</b> {text}</button></li>')
     if len(found) > _MOST_EVENTS:
         lines.append(f"<li>and {len(found) - _MOST_EVENTS} more, see ffsm analyze</li>")
     return lines
@@ -112,7 +112,7 @@ def _events(run: Run) -> list[str]:
 
 def _note(run: Run, drawn: PageScene, poses: Poses) -> str:
     more = f"; {drawn.undrawn} marks beyond the first {scene.MOST_MARKS} are not drawn" if drawn.undrawn else ""
-    return f"{poses.said}, of {len(run.log.rows)} samples in the log{more}."
+    return f"{poses.description}, of {len(run.log.rows)} samples in the log{more}."
 
 
 def _key(run: Run, drawn: PageScene) -> list[str]:

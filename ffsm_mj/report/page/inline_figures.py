@@ -27,11 +27,11 @@ def inline_figures(run: Run) -> dict[str, str]:
 
 
 def _inline(figure: Figure, name: str) -> str:
-    held = StringIO()
+    buffer = StringIO()
     with publication():
         mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": name})
-        figure.savefig(held, format="svg", metadata={"Date": None, "Creator": None})
-    svg = held.getvalue()
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    svg = buffer.getvalue()
     svg = _NOISE.sub("", svg[svg.index("<svg") :])
     svg = _COLOUR.sub(lambda found: f"var(--{_THEMED[found[1].lower()]})", svg)
     return svg.replace("</svg>", "".join(_cursors(figure)) + "</svg>")

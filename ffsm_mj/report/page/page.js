@@ -37,7 +37,7 @@
     viewer.setCamera([...data.centre.map((value, axis) => value + far * toEye[axis]), ...data.centre, 0, 0, 1]);
   }
 
-  function tell(time) {
+  function showTime(time) {
     slider.value = time;
     const phase = data.phases.filter(([start]) => start <= time).pop();
     now.textContent = `${time.toFixed(3)} s${phase ? `  ${phase[1]}` : ""}`;
@@ -57,7 +57,7 @@
 
   async function show(time) {
     wanted = Math.min(Math.max(time, 0), data.end);
-    tell(wanted);
+    showTime(wanted);
     if (show.busy || !viewer) return;
     show.busy = true;
     while (wanted !== null) {
@@ -104,7 +104,7 @@
   });
   byId("speed").addEventListener("change", () => { if (playing) run(); });
   play.addEventListener("click", () => (playing ? pause() : run()));
-  tell(data.start);
+  showTime(data.start);
 
   try {
     const k3d = await library();

@@ -28,7 +28,7 @@ class Poses(Frames):
     events: int
 
     @property
-    def said(self) -> str:
+    def description(self) -> str:
         """One line with the number of poses."""
         at = f", {self.events} of them at events" if self.events else ""
         return f"{len(self.times)} poses over {self.times[-1]:g} s{at}"
@@ -50,9 +50,11 @@ def poses(subject: Subject) -> Poses:
     rows = np.unique(np.clip(np.searchsorted(run.time, picked_times(run) - 1e-9), 0, len(run.time) - 1))
     found = dict(zip(run.time[rows].tolist(), run.qpos[rows], strict=True))
     # A log may hold any numbers: use a record only if its number of coordinates is that of the models.
-    held = {kind_of(record).time(record): np.array(record.qpos) for record in run.log.events() if hasattr(record, "qpos")}
+    records = [record for record in run.log.events() if hasattr(record, "qpos")]
     at_events = {
-        time: qpos for time, qpos in held.items() if qpos.shape == (subject.system.mj.nq,) and np.isfinite(qpos).all()
+        kind_of(record).time(record): np.array(record.qpos)
+        for record in records
+        if len(record.qpos) == subject.system.mj.nq and np.isfinite(record.qpos).all()
     }
     found |= at_events
     times = np.array(sorted(found))

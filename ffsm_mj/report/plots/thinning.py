@@ -76,15 +76,15 @@ class _Beside:
 
 def _slices(blocks: Iterable[FloatArray], size: int) -> Iterator[FloatArray]:
     """Regroup rows into blocks of equal size, except the last."""
-    held: list[FloatArray] = []
+    waiting: list[FloatArray] = []
     for block in blocks:
-        held.append(block)
-        if sum(map(len, held)) >= size:
-            rows = np.concatenate(held)
+        waiting.append(block)
+        if sum(map(len, waiting)) >= size:
+            rows = np.concatenate(waiting)
             whole = len(rows) // size * size
             yield from (rows[first : first + size] for first in range(0, whole, size))
-            held = [rows[whole:]]
-    rest = np.concatenate(held)
+            waiting = [rows[whole:]]
+    rest = np.concatenate(waiting)
     if len(rest):
         yield rest
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from ffsm_mj.errors import InputError
-from ffsm_mj.model.allowances import MOST_ELEMENTS, MOST_PIXELS, image_pixels, pixels
+from ffsm_mj.model.limits import MOST_ELEMENTS, MOST_PIXELS, image_pixels, pixels
 from ffsm_mj.model.packages import SCHEME
 from ffsm_mj.model.xml import Element, assets, elements, is_urdf, strips_folders
 

@@ -55,13 +55,13 @@ class Figures(Mapping[str, "Figure"]):
 
 
 def _png(figure: Figure) -> str:
-    held = BytesIO()
+    buffer = BytesIO()
     with publication():
-        figure.savefig(held, format="png", dpi=_DPI)
-    return b64encode(held.getvalue()).decode("ascii")
+        figure.savefig(buffer, format="png", dpi=_DPI)
+    return b64encode(buffer.getvalue()).decode("ascii")
 
 
-def shown(run: Run, names: Sequence[str]) -> Figures:
+def notebook_figures(run: Run, names: Sequence[str]) -> Figures:
     """Figures of a run; see :meth:`ffsm_mj.report.run.Run.plot`."""
     made = Figures(figures(run, names))
     for name in names:
