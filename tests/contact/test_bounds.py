@@ -1,4 +1,4 @@
-"""What a residual may be: the same for every length of a run, every origin and every speed; a leak is found all the same."""
+"""Tolerances of residuals: independent of the length of a run, of the origin and of the speed; every leak is found."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def coast(tmp_path_factory):
 
 @pytest.fixture
 def long(coast):
-    """The same as a log of 3000 s, a row every 1000 steps; nothing moves away."""
+    """The same as a log of 3000 s with a row every 1000 steps; nothing drifts away."""
     rows = np.tile(coast.rows[0], (ROWS, 1))
     rows[:, 0] = np.arange(ROWS)
     return replace(coast, rows=rows)
@@ -47,8 +47,8 @@ def broken(run: Run) -> list[tuple[str, str]]:
     return [(check.name, check.subsystem) for check in run.checks() if not check.passes]
 
 
-def test_a_step_may_leave_what_it_may_leave_however_many_there_are(long):
-    """1e-14 (1 + scale) a step, scale 2 N s: 3e-14 holds for 3e6 steps, in which it adds up to 9e-8; 4e-14 never does."""
+def test_tolerance_of_a_step_does_not_depend_on_the_number_of_steps(long):
+    """The tolerance is 1e-14 (1 + scale) a step, scale 2 N s: 3e-14 passes for 3e6 steps, a sum of 9e-8; 4e-14 fails."""
     steps = long.rows[:, 0] / STEP_S
     good = leaking(long, BOTH_WAYS, 2.9e-14 * steps)
     assert not broken(good)
@@ -67,7 +67,7 @@ def test_a_step_may_leave_what_it_may_leave_however_many_there_are(long):
     ("key", "name"), [("momentum.objects_L_z_N_m_s", "angular momentum"), ("energy.objects_J", "energy")]
 )
 def test_a_leak_of_a_ten_millionth_is_found_whenever_it_happens(long, at, key, name):
-    """Also between the last row of a stretch and the first of the next; it is told in the stretch where it happens."""
+    """Also between the last row of a stretch and the first of the next; it is reported in the stretch where it happens."""
     run = leaking(long, key, np.where(np.arange(ROWS) >= at, 1e-7, 0.0))
     if name == "angular momentum":  # a ball on a rail cannot turn: say that it can
         metadata = {**run.log.header.metadata, "free_components_objects": "1 1 1 1 1 1"}
@@ -79,7 +79,7 @@ def test_a_leak_of_a_ten_millionth_is_found_whenever_it_happens(long, at, key, n
 
 
 @pytest.mark.long
-def test_the_same_verdict_however_the_rows_are_cut(baseline):
+def test_checks_do_not_depend_on_the_blocks_of_rows(baseline):
     log = replace(baseline.log, rows=baseline.log.rows[::7])
     header = replace(log.header, metadata={**log.header.metadata, "time_step_s": "3e-5"})  # ten stretches
     rng = np.random.default_rng(3)
@@ -93,8 +93,8 @@ def test_the_same_verdict_however_the_rows_are_cut(baseline):
     assert len(found) == 1
 
 
-def test_a_first_order_integrator_is_found_out_in_a_long_run():
-    """Euler loses 1e-3 of the momentum in 30 s at 1 ms; the run is cut into stretches of 1 s, as if it were far longer."""
+def test_a_first_order_integrator_fails_in_a_long_run():
+    """Euler's method loses 1e-3 of the momentum in 30 s at 1 ms; stretches of 1 s stand for a much longer run."""
     prepared = prepare("baseline", ["duration_s=6.0"])
     prepared.system.mj.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     log = prepared.run().log
@@ -104,7 +104,7 @@ def test_a_first_order_integrator_is_found_out_in_a_long_run():
 
 
 def fast_balls(folder, offset=(0.0, 0.0, 0.0), **scenario):
-    """2 kg at 100 km/s on 3 kg, off centre."""
+    """A ball of 2 kg at 100 km/s hits one of 3 kg off centre."""
     x, y, z = offset
     joints = {"robot/free": [x, y, z, 1, 0, 0, 0], "target/free": [x + 1000.0, y + 0.05, z + 0.02, 1, 0, 0, 0]}
     return scene(
@@ -118,7 +118,7 @@ def fast_balls(folder, offset=(0.0, 0.0, 0.0), **scenario):
 
 
 def test_rounding_at_a_hundred_kilometres_a_second_is_no_violation(tmp_path):
-    """L_y is what is left of terms r x m v of 1e5 m x 2e5 N s: rounded to 1e-16 of that, it is good to some 1e-6 only."""
+    """L_y is the sum of terms r x m v of 1e5 m x 2e5 N s, each rounded to 1e-16: it is accurate to about 1e-6 only."""
     run = ffsm_mj.run(fast_balls(tmp_path))
     assert run.impacts
     assert not broken(run)
@@ -130,8 +130,8 @@ def test_rounding_at_a_hundred_kilometres_a_second_is_no_violation(tmp_path):
     assert ("angular momentum", "total") in broken(leaking(run.log, "momentum.total_L_z_N_m_s", leak))
 
 
-def test_another_origin_is_the_same_run(tmp_path):
-    """A residual of P that holds has a moment that holds, wherever the origin is."""
+def test_checks_do_not_depend_on_the_origin(tmp_path):
+    """If the residual of P passes, so does its moment about any origin."""
     log = ffsm_mj.run(fast_balls(tmp_path, (0.0, 3e5, 0.0), duration_s=0.005)).log
     allowed = min(
         check.tolerance for check in Run(log).checks() if check.name == "linear momentum" and check.subsystem == "robot"
@@ -144,8 +144,8 @@ def test_another_origin_is_the_same_run(tmp_path):
 
 
 @pytest.mark.parametrize("conservative", ["true", "false"])
-def test_no_penetration_is_judged_to_a_billionth_of_a_metre_always(coast, conservative):
-    """Where the log tells the depth; no tolerance for all laws moves it, its own does."""
+def test_no_penetration_has_its_own_tolerance_of_a_nanometre(coast, conservative):
+    """If the log has the depth. A tolerance for all checks does not change it; its own tolerance does."""
     kept = [i for i, key in enumerate(coast.header.layout.keys) if key != OVERLAP]
     signals = [coast.header.layout.signals[i] for i in kept]
     header, rows = replace(coast.header, layout=Layout(tuple(signals))), coast.rows[:, kept]
@@ -163,7 +163,7 @@ def test_no_penetration_is_judged_to_a_billionth_of_a_metre_always(coast, conser
         ]
 
 
-def test_without_conservation_only_impacts_and_overlap_are_judged(tmp_path):
+def test_without_conservation_only_impacts_and_overlap_are_checked(tmp_path):
     path = two_balls(tmp_path, conservative=False, duration_s=0.5)
     text = (tmp_path / "target.xml").read_text().replace('type="slide"', 'type="slide" damping="2"')
     (tmp_path / "target.xml").write_text(text)

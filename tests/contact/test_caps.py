@@ -1,4 +1,4 @@
-"""A box on the cap of a cylinder touches where its own corners and edges do, up to the rim: eight points are no rim."""
+"""A box on the cap of a cylinder: contact points are its own corners and edges, up to the rim of the cap."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_an_edge_on_a_cap_touches_up_to_its_end_or_to_the_rim(reach, swapped):
 
 
 def test_a_corner_near_the_rim_is_opposite_the_cap():
-    """A corner, 0.195 m from the axis, is what touches; one at 0.205 m does not."""
+    """A corner 0.195 m from the axis is in contact; one at 0.205 m is not."""
     turn = np.array([np.cos(0.3), np.sin(0.3) / np.sqrt(2.0), np.sin(0.3) / np.sqrt(2.0), 0.0])
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, turn)

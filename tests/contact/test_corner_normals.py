@@ -1,4 +1,4 @@
-"""The normal where corners nearly meet: found from the state alone, whatever was seen of the pair before."""
+"""The normal where corners nearly meet, found from the state alone, independent of earlier evaluations of the pair."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SIGNS = np.array([*product((-1.0, 1.0), repeat=3)])
 
 
 def tetrahedron(rng):
-    """MJCF of a free mesh of four corners."""
+    """MJCF of a free mesh with four corners."""
     corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) * 0.08 + rng.uniform(-0.03, 0.03, (4, 3))
     return f"""<mujoco>{HEAD}<asset><mesh name="box" vertex="{" ".join(map(str, corners.ravel()))}"/></asset><worldbody>
       <body name="box"><freejoint name="free"/><inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
@@ -38,7 +38,7 @@ def corners_and_edges(model, data, geom):
 
 
 def widest(model, data, pair):
-    """Separation and direction of the separating axis theorem: of all normals of faces, and of all pairs of edges."""
+    """Separation and direction by the separating axis theorem: over all normals of faces and all pairs of edges."""
     (a, edges_a, faces_a), (b, edges_b, faces_b) = (corners_and_edges(model, data, geom) for geom in pair.ids)
     axes = np.concatenate((faces_a, faces_b, np.cross(edges_a[:, None], edges_b[None]).reshape(-1, 3)))
     lengths = np.linalg.norm(axes, axis=1)
@@ -49,7 +49,7 @@ def widest(model, data, pair):
 
 
 def nearly_meeting(rng, folder, offset_m):
-    """Two polytopes at random attitudes, a corner of each within an offset of the other's, just touching."""
+    """Two polytopes at random attitudes in contact, a corner of each within an offset of a corner of the other."""
     bodies = [box("box", half=tuple(rng.uniform(0.05, 0.2, 3))) if rng.random() < 0.6 else tetrahedron(rng) for _ in "ab"]
     paths = []
     for name, text in zip("ab", bodies, strict=True):
@@ -77,7 +77,7 @@ def nearly_meeting(rng, folder, offset_m):
 
 @pytest.mark.parametrize("offset_m", [1e-3, 1e-4, 1e-5, 1e-6, 1e-7])
 def test_normal_where_corners_nearly_meet(tmp_path, rng, offset_m):
-    """The gap differs from that along any other direction, and a direction of before is no help that is needed."""
+    """The normal has the largest separation of all directions, whatever the normal of the evaluation before."""
     for _ in range(6):
         model, data, pair = nearly_meeting(rng, tmp_path, offset_m)
         gap, normal = widest(model, data, pair)
@@ -88,8 +88,8 @@ def test_normal_where_corners_nearly_meet(tmp_path, rng, offset_m):
 
 
 def test_normal_at_the_edge_of_a_fine_mesh(tmp_path, rng):
-    """A ball at the side of a face of nine vertices: what it touches is the edge, a hair away from the face's own normal."""
-    half, radius = 0.25, 0.125  # of powers of two, which single precision tells exactly
+    """A ball at the side of a face with nine vertices is in contact with the edge, close to the normal of the face."""
+    half, radius = 0.25, 0.125  # of powers of two, which are exact in single precision
     grid = " ".join(str(half * x) for corner in product((-1, 0, 1), repeat=3) for x in corner)
     mesh = f"""<mujoco>{HEAD}<asset><mesh name="box" vertex="{grid}"/></asset><worldbody><body name="box">
       <freejoint name="free"/><inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>

@@ -1,4 +1,4 @@
-"""All 28 pairs of seven convex shapes: gap, normal and point at touch against the shapes' own closed forms."""
+"""All 28 pairs of seven convex shapes in contact: gap, normal and point against closed forms of the shapes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def shape(name):
 
 
 def support(name, model, data, geom, direction):
-    """How far a shape reaches along a world direction, in closed form."""
+    """Extent of a shape along a world direction, in closed form."""
     rotation, position = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
     n = rotation.T @ direction
     if name in MESHES:
@@ -59,7 +59,7 @@ def support(name, model, data, geom, direction):
 
 
 def collision(folder, a, b, rng, *, tumbling=True):
-    """Impact record and state of two shapes flying at each other in random poses."""
+    """Impact record and state of two shapes that hit each other in random poses."""
 
     def quaternion():
         q = rng.normal(size=4)
@@ -94,11 +94,11 @@ def collision(folder, a, b, rng, *, tumbling=True):
 
 @pytest.mark.parametrize("draw", [0, *(pytest.param(draw, marks=pytest.mark.long) for draw in (1, 2, 3))])
 @pytest.mark.parametrize(("a", "b"), PAIRS)
-def test_touch_is_exact_for_every_pair(tmp_path, draw, a, b):
-    """Along the normal the shapes' closed-form supports meet: gap and normal are optimal, the point lies on both.
+def test_contact_is_exact_for_every_pair(tmp_path, draw, a, b):
+    """Along the normal the closed-form supports meet: gap and normal are optimal, and the point is on both shapes.
 
-    The gap is stationary in the normal, so a wrong normal of angle d shows up as R d^2 there, but as R d in the point: where
-    a shape has one extreme point along the normal, the contact point must be it. 1e-12 m is rounding of metres times a few.
+    The gap is stationary in the normal, so an error d of the normal appears as R d^2 in the gap, but as R d in the point: if
+    a shape has one extreme point along the normal, it must be the contact point. 1e-12 m is the rounding of metres.
     """
     rng = np.random.default_rng([20240601, draw])
     impact, model, data = collision(tmp_path, a, b, rng)
@@ -164,7 +164,7 @@ UP = np.array([0.0, 0.0, 1.0])
     ],
 )
 def test_touching_set(first, second, count):
-    """Extreme points of two overlapping features, whichever comes first."""
+    """Extreme points of two overlapping features, in either order."""
     one, other = touching_set(first, second, UP), touching_set(second, first, UP)
     assert len(one) == len(other) == count
     if count:
@@ -172,8 +172,8 @@ def test_touching_set(first, second, count):
 
 
 @pytest.mark.parametrize(("tilt", "touching"), [(1e-10, [0, 1, 2, 3]), (1e-7, [0, 3])])
-def test_corners_of_a_tilted_face_touch_where_the_gap_is_that_of_the_pair(tilt, touching):
-    """Faces count as parallel up to 1e-6 rad, corners as touching up to 1e-9 m; each point is midway at its own height."""
+def test_corners_of_a_tilted_face_in_contact(tilt, touching):
+    """Faces are parallel up to 1e-6 rad, corners in contact up to 1e-9 m; each point is midway at its own height."""
     first, second = square(1.0), square(0.5)
     second[:, 2] = tilt * (0.5 + second[:, 0])
     found = touching_set(first, second, UP)
@@ -185,10 +185,10 @@ def test_corners_of_a_tilted_face_touch_where_the_gap_is_that_of_the_pair(tilt, 
 
 @pytest.mark.parametrize("radius", [1e-3, 0.02, 0.15, 1.0])
 def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, radius):
-    """Against the closed form (the centre clipped to the box), at gaps of 0 to 1e-7 m, whatever the pair saw before.
+    """Against the closed form (the centre clipped to the box), at gaps of 0 to 1e-7 m, after any earlier evaluation.
 
-    A direction that is off by d loses extent * d at a face: 1e-14 m, forty times the rounding of coordinates of 1 m, leaves
-    room for 1e-14 rad. Near an edge the face's normal and the edge's differ by the angle drawn here, down to 1e-12 rad.
+    An error d of the direction costs extent * d at a face: the tolerance of 1e-14 m, forty times the rounding of coordinates
+    of 1 m, allows 1e-14 rad. Near an edge the normals of face and edge differ by the drawn angle, down to 1e-12 rad.
     """
     half = np.full(3, 0.5)
     prepared = prepare(
@@ -223,8 +223,8 @@ def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, ra
         assert pair.proximity(model, data).gap == pytest.approx(true, abs=1e-14)
 
 
-def test_a_corner_near_the_middle_of_a_cylinder_s_face(rng):
-    """From 1e-9 to 1e-6 rad off the axis the rim's radii of 1e5 to 1e8 m leave the other one unknown, and maybe singular."""
+def test_a_corner_near_the_centre_of_a_cap(rng):
+    """From 1e-9 to 1e-6 rad off the axis the rim has radii of 1e5 to 1e8 m: the other radius is rounding, zero at times."""
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><worldbody><geom type="box" size="0.1 0.15 0.2"/><body><freejoint/>
         <geom {SHAPES["cylinder"]}/></body></worldbody></mujoco>"""

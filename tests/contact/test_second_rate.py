@@ -1,4 +1,4 @@
-"""The second rate of the gap of every pair of shapes, against differences of its rate along the motion."""
+"""Second rate of the gap of every pair of shapes, against differences of the gap rate along the motion."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def close_pair(folder, a, b, rng):
 
 @pytest.mark.parametrize(("a", "b"), PAIRS)
 def test_second_rate_is_the_derivative_of_the_rate(tmp_path, rng, a, b):
-    """Fourth-order differences over 1e-5 s: 1e-16 / 1e-5 of rounding in the rate is 1e-11 of it, h^4 is below that."""
+    """Fourth-order differences over 1e-5 s: the rounding is 1e-16 / 1e-5 = 1e-11 of the rate, and h^4 is less."""
     pair, model, data = close_pair(tmp_path, a, b, rng)
     near = pair.proximity(model, data)
     found = pair.second_rate(model, data, near, near.points[0])
@@ -73,8 +73,8 @@ def test_second_rate_is_the_derivative_of_the_rate(tmp_path, rng, a, b):
     assert found.value == pytest.approx(slope, abs=1e-8 * (1.0 + found.scale))
 
 
-def test_what_presses_is_the_motion_after_a_plastic_impact(tmp_path, rng):
-    """B is -gap'' with the velocities that a plastic impact leaves, and with the forces held; not with those before it."""
+def test_pressing_acceleration_follows_from_a_plastic_impact(tmp_path, rng):
+    """The acceleration b is -gap'' at the velocities after a plastic impact under the current efforts."""
     pressed = 0
     for _ in range(12):
         pair, model, data = close_pair(tmp_path, "capsule", "ellipsoid", rng)

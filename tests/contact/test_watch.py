@@ -1,4 +1,4 @@
-"""The watch over contacts that nobody resolves."""
+"""Detection of unhandled contacts."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ BALLS = "".join(
 )
 
 
-def test_who_is_known_may_change_while_the_same_pairs_overlap():
-    """Pairs that are one rigid body are left out as long as they are, and told of from then on."""
+def test_the_ignored_pairs_may_change_during_an_overlap():
+    """Pairs on one rigid body are ignored while they are on it, and reported afterwards."""
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{BALLS}</worldbody></mujoco>")
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -27,6 +27,6 @@ def test_who_is_known_may_change_while_the_same_pairs_overlap():
     for k in range(3, 6):
         assert watch.look(0.1 * k) == []
     watch.rigid = frozenset([second])
-    (told,) = watch.look(0.6)
-    assert (told.geoms, told.start_s, told.end_s) == (("b", "c"), 3 * 0.1, 0.6)
-    assert abs(told.max_depth_m - 0.05) < 1e-12
+    (record,) = watch.look(0.6)
+    assert (record.geoms, record.start_s, record.end_s) == (("b", "c"), 3 * 0.1, 0.6)
+    assert abs(record.max_depth_m - 0.05) < 1e-12

@@ -1,4 +1,4 @@
-"""Frozen contact features: exact along the motion, the pair's own gap where they hold, smooth beyond their bounds."""
+"""Gap functions of features: exact along the motion, equal to the gap of the pair in contact, smooth beyond their bounds."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def turn_at_random(qpos, rng):
 
 
 def meet(pair, model, data, mover):
-    """Move the free body at an address along x until the pair touches to rounding; returns the proximity."""
+    """Move a free body along x until the pair is in contact to rounding; returns the proximity."""
     for _ in range(60):
         mujoco.mj_forward(model, data)
         near = pair.proximity(model, data)
@@ -50,8 +50,8 @@ def meet(pair, model, data, mover):
     pytest.fail("the shapes were not brought together")
 
 
-def touching(pair, model, data, rng):
-    """Turn two free bodies at random and bring them together."""
+def in_contact(pair, model, data, rng):
+    """Turn two free bodies at random and bring them into contact."""
     turn_at_random(data.qpos[:7], rng)
     turn_at_random(data.qpos[7:], rng)
     data.qpos[7:10] = [1, *rng.uniform(-0.1, 0.1, 2)]
@@ -78,9 +78,9 @@ def moved(model, data):
 
 
 def derivatives(model, data, feature):
-    """Rate and second rate of the frozen gap along the motion with the accelerations in ``data``, and their errors.
+    """Rate and second rate of a gap function along the motion with the accelerations in ``data``, and their errors.
 
-    By differences of order 4; over twice the time the error is 16 times as large.
+    Differences of order 4; over twice the time the error is 16 times as large.
     """
     start, velocity = data.qpos.copy(), data.qvel.copy()
 
@@ -97,7 +97,7 @@ def derivatives(model, data, feature):
 
 
 def check_motion(pair, model, data, feature):
-    """The rates are those of the gap: rounding of the differences is 1e-16 / h, 1e-12, and 1e-9 of the terms leaves room."""
+    """The rates are derivatives of the gap: the rounding of differences is 1e-16 / h = 1e-12, 1e-9 is allowed."""
     held = feature.at(data)
     (rate, second), error = derivatives(model, data, feature)
     assert held.rate == pytest.approx(rate, abs=1e-9 + error[0])
@@ -107,11 +107,11 @@ def check_motion(pair, model, data, feature):
 
 
 @pytest.mark.parametrize(("a", "b"), HOLD)
-def test_a_feature_is_the_pair_where_it_touches(tmp_path, rng, a, b):
-    """Gap, normal, point, rate and second rate are the pair's own, both closed forms: 1e-12 of the terms."""
+def test_a_feature_in_contact_has_the_gap_of_the_pair(tmp_path, rng, a, b):
+    """Gap, normal, point, rate and second rate equal those of the pair; both are closed forms: 1e-12 of the terms."""
     pair, model, data = pair_of(tmp_path, shape(a), shape(b))
     for _ in range(6):
-        near = touching(pair, model, data, rng)
+        near = in_contact(pair, model, data, rng)
         data.qacc[:] = rng.uniform(-1, 1, model.nv)
         expected = pair.second_rate(model, data, near, near.points[0])
         (feature,) = features(pair, model, data, near)
@@ -133,12 +133,12 @@ def test_a_feature_is_the_pair_where_it_touches(tmp_path, rng, a, b):
 
 @pytest.mark.long
 @pytest.mark.parametrize(("a", "b"), HOLD)
-def test_a_frozen_feature_is_smooth_beyond_its_bounds(tmp_path, rng, a, b):
-    """It is the same function after both bodies have moved and turned by far more than a step, in touch or not."""
+def test_a_gap_function_is_smooth_beyond_its_bounds(tmp_path, rng, a, b):
+    """The function stays the same after both bodies have moved and turned by far more than in a step, in contact or not."""
     pair, model, data = pair_of(tmp_path, shape(a), shape(b))
     outside = 0
     for _ in range(6):
-        near = touching(pair, model, data, rng)
+        near = in_contact(pair, model, data, rng)
         (feature,) = features(pair, model, data, near)
         # Not deep into an ellipsoid: the nearest point of its surface is smooth to its radii of curvature only.
         data.qpos[7:10] += 0.03 * near.normal + rng.uniform(-0.03, 0.03, 3)
@@ -181,13 +181,13 @@ def test_features_of_a_chain_and_of_a_fixed_body(tmp_path, rng, geom, other):
 
 
 @pytest.mark.parametrize(("a", "b"), [(a, b) for a in FLAT for b in FLAT])
-def test_the_gap_is_the_distance_while_inside(tmp_path, rng, a, b):
-    """Apart along the normal MuJoCo's own distance is exact for these shapes; 1e-12 m is rounding."""
+def test_inside_its_bounds_the_gap_is_the_distance(tmp_path, rng, a, b):
+    """Apart along the normal, MuJoCo's distance is exact for these shapes; 1e-12 m is rounding."""
     pair, model, data = pair_of(tmp_path, shape(a), shape(b))
     apart = 1e-3
     compared = 0
     for _ in range(12):
-        near = touching(pair, model, data, rng)
+        near = in_contact(pair, model, data, rng)
         (feature,) = features(pair, model, data, near)
         data.qpos[7:10] += apart * near.normal + rng.uniform(-1e-4, 1e-4, 3)
         moved(model, data)
@@ -198,7 +198,7 @@ def test_the_gap_is_the_distance_while_inside(tmp_path, rng, a, b):
     assert compared > 4
 
 
-def test_which_pairs_cannot_last(tmp_path):
+def test_which_pairs_cannot_persist(tmp_path):
     both = shape("cylinder").replace("</body>", f'<geom name="h" {SHAPES["ellipsoid"]}/><geom name="s" size="1"/></body>', 1)
     (tmp_path / "model.xml").write_text(both)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))

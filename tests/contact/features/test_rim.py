@@ -1,4 +1,4 @@
-"""A cylinder's cap on a box: where its rim crosses an edge, and what of it comes nearest between its fixed points."""
+"""The cap of a cylinder on a box: where its rim crosses an edge, and its nearest point between the fixed points."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ON_EDGE = {"position_m": [0, 0, -0.5 * math.sqrt(2.0)], "quaternion": [math.cos
 
 
 def drum(folder, rates, floor, *, restitution=0.0, tilt=0.0, **more):
-    """A scene with a cylinder that stands at x = _OVER on the top of a box, or on its edge along y, moving at some rates."""
+    """A scene with a cylinder that stands at x = _OVER on the top of a box, or on its edge along y, with given rates."""
     model = f"""<mujoco>{HEAD}<worldbody><body name="b"><freejoint name="free"/>
       <inertial pos="0.01 0.02 0.03" mass="1" diaginertia="0.012 0.010 0.007"/>
       <geom name="g" type="cylinder" size="{_RADIUS} {_HALF}" mass="0"/></body></worldbody></mujoco>"""
@@ -43,8 +43,8 @@ def drum(folder, rates, floor, *, restitution=0.0, tilt=0.0, **more):
     )
 
 
-def test_a_rim_crosses_an_edge_where_it_does(tmp_path):
-    """Not where the polygon of a cap's fixed points does, up to 8 % of the radius further in."""
+def test_where_a_rim_crosses_an_edge(tmp_path):
+    """The crossing is on the circle, not on the polygon of the fixed points, which is up to 8 % of the radius further in."""
     assembly = prepare(drum(tmp_path, [0.0] * 6, _ON_EDGE)).assemble()
     points = assembly.pairs[0].proximity(assembly.system.mj, assembly.data).points
     half = math.sqrt(_RADIUS**2 - _OVER**2)
@@ -53,8 +53,8 @@ def test_a_rim_crosses_an_edge_where_it_does(tmp_path):
     )  # the points of a level face are merged in 1e-9
 
 
-def test_the_point_of_a_rim_that_approaches_fastest_is_among_those_that_touch(tmp_path):
-    """Between two fixed ones: an impact left it approaching, and it went 6e-5 m into a wall within a step."""
+def test_the_fastest_point_of_a_rim_is_a_contact_point(tmp_path):
+    """It is between two fixed points; without it an impact leaves the rim approaching, and it sinks 6e-5 m into a wall."""
     rates = [0.0, 0.0, -0.2, 0.7, -0.45, 0.3]
     path = drum(tmp_path, rates, _FLAT, restitution=0.4, duration_s=0.05)
     assembly = prepare(path).assemble()
@@ -66,7 +66,7 @@ def test_the_point_of_a_rim_that_approaches_fastest_is_among_those_that_touch(tm
 
 
 def test_the_second_rate_where_a_rim_crosses_an_edge(tmp_path):
-    """That of the frozen feature, found otherwise: exact although the cap is flat on the edge to 5e-7 rad only."""
+    """Equal to that of the gap function of the feature: exact although the cap is flat on the edge to 5e-7 rad only."""
     rates = [0.05, -0.08, 0.0, 0.4, 0.3, -0.2]
     assembly = prepare(drum(tmp_path, rates, _ON_EDGE, tilt=5e-7)).assemble()
     (pair,), model, data = assembly.pairs, assembly.system.mj, assembly.data

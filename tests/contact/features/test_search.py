@@ -1,4 +1,4 @@
-"""Which features a touch has: by name and number, once each, and handed over where one ends and the next begins."""
+"""Features of a contact: their names and numbers, without duplicates, and the change from one feature to the next."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.tolerances import FEATURE_BOUND_M
-from tests.contact.test_feature import pair_of
+from tests.contact.features.test_gap_functions import pair_of
 from tests.scenes import HEAD
 
 BOX, LONG = 'type="box" size="0.1 0.15 0.2"', 'type="box" size="0.02 0.02 0.1"'
@@ -73,7 +73,7 @@ def body(geom):
 
 
 def placed(folder, a, b, position, turn, rng):
-    """(pair, model, data) of b at a pose in a's axes, both somewhere and somehow in space, moving."""
+    """(pair, model, data) of b at a pose relative to a, both at a random pose in space, moving."""
     pair, model, data = pair_of(folder, body(a), body(b))
     place(data, position, turn, rng)
     data.qvel[:] = rng.uniform(-1, 1, 12)
@@ -92,8 +92,8 @@ def place(data, position, turn, rng):
 
 
 @pytest.mark.parametrize("case", TOUCHES)
-def test_what_touches(tmp_path, rng, case):
-    """Names and numbers, from both sides; each is closed and, where the faces are flush, along one normal."""
+def test_features_by_name_and_number(tmp_path, rng, case):
+    """Names and numbers, in both orders of the geoms; each feature is closed, and flush faces have one normal."""
     a, b, position, turn, expected = TOUCHES[case]
     pair, model, data = placed(tmp_path, a, b, position, turn, rng)
     check(pair, model, data, expected)
@@ -121,7 +121,7 @@ CUBES = [name for name, touch in TOUCHES.items() if touch[0] == BOX and "cylinde
 
 @pytest.mark.parametrize("case", CUBES)
 def test_a_mesh_cube_is_a_box(tmp_path, rng, case):
-    """To its single precision: all its features have the gap and the normal that the pair has there."""
+    """To single precision: all its features have the gap and the normal of the pair."""
     _, b, position, turn, expected = TOUCHES[case]
     pair, model, data = placed(tmp_path, MESH, MESH if b == BOX else b, position, turn, rng)
     near = pair.proximity(model, data)
@@ -134,8 +134,8 @@ def test_a_mesh_cube_is_a_box(tmp_path, rng, case):
             assert expected.keys() & {"vertex on side", "end on edge"}  # not flush: a face has no part in it
 
 
-def test_the_manifold_of_two_boxes_is_their_overlap(tmp_path, rng):
-    """The points of the features are the corners of the intersection of both faces, each once."""
+def test_the_contact_patch_of_two_boxes_is_their_overlap(tmp_path, rng):
+    """The points of the features are the corners of the intersection of both faces, without duplicates."""
     for _ in range(10):
         angle, (x, y) = rng.uniform(0, 1), rng.uniform(-0.15, 0.15, 2)
         pair, model, data = placed(tmp_path, BOX, BOX, (x, y, 0.4), (math.cos(angle), 0, 0, math.sin(angle)), rng)
@@ -160,8 +160,8 @@ def over_edge(folder, offset, corner):
 @pytest.mark.parametrize(
     ("offset", "expected"), [(-1e-3, 0), (-1e-9, 0), (-3e-10, 0), (3e-10, 0), (1e-9, 1), (1e-3, 1), (0.02, 1)]
 )
-def test_a_ball_is_handed_over_at_the_edge(tmp_path, offset, expected, corner):
-    """One feature at a time: the face to half of FEATURE_BOUND_M beyond its side, from there the edge or the vertex."""
+def test_a_ball_changes_its_feature_at_the_edge(tmp_path, offset, expected, corner):
+    """One feature at a time: the face up to FEATURE_BOUND_M / 2 beyond its side, then the edge or the vertex."""
     pair, model, data = over_edge(tmp_path, offset, corner)
     (feature,) = features(pair, model, data, pair.proximity(model, data))
     names = ("sphere on face", "sphere on vertex" if corner else "sphere on edge")
@@ -171,7 +171,7 @@ def test_a_ball_is_handed_over_at_the_edge(tmp_path, offset, expected, corner):
 
 
 def test_a_feature_ends_where_the_foot_leaves_it(tmp_path):
-    """Frozen, the face's gap beyond its edge stays that of the plane; and the edge's over the face that of its line."""
+    """Beyond the edge, the gap of the face is that of its plane; over the face, the gap of the edge is that of its line."""
     pair, model, data = over_edge(tmp_path, -0.01, corner=False)
     (face,) = features(pair, model, data, pair.proximity(model, data))
     normal = face.at(data).normal
@@ -195,7 +195,7 @@ def test_a_feature_ends_where_the_foot_leaves_it(tmp_path):
 
 @pytest.mark.parametrize("beyond", [-0.02, 0.02])
 def test_an_edge_ends_at_its_end(tmp_path, rng, beyond):
-    """A capsule across the vertical edge of a box, above or below its upper end."""
+    """A capsule across the vertical edge of a box, above or below the upper end of the edge."""
     position = (0.1 + _DIAGONAL, 0.15 + _DIAGONAL, 0.2 + beyond)
     across = (math.cos(math.pi / 8), 0, 0, math.sin(math.pi / 8))  # its axis level, square to the diagonal
     level = np.zeros(4)
@@ -210,16 +210,16 @@ def test_an_edge_ends_at_its_end(tmp_path, rng, beyond):
     assert feature.at(data).gap == pytest.approx(0.0, abs=1e-15)
 
 
-def test_half_of_the_tolerance_is_for_taking_up(tmp_path):
-    """What has been left is not taken up again at the same place: else an event would repeat itself."""
+def test_a_feature_is_entered_within_half_of_the_tolerance(tmp_path):
+    """A feature that was left is not entered again at the same place; otherwise the event would repeat."""
     pair, model, data = over_edge(tmp_path, 1.01 * FEATURE_BOUND_M, corner=False)
     (feature,) = features(pair, model, data, pair.proximity(model, data))
     assert feature.name == "sphere on edge"
     assert feature.at(data).inside > 0.0
 
 
-def test_a_query_that_is_wrong_at_touch_is_not_believed(tmp_path):
-    """In some poses MuJoCo's distance of two flush boxes is 0.002 to 0.017 m, between witnesses that are one point."""
+def test_a_wrong_distance_query_in_contact_is_corrected(tmp_path):
+    """In some poses MuJoCo's distance of two flush boxes is 0.002 to 0.017 m, with coinciding witness points."""
     _, _, position, turn, expected = TOUCHES["a small box on a box"]
     _, model, data = pair_of(tmp_path, body(BOX), body(LONG))
     wrong = []
