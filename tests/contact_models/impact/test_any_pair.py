@@ -1,4 +1,4 @@
-"""Impact pairs of any two geoms: object and object, robot and object either way round, robot with itself."""
+"""Impact pairs of any two geoms: two objects, robot and object in either order, the robot with itself."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def good(run):
     return run
 
 
-def booked(run, key):
+def change_of(run, key):
     """Change of a column over the run."""
     return float(run[key][-1] - run[key][0])
 
 
 def test_two_objects_head_on(tmp_path):
-    """The closed form: what 1.5 kg at 1 m/s and 4 kg at -0.25 m/s are after e = 0.9; the robot flies past it all."""
+    """Closed form of 1.5 kg at 1 m/s against 4 kg at -0.25 m/s, e = 0.9; the robot passes without contact."""
     m, v, e = (1.5, 4.0), (1.0, -0.25), 0.9
     path = scene(
         tmp_path,
@@ -55,27 +55,27 @@ def test_two_objects_head_on(tmp_path):
     assert hit.linear_momentum_change_N_s < 1e-15
     assert (hit.pair, hit.geoms, hit.robot_geom, hit.object_geom) == ("one/one-two/two", ("one/one", "two/two"), "", "")
     # All of it is the objects'; nothing passes between the subsystems.
-    assert booked(run, "balance.objects_impact_energy_J") == pytest.approx(-lost, abs=1e-15)
-    assert booked(run, "balance.robot_impact_energy_J") == 0.0
+    assert change_of(run, "balance.objects_impact_energy_J") == pytest.approx(-lost, abs=1e-15)
+    assert change_of(run, "balance.robot_impact_energy_J") == 0.0
     assert not run.log.rows[:, [run.keys.index(key) for key in run.keys if key.startswith("balance.contact_")]].any()
 
 
 def test_robot_on_object_and_object_on_object(tmp_path):
-    """Two hits in a row by the closed form; the subsystems are booked the first only, the objects' energy both."""
+    """Two impacts in a row by the closed form: only the first is between subsystems, both change the objects' energy."""
     run = good(ffsm_mj.run(three_balls(tmp_path, CHAIN)))
     first, second = run.impacts
     handed = 1.8 * 1.0 * 2 * 3 / 5
     assert first.impulse_N_s == pytest.approx(handed, rel=1e-13)
     assert second.impulse_N_s == pytest.approx(1.5 * (handed / 3) * 3 / 4, rel=1e-13)
     assert [record.pair for record in run.impacts] == ["ball-left/left", "behind"]
-    assert booked(run, "balance.contact_P_x_N_s") == pytest.approx(handed, rel=1e-13)
-    by_party = [booked(run, f"balance.{subsystem}_impact_energy_J") for subsystem in ("total", "robot", "objects")]
-    assert by_party[0] == pytest.approx(first.energy_change_J + second.energy_change_J, abs=1e-15)
-    assert by_party[1] == pytest.approx(first.energy_after_J["robot"][0] - first.energy_before_J["robot"][0], abs=1e-15)
-    assert by_party[0] == pytest.approx(by_party[1] + by_party[2], abs=1e-15)
+    assert change_of(run, "balance.contact_P_x_N_s") == pytest.approx(handed, rel=1e-13)
+    by_subsystem = [change_of(run, f"balance.{subsystem}_impact_energy_J") for subsystem in ("total", "robot", "objects")]
+    assert by_subsystem[0] == pytest.approx(first.energy_change_J + second.energy_change_J, abs=1e-15)
+    assert by_subsystem[1] == pytest.approx(first.energy_after_J["robot"][0] - first.energy_before_J["robot"][0], abs=1e-15)
+    assert by_subsystem[0] == pytest.approx(by_subsystem[1] + by_subsystem[2], abs=1e-15)
 
 
-def test_turned_round_the_pair_is_the_same_impact(tmp_path):
+def test_the_order_of_the_pair_does_not_matter(tmp_path):
     """``[object, robot]``: normal and impulse act on the robot; motion and balances are the same."""
     (tmp_path / "turned").mkdir()
     turned = [{"geoms": ["left/left", "ball"], "restitution": 0.8}, CHAIN[1]]
@@ -102,7 +102,7 @@ def test_all_three_at_once(tmp_path):
     assert [(record.event, record.pair) for record in run.impacts] == [(0, "ball-left/left"), (0, "left/left-right/right")]
     # The contact of the two at rest is found as a closed gap of up to 1e-9 m, its velocities are exact to rounding.
     np.testing.assert_allclose([run[f"state.v_{n}_x_m_s"][-1] for n in ("robot", "left", "right")], (0, 0, 1), atol=1e-14)
-    assert booked(run, "balance.contact_P_x_N_s") == pytest.approx(1.0, abs=1e-14)
+    assert change_of(run, "balance.contact_P_x_N_s") == pytest.approx(1.0, abs=1e-14)
 
 
 @pytest.mark.parametrize("pair", [("hull", "tip"), ("tip", "hull")])
@@ -120,15 +120,17 @@ def test_the_robot_hits_itself(tmp_path, pair, restitution):
     work = 0.5 * hit.impulse_N_s * (hit.separation_speed_m_s - hit.approach_speed_m_s)
     assert hit.impulse_N_s > 0.05
     assert hit.energy_change_J == pytest.approx(work, abs=1e-14)
-    assert booked(run, "balance.robot_impact_energy_J") == pytest.approx(
+    assert change_of(run, "balance.robot_impact_energy_J") == pytest.approx(
         sum(r.energy_change_J for r in run.impacts), abs=1e-14
     )
-    assert booked(run, "balance.objects_impact_energy_J") == pytest.approx(0.0, abs=1e-15)  # T less the robot's share of it
+    assert change_of(run, "balance.objects_impact_energy_J") == pytest.approx(
+        0.0, abs=1e-15
+    )  # T less the robot's share of it
     assert not np.column_stack([run[key] for key in run.keys if key.startswith("balance.contact_")]).any()
 
 
-def test_at_the_hit_the_arm_touches_its_base(tmp_path):
-    """The instant from the kinematics alone: the ball at the tip is 0.05 m above the hull's face of 0.2 m."""
+def test_at_the_impact_the_arm_touches_its_base(tmp_path):
+    """The time from the kinematics alone: the ball at the tip is 0.05 m above the hull's face of 0.2 m."""
     run = ffsm_mj.run(self_hit(tmp_path))
     system, hit = prepare(tmp_path / "scene.yaml").system, run.impacts[0]
     data = mujoco.MjData(system.mj)
@@ -141,7 +143,7 @@ def test_at_the_hit_the_arm_touches_its_base(tmp_path):
 
 
 def test_an_arm_presses_on_its_own_base(tmp_path):
-    """The elbow's motor holds the tip on the hull: the bounces die out, it stays, slides over the edge and leaves."""
+    """The elbow's motor holds the tip on the hull: the bounces die out, the tip stays, slides over the edge and leaves."""
     law = {"kind": "pd", "joints": ["elbow"], "kp": 4.0, "kd": 2.0, "target": [3.0]}
     phases = [{"name": "press", "until": "end", "controller": law}]
     run = ffsm_mj.run(self_hit(tmp_path, restitution=0.3, phases=phases, duration_s=2.0))
@@ -162,7 +164,7 @@ def test_an_arm_presses_on_its_own_base(tmp_path):
     assert np.ptp(run["momentum.total_L_z_N_m_s"]) < 1e-11  # a motor at a joint and the contact are both within the robot
 
 
-def test_one_contact_is_written_once(rng):
+def test_one_contact_has_one_closed_form(rng):
     """The map of one contact agrees with every law, for any masses, directions and restitutions up to 1."""
     for _ in range(200):
         root = rng.normal(size=(5, 5)) + 3.0 * np.eye(5)
@@ -178,8 +180,8 @@ def test_one_contact_is_written_once(rng):
             np.testing.assert_allclose(np.linalg.solve(L.T, result.w), after, atol=1e-11)
 
 
-def test_a_normal_through_the_hinge_is_the_clear_error(tmp_path, rng):
-    """What cannot approach has a row of zeros, not one of rounding that would make an impulse of 1e16 N s."""
+def test_a_normal_through_the_hinge_is_refused(tmp_path, rng):
+    """A contact that cannot approach has a row of zeros, not a row of rounding with an impulse of 1e16 N s."""
     system = prepare(self_hit(tmp_path)).system
     model, data = system.mj, mujoco.MjData(system.mj)
     upper, lower = system.index("body", "upper"), system.index("body", "lower")
@@ -199,8 +201,8 @@ def test_a_normal_through_the_hinge_is_the_clear_error(tmp_path, rng):
             resolve(model, data, [stuck, rock])
 
 
-def test_energy_bounds_how_fast_a_robot_closes_on_itself(tmp_path, rng):
-    """The fastest approach for an energy, sqrt(2 T J M^-1 J^T), is within the bound, which is 2.5 times too much at most."""
+def test_energy_bounds_the_closing_speed_of_a_robot_with_itself(tmp_path, rng):
+    """The fastest approach for an energy, sqrt(2 T J M^-1 J^T), is within the bound, which exceeds it at most 2.5 times."""
     assembly = prepare(self_hit(tmp_path)).assemble()
     model, data, (pair,) = assembly.system.mj, mujoco.MjData(assembly.system.mj), assembly.pairs
     shares = []

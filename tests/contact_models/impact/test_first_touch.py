@@ -1,4 +1,4 @@
-"""The first touch of one pair, on gaps that are known functions of time."""
+"""First touch of one pair, for gaps that are known functions of time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ROUNDING = 1e-14
 
 
 def path(gap, slope):
-    """A pair whose gap is a polynomial of time, and the times at which it was looked at."""
+    """A pair whose gap is a polynomial of time, and the times at which it was evaluated."""
     looked = []
 
     def at(time):
@@ -25,7 +25,7 @@ def path(gap, slope):
 
 
 def touch(coefficients, *, pressed=False, span=(0.0, 1.0)):
-    """First touch of the polynomial with these coefficients, highest power first."""
+    """First touch for the polynomial with these coefficients, highest power first."""
     gap = np.poly1d(coefficients)
     at, looked = path(gap, gap.deriv())
     found = first_touch(at, *span, lambda _: pressed)
@@ -50,18 +50,18 @@ def touch(coefficients, *, pressed=False, span=(0.0, 1.0)):
     ],
 )
 def test_first_touch(coefficients, expected):
-    """The root is good to the rounding of the gap over the slope there, which is 0.1 at the least."""
+    """The root is accurate to the rounding of the gap over its slope there, which is at least 0.1."""
     found = touch(coefficients)
     assert found is None if expected is None else found == pytest.approx(expected, abs=10.0 * ROUNDING + 1e-13)
 
 
 def test_pressed_from_rest_and_not():
-    """Closed, still and falling: at once where it is pressed there, else where it has fallen a hundred times rounding."""
+    """Closed, at rest and falling: at once if it is pressed, else when it has fallen by a hundred times the rounding."""
     assert touch([-1.0, 0.0, 0.0], pressed=True) == 0.0
     assert touch([-1.0, 0.0, 0.0]) == pytest.approx(np.sqrt(100.0 * ROUNDING), rel=0.01)
 
 
-def test_two_extrema_are_looked_at_by_halves():
+def test_two_extrema_are_bisected():
     """A closed pair rises, falls below, and rises again: 20 t^3 - 27 t^2 + 8 t touches first at 0.4393 s."""
     first = (27.0 - np.sqrt(27.0**2 - 4.0 * 20.0 * 8.0)) / 40.0
     gap = np.poly1d([20.0, -27.0, 8.0, 0.0])
@@ -74,8 +74,8 @@ def test_two_extrema_are_looked_at_by_halves():
     ("gap", "rate", "approaches"),
     [(0.0, -1e-11, True), (0.0, -1e-13, False), (0.0, 1e-11, False), (-1e-10, -1e-13, True), (-1e-10, -1e-16, False)],
 )
-def test_slow_approach_counts_where_the_gap_has_fallen(gap, rate, approaches):
-    """5e-13 m/s is rounding at a touch, but would be an overlap of 1e-9 m after half an hour."""
+def test_a_slow_approach_counts_in_penetration(gap, rate, approaches):
+    """5e-13 m/s is rounding in contact, but would be an overlap of 1e-9 m after half an hour."""
     near = Proximity(
         gap, np.array([1.0, 0.0, 0.0]), np.zeros((1, 3)), np.array([rate]), rate_tolerance=1e-12, rounding=ROUNDING
     )

@@ -1,4 +1,4 @@
-"""Bodies that are fixed to the world: hit by robot and objects, they give momentum from outside and take no energy."""
+"""Fixed bodies: robot and objects hit them; they exchange external momentum and no energy."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.scenes import HEAD, ball, box, scene
 
 
 def slab(name, half="5 5 0.5"):
-    """MJCF of a box in the world of its file, of a mass that is nobody's business."""
+    """MJCF of a box fixed in the world of its file; its mass is irrelevant."""
     return f'<mujoco>{HEAD}<worldbody><geom name="{name}" type="box" size="{half}" mass="1e4"/></worldbody></mujoco>'
 
 
@@ -32,8 +32,8 @@ def good(run):
     return run
 
 
-def taken(run, subsystem):
-    """What fixed bodies gave a subsystem through the run: (P, L about the origin)."""
+def external_impulse(run, subsystem):
+    """Impulse of fixed bodies on a subsystem during the run: (P, L about the origin)."""
     return np.array([run[f"balance.fixed_on_{subsystem}_{component}"][-1] for component in COMPONENTS])
 
 
@@ -53,7 +53,7 @@ def bouncing(folder, **scenario):
 
 
 def test_a_ball_on_a_fixed_floor(tmp_path):
-    """The closed form: v = -e v along the normal, the rest untouched; the floor gives (1 + e) m v, and no work."""
+    """Closed form: v = -e v along the normal, the tangential part unchanged; the floor gives (1 + e) m v, and no work."""
     run = good(ffsm_mj.run(bouncing(tmp_path)))
     (hit,) = run.impacts
     # All numbers are below 4 in SI units: rounding is some 1e-16 of each, and a root good to 1e-14 m at 1 m/s.
@@ -67,13 +67,13 @@ def test_a_ball_on_a_fixed_floor(tmp_path):
     assert hit.angular_momentum_change_N_m_s == pytest.approx(3.4 * 0.09, rel=1e-12)
     # On the floor, about the origin of its frame.
     np.testing.assert_allclose(hit.angular_impulse_N_m_s, (0.0, 3.4 * 0.09, 0.0), atol=1e-12)
-    np.testing.assert_allclose(taken(run, "robot"), (0, 0, 3.4, 0, -3.4 * 0.09, 0), atol=1e-12)
-    assert not taken(run, "objects").any()
+    np.testing.assert_allclose(external_impulse(run, "robot"), (0, 0, 3.4, 0, -3.4 * 0.09, 0), atol=1e-12)
+    assert not external_impulse(run, "objects").any()
     assert not any(run[f"balance.contact_{component}"].any() for component in COMPONENTS)
 
 
-def test_thin_walls_are_not_flown_through(tmp_path):
-    """A ball at 40 m/s between two sheets of 1 mm, 4 cm a step: an elastic hit every 0.02 s, as many on each."""
+def test_no_tunnelling_through_thin_walls(tmp_path):
+    """A ball at 40 m/s between two sheets of 1 mm, 4 cm a step: an elastic impact every 0.02 s, equally many on each."""
     path = scene(
         tmp_path,
         ball("ball", mass=2.0, joints="x"),
@@ -88,7 +88,7 @@ def test_thin_walls_are_not_flown_through(tmp_path):
     assert [hit.time_s for hit in run.impacts] == pytest.approx([0.01 + 0.02 * k for k in range(10)], abs=1e-13)
     assert [hit.object_geom for hit in run.impacts] == ["right/right", "left/left"] * 5
     assert {hit.impulse_N_s for hit in run.impacts} == {160.0}
-    assert taken(run, "robot")[0] == 0.0
+    assert external_impulse(run, "robot")[0] == 0.0
 
 
 def test_runs_without_fixed_bodies_have_no_columns_of_them(tmp_path):
@@ -147,13 +147,13 @@ def test_a_spinning_box_on_a_tilted_wall(tmp_path):
     np.testing.assert_allclose(turn @ after[3:], turn @ rates[3:] + inverse @ arm * impulse, atol=1e-11)
     assert (hit.robot_geom, hit.object_geom) == ("", "")
     np.testing.assert_allclose(
-        taken(run, "objects"), np.concatenate((impulse * n, np.cross(point, impulse * n))), atol=1e-12
+        external_impulse(run, "objects"), np.concatenate((impulse * n, np.cross(point, impulse * n))), atol=1e-12
     )
-    assert not taken(run, "robot").any()
+    assert not external_impulse(run, "robot").any()
 
 
 def between(folder, restitution, **scenario):
-    """The robot, 2 kg, reaches a wall at x = 0.6 after 0.2 s with a free ball of 3 kg in touch behind it, both at 1 m/s."""
+    """The robot, 2 kg, reaches a wall at x = 0.6 after 0.2 s with a free ball of 3 kg in contact behind it, at 1 m/s."""
     return scene(
         folder,
         ball("hand", mass=2.0, joints="x"),
@@ -172,15 +172,15 @@ def between(folder, restitution, **scenario):
 
 
 def test_the_robot_between_an_object_and_a_wall_in_one_instant(tmp_path):
-    """All stops at e = 0: the rock's 3 N s go through the robot, and the wall takes 5."""
+    """All stop at e = 0: the ball's 3 N s pass through the robot, and the wall takes 5 N s."""
     run = good(ffsm_mj.run(between(tmp_path, 0.0)))
     on_rock, on_hand = run.impacts
     assert (on_rock.event, on_hand.event) == (0, 0)
     assert on_rock.time_s == pytest.approx(0.2, abs=1e-9)  # the gap of the two in touch is rounding of 1e-17 m
     assert (on_rock.impulse_N_s, on_hand.impulse_N_s) == (pytest.approx(3.0, abs=1e-12), pytest.approx(5.0, abs=1e-12))
     assert [run[f"state.v_{name}_x_m_s"][-1] for name in ("robot", "rock")] == pytest.approx([0.0, 0.0], abs=1e-13)
-    assert taken(run, "robot")[0] == pytest.approx(-5.0, abs=1e-12)
-    assert not taken(run, "objects").any()
+    assert external_impulse(run, "robot")[0] == pytest.approx(-5.0, abs=1e-12)
+    assert not external_impulse(run, "objects").any()
     assert run["balance.contact_P_x_N_s"][-1] == pytest.approx(-3.0, abs=1e-12)
     by_party = [run[f"balance.{subsystem}_impact_energy_J"][-1] for subsystem in ("total", "robot", "objects")]
     assert by_party == pytest.approx([-2.5, -1.0, -1.5], abs=1e-12)
@@ -188,10 +188,10 @@ def test_the_robot_between_an_object_and_a_wall_in_one_instant(tmp_path):
 
 @pytest.mark.parametrize("restitution", [0.4, 1.0])
 def test_the_same_with_a_bounce(tmp_path, restitution):
-    """Whatever comes of it, the wall takes all that the whole loses, and nothing is left unexplained."""
+    """Whatever the outcome, the wall takes what the whole system loses, and no residual remains."""
     run = good(ffsm_mj.run(between(tmp_path, restitution)))
     change = run["momentum.total_P_x_N_s"][-1] - 5.0
-    assert taken(run, "robot")[0] == pytest.approx(change, abs=1e-12)
+    assert external_impulse(run, "robot")[0] == pytest.approx(change, abs=1e-12)
     lost = run["energy.total_J"][-1] - 2.5
     assert abs(lost) < 1e-12 if restitution == 1.0 else lost < -0.1
 
@@ -218,17 +218,17 @@ def both(folder, **scenario):
 
 
 def test_robot_and_object_hit_one_wall_at_once(tmp_path):
-    """One wrench on each subsystem: -(1 + e) m v, with the rock's moment about the origin; nothing between the two."""
+    """One wrench on each subsystem: -(1 + e) m v, with the ball's moment about the origin; nothing between the two."""
     run = good(ffsm_mj.run(both(tmp_path)))
     assert [record.event for record in run.impacts] == [0, 0]
-    np.testing.assert_allclose(taken(run, "robot"), (-3.0, 0, 0, 0, 0, 0), atol=1e-13)
-    np.testing.assert_allclose(taken(run, "objects"), (-5.4, 0, 0, 0, 0, 5.4), atol=1e-13)
+    np.testing.assert_allclose(external_impulse(run, "robot"), (-3.0, 0, 0, 0, 0, 0), atol=1e-13)
+    np.testing.assert_allclose(external_impulse(run, "objects"), (-5.4, 0, 0, 0, 0, 5.4), atol=1e-13)
     assert not any(run[f"balance.contact_{component}"].any() for component in COMPONENTS)
     assert not run["balance.total_residual_P_y_N_s"].any()
 
 
 @pytest.mark.parametrize("subsystem", ["robot", "objects"])
-def test_a_wrong_sign_in_the_books_is_a_law_broken(tmp_path, monkeypatch, subsystem):
+def test_a_wrong_sign_in_the_balance_fails_a_check(tmp_path, monkeypatch, subsystem):
     book, row = Balance.book, ("robot", "objects").index(subsystem)
 
     def wrong(balance, energy_change, contact, outside):
@@ -247,8 +247,8 @@ def test_a_wrong_sign_in_the_books_is_a_law_broken(tmp_path, monkeypatch, subsys
     assert all(check.passes for check in again.checks())  # the states are right
 
 
-def test_books_are_taken_up_behind_a_gap(tmp_path):
-    """Samples before, at and after the hit are gone: what fixed bodies gave is believed there, and the rest agrees."""
+def test_the_balance_continues_after_a_gap_in_the_log(tmp_path):
+    """Samples before, at and after the impact are missing: the log gives the impulse there."""
     run = ffsm_mj.run(both(tmp_path))
     keep = np.r_[0:390, 420:1001]
     again = replay_log(replace(run.log, rows=run.log.rows[keep]))
@@ -258,8 +258,8 @@ def test_books_are_taken_up_behind_a_gap(tmp_path):
 
 
 @pytest.mark.usefixtures("test_regimes")
-def test_a_gripped_object_hits_a_wall(tmp_path):
-    """What the grip passes on is between the subsystems; what the wall gives is from outside, on the object."""
+def test_a_grasped_object_hits_a_wall(tmp_path):
+    """The grasp transmits an impulse between the subsystems; the wall's impulse on the object is external."""
     path = scenes.capture(
         tmp_path / "grip",
         {"wall": slab("wall", "0.1 2 2")},
@@ -275,8 +275,8 @@ def test_a_gripped_object_hits_a_wall(tmp_path):
     (grip,) = run.records["welds"]
     hits = [record for record in run.impacts if record.time_s > grip.time_s]
     assert hits
-    assert taken(run, "objects")[0] == pytest.approx(-sum(hit.impulse_N_s for hit in hits), rel=1e-12)
-    assert not taken(run, "robot").any()
+    assert external_impulse(run, "objects")[0] == pytest.approx(-sum(hit.impulse_N_s for hit in hits), rel=1e-12)
+    assert not external_impulse(run, "robot").any()
     assert abs(run["balance.contact_P_x_N_s"][-1]) > 0.1
 
 
@@ -285,8 +285,8 @@ def test_a_gripped_object_hits_a_wall(tmp_path):
     ("subsystem", "geoms", "mass", "joint"),
     [("robot", ["ball", "wall/wall"], 2.0, "robot"), ("objects", ["wall/wall", "target/target"], 3.0, "target")],
 )
-def test_wrenches_of_a_spring_on_a_wall_are_booked_as_outside(tmp_path, subsystem, geoms, mass, joint):
-    """A contact model names both bodies it acts on; what the wall does is found by its body."""
+def test_wrenches_of_a_spring_on_a_wall_are_external(tmp_path, subsystem, geoms, mass, joint):
+    """A contact model names both bodies that it acts on; the part of the wall is found by its body."""
     path = scenes.spring(
         tmp_path / subsystem,
         others={"wall": slab("wall", "0.1 2 2")},
@@ -302,7 +302,7 @@ def test_wrenches_of_a_spring_on_a_wall_are_booked_as_outside(tmp_path, subsyste
     assert [check for check in run.checks() if not check.passes] == []
     speed = run[f"state.v_{joint}_free_vx_m_s"]
     assert speed[-1] == pytest.approx(-speed[0], rel=1e-6)  # it gives back what it took, to the order of the step
-    # The books follow the motion to 1e-9 (1 + scale), the law above.
-    assert taken(run, subsystem)[0] == pytest.approx(mass * (speed[-1] - speed[0]), abs=1e-8)
-    assert not taken(run, "objects" if subsystem == "robot" else "robot").any()
+    # The balance follows the motion to 1e-9 (1 + scale), the tolerance of the checks.
+    assert external_impulse(run, subsystem)[0] == pytest.approx(mass * (speed[-1] - speed[0]), abs=1e-8)
+    assert not external_impulse(run, "objects" if subsystem == "robot" else "robot").any()
     assert not any(run[f"balance.contact_{component}"].any() for component in COMPONENTS)

@@ -1,4 +1,4 @@
-"""Friction through ``resolve`` on MuJoCo models: closed forms, and what no impact may change."""
+"""Friction through ``resolve`` on MuJoCo models: closed forms and invariants."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def at_contact(impact):
     ],
 )
 def test_a_sphere_on_the_floor(v, omega, mu, e, after, spin, path):
-    """It slips through while mu (1 + e) |u_n| <= 2/7 |u_t|; else it rolls off."""
+    """It slips throughout if mu (1 + e) |u_n| <= 2/7 |u_t|; else it ends rolling."""
     impact = on_floor(SPHERE, (*v, *omega), (0, 0, -1), mu, e)
     np.testing.assert_allclose(impact.after.qvel, (*after, *spin), rtol=0, atol=1e-12)
     assert (impact.law, impact.status, impact.friction.paths) == ("stronge", "ok", (path,))
@@ -62,7 +62,7 @@ def test_a_sphere_on_the_floor(v, omega, mu, e, after, spin, path):
 
 
 def test_a_sphere_that_spins_about_all_axes():
-    """What turns about the normal goes on: a point does not resist it. Digits to eight places."""
+    """Spin about the normal is unchanged: a point contact does not resist it. Digits to eight places."""
     impact = on_floor(SPHERE, (1, 0.5, -1, 2, -1, 3), (0, 0, -1), 0.3, 0.6)
     expected = (0.70014638, 0.12518297, 0.6, 1.06295743, -0.25036594, 3)
     np.testing.assert_allclose(impact.after.qvel, expected, rtol=0, atol=1e-8)
@@ -79,7 +79,7 @@ def test_a_sphere_that_spins_about_all_axes():
     ],
 )
 def test_a_rod_that_strikes_with_its_end(angle, slip, mu, e, after, change):
-    """Normal and tangent are coupled: e is of the work, not of the speeds."""
+    """Normal and tangent are coupled: e is a ratio of works, not of speeds."""
     th = math.radians(angle)
     end = (-math.cos(th) / 2, -math.sin(th) / 2, 0.0)
     impact = on_floor(ROD, (slip, -1, 0, 0), end, mu, e, normal=np.array([0.0, 1.0, 0.0]))
@@ -98,7 +98,7 @@ def test_a_rod_that_strikes_with_its_end(angle, slip, mu, e, after, change):
     ],
 )
 def test_a_box_that_strikes_with_a_corner(mu, after, change):
-    """Slip turns on the way: the path is curved."""
+    """The direction of slip turns: the path is curved."""
     impact = on_floor(BOX, (0.4, -0.3, -1, 0.2, 0.5, 1), (0.5, 0.3, -0.2), mu, 0.5)
     normal, slip = at_contact(impact)
     np.testing.assert_allclose(slip + normal * UP, after, rtol=0, atol=1e-9)
@@ -113,7 +113,7 @@ def corners(mu=0.3, e=0.5):
 
 @pytest.mark.parametrize("law", ["blend", "poisson"])
 def test_a_box_that_slides_in_flat(law):
-    """Four corners, three of which would do: v+ = (.05, 0, .5), no spin, in whatever order they are listed."""
+    """Four corners, of which three suffice: v+ = (.05, 0, .5), without spin, in any order of the contacts."""
     model, data = moving(BOX, (0.5, 0, -1, 0, 0, 0))
     impact = resolve(model, data, corners(), law)
     np.testing.assert_allclose(impact.after.qvel, (0.05, 0, 0.5, 0, 0, 0), rtol=0, atol=1e-9)
@@ -127,7 +127,7 @@ def test_a_box_that_slides_in_flat(law):
 
 
 def test_laws_side_by_side():
-    """All that there are; why one is not. A single contact is the same under the two that remain."""
+    """All laws, with the reason why one does not cover friction. The two others agree for a single contact."""
     model, data = moving(SPHERE, (0.72, 0.96, -1, 0, 0, 0))
     found = compare_laws(model, data, [Contact(0, 1, -UP, UP, 0.5, 0.2)])
     assert "does not cover friction" in found.pop("newton")
@@ -136,14 +136,14 @@ def test_laws_side_by_side():
 
 
 @pytest.mark.parametrize(("changes", "error"), [({"restitution": 1.2}, UnsupportedContactError), ({"mu": -0.1}, ValueError)])
-def test_what_has_no_law(changes, error):
+def test_contacts_without_law_are_refused(changes, error):
     model, data = moving(SPHERE, (0.72, 0.96, -1, 0, 0, 0))
     with pytest.raises(error, match="mu"):
         resolve(model, data, [Contact(0, 1, -UP, UP, **{"restitution": 0.5, "mu": 0.2} | changes)])
 
 
 @pytest.mark.parametrize("count", [1, 4])
-def test_what_parts_or_rests_gets_no_impulse(count):
+def test_contacts_that_separate_or_rest_get_no_impulse(count):
     for speed in (0.0, 1.0):
         model, data = moving(BOX, (0.5 * speed, 0, speed, 0, 0, 0))
         impact = resolve(model, data, corners()[:count])
@@ -182,7 +182,7 @@ def bodies(rng):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(300))
 def test_random_bodies(seed):
-    """P and L stay, energy never grows, nothing pulls, friction is inside its cone, nothing ends approaching."""
+    """P and L are conserved, energy never grows, impulses are >= 0 and inside their cones, no contact approaches."""
     model, data, contacts = bodies(np.random.default_rng(seed))
     impact = resolve(model, data, contacts, ("blend", "poisson")[seed % 2])
     assert impact.status in ("ok", "energy_guard", "jammed", "wedged")
@@ -201,7 +201,7 @@ def test_random_bodies(seed):
 
 
 def turned(model, data, contacts, quaternion, drift):
-    """The same scene turned about the origin, in a frame that drifts."""
+    """The same scene rotated about the origin, in a moving frame."""
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, quaternion)
     R = R.reshape(3, 3)
@@ -218,7 +218,7 @@ def turned(model, data, contacts, quaternion, drift):
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 5])
 def test_turned_and_boosted_scenes_are_the_same(seed):
-    """One contact, or two: full rank, so that the answer is unique."""
+    """One contact, or two: full rank, so that the solution is unique."""
     rng = np.random.default_rng(seed)
     model, data, contacts = bodies(rng)
     contacts = (contacts * 2)[: 1 + seed % 2] if len(contacts) > 1 else contacts
@@ -237,7 +237,7 @@ def test_turned_and_boosted_scenes_are_the_same(seed):
 
 @pytest.mark.parametrize("mu", [0.0, 0.4])
 def test_squeezed_between_two_walls_is_jammed(mu):
-    """No elastic way out, with friction or without: energy is lost, and the result says so."""
+    """No elastic solution, with friction or without: energy is lost, and the status says so."""
     model, data = moving(SPHERE, (1, 0.3, 0.1, 0, 0, 2))
     x = np.array([1.0, 0.0, 0.0])
     impact = resolve(model, data, [Contact(0, 1, -x, x, 1.0, mu), Contact(0, 1, x, -x, 1.0, mu)])

@@ -1,4 +1,4 @@
-"""Runs whose pairs rub: books, records, the law that judges them from their log, and how a contact that would last ends."""
+"""Runs with friction: balances, records, checks from the log, and contacts with friction that would persist."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FLAT = {"joints": {"box/free": [0.6, 0.1, 0.05, 1, 0, 0, 0]}, "rates": {"box/fre
 
 
 def off_centre(folder, e=0.5, mu=0.3, **scenario):
-    """A spinning ball meets a tumbling box off its centre, by one point."""
+    """A spinning ball meets a tumbling box off its centre, at one point."""
     pair = {"robot_geom": "ball", "object_geom": "box/box", "restitution": e, "mu": mu}
     return scene(
         folder,
@@ -49,7 +49,7 @@ def off_centre(folder, e=0.5, mu=0.3, **scenario):
 
 
 def flat(folder, e=0.5, mu=0.3, **scenario):
-    """A box that spins about their normal meets a slab, face on face."""
+    """A box that spins about the common normal meets a slab, face on face."""
     pair = {"robot_geom": "slab", "object_geom": "box/box", "restitution": e, "mu": mu}
     return scene(
         folder,
@@ -79,15 +79,15 @@ def one(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def several(tmp_path_factory):
-    """Four at one instant, from their log on disk."""
+    """Four contacts at one instant, from their log on disk."""
     folder = tmp_path_factory.mktemp("several")
     ffsm_mj.run(flat(folder), out=folder / "run", rerun=False)
     return ffsm_mj.load_run(folder / "run")
 
 
 @pytest.mark.parametrize("which", ["one", "several"])
-def test_a_run_proves_itself_from_its_log(which, request):
-    """Momenta by subsystem with friction in them, energy, and the heat, which is what friction took."""
+def test_checks_from_the_log(which, request):
+    """Momenta by subsystem including friction, energy, and the heat, which is minus the work of friction."""
     run = good(request.getfixturevalue(which))
     hits = run.impacts
     assert {hit.law for hit in hits} == {"stronge" if which == "one" else "coulomb"}
@@ -96,8 +96,8 @@ def test_a_run_proves_itself_from_its_log(which, request):
     assert work < 0.0
     assert "impact restitution" not in {check.name for check in run.checks()}
     pushed = sum(hit.impulse_N_s * np.array(hit.normal) + hit.tangential_impulse_N_s for hit in hits)
-    booked = [run[f"balance.contact_P_{x}_N_s"][-1] for x in "xyz"]
-    np.testing.assert_allclose(booked, pushed, atol=1e-14)
+    column = [run[f"balance.contact_P_{x}_N_s"][-1] for x in "xyz"]
+    np.testing.assert_allclose(column, pushed, atol=1e-14)
     about = np.sum([hit.angular_impulse_N_m_s for hit in hits], axis=0)  # on the box about its centre, from inside its frame
     index = [run.keys.index(f"momentum.objects_L_{x}_N_m_s") for x in "xyz"]
     after = np.searchsorted(run.time, hits[0].time_s)
@@ -107,12 +107,12 @@ def test_a_run_proves_itself_from_its_log(which, request):
 
 
 def changed(value):
-    """A number a millionth of itself off, and a little."""
+    """A number changed by one millionth of itself and a little more."""
     return value + 1e-6 * (1.0 + abs(value))
 
 
-def judged(run, **wrong):
-    """The law of impact energy where a record says something else."""
+def impact_energy_check(run, **wrong):
+    """The check of impact energy with a changed record."""
     records = (replace(run.impacts[0], **wrong), *run.impacts[1:])
     log = replace(run.log, records=run.log.records | {"impacts": records})
     (law,) = (check for check in Run(log).checks() if check.name == "impact energy")
@@ -125,16 +125,16 @@ NOT_JUDGED = {  # by this law; ``analyze`` compares every field with what the st
     *("linear_momentum_change_N_s", "angular_momentum_change_N_m_s"),
 }
 OF_ONE = {"status", "law", "theta", "mu", "restitution_used", "compression_work_J", "path"}
-"""Of several only what is theirs together is judged: who gave how much of which work is a convention."""
+"""For several contacts only the sums are checked: the distribution of the works over them is a convention."""
 
 
 @pytest.mark.parametrize("which", ["one", "several"])
 @pytest.mark.parametrize("field", sorted({each.name for each in fields(ImpactRecord)} - NOT_JUDGED))
-def test_one_falsified_number_is_noticed(which, field, request):
+def test_one_falsified_number_fails_the_check(which, field, request):
     run = request.getfixturevalue(which)
     (hit, *_) = run.impacts
     value = getattr(hit, field)
-    assert judged(run).passes
+    assert impact_energy_check(run).passes
     if isinstance(value, str):
         wrong = [value + "x"]
     elif isinstance(value, float):
@@ -146,11 +146,11 @@ def test_one_falsified_number_is_noticed(which, field, request):
         wrong = [(*value[:i], changed(value[i]), *value[i + 1 :]) for i in range(len(value))]
         wrong = wrong[: len(wrong) if field != "qpos" else 0] or [tuple(changed(x) for x in value)]
     for each in wrong:
-        assert judged(run, **{field: each}).passes is (which == "several" and field in OF_ONE)
+        assert impact_energy_check(run, **{field: each}).passes is (which == "several" and field in OF_ONE)
 
 
-def test_energy_that_grows_is_noticed(several):
-    """Everything but the energy fits: 1e-11 of T too much, a hundredth of what else is allowed."""
+def test_energy_gain_fails_the_check(several):
+    """Everything but the energy agrees: 1e-11 of T too much, a hundredth of the general tolerance."""
     hit = several.impacts[0]
     judge = friction_check.FrictionCheck(several.log)
     met = judge._met(several.impacts)
@@ -163,11 +163,11 @@ def test_energy_that_grows_is_noticed(several):
     assert energy > 0.0
 
 
-def test_records_tell_friction(one):
+def test_records_of_friction(one):
     (hit,) = one.impacts
-    (told,) = one.summary()["impacts"]
-    assert {"mu": 0.3, "law": "stronge", "status": "ok", "theta": 1.0}.items() <= told.items()
-    assert told["tangential_impulse_N_s"] == list(hit.tangential_impulse_N_s)
+    (summary,) = one.summary()["impacts"]
+    assert {"mu": 0.3, "law": "stronge", "status": "ok", "theta": 1.0}.items() <= summary.items()
+    assert summary["tangential_impulse_N_s"] == list(hit.tangential_impulse_N_s)
     assert hit.path == "slip, stick"
     assert ", mu = 0.3, friction impulse 0.1415 N s, slip 0.2907 to " in IMPACT.sentence(hit)
     normal, across = IMPACT.marks(hit)
@@ -181,7 +181,7 @@ def test_records_tell_friction(one):
     assert table.columns["tangential_impulse_z_N_s"][0] == hit.tangential_impulse_N_s[2]
 
 
-def test_what_a_user_should_look_into_is_a_warning(one):
+def test_the_energy_guard_is_a_warning(one):
     (hit,) = one.impacts
     assert not IMPACT.warning(hit)
     guarded = replace(hit, status="energy_guard", theta=0.948914)
@@ -190,8 +190,8 @@ def test_what_a_user_should_look_into_is_a_warning(one):
     assert "energy_guard, theta 0.948914" in impact_table([guarded])
 
 
-def test_where_nothing_rubs_nobody_pays(tmp_path, monkeypatch):
-    """Neither the rows of tangents nor the laws nor the judge are ever asked, and there is no column of heat."""
+def test_without_friction_there_is_no_cost(tmp_path, monkeypatch):
+    """Neither the rows of tangents nor the laws nor the check are evaluated, and there is no column of heat."""
 
     def never(*_, **__):
         raise AssertionError("asked without friction")
@@ -207,7 +207,7 @@ def test_where_nothing_rubs_nobody_pays(tmp_path, monkeypatch):
 
 
 def test_a_smooth_pair_beside_a_rough_one(tmp_path):
-    """The impact in which nothing rubs is that of a scene without friction, to the last bit."""
+    """The impact of the smooth pair is that of a scene without friction, bit for bit."""
     third = {"initial": OFF_CENTRE, "duration_s": 0.4}
     pairs = [{"geoms": ["ball", "box/box"], "restitution": 0.5}, {"geoms": ["box/box", "far/far"], "mu": 0.5}]
     objects = {"box": box("box", mass=3.0, half=(0.2, 0.3, 0.25)), "far": ball("far")}
@@ -226,7 +226,7 @@ def test_a_smooth_pair_beside_a_rough_one(tmp_path):
 
 
 def test_a_ball_between_two_walls(tmp_path):
-    """Each hit takes 2/7 of its slip, as of a sphere that sticks; then it turns the wrong way for the other wall."""
+    """Each impact takes 2/7 of its slip, as for a sphere that sticks; the spin is then opposite for the other wall."""
     slab = (
         '<mujoco><option gravity="0 0 0"/><worldbody><body name="wall"><geom name="wall" type="box" size="0.1 9 9"/></body>'
     )
@@ -270,8 +270,8 @@ def pressed(folder, phases=None, mu=0.3, sideways=0.2, **scenario):
 
 
 @pytest.mark.parametrize(("mu", "kind"), [(0.5, "sticking"), (0.01, "sliding at 0.572")])
-def test_contact_that_would_last_ends_the_run(tmp_path, mu, kind):
-    """One line names pair and kind; what was before it is a good run."""
+def test_persistent_contact_with_friction_ends_the_run(tmp_path, mu, kind):
+    """One line names the pair and its mode; the run before it passes every check."""
     run = good(ffsm_mj.run(pressed(tmp_path, mu=mu)))
     assert run.outcome == "unsupported_contact"
     assert run.message.startswith("robot/ball - target/target would stay in contact from t = 0.18")
@@ -280,14 +280,14 @@ def test_contact_that_would_last_ends_the_run(tmp_path, mu, kind):
     assert len(run.impacts) == 1
 
 
-def test_a_closed_pair_without_force_flies_on(tmp_path):
+def test_a_closed_pair_without_force_continues(tmp_path):
     run = good(ffsm_mj.run(pressed(tmp_path, phases=[{"name": "off", "until": "end", "controller": {"kind": "off"}}])))
     assert run.outcome == "completed"
     assert len(run.impacts) == 1
 
 
 def test_a_capture_at_the_same_instant_comes_first(tmp_path):
-    """A ball touches, e = 0, and is pushed on; what would last with friction is one rigid body from there on."""
+    """A ball touches, e = 0, and is pushed on; a grasp makes both one rigid body before friction would have to persist."""
     grasp = {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"touch": ["ball-target/target"]}}
     phases = [
         {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": PUSH},
@@ -301,8 +301,8 @@ def test_a_capture_at_the_same_instant_comes_first(tmp_path):
     assert missed.outcome == "unsupported_contact"
 
 
-def test_pressed_by_its_spin_as_it_is_caught(tmp_path):
-    """What would stay in contact, rubbing, is caught at that instant; a log without the capture is told of, not flown."""
+def test_a_grasp_closes_on_a_contact_pressed_by_spin(tmp_path):
+    """A contact with friction that would persist is grasped at that instant; a log without the capture fails the replay."""
     path = captures.grasping(
         tmp_path,
         impact_pairs=[{"geoms": ["hand", "target/target"], "restitution": 0.0, "mu": 0.01}],
@@ -337,8 +337,8 @@ THROWN = {
 }
 
 
-def test_what_is_held_is_struck(tmp_path):
-    """The body that the stone meets is link and object in one: momenta of all subsystems, and the path, with that mass."""
+def test_a_grasped_object_is_hit(tmp_path):
+    """The stone meets link and object as one body: momenta of all subsystems, and the path, with that mass."""
     path = captures.grasping(
         tmp_path,
         others={"stone": captures.stone()},
@@ -351,8 +351,8 @@ def test_what_is_held_is_struck(tmp_path):
     assert hit.law == "stronge"
 
 
-def test_what_is_held_is_pressed_on_a_rough_wall(tmp_path):
-    """The run goes on through the grasp, and ends where friction would have to last."""
+def test_a_grasped_object_is_pressed_on_a_rough_wall(tmp_path):
+    """The run continues through the grasp, and ends where friction would have to persist."""
     pair = {"name": "late", "geoms": ["target/target", "wall/wall"], "restitution": 0.0, "mu": 0.3}
     path = on_a_wall(tmp_path, impact_pairs=[{"geoms": ["ball", "target/target"], "restitution": 0.5}, pair])
     run = good(ffsm_mj.run(path))
@@ -362,8 +362,8 @@ def test_what_is_held_is_pressed_on_a_rough_wall(tmp_path):
 
 
 @pytest.mark.usefixtures("test_regimes")
-def test_a_regime_that_nobody_knows_holds_what_is_struck(tmp_path):
-    """Its model is no business of the law's: energies and works are judged all the same, and a false one is noticed."""
+def test_an_unknown_contact_model_holds_the_hit_object(tmp_path):
+    """Its model is unknown to the law: energies and works are checked nevertheless, and a false one fails."""
     path = regime_scenes.capture(
         tmp_path,
         {"wall": slab("wall", "0.1 2 2")},
@@ -377,11 +377,11 @@ def test_a_regime_that_nobody_knows_holds_what_is_struck(tmp_path):
     )
     run = good(ffsm_mj.run(path))
     assert run.impacts[0].time_s > run.records["welds"][0].time_s
-    assert not judged(run, friction_work_J=changed(run.impacts[0].friction_work_J)).passes
+    assert not impact_energy_check(run, friction_work_J=changed(run.impacts[0].friction_work_J)).passes
 
 
 def test_friction_is_an_arrow_of_its_own_in_the_log(one):
-    """Foxglove and Lichtblick draw it as it stands in the file: across the normal, beside it."""
+    """Foxglove and Lichtblick draw it as logged: perpendicular to the normal."""
     with open(one.path, "rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         ((*_, update),) = reader.iter_decoded_messages(topics=["/scene/impacts"])
@@ -403,7 +403,7 @@ HOLD = {"name": "hold", "until": "impact", "controller": {"kind": "off"}}
 LEAVE = {"name": "leave", "until": "end", "release": ["grasp"], "controller": {"kind": "off"}}
 
 
-def test_a_blow_at_the_instant_of_a_release_is_one_on_what_was_held(tmp_path):
+def test_an_impact_at_the_instant_of_a_release_acts_on_the_grasped_object(tmp_path):
     path = captures.grasping(
         tmp_path,
         others={"stone": captures.stone()},
@@ -417,11 +417,11 @@ def test_a_blow_at_the_instant_of_a_release_is_one_on_what_was_held(tmp_path):
     (caught,) = run.records["capture_impulses"]
     wrong = replace(run.log, records={**run.records, "capture_impulses": (replace(caught, robot_site="robot/no"),)})
     assert not replay_log(wrong).agrees
-    assert Run(wrong).checks()  # told of, no error
+    assert Run(wrong).checks()  # a failed check, no exception
 
 
-def test_a_grasp_that_closes_throws_what_it_holds_at_what_it_touches(tmp_path):
-    """The capture comes first, the blow at that same instant is one on link and object."""
+def test_a_grasp_that_closes_in_contact_causes_an_impact(tmp_path):
+    """The capture comes first; the impact at that same instant acts on link and object."""
     path = captures.grasping(
         tmp_path,
         others={"stone": captures.stone()},
@@ -443,7 +443,7 @@ def refused(path, *overrides):
 
 @pytest.mark.parametrize("mu", [-0.1, -1e-300, "0.3x", True, [0.3], None, {"static": 0.3}, math.inf, math.nan])
 def test_hostile_numbers(tmp_path, mu):
-    """One line with the place and what is allowed; MuJoCo's three coefficients are none."""
+    """One line with the position and what is allowed; MuJoCo's three coefficients are not allowed."""
     path = off_centre(tmp_path)
     text = json.loads(path.read_text())
     text["impact_pairs"][0]["mu"] = mu
@@ -453,12 +453,12 @@ def test_hostile_numbers(tmp_path, mu):
     assert ": impact_pairs.0.mu: should be" in line
 
 
-def test_huge_friction_is_friction_that_sticks(tmp_path):
+def test_very_large_friction_sticks(tmp_path):
     run = good(ffsm_mj.run(off_centre(tmp_path, mu=1e6)))
     assert run.impacts[0].path.endswith("stick")
 
 
-def test_laws_that_would_gain_energy_are_refused_as_they_are_read(tmp_path):
+def test_laws_that_would_gain_energy_are_refused_at_load(tmp_path):
     path = off_centre(tmp_path, impact={"law": "newton"})
     (line,) = refused(path)
     assert line.startswith(f"{path}:1:")
@@ -469,14 +469,14 @@ def test_laws_that_would_gain_energy_are_refused_as_they_are_read(tmp_path):
     assert "set mu to 0" in line
 
 
-def test_check_tells_mu_and_where_the_run_would_end(tmp_path):
+def test_check_reports_mu_and_where_the_run_would_end(tmp_path):
     lines = prepare(off_centre(tmp_path, e=1.0)).describe()
     assert "  impact pairs: ball-box/box (e = 1, mu = 0.3: robot/ball - box/box)" in lines
     assert any("comes to rest: friction in persistent contact is not modelled" in line for line in lines)
 
 
-def test_mujocos_own_friction_is_not_taken(tmp_path):
-    """Its default is 1: a pair that says nothing has none."""
+def test_the_friction_of_mujoco_is_not_used(tmp_path):
+    """Its default is 1: a pair without mu has none."""
     path = two_balls(tmp_path)
     (tmp_path / "robot.xml").write_text((tmp_path / "robot.xml").read_text().replace("<geom ", '<geom friction="2 1 1" '))
     assert prepare(path).assemble().pairs[0].mu == 0.0
@@ -493,7 +493,7 @@ def test_an_impact_without_solution_ends_the_run(tmp_path, monkeypatch):
     assert not run.impacts
 
 
-def test_friction_booked_with_the_wrong_sign_is_a_law_broken(tmp_path, monkeypatch):
+def test_friction_of_the_wrong_sign_in_the_balance_fails_a_check(tmp_path, monkeypatch):
     vectors = Impact.vectors.fget
     wrong = property(lambda self: vectors(self) - (2.0 * self.friction.impulses if self.friction else 0.0))
     with monkeypatch.context() as put:
@@ -506,8 +506,8 @@ def test_friction_booked_with_the_wrong_sign_is_a_law_broken(tmp_path, monkeypat
     assert all(check.passes for check in again.checks())  # the states are right
 
 
-def test_friction_of_the_wrong_sign_is_a_law_broken(tmp_path, monkeypatch):
-    """It speeds the slip up: the impact gains what it should lose, and its path is another."""
+def test_friction_of_the_wrong_sign_fails_a_check(tmp_path, monkeypatch):
+    """It increases the slip: the impact gains the energy that it should lose, and its path is another."""
     solve = resolution.resolve_with_friction
 
     def wrong(model, data, M, contacts, qvel, law):
@@ -523,7 +523,7 @@ def test_friction_of_the_wrong_sign_is_a_law_broken(tmp_path, monkeypatch):
     assert not replay_log(run.log).agrees
 
 
-def test_an_angular_impulse_about_the_wrong_point_is_noticed(tmp_path, monkeypatch):
+def test_an_angular_impulse_about_the_wrong_point_fails_a_check(tmp_path, monkeypatch):
     with monkeypatch.context() as put:
         put.setattr(impact_record, "_centre", lambda *_: np.zeros(3))
         run = ffsm_mj.run(off_centre(tmp_path))
@@ -541,7 +541,7 @@ def test_an_angular_impulse_about_the_wrong_point_is_noticed(tmp_path, monkeypat
 
 
 def test_spin_transfer():
-    """The scenario that comes with it: what is touched without friction spins on, the rest is braked."""
+    """The shipped scenario: the object touched without friction keeps its spin, the others are braked."""
     run = good(ffsm_mj.run("spin-transfer", {"duration_s": 1.5}))
     assert run.outcome == "completed"
     assert [(hit.mu, hit.path) for hit in run.impacts] == [(0.0, ""), (0.2, "slip"), (0.8, "slip, stick")]

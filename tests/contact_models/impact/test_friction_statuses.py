@@ -1,4 +1,4 @@
-"""Runs whose impacts end in another status than ``ok``: record, words, summary and ``analyze`` agree."""
+"""Impacts with another status than ``ok``: record, sentence, summary and ``analyze`` agree."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from tests.contact_models.impact.test_fixed import slab
-from tests.contact_models.impact.test_friction_runs import PUSH, good, judged
+from tests.contact_models.impact.test_friction_runs import PUSH, good, impact_energy_check
 from tests.scenes import ball, scene
 
 
 def oblique(folder, e=1.0, mu=1.0, **scenario):
-    """A ball on one slide, two across for one towards, meets a fixed wall: its normal and its slip are one motion."""
+    """A ball on one slide, two across for one towards, meets a fixed wall: normal and tangential motion are coupled."""
     pair = {"geoms": ["ball", "wall/wall"], "restitution": e, "mu": mu}
     return scene(
         folder,
@@ -29,7 +29,7 @@ def oblique(folder, e=1.0, mu=1.0, **scenario):
 
 @pytest.mark.parametrize("e", [0.5, 1.0])
 def test_a_ball_that_locks_itself_is_wedged(tmp_path, capsys, e):
-    """On one slide u_t = 2 u_n: both end together, friction of |f| = 1/2 < mu holds the normal shut, and all energy is gone.
+    """On one slide u_t = 2 u_n: both end together, friction of |f| = 1/2 < mu keeps it closed, and all energy is lost.
 
     The wall is 0.3 m away, 0.3 sqrt(5) m along the slide; impulses along it are m v: (n + 2 t) / sqrt(5) = 2 N s, t = mu n.
     """
@@ -48,11 +48,11 @@ def test_a_ball_that_locks_itself_is_wedged(tmp_path, capsys, e):
     assert "wedged" in IMPACT.sentence(hit)
     assert main(["analyze", str(tmp_path / "run")]) == 0
     assert "wedged" in capsys.readouterr().out
-    assert not judged(run, status="ok").passes
+    assert not impact_energy_check(run, status="ok").passes
 
 
-def test_what_is_wedged_and_pressed_would_last(tmp_path):
-    """It goes on at rest; pressed on, it sticks, and friction would have to last."""
+def test_a_wedged_contact_under_load_would_persist(tmp_path):
+    """Without load it continues at rest; under load it sticks, and friction would have to persist."""
     run = good(ffsm_mj.run(oblique(tmp_path, phases=[{"name": "push", "until": "end", "controller": PUSH}])))
     assert [hit.status for hit in run.impacts] == ["wedged"]
     assert run.outcome == "unsupported_contact"

@@ -1,4 +1,4 @@
-"""An impact law from outside: the documented example, registered here and installed as a package."""
+"""An external impact law: the documented example, registered here and installed as a package."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SEPARATION = 0.8 * 0.1**0.25
 
 @pytest.fixture
 def registry(monkeypatch):
-    """Registered laws are forgotten after the test."""
+    """Registered laws are removed after the test."""
     monkeypatch.setattr(installed_laws, "_REGISTERED", dict(installed_laws._REGISTERED))
 
 
@@ -104,7 +104,7 @@ def test_a_law_for_friction_and_several_contacts_is_recorded_and_verified(tmp_pa
 
 
 @pytest.mark.usefixtures("yielding")
-def test_what_a_law_does_not_cover_is_refused(tmp_path):
+def test_problems_outside_the_coverage_are_refused(tmp_path):
     """Friction and e > 1 at load, several contacts at the impact."""
     pair = {"robot_geom": "ball", "object_geom": "target/target"}
     with pytest.raises(InputError, match=r"impact_pairs\.0\.mu: 'impact.law: yielding' does not cover friction"):
@@ -128,7 +128,7 @@ def test_what_a_law_does_not_cover_is_refused(tmp_path):
 
 @pytest.mark.usefixtures("registry")
 @pytest.mark.parametrize("answer", [np.array([-1.0]), np.zeros(2)])
-def test_an_answer_that_is_no_impulse_per_contact_is_refused(case_study, impact_state, answer):
+def test_a_solution_without_one_impulse_per_contact_is_refused(case_study, impact_state, answer):
     class Wrong(ImpactLaw):
         """Pulls, or speaks of two contacts."""
 
@@ -166,7 +166,7 @@ def ffsm(*arguments, packages=""):
 
 @pytest.fixture
 def package(tmp_path):
-    """What ``pip install`` leaves of the documented package, and of one that cannot be imported."""
+    """The files that ``pip install`` leaves of the documented package, and of one that cannot be imported."""
     folder = tmp_path / "package"
     info = folder / "my_impacts-1.0.dist-info"
     info.mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""A contact comes to rest at the instant that rule (10) says, and is held from there: no stall, no overlap."""
+"""A contact comes to rest when rule (10) says so, and stays closed from there: no stall, no overlap."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.cli.main import main
-from ffsm_mj.contact_models.impact import model as impact_regime
+from ffsm_mj.contact_models.impact import model as impact_model
 from ffsm_mj.contact_models.impact.rest_rule import resolve_resting
 from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.dynamics.step_path import StepPath
@@ -45,7 +45,7 @@ def pressed(folder, restitution, step=1e-3, *, kp=30.0, **scenario):
 
 
 def check(run, *, fine=True):
-    """What every run must show, whatever its outcome; what RK4 leaves of the balance is small for fine steps only."""
+    """Conditions of every run, whatever its outcome; the truncation of RK4 in the balance is small for short steps only."""
     assert run["balance.deepest_overlap_m"].max() <= PENETRATION_M
     own = ("no penetration", "impact energy", "impact restitution", "momentum two ways")
     laws = [check for check in run.checks() if fine or check.name in own]
@@ -57,9 +57,9 @@ def check(run, *, fine=True):
 @pytest.mark.parametrize("step", [1e-3, 5e-3, 1e-2])
 @pytest.mark.parametrize("restitution", [0.0, 0.1, 0.5, 0.7, 0.9])
 def test_a_pressed_ball_comes_to_rest_when_its_flight_is_shorter_than_a_step(tmp_path, restitution, step):
-    """It falls s = 1e-4 m with b = 15 m/s^2 and flies for 2 e^k sqrt(2 s / b) after hit k; one below a step is none.
+    """It falls s = 1e-4 m with b = 15 m/s^2 and flies for 2 e^k sqrt(2 s / b) after impact k, until less than one step.
 
-    The spring gives way by 1e-3 m of 1 m until the end, and the reaction of the target is in b: 2 % in the flight.
+    The spring changes by 1e-3 m of 1 m until the end, and the reaction of the target is in b: 2 % of the flight.
     """
     run = ffsm_mj.run(pressed(tmp_path, restitution, step))
     assert run.outcome == "completed"
@@ -76,8 +76,8 @@ def test_a_pressed_ball_comes_to_rest_when_its_flight_is_shorter_than_a_step(tmp
     check(run)
 
 
-def test_an_elastic_ball_never_settles(tmp_path):
-    """Flights stay as long as they are: an honest answer, cut off by no cap on impacts per second."""
+def test_an_elastic_ball_never_comes_to_rest(tmp_path):
+    """Its flights keep their length; no limit on impacts per second ends them."""
     run = ffsm_mj.run(pressed(tmp_path, 1.0))
     assert run.outcome == "completed"
     assert len(run.impacts) > 40
@@ -85,7 +85,7 @@ def test_an_elastic_ball_never_settles(tmp_path):
 
 
 def bouncing(folder, restitution, **impact):
-    """A ball dropped from 1 m under gravity on a floor that is hardly moved."""
+    """A ball dropped from 1 m under gravity on a floor that hardly moves."""
     gravity = '<option gravity="0 0 -9.81"/>'
     floor = box("floor", mass=1e9, half=(1, 1, 0.5)).replace('<body name="floor">', '<body name="floor" gravcomp="1">')
     return scene(
@@ -145,8 +145,8 @@ def crate_on_a_slab(folder, **scenario):
     )
 
 
-def test_points_that_land_beside_held_ones_are_held_too(tmp_path):
-    """They land 2e-10 m deep, and stay so deep until the step ends: not a touch without end at that instant."""
+def test_points_that_land_beside_closed_ones_are_closed_too(tmp_path):
+    """They land 2e-10 m deep and stay so until the step ends: the event does not repeat at that instant."""
     run = ffsm_mj.run(crate_on_a_slab(tmp_path, duration_s=0.22))
     assert run.outcome == "completed"
     (begins,) = run.records["contact_beginnings"]
@@ -157,7 +157,7 @@ def test_points_that_land_beside_held_ones_are_held_too(tmp_path):
 
 
 def test_rest_speed_ends_flights_too(tmp_path):
-    """E |u| < v: the first hit is at sqrt(2 s b) = 0.055 m/s."""
+    """With e |u| < v: the first impact is at sqrt(2 s b) = 0.055 m/s."""
     run = ffsm_mj.run(pressed(tmp_path, 0.5, impact={"rest_interval_s": 0.0, "rest_speed_m_s": 0.03}))
     assert (run.outcome, len(run.impacts)) == ("completed", 1)
     run = ffsm_mj.run(pressed(tmp_path, 0.5, impact={"rest_interval_s": 0.0, "rest_speed_m_s": 0.02}))
@@ -165,7 +165,7 @@ def test_rest_speed_ends_flights_too(tmp_path):
 
 
 def test_a_pair_at_rest_that_a_motor_begins_to_press(tmp_path):
-    """Plastic, no force: they travel together; an effort that jumps at a tick is felt by both at once."""
+    """Plastic, without force: they move together; an effort that jumps at a tick acts on both at once."""
     coast = {"name": "coast", "for_s": 0.5, "controller": {"kind": "off"}}
     push = {"name": "push", "until": "end"}
     push["controller"] = {"kind": "pd", "joints": ["robot/x"], "kp": 1.0, "kd": 0.0, "target": [5.0]}
@@ -180,8 +180,8 @@ def test_a_pair_at_rest_that_a_motor_begins_to_press(tmp_path):
     check(run)
 
 
-def test_plastic_and_free_goes_on(tmp_path):
-    """Two balls that stick for want of a force drift along: one impact, no event at rounding level, no overlap."""
+def test_a_plastic_impact_without_force_continues(tmp_path):
+    """Two balls that stay together without force: one impact, no event at rounding level, no overlap."""
     run = ffsm_mj.run(two_balls(tmp_path, restitution=0.0))
     assert (run.outcome, len(run.impacts)) == ("completed", 1)
     check(run)
@@ -220,7 +220,7 @@ def test_two_jaws_grip_and_hold(tmp_path):
 
 
 def test_two_plastic_jaws_that_coast_are_not_pressed(tmp_path):
-    """Accelerations that are zero but for rounding press nothing."""
+    """Accelerations that are zero except for rounding press nothing."""
     run = ffsm_mj.run(jaws(tmp_path, 0.0, kp=0.0, speed=0.3))
     assert run.outcome == "completed"
     assert 1 <= len({impact.event for impact in run.impacts}) <= 3
@@ -228,7 +228,7 @@ def test_two_plastic_jaws_that_coast_are_not_pressed(tmp_path):
 
 
 def chattering(folder):
-    """An elastic ball of 1 g pressed at 1e6 m/s^2 on 1000 t, 1e-7 m away: it flies for 2 sqrt(2e-7 / 1e6) = 9e-7 s."""
+    """An elastic ball of 1 g pressed at 1e6 m/s^2 on 1000 t, 1e-7 m away: flights of 2 sqrt(2e-7 / 1e6) = 9e-7 s."""
     push = {"kind": "pd", "joints": ["robot/x"], "kp": 1e3, "kd": 0.0, "target": [1.0]}
     return scene(
         folder,
@@ -243,7 +243,7 @@ def chattering(folder):
 
 
 def test_a_thousand_touches_in_a_step_end_the_run_with_the_pair_named(tmp_path, monkeypatch):
-    """The limit is lowered here, for a thousand take seconds; the 10 ms step would hold eleven thousand."""
+    """The limit is lowered here, because a thousand take seconds; the 10 ms step would hold eleven thousand."""
     assert simulation.MOST_EVENTS_PER_STEP == 1000
     monkeypatch.setattr(simulation, "MOST_EVENTS_PER_STEP", 50)
     run = ffsm_mj.run(chattering(tmp_path))
@@ -253,15 +253,15 @@ def test_a_thousand_touches_in_a_step_end_the_run_with_the_pair_named(tmp_path, 
 
 
 @pytest.mark.parametrize(("gap", "speed"), [(1e-9, 1e-9), (1e-10, 1e-9), (5e-10, 1e-3)])
-def test_slow_and_near_is_hit_when_it_touches(tmp_path, gap, speed):
-    """Not where the gap counts as small: the root is good to 1e-14 m and 8e-17 m of rounding, over the speed."""
+def test_a_slow_and_near_pair_hits_at_gap_zero(tmp_path, gap, speed):
+    """Not at the tolerance of the gap: the root is accurate to 1e-14 m and 8e-17 m of rounding, over the speed."""
     run = ffsm_mj.run(two_balls(tmp_path, speed=speed, gap=gap, duration_s=1.2))
     (impact,) = run.impacts
     assert impact.time_s == pytest.approx(gap / speed, abs=2e-14 / speed)
 
 
-def test_a_signal_is_heard_inside_a_step(tmp_path, monkeypatch):
-    """The first Ctrl-C ends a search for touches at its next evaluation of the path."""
+def test_an_interrupt_inside_a_step(tmp_path, monkeypatch):
+    """The first Ctrl-C ends event localisation at its next evaluation of the path."""
     moves = 0
     move_to = StepPath.move_to
 
@@ -291,10 +291,10 @@ ODD = 1e-9, 1e-4, 0.01
 """Numbers that are small, beside zero and the ends of a range."""
 
 
-def drawn(seed):
-    """A scene: of each number it is as likely as not one of the odd ones.
+def random_scene(seed):
+    """A random scene: each number is one of the extreme ones with probability one half.
 
-    Not by Hypothesis, which draws numbers that stand in the source: every edit of the package would draw other scenes.
+    Not by Hypothesis, which draws numbers from the source: every edit of the package would draw other scenes.
     """
     rng = np.random.default_rng(seed)
     chosen = {key: values[rng.integers(len(values))] for key, values in CHOICES.items()}
@@ -341,7 +341,7 @@ def _pushed(folder, d):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(300))
 def test_time_advances_and_nothing_overlaps_whatever_pushes(tmp_path, seed):
-    _never_stalls(tmp_path, drawn(seed))
+    _never_stalls(tmp_path, random_scene(seed))
 
 
 CHATTER = {"turn": 0.0, "speed": 1e-4, "step": 2e-4, "gap": 0.0, "restitution": 1.0, "kp": 52.55, "shape": "box"}
@@ -356,14 +356,14 @@ TILTED = {"turn": 0.0, "speed": -0.47845753984450134, "step": 1e-2, "gap": 1e-9,
     ],
     ids=["an elastic plate hits 342 times in 2 ms", "corners 6e-8 m above a face are not at rest on it"],
 )
-def test_pushes_that_went_wrong_once(tmp_path, scene, outcome):
+def test_pushes_that_failed_once(tmp_path, scene, outcome):
     assert _never_stalls(tmp_path, scene).outcome == outcome
 
 
-def _never_stalls(folder, drawn):
-    """Every run ends, with an outcome of its own; the path is evaluated a bounded number of times per step.
+def _never_stalls(folder, scene):
+    """Every run ends with an outcome; the path is evaluated a bounded number of times per step.
 
-    A touch takes two searches for a root at the most, each of 100 evaluations at worst and ten as a rule, and a few looks.
+    A touch takes at most two searches for a root, each of ten evaluations as a rule and 100 at worst, and a few more.
     """
     moves: dict[float, int] = {}
     move_to = StepPath.move_to
@@ -372,11 +372,11 @@ def _never_stalls(folder, drawn):
         moves[drawn_time()] = moves.get(drawn_time(), 0) + 1
         move_to(self, time_s)
 
-    parts = prepare(_pushed(folder, drawn)).assemble()
+    parts = prepare(_pushed(folder, scene)).assemble()
     data = parts.data
 
     def drawn_time():
-        return round(float(data.time) / drawn["step"] - 0.5)
+        return round(float(data.time) / scene["step"] - 0.5)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(StepPath, "move_to", counted)
@@ -386,12 +386,12 @@ def _never_stalls(folder, drawn):
         assert run.time[-1] == pytest.approx(0.02)
     touches = len({impact.event for impact in run.impacts}) + 1
     assert max(moves.values(), default=0) <= 200 * (touches + 1)
-    check(run, fine=drawn["step"] <= 1e-3)
+    check(run, fine=scene["step"] <= 1e-3)
     return run
 
 
-def test_an_overlap_is_never_reported_as_good(tmp_path, monkeypatch, capsys):
-    """Were every touch missed, the log would say how deep, and the run, its summary and `analyze` would not hold."""
+def test_an_overlap_fails_a_check(tmp_path, monkeypatch, capsys):
+    """If every touch were missed, the log would have the depth, and run, summary and `analyze` would report it."""
     monkeypatch.setattr(Detector, "_first_in", lambda *_: None)
     monkeypatch.setattr(Detector, "due", lambda _: False)
     path = two_balls(tmp_path, speed=1.0, gap=0.01, duration_s=0.05, conservative=False)
@@ -403,8 +403,8 @@ def test_an_overlap_is_never_reported_as_good(tmp_path, monkeypatch, capsys):
     assert run["balance.deepest_overlap_m"].max() == pytest.approx(0.04, abs=1e-12)
 
 
-def test_what_presses_after_an_impact_is_without_the_contact_forces_before_it(tmp_path, monkeypatch):
-    """Rule (10): a ball of 2 kg that lies on a slab is hit by one of 0.5 kg from above, under gravity of 2.5 m/s^2.
+def test_the_rest_rule_ignores_the_contact_forces_before_the_impact(tmp_path, monkeypatch):
+    """Rule (10): a ball of 2 kg at rest on a slab is hit by one of 0.5 kg from above, under gravity of 2.5 m/s^2.
 
     In b the slab bears both, 6.25 N / 2 kg; the stone is borne with 1.25 N, G = 1 / 2 + 1 / 0.5.
     """
@@ -414,7 +414,7 @@ def test_what_presses_after_an_impact_is_without_the_contact_forces_before_it(tm
         found.append(resolve_resting(*args))
         return found[-1]
 
-    monkeypatch.setattr(impact_regime, "resolve_resting", remembered)
+    monkeypatch.setattr(impact_model, "resolve_resting", remembered)
     gravity = '<option gravity="0 0 -2.5"/>'
     slab = f'<mujoco>{gravity}<worldbody><geom name="slab" type="box" size="1 1 0.1"/></worldbody></mujoco>'
     path = scene(

@@ -1,4 +1,4 @@
-"""Several contacts at one instant: the named cases with their numbers, thousands of random problems, physical scenes."""
+"""Several contacts at one instant: published cases, thousands of random problems, physical scenes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.scenes import ball, box, scene
 
 
 def chain(count, *, wall=False):
-    """Contact rows of unit masses in a row, each touching the next; a wall behind the last."""
+    """Contact rows of unit masses in a row, each in contact with the next; a wall behind the last."""
     A = np.zeros((count - 1 + wall, count))
     for i in range(count - 1):
         A[i, i], A[i, i + 1] = -1.0, 1.0
@@ -25,7 +25,7 @@ def chain(count, *, wall=False):
 
 
 def velocities(law, A, v, e):
-    """Velocities after with unit masses."""
+    """Velocities after, with unit masses."""
     return FRICTIONLESS[law](A, np.array(v, dtype=float), np.full(len(A), float(e))).w
 
 
@@ -49,7 +49,7 @@ def test_balls_in_a_row(law, A, v, e, expected):
 
 
 def test_break_shot_is_symmetric():
-    """One ball hits two that touch: (-1/5; 3/5, +-0.346), mirrored to rounding."""
+    """One ball hits two in contact: (-1/5; 3/5, +-0.346), symmetric to rounding."""
     n = np.array([[np.cos(0.5 * np.pi / 3), s * np.sin(0.5 * np.pi / 3)] for s in (1, -1)])
     A = np.zeros((3, 6))
     A[0, :2], A[0, 2:4] = -n[0], n[0]
@@ -78,7 +78,7 @@ def test_flat_box_rebounds_without_spin():
 
 
 def test_rocking_box_keeps_its_energy_and_leaves():
-    """Vz = -0.5, wy = 3 on four points: every corner leaves, T is kept; equal springs agree to four digits."""
+    """With vz = -0.5, wy = 3 on four points every corner leaves and T is conserved; equal springs agree to four digits."""
     after, _ = flat_box((0, 0, -0.5, 0, 3, 0))
     assert after[2] == pytest.approx(1.0444, abs=5e-5)
     assert after[4] == pytest.approx(-0.5503, abs=5e-5)
@@ -130,7 +130,7 @@ def test_random_problems_with_a_restitution_per_contact(law, hundred):
 @pytest.mark.long
 @pytest.mark.parametrize("hundred", range(20))
 def test_random_elastic_problems_conserve_energy(hundred):
-    """E = 1: |dT| < 1e-10 T unless jammed; jammed only where a direction is squeezed from both sides."""
+    """With e = 1: |dT| < 1e-10 T unless jammed; jammed only if a direction is squeezed from both sides."""
     rng = np.random.default_rng([20240601, hundred])
     jams = 0
     for _ in range(100):
@@ -144,7 +144,7 @@ def test_random_elastic_problems_conserve_energy(hundred):
 
 
 def test_squeeze_without_clearance_is_jammed():
-    """A ball hit from both sides at once between two walls has no elastic answer: energy lost, and said."""
+    """A ball hit from both sides at once between two walls has no elastic solution: energy is lost, and reported."""
     A = np.array([[1.0], [-1.0]])
     result = blend(A, np.array([1.0]), np.ones(2))
     assert result.jammed
@@ -152,7 +152,7 @@ def test_squeeze_without_clearance_is_jammed():
 
 
 def test_unequal_restitution_never_gains():
-    """The case that breaks Newton's law: very different e at coupled contacts."""
+    """The case in which Newton's law fails: very different e at coupled contacts."""
     A = chain(3)
     for e in ([1.0, 0.0], [0.0, 1.0], [0.3, 0.9]):
         checked("blend", A, np.array([1.0, 0.0, -0.5]), np.array(e))
@@ -167,7 +167,7 @@ def test_newton_is_refused_where_it_is_inconsistent():
 
 
 def test_sweeps_take_over_when_nnls_fails(monkeypatch, rng):
-    """NNLS once in thousands of draws misses its own optimality conditions: the check must catch it."""
+    """Once in thousands of problems NNLS misses its own optimality conditions: the verification must detect it."""
     import scipy.optimize
 
     problems = [random_problem(rng) for _ in range(30)]
@@ -182,7 +182,7 @@ def test_sweeps_take_over_when_nnls_fails(monkeypatch, rng):
 
 @pytest.mark.parametrize("law", ["blend", "poisson", "newton"])
 def test_without_nnls_redundant_contacts_get_the_same_velocities(monkeypatch, law):
-    """Only how four corners share the load is open then: no impulse pulls, and their sum, 1 kg turned round, is given.
+    """Only the distribution over four corners is open then: impulses are >= 0, and their sum, 2 N s or less, is given.
 
     The sweeps end at a normal velocity of 1e-9 of the approach, 1 m/s.
     """
@@ -201,7 +201,7 @@ def fail(*_):
 
 
 def balls(count):
-    """Free balls of 1 kg in a row, touching."""
+    """Free balls of 1 kg in a row, in contact."""
     bodies = "".join(f'<body pos="{0.2 * i} 0 0"><freejoint/><geom size="0.1" mass="1"/></body>' for i in range(count))
     model = mujoco.MjModel.from_xml_string(f"<mujoco><option gravity='0 0 0'/><worldbody>{bodies}</worldbody></mujoco>")
     data = mujoco.MjData(model)
@@ -229,7 +229,7 @@ def test_order_of_contacts_does_not_matter(rng):
 
 
 def test_a_box_lands_flat_on_a_face(tmp_path):
-    """Face on face in a whole run: four extreme points at one event, rebound without spin, energy kept."""
+    """Face on face in a whole run: four extreme points at one event, rebound without spin, energy conserved."""
     path = scene(
         tmp_path,
         box("block", half=(0.3, 0.2, 0.1)),
@@ -272,7 +272,7 @@ def test_three_balls_and_ball_ball_wall_in_a_run(tmp_path, right_mass, expected)
 
 
 def test_two_grippers_on_one_box_at_once(tmp_path):
-    """A two-pronged robot closes on a box from one side: both prongs touch at the same instant, mirrored."""
+    """A two-pronged robot closes on a box from one side: both prongs touch at the same instant, symmetrically."""
     fork = """<mujoco><option gravity="0 0 0"/><worldbody><body name="fork"><freejoint name="free"/>
       <inertial pos="0 0 0" mass="3" diaginertia="0.2 0.3 0.4"/>
       <geom name="upper" size="0.05" pos="0.5 0.2 0" mass="0"/><geom name="lower" size="0.05" pos="0.5 -0.2 0" mass="0"/>
@@ -295,7 +295,7 @@ def test_two_grippers_on_one_box_at_once(tmp_path):
 
 
 def test_no_other_impulses_of_the_same_effect_are_shorter(rng):
-    """The angle of the shortest with any change that may be made of it is 90 degrees at most: linear programs say so."""
+    """The shortest impulse has an angle of at most 90 degrees with any allowed change of it: verified by linear programs."""
     pulled_out = 0
     for _ in range(100):
         dofs = int(rng.integers(1, 5))

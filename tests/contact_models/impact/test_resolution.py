@@ -1,4 +1,4 @@
-"""The impact map alone: closed forms, the paper's Appendix A and its own equations, invariants."""
+"""The impact map alone: closed forms, the paper's Appendix A and its equations, invariants."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def tip_contact(system, x, y, e=1.0):
 
 
 def test_appendix_a_at_the_printed_contact_point(case_study, impact_state):
-    """Every figure that the paper prints, within one unit of its last digit."""
+    """Every figure printed in the paper, within one unit of its last digit."""
     impact = resolve(case_study.mj, impact_state, [tip_contact(case_study, 4.0, -0.3172)])
     printed = (0.1354, -0.0641, 0.0258, 0.0133, -0.1059, 0.0979, -0.2445, 0.0, 0.2682)
     assert impact.impulses[0] == pytest.approx(1.2226, abs=1e-4)
@@ -31,7 +31,7 @@ def test_appendix_a_at_the_printed_contact_point(case_study, impact_state):
 
 
 def test_appendix_a_at_the_tip(case_study, impact_state):
-    """The independent simulation's figures; the state is given to nine decimals, which moves them by about 5e-9."""
+    """Figures of the independent simulation; the state is given to nine decimals, which changes them by about 5e-9."""
     impact = resolve(case_study.mj, impact_state, [tip_contact(case_study, 4.000756738, -0.316940821)])
     assert impact.impulses[0] == pytest.approx(1.222381959, abs=1e-8)
     np.testing.assert_allclose(impact.after.qvel[6:], (-0.244476392, 0.0, 0.268532627), rtol=0, atol=1e-8)
@@ -57,7 +57,7 @@ def random_state(system, rng):
 @settings(max_examples=200, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_resolution_solves_the_papers_equations(case_study, seed):
-    """Our closed form against (16)-(18), at random states: the object spins, the normal is oblique."""
+    """The closed form against (16)-(18), at random states: the object spins, the normal is oblique."""
     rng = np.random.default_rng(seed)
     data = random_state(case_study, rng)
     angle = rng.uniform(0, 2 * np.pi)
@@ -77,7 +77,7 @@ def test_resolution_solves_the_papers_equations(case_study, seed):
 @settings(max_examples=200, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), e=st.floats(0.0, 1.0))
 def test_energy_and_momentum_of_one_contact(case_study, seed, e):
-    """DT = -(1 - e^2) u^2 / (2 J M^-1 J^T), momentum kept, separation e times approach."""
+    """Energy change -(1 - e^2) u^2 / (2 J M^-1 J^T), momentum conserved, separation e times approach."""
     rng = np.random.default_rng(seed)
     data = random_state(case_study, rng)
     contact = tip_contact(case_study, *rng.uniform(-2, 2, 2), e=e)
@@ -99,7 +99,7 @@ def test_energy_and_momentum_of_one_contact(case_study, seed, e):
 @settings(max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_elastic_map_is_an_involution(case_study, seed):
-    """A reflection in the metric of M, applied twice, gives the velocity back."""
+    """A reflection in the metric of M, applied twice, returns the velocity."""
     data = random_state(case_study, np.random.default_rng(seed))
     M = mass_matrix(case_study.mj, data)
     J = contact_jacobian(case_study.mj, data, tip_contact(case_study, 1.0, 0.3))
@@ -112,7 +112,7 @@ def test_elastic_map_is_an_involution(case_study, seed):
     ("e", "after", "impulse"), [(1.0, (-0.9, 1.1), 4.8), (0.5, (-0.3, 0.7), 3.6), (0.0, (0.3, 0.3), 2.4)]
 )
 def test_two_masses_on_a_line(e, after, impulse):
-    """M = 2, 3; v = 1.5, -0.5: textbook values."""
+    """Masses 2 and 3 at 1.5 and -0.5: textbook values."""
     M = np.diag([2.0, 3.0])
     velocity, found = reflect(M, np.array([-1.0, 1.0]), np.array([1.5, -0.5]), e)
     np.testing.assert_allclose(velocity, after, atol=1e-15)
@@ -139,7 +139,7 @@ def test_rod_struck_off_centre():
 
 
 def test_equal_spheres_exchange_normal_velocity_and_keep_spin():
-    """Oblique elastic hit of equal frictionless spheres: tangential velocities and spins are untouched."""
+    """Oblique elastic impact of equal frictionless spheres: tangential velocities and spins are unchanged."""
     body = '<body name="{0}" pos="{1}"><freejoint/><geom size="0.1" mass="1"/></body>'
     bodies = body.format("a", "0 0 0") + body.format("b", "0.2 0 0")
     xml = f"<mujoco><option gravity='0 0 0'/><worldbody>{bodies}</worldbody></mujoco>"
@@ -154,7 +154,7 @@ def test_equal_spheres_exchange_normal_velocity_and_keep_spin():
 
 
 def test_super_elastic_is_for_one_contact(case_study, impact_state):
-    """E > 1 gains energy by the formula; several such contacts at once have no law."""
+    """With e > 1 energy grows by the formula; several such contacts at once have no law."""
     contact = tip_contact(case_study, 4.0, -0.3, e=1.2)
     impact = resolve(case_study.mj, impact_state, [contact])
     assert impact.energy_change_J > 0.0
@@ -163,7 +163,7 @@ def test_super_elastic_is_for_one_contact(case_study, impact_state):
         resolve(case_study.mj, impact_state, [contact, contact])
 
 
-def test_bad_arguments_are_named(case_study, impact_state):
+def test_invalid_arguments_are_reported(case_study, impact_state):
     with pytest.raises(ValueError, match="unknown impact law 'guess'; allowed: blend, poisson, newton"):
         resolve(case_study.mj, impact_state, [tip_contact(case_study, 4.0, -0.3)], "guess")
     with pytest.raises(ValueError, match="at least one contact"):

@@ -14,7 +14,7 @@ from tests.scenes import box, scene
 
 
 def squeezed(folder, mass):
-    """A block of 4 kg falls on a crate of some mass that lies on a floor."""
+    """A block of 4 kg falls on a crate of a given mass on a floor."""
     crate = box("crate", mass=1.0, half=(0.4, 0.4, 0.2)).replace('mass="1.0"', f'mass="{mass}"')
     return scene(
         folder,
@@ -44,8 +44,8 @@ def test_a_light_crate_between_heavy_ones(tmp_path, mass):
     assert [check for check in run.checks() if not check.passes] == []
 
 
-def test_impulses_are_as_good_as_their_own_rounding(rng):
-    """Rows that almost cancel: impulses are 1e6 times what they change, and no sweep makes that any better."""
+def test_sweeps_end_at_the_rounding_of_the_impulses(rng):
+    """Rows almost cancel: impulses are 1e6 times the velocities that they change, and no sweep improves them."""
     for _ in range(20):
         light = 10 ** rng.uniform(-12, -3)
         M = np.array([4.0, light])

@@ -1,4 +1,4 @@
-"""When and where a step meets a contact: closed forms, grid points, several impacts, grazes, thin plates."""
+"""Time and state of an impact within a step: closed forms, grid points, several impacts, grazes, thin plates."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.scenes import ball, box, scene, two_balls
 @pytest.mark.parametrize("step", [0.001, 0.01])
 @pytest.mark.parametrize("speed", [0.3, 7.7, 240.0])
 def test_two_balls_meet_at_the_closed_form_time(tmp_path, speed, step):
-    """T = gap / speed. The clock resolves 1e-16 relative, the root is found to 1e-14 m."""
+    """Time = gap / speed. The clock resolves 1e-16 relative, the root is found to 1e-14 m."""
     run = ffsm_mj.run(two_balls(tmp_path, speed=speed, duration_s=1.2, time_step_s=step, control_period_s=step))
     (impact,) = run.impacts
     assert impact.time_s == pytest.approx(0.3 / speed, abs=1e-13)
@@ -33,7 +33,7 @@ def test_impact_on_a_grid_point(tmp_path):
 
 
 def test_touching_and_approaching_at_the_start(tmp_path):
-    """An impact at t = 0 happens before anything moves; the first row is the state before it."""
+    """An impact at t = 0 precedes any motion; the first row is the state before it."""
     run = ffsm_mj.run(two_balls(tmp_path, gap=0.0, duration_s=0.1))
     (impact,) = run.impacts
     assert impact.time_s == 0.0
@@ -48,7 +48,7 @@ def test_touching_and_separating_is_no_impact(tmp_path):
 
 
 def test_two_impacts_in_one_step(tmp_path):
-    """A ball between two that come from both sides: hit twice within one 10 ms step, each at its own time."""
+    """A ball between two that approach from both sides: hit twice within one 10 ms step, each at its own time."""
     path = scene(
         tmp_path,
         ball("ball", mass=1.0, joints="x"),
@@ -92,7 +92,7 @@ def test_a_graze_is_neither_missed_nor_invented(tmp_path, offset, hits):
 
 @pytest.mark.parametrize("speed", [10.0, 100.0, 1000.0])
 @pytest.mark.parametrize("step", [0.001, 0.01])
-def test_a_thin_plate_is_not_jumped_over(tmp_path, speed, step):
+def test_no_tunnelling_through_a_thin_plate(tmp_path, speed, step):
     """A 20 mm ball and a 1 mm plate: at 1000 m/s a 10 ms step covers ten metres."""
     path = scene(
         tmp_path,
@@ -109,8 +109,8 @@ def test_a_thin_plate_is_not_jumped_over(tmp_path, speed, step):
     assert impact.time_s == pytest.approx(1.0 / speed, abs=1e-12)
 
 
-def test_oblique_hit_on_a_spinning_rotated_box(tmp_path):
-    """Sign errors hide in a resting, aligned object: here everything turns, and the log still balances."""
+def test_oblique_impact_on_a_spinning_rotated_box(tmp_path):
+    """Sign errors do not show for a resting, aligned object: here everything turns, and the balance holds."""
     turn = np.array([np.cos(0.4), 0.2, -0.3, np.sqrt(1 - np.cos(0.4) ** 2 - 0.13)])
     path = scene(
         tmp_path,
@@ -144,7 +144,7 @@ def test_oblique_hit_on_a_spinning_rotated_box(tmp_path):
 
 
 def test_time_step_survives_an_exception(case_study):
-    """A Ctrl-C inside a search leaves the model's own step in place."""
+    """A Ctrl-C during event localisation leaves the time step of the model unchanged."""
     data = mujoco.MjData(case_study.mj)
     path = StepPath(case_study.mj, data)
     mujoco.mj_getState(case_study.mj, data, path.start, WHOLE_STATE)
@@ -164,7 +164,7 @@ def test_time_step_survives_an_exception(case_study):
 
 @pytest.mark.parametrize("step", [0.01, 0.005, 0.002, 0.001])
 def test_coasting_impact_does_not_depend_on_the_step(coasting_reference, step):
-    """RK4 at 10 ms leaves 1e-11 over these 5 s; the search adds nothing."""
+    """RK4 at 10 ms leaves 1e-11 over these 5 s; event localisation adds nothing."""
     run = ffsm_mj.run("coasting", {"time_step_s": step})
     (impact,) = run.impacts
     assert impact.time_s == pytest.approx(coasting_reference.time_s, abs=1e-9)

@@ -1,7 +1,6 @@
-"""Nothing is jumped over: a 1 mm plate and a 20 mm ball, up to 1000 m/s, spinning, at any offset, at steps up to 10 ms.
+"""No tunnelling: a 1 mm plate and a 20 mm ball, up to 1000 m/s, spinning, at any offset, at steps up to 10 ms.
 
-The whole detector without the rest of a run, so that hundreds of passes take seconds. The reference is the same flight at
-steps of 0.01 ms.
+The detector alone, so that hundreds of passes take seconds. The reference is the same flight at steps of 0.01 ms.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ def flight(tmp_path_factory):
 
 
 def first_touch(system, data, speed, step, offset, *, start=0.0):
-    """Time at which the ball touches the plate, flown in steps from a time."""
+    """Time at which the ball touches the plate, integrated in steps from a start time."""
     pair = ContactPair(system, "hit", "ball", "plate/plate", 1.0)
     mujoco.mj_resetData(system.mj, data)
     x = -0.25 * min(speed, 20.0) + speed * start
@@ -70,7 +69,7 @@ def test_the_same_touch_at_any_step_and_offset(flight, speed, score):
 
 
 @pytest.mark.parametrize("step", [0.001, 0.01])
-def test_just_past_the_edge_is_no_hit(flight, step):
+def test_just_past_the_edge_there_is_no_impact(flight, step):
     """20 mm of ball, 0.3 m of half plate: at 0.311 m it passes, at any speed."""
     system, data = flight
     for speed in (10.0, 1000.0):

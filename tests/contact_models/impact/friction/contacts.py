@@ -1,4 +1,4 @@
-"""Contacts with known answers, as rows of A = J L^-T and a mass-weighted velocity."""
+"""Contacts with known solutions, as rows of A = J L^-T and a mass-weighted velocity."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def rod_of(cos, sin):
 
 
 def rows(G, u):
-    """Some A and w with A A^T = G and A w = u, w of least norm: T is then the energy that the contact sees."""
+    """Some A and w with A A^T = G and A w = u, w of least norm: T is the kinetic energy of the contact."""
     values, vectors = np.linalg.eigh(np.asarray(G))
     A = vectors * np.sqrt(np.maximum(values, 0.0))
     return A, np.linalg.pinv(A) @ np.asarray(u, dtype=float)
 
 
 def point_on_body(mass, inertia, points, normals, tangents):
-    """Rows (n, t1, t2) per point of one free body, (3k, 6), and the root of its mass matrix, (6,)."""
+    """Rows (n, t1, t2) per point of one free body, (3k, 6), and the square root of its mass matrix, (6,)."""
     blocks = []
     for r, frame in zip(points, np.concatenate((normals[:, None], tangents), axis=1), strict=True):
         blocks.append(np.hstack((frame, np.cross(r, frame))))
@@ -41,7 +41,7 @@ FLOOR = np.array([[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
 
 
 def on_floor(mass, inertia, points):
-    """Points of one free body that touch the floor."""
+    """Contact points of one free body on the floor."""
     points = np.atleast_2d(points)
     frames = np.repeat(FLOOR, len(points), axis=0)
     return point_on_body(mass, inertia, points, frames[:, 0], frames[:, 1:])

@@ -1,4 +1,4 @@
-"""Newton's law of impact with Coulomb friction, which the product refuses: it can create energy."""
+"""Newton's law of impact with Coulomb friction, which the package refuses because it can create energy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ffsm_mj.tolerances import SOLVED
 
 
 def newton_with_friction(A, w, mu, e):
-    """Velocity after with u_n+ + e u_n- in place of u_n+; None where no solution is found, (n,)."""
+    """Velocity after, (n,), with u_n+ + e u_n- in place of u_n+; None if no solution is found."""
     u = A @ w
     shifted = u.copy()
     shifted[::3] *= 1.0 + np.asarray(e)

@@ -1,4 +1,4 @@
-"""Random impacts of several contacts with friction, of three families."""
+"""Random impacts of several contacts with friction, in three families."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def problem(rng, family):
 
 
 def bodies(rng, count):
-    """Rows of one free body against the world, or of two, with points and normals in space."""
+    """Rows of one free body against the world, or of two bodies, with random points and normals."""
     n = 6 * int(rng.integers(1, 3))
     rows = []
     for _ in range(count):

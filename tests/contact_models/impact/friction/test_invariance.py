@@ -1,4 +1,4 @@
-"""The same impact told otherwise: turned scene, other tangents, other order of contacts."""
+"""Invariance of an impact under rotation, the choice of tangents, the order of contacts and the units."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LAWS = ["blend", "poisson"]
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("family", [0, 2])
 def test_a_turned_scene_with_its_tangents_has_turned_velocities(law, family):
-    """Turning leaves A A^T and A w: what differs is rounding, 1e-10 of the velocities."""
+    """A rotation leaves A A^T and A w unchanged: the difference is rounding, 1e-10 of the velocities."""
     for seed in range(15):
         rng = np.random.default_rng([5, seed])
         A, w, mu, e = problem(rng, family)
@@ -26,7 +26,7 @@ def test_a_turned_scene_with_its_tangents_has_turned_velocities(law, family):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_order_and_tangents_do_not_matter_at_full_rank(law):
-    """Redundant contacts may have several answers; at full rank there is one, solved to 1e-9 of the speeds."""
+    """Redundant contacts may have several solutions; at full rank there is one, found to 1e-9 of the speeds."""
     for seed in range(25):
         rng = np.random.default_rng([6, seed])
         A, w, mu, e = problem(rng, 0)
@@ -52,7 +52,7 @@ def test_the_same_arguments_give_the_same_bits(law):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("factor", [1e-6, 1e6])
 def test_units_do_not_matter(law, factor):
-    """Ten times the speed, ten times the impulse: nothing in the solver has units."""
+    """Ten times the speed gives ten times the impulse: nothing in the solver has units."""
     for seed in range(10):
         A, w, mu, e = problem(np.random.default_rng([9, seed]), 0)
         here, there = impact_with_friction(A, w, mu, e, law), impact_with_friction(A * 30.0, w * factor, mu, e, law)

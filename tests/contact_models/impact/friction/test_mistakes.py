@@ -1,4 +1,4 @@
-"""Mistakes put in on purpose: the result says itself that it is not to be used."""
+"""Deliberate mistakes: the status of the result reports that it must not be used."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def wrong_sign(impulse, mu):
 
 
 def test_friction_of_one_contact_with_the_wrong_sign(monkeypatch):
-    """The works that the path integrated are not those of the impulse, and then not those of the path either."""
+    """The works along the path are not those of the impulse, so they miss the change of energy."""
     A, w = rows(SPHERE, (-1, 0.72, 0.96))
     assert stronge(A, w, 0.2, 0.5).status == "ok"
     monkeypatch.setattr(routh, "clip_to_cone", wrong_sign)
@@ -43,7 +43,7 @@ def test_friction_of_several_contacts_with_the_wrong_sign(monkeypatch):
 
 
 def test_a_forgotten_guard(monkeypatch):
-    """Without it the named case gains 2.86 % of its energy, and the last check of every result finds it."""
+    """Without the guard this case gains 2.86 % of its energy, and the last check of every result finds it."""
     A, w, mu, e = gaining()
     monkeypatch.setattr(laws._SeveralContacts, "gain", lambda *_: -1.0)
     bare = impact_with_friction(A, w, mu, e, "poisson")
@@ -54,14 +54,14 @@ def test_a_forgotten_guard(monkeypatch):
 
 
 def test_energetic_restitution_is_no_ratio_of_velocities():
-    """The likely mistake of one contact, u_n+ = -e u_n-: it comes out below e, or above it."""
+    """The likely mistake for one contact, u_n+ = -e u_n-: the ratio is below e, or above it."""
     for slip, e in ((1.0, 0.5), (-0.3, 1.0)):
         A, w = rows(rod(45), (-1, slip, 0))
         assert abs((A @ stronge(A, w, 0.3 if e < 1.0 else 0.7, e).w)[0] - e) > 0.02
 
 
-def test_restitution_is_not_given_to_what_is_plastic():
-    """Contacts with e = 0 end at rest along the normal though others bounce; a box on two edges, without friction at one."""
+def test_plastic_contacts_get_no_restitution():
+    """Contacts with e = 0 end at rest along the normal although others bounce: a box on two edges, one of them smooth."""
     A, _, w = box_on_edges((0.5, -1, 0))
     for law in ("blend", "poisson"):
         plastic = impact_with_friction(A, w, np.array([0.3, 0.0]), np.zeros(2), law)

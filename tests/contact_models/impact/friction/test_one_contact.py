@@ -1,4 +1,4 @@
-"""One contact by Stronge and Routh: cases with their digits, thousands of random ones, brute force in the impulse."""
+"""One contact by Stronge and Routh: published cases, thousands of random contacts, and closed forms."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_impulses_of_cases():
     ],
 )
 def test_sphere_with_spin(v, omega, mu, e, v_after, omega_after, change, tolerance):
-    """A sphere on the floor; a point resists no spin about the normal."""
+    """A sphere on the floor; a point contact does not resist spin about the normal."""
     A, root = on_floor(1.0, np.full(3, 0.4), np.array([0.0, 0.0, -1.0]))
     w = root * np.array([*v, *omega])
     result = stronge(A, w, mu, e)
@@ -86,7 +86,7 @@ def test_sphere_with_spin(v, omega, mu, e, v_after, omega_after, change, toleran
     ],
 )
 def test_corner_of_a_box(mu, after, change):
-    """Slip that turns in space."""
+    """The direction of slip turns in space."""
     half = np.array([0.5, 0.3, 0.2])
     A, root = on_floor(2.0, box_inertia(2.0, half), half * (1, 1, -1))
     w = root * np.array([0.4, -0.3, -1.0, 0.2, 0.5, 1.0])
@@ -98,7 +98,7 @@ def test_corner_of_a_box(mu, after, change):
 
 
 def random_contact(rng):
-    """Every third of rank 1 or 2, every seventh planar; e often 0 or 1."""
+    """Every third has rank 1 or 2, every seventh is planar; e is often 0 or 1."""
     n, kind = int(rng.integers(3, 8)), int(rng.integers(21))
     A = rng.normal(size=(3, n))
     if kind % 3 == 0:
@@ -111,7 +111,7 @@ def random_contact(rng):
 
 
 def checked(A, w, mu, e):
-    """A result after all that must hold of it, with tolerances relative to speeds and energy."""
+    """A result after all conditions that it must satisfy, with tolerances relative to speeds and energy."""
     result = stronge(A, w, mu, e)
     T, speed = energy(w), np.abs(A @ w).max()
     change = energy(result.w) - T
@@ -134,7 +134,7 @@ def checked(A, w, mu, e):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(30))
 def test_random_contacts(seed):
-    """3000 contacts: each ends, gains nothing, is in its cone, and gives back e^2 of the compression's work."""
+    """3000 contacts: each ends, gains no energy, is in its cone, and returns e^2 of the work of compression."""
     rng = np.random.default_rng([19, seed])
     for _ in range(100):
         checked(*random_contact(rng))
@@ -150,7 +150,7 @@ def test_the_same_arguments_give_the_same_bits(rng):
 
 
 def test_turned_tangents_give_the_same_velocity(rng):
-    """Two other tangents about the same normal: the path is integrated to 1e-13, and compared to 1e-10."""
+    """Two other tangents with the same normal: the path is integrated to 1e-13 and compared to 1e-10."""
     for _ in range(30):
         A, w, mu, e = random_contact(rng)
         angle = rng.uniform(0, 2 * np.pi)
@@ -171,15 +171,15 @@ def test_little_friction_is_nearly_none(rng):
 
 @pytest.mark.parametrize("G", [rod(55), GENERAL])
 def test_no_friction_is_reflection(G):
-    """Mu = 0 exactly, also where slip passes zero and grows again."""
+    """With mu = 0 exactly, also where slip passes zero and grows again."""
     A, w = rows(G, (-1, 0.1, 0))
     plain = w + 1.8 / G[0, 0] * A[0]
     np.testing.assert_allclose(stronge(A, w, 0.0, 0.8).w, plain, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("approach", [1e-15, 1e-10, 1e-5])
-def test_a_slow_bounce_beside_a_fast_slip(approach):
-    """Grazing: the works are as exact against the bounce's own energy as any, and slip keeps all but mu times that."""
+def test_a_slow_bounce_with_fast_slip(approach):
+    """Grazing: the works are as exact relative to the energy of the bounce as any, and slip loses mu times that."""
     for seed in range(15):
         rng = np.random.default_rng([11, seed])
         A = rng.normal(size=(3, 6))
@@ -193,7 +193,7 @@ def test_a_slow_bounce_beside_a_fast_slip(approach):
         assert np.linalg.norm(result.impulses) < 1e3 * approach
 
 
-def test_a_contact_that_separates_gets_nothing():
+def test_a_contact_that_separates_gets_no_impulse():
     A, w = rows(rod(45), (1.0, 0.5, 0.0))
     result = stronge(A, w, 0.5, 0.5)
     np.testing.assert_array_equal(result.impulses, np.zeros((1, 3)))
@@ -207,7 +207,7 @@ def test_a_contact_that_cannot_move_is_refused():
 
 
 def test_self_locking_is_wedged():
-    """Stuck friction pulls the normal in as fast as the bounce opens it: the contact comes to rest, and says so."""
+    """Sticking friction pulls the bodies together as fast as the normal impulse separates them: both come to rest."""
     A = np.array([[1.0, 0.0], [2.0, 0.0], [0.0, 0.0]])
     result = stronge(A, np.array([-1.0, 0.3]), 1.0, 1.0)
     assert result.status == "wedged"
@@ -215,7 +215,7 @@ def test_self_locking_is_wedged():
     assert result.w[1] == 0.3
 
 
-def test_tangents_are_a_frame_of_the_normal_alone(rng):
+def test_tangents_depend_on_the_normal_alone(rng):
     for _ in range(50):
         n = rng.normal(size=3)
         n /= np.linalg.norm(n)

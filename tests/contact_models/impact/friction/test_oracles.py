@@ -1,4 +1,4 @@
-"""Others' answers: many small impulses, Pinocchio's cone solvers, the frictionless laws, Newton's law and its energy."""
+"""Independent solutions: many small impulses, Pinocchio's cone solvers, frictionless laws, Newton's law and its energy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pin = pytest.importorskip("pinocchio")
 
 
 def many_small_impulses(G, u, mu, e, steps):
-    """Velocity after of m contacts at once, (m, 3): friction of each small normal impulse balanced at its end."""
+    """Velocity after of m contacts at once, (m, 3); friction of each small normal impulse is solved at its end."""
     given = -u[:, 0] / (steps * G[:, 0, 0])
     g, H = G[:, 1:, 0] * given[:, None], G[:, 1:, 1:]
     share, radius = 1.0 / np.linalg.eigvalsh(H)[:, -1:], (mu * given)[:, None]
@@ -65,7 +65,7 @@ def test_one_contact_by_many_small_impulses(seed):
 
 
 def pinocchio_impulses(solver, G, u, mu):
-    """Impulses (k, 3) of a cone solver of Pinocchio, whose normal is the third row of a contact; None where it gives up."""
+    """Impulses (k, 3) of a cone solver of Pinocchio, whose normal is the third row; None if it does not converge."""
     order = np.concatenate([3 * i + np.array([1, 2, 0]) for i in range(len(mu))])
     model = pin.Model()
     model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "body")
@@ -90,7 +90,7 @@ def pinocchio_impulses(solver, G, u, mu):
 
 @pytest.mark.parametrize("solver", ["ADMM", "PGS"])
 def test_the_plastic_step_is_pinocchios(solver):
-    """Full rank, where the answer is one: velocities to 1e-8, the solver stops at 1e-11 of impulses and velocities."""
+    """Full rank, where the solution is unique: velocities to 1e-8; the solver stops at 1e-11 of impulses and velocities."""
     compared = 0
     for seed in range(20):
         A, w, mu, _ = problem(np.random.default_rng([3, seed]), 0)
@@ -106,7 +106,7 @@ def test_the_plastic_step_is_pinocchios(solver):
 
 @pytest.mark.parametrize("law", ["blend", "poisson"])
 def test_little_friction_is_nearly_none(law):
-    """With mu = 1e-6 the frictionless law to 1e-4, unless an elastic impulse lies below the plastic one, cut at zero."""
+    """With mu = 1e-6 the frictionless law to 1e-4, unless an elastic impulse is below the plastic one, clipped at zero."""
     compared = 0
     for seed in range(60):
         A, w, mu, e = problem(np.random.default_rng([4, seed]), seed % 3)
@@ -131,7 +131,7 @@ def test_little_friction_is_nearly_none(law):
     ],
 )
 def test_newtons_law_gains_energy_where_stronges_does_not(G, before, mu, e, after, change):
-    """The reason to refuse it: a rod at 55 degrees gains half of the energy that its contact sees."""
+    """The reason to refuse it: a rod at 55 degrees gains half of the kinetic energy of its contact."""
     A, w = rows(G, before)
     newton = newton_with_friction(A, w, mu, e)
     if after is not None:
@@ -153,8 +153,8 @@ def test_newtons_law_gains_energy_at_random_contacts(monkeypatch, rng):
     assert gained > 3
 
 
-def test_the_figure_shows_who_gains():
-    """Newton gains half at mu = 0.3, e = 1 ; Stronge's law keeps all only without friction."""
+def test_the_figure_of_energy_gain():
+    """Newton's law gains half at mu = 0.3, e = 1; Stronge's law conserves all energy only without friction."""
     page = runpy.run_path(str(Path(__file__).parents[4] / "docs" / "friction_energy.py"))
     mu, e, found = page["energies"](11)
     assert (mu[3], e[-1]) == (pytest.approx(0.3), 1.0)

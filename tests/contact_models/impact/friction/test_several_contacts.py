@@ -1,4 +1,4 @@
-"""Several contacts with Coulomb friction: cases with their digits, thousands of random problems, what is refused."""
+"""Several contacts with Coulomb friction: published cases, thousands of random problems, refusals."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def box_on_edges(velocity):
 
 
 def test_the_guard_lowers_restitution_where_energy_would_grow():
-    """Theta and the energy after, 1e-6: theta is found by twenty halvings."""
+    """Theta and the energy after to 1e-6: theta is found by twenty bisections."""
     A, w, mu, e = gaining()
     result = impact_with_friction(A, w, mu, e, "poisson")
     assert result.status == "energy_guard"
@@ -90,7 +90,7 @@ def test_a_tumbling_box_depends_on_the_law(law, after):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_flat_box_slides_on_four_corners(law):
-    """Rank 6 of 12: velocities are those of one contact, no spin."""
+    """Rank 6 of 12: the velocities are those of one contact, without spin."""
     half = np.array([0.5, 0.3, 0.2])
     A, root = on_floor(2.0, box_inertia(2.0, half), [(x, y, -0.2) for x in (-0.5, 0.5) for y in (-0.3, 0.3)])
     w = root * np.array([0.5, 0, -1, 0, 0, 0])
@@ -102,7 +102,7 @@ def test_a_flat_box_slides_on_four_corners(law):
 
 
 def checked(A, w, mu, e, law):
-    """A result after all that must hold of every impact, with tolerances relative to speeds and energy."""
+    """A result after all conditions that every impact must satisfy, with tolerances relative to speeds and energy."""
     result = impact_with_friction(A, w, mu, e, law)
     T, speed = energy(w), np.abs(A @ w).max()
     change = energy(result.w) - T
@@ -128,8 +128,8 @@ def test_random_problems(law, seed):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_what_nobody_pushes_gets_exactly_nothing(law):
-    """A contact apart from the others that separates, and one that does not move at all."""
+def test_contacts_that_nothing_pushes_get_no_impulse(law):
+    """A separate contact that separates, and one that does not move at all: exactly zero."""
     G = np.zeros((9, 9))
     for i in range(3):
         G[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = rod(45)
@@ -141,8 +141,8 @@ def test_what_nobody_pushes_gets_exactly_nothing(law):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_contact_without_friction_gets_none(law, rng):
-    """Among others with friction: no tangential impulse, no path."""
+def test_a_contact_without_friction_gets_no_tangential_impulse(law, rng):
+    """Among others with friction: no tangential impulse, and no path."""
     for i in range(20):
         A, w, mu, e = problem(rng, i % 3)
         mu[0] = 0.0
@@ -152,7 +152,7 @@ def test_a_contact_without_friction_gets_none(law, rng):
         assert result.paths[0] == ""
 
 
-def test_one_contact_is_stronges():
+def test_one_contact_is_solved_by_stronge():
     A, w = rows(rod(45), (-1, 1, 0))
     for law in LAWS:
         result = impact_with_friction(A, w, np.array([0.3]), np.array([0.5]), law)
@@ -160,8 +160,8 @@ def test_one_contact_is_stronges():
         np.testing.assert_allclose(A @ result.w, (0.4508414397, -0.0511208519, 0), atol=1e-9)
 
 
-def test_one_contact_whose_path_cannot_be_integrated_goes_in_two_phases(monkeypatch):
-    """Poisson's answer for the rod at 45 degrees, with its digits."""
+def test_a_path_that_cannot_be_integrated_is_replaced_by_poisson(monkeypatch):
+    """Poisson's solution for the rod at 45 degrees, with its digits."""
     monkeypatch.setattr("ffsm_mj.contact_models.impact.friction.routh._SEGMENTS", 1)
     A, w = rows(rod(45), (-1, 1, 0))
     result = impact_with_friction(A, w, np.array([0.3]), np.array([0.5]), "blend")
@@ -171,7 +171,7 @@ def test_one_contact_whose_path_cannot_be_integrated_goes_in_two_phases(monkeypa
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_what_is_refused(count, rng):
+def test_refusals(count, rng):
     A, w, one = rng.normal(size=(3 * count, 7)), rng.normal(size=7), np.ones(count)
     with pytest.raises(UnsupportedContactError, match="'newton' with friction can create energy"):
         impact_with_friction(A, w, one, one, "newton")
@@ -182,8 +182,8 @@ def test_what_is_refused(count, rng):
         impact_with_friction(A, w, one, one, "blend")
 
 
-def test_no_solution_is_said(monkeypatch):
-    """No steps and no pyramids leave a residual, and the result is not to be used."""
+def test_no_solution_is_reported(monkeypatch):
+    """Without steps and pyramids the residual stays large, and the result must not be used."""
     for name, value in (("_STEPS", 0), ("_DAMPED_STEPS", 0), ("_FACETS", ())):
         monkeypatch.setattr(f"ffsm_mj.contact_models.impact.friction.coulomb.{name}", value)
     A, _, w = spheres(1.0, 2.0)
