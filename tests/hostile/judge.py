@@ -21,7 +21,7 @@ def complaint(case: Case, command: tuple[str, ...], code: int, stderr: str) -> s
         return f"exit code {code}"
     if code == 0:
         return f"exit code 0 with {len(lines)} lines on stderr" if lines else ""
-    if not lines and command[0] != "analyze":
+    if not lines and command[0] != "analyze" and command[:2] != ("campaign", "rerun"):  # their verdicts are output
         return f"exit code {code} without a word"
     if code == 3 and not re.match(rf"({_OUTCOMES}): \S", lines[0]):
         return "a failed run that does not name its outcome"
@@ -39,7 +39,7 @@ def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
     """Whether a line says where a fault is, and what it is."""
     if re.search(r"', line 0\b", line):
         return False
-    if re.match(r"/\S+:\d+:\d+: \S", line):  # the target of a link
+    if re.match(r"(/\S+:\d+:\d+|\.): \S", line):  # the target of a link, or the folder that the command names
         return True
     if re.match(r"-s |--\w+[: ]|'': |ffsm[: ]|new: |new-law: |logs/\S+: |workers: |run \d+: |\S+: no such run\b", line):
         return ": " in line or "--" in line
