@@ -1,4 +1,4 @@
-"""The extension modules: every .pyx, and sources of ffsm-mj that are compiled as they stand."""
+"""Extension modules: every .pyx, and sources of ffsm-mj that are compiled unchanged."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -7,25 +7,25 @@ from shutil import copyfile
 from setuptools import Extension, setup
 
 PACKAGE, CHECKOUT = Path("ffsm_mj_fast"), Path("..")
-# Each stands once, in a checkout of ffsm-mj: copied from there at every build, carried by an sdist. Git ignores the copies.
+# Copied from the checkout of ffsm-mj at every build, and contained in an sdist; Git ignores the copies.
 ELSEWHERE = {
     PACKAGE / "riccati_planar.py": CHECKOUT / "controllers/ffsm_controllers/osdre/riccati_planar.py",
     PACKAGE / "osdre_planar.py": CHECKOUT / "controllers/ffsm_controllers/osdre/osdre_planar.py",
     Path("LICENSE"): CHECKOUT / "LICENSE",
 }
-# Products and sums are rounded one by one, as in Python: fused ones would give other last bits.
+# Products and sums are rounded separately, as in Python; fused operations would change the last bits.
 FLAGS = ["-ffp-contract=off", "-g0"]
 
 
 def extension(source: Path) -> Extension:
-    """The module of a source, with MuJoCo's headers at hand."""
+    """Extension module of a source file, compiled with MuJoCo's headers."""
     headers = Path(find_spec("mujoco").origin).parent / "include"
     return Extension(f"{PACKAGE}.{source.stem}", [source.as_posix()], include_dirs=[str(headers)], extra_compile_args=FLAGS)
 
 
-if not Path("PKG-INFO").is_file():  # which an sdist has
+if not Path("PKG-INFO").is_file():  # only an sdist has it
     for copy, original in ELSEWHERE.items():
         copyfile(original, copy)
 sources = [*PACKAGE.glob("*.pyx"), *(path for path in ELSEWHERE if path.suffix == ".py")]
-# Always anew: what is left of a build with another MuJoCo is no use.
+# Always rebuild: an earlier build may be for another version of MuJoCo.
 setup(ext_modules=[extension(path) for path in sources], options={"build_ext": {"force": True}})

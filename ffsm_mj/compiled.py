@@ -1,7 +1,7 @@
-"""The compiled twins of the hottest parts, where the package ``ffsm-mj-fast`` is installed (the ``fast`` extra).
+"""Selection of compiled twins of the most expensive classes, if the package ``ffsm-mj-fast`` (extra ``fast``) is installed.
 
-A twin has the name and the methods of the class it stands for and does the same arithmetic; ``FFSM_COMPILED=0`` in the
-environment leaves it out. The tests hold the two against each other.
+A twin has the name, the methods and the arithmetic of the class that it replaces; ``FFSM_COMPILED=0`` in the environment
+disables all twins. Tests compare each twin with its original.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ Class = TypeVar("Class", bound=type)
 
 
 def is_compiled() -> bool:
-    """Whether parts made now are twins: they are installed, and the environment does not say ``FFSM_COMPILED=0``."""
+    """Whether twins are used: they are installed, and the environment does not set ``FFSM_COMPILED=0``."""
     return os.environ.get("FFSM_COMPILED", "1") != "0" and _twins() is not None
 
 
 def fastest(plain: Class) -> Class:
-    """The compiled twin of a class, or the class itself where twins are not used.
+    """The compiled twin of a class, or the class itself if twins are not used.
 
     Raises:
-        TwinsError: The twins that are installed belong to another version of ffsm-mj or MuJoCo.
+        TwinsError: The installed twins belong to another version of ffsm-mj or MuJoCo.
     """
     twins = _twins() if is_compiled() else None
     twin: Class = plain if twins is None else getattr(twins, plain.__name__)

@@ -1,7 +1,7 @@
-"""Compiled twins of the hottest parts of ffsm-mj: same names, same methods, same arithmetic.
+"""Compiled twins of the most expensive classes of ffsm-mj: same names, same methods, same arithmetic.
 
-Two modules are the very source of :mod:`ffsm_controllers`, compiled; the rest replaces small numpy calls by loops and calls
-MuJoCo's C functions without the bindings in between.
+Two modules are compiled sources of :mod:`ffsm_controllers`; the others use loops instead of small NumPy calls, and the C
+functions of MuJoCo instead of its Python bindings.
 """
 
 from ffsm_mj_fast.block_law import BlockLaw

@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""The OSDRE law for any number of outputs; the twin of ffsm_controllers.osdre.block_law.
+"""OSDRE law for any number of outputs; twin of ffsm_controllers.osdre.block_law.
 
 Singular values come from one-sided Jacobi rotations, which make the rows of a matrix orthogonal.
 """
@@ -19,7 +19,7 @@ cdef int SWEEPS = 60
 
 
 cdef void make_orthogonal(double[:, ::1] rows) noexcept:
-    """Rotate pairs of rows until they are orthogonal: their lengths are the singular values."""
+    """One-sided Jacobi: rotate pairs of rows until they are orthogonal; their norms are the singular values."""
     cdef Py_ssize_t i, j, k
     cdef double a, b, c, t, tangent, cosine, sine
     cdef bint turned = True
@@ -80,7 +80,7 @@ cdef class BlockLaw:
         self.u, self.told, self.rows = self.effort, self.report, self.inputs
 
     def tick(self):
-        """Work out ``effort``, ``report`` and ``inputs`` at the current state.
+        """Compute ``effort``, ``report`` and ``inputs`` at the current state.
 
         Raises:
             RiccatiError: The equation has no stabilising solution here.
@@ -111,7 +111,7 @@ cdef class BlockLaw:
         self.told[3], self.told[4] = riccati.corrections, smallest
 
     cdef double reduce(self) noexcept:
-        """Gains, output, its rate, and its drift over the square of what it is told by; that square."""
+        """Gains, output, output rate, and drift over the square of the parameterization vector; returns that square."""
         cdef TipKinematics tip = self.kinematics
         cdef Py_ssize_t i, j, k, p = self.y.shape[0]
         cdef double square = 0.0
@@ -134,7 +134,7 @@ cdef class BlockLaw:
         return square
 
     cdef double decompose(self) noexcept:
-        """Make an orthonormal basis of the rows of alpha M_c^-1; the smallest singular value."""
+        """Compute an orthonormal basis of the rows of alpha M_c^-1; returns the smallest singular value."""
         cdef Py_ssize_t i, k, p = self.y.shape[0], n = self.u.shape[0]
         cdef double smallest, greatest
         for i in range(p):

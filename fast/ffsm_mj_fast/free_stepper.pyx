@@ -1,12 +1,12 @@
 # cython: boundscheck=False, wraparound=False
-"""Steps of free motion; the twin of ffsm_mj.dynamics.free_stepper.
+"""Steps of free motion; twin of ffsm_mj.dynamics.free_stepper.
 
-The same operations as mj_step and mj_forward, but for one: mj_step begins with the position, velocity and constraint stages of
-the state it starts from, which the last mj_forward has left. RK4 without an active constraint goes on from there; anything else
-takes mj_step.
+The operations are those of mj_step and mj_forward with one exception: mj_step begins with the position, velocity and constraint
+stages of the initial state, which the last mj_forward has already computed. RK4 without an active constraint reuses them; all
+other steps call mj_step.
 
-MuJoCo is called without its bindings: an exception in a Python callback of MuJoCo (``mujoco.set_mjcb_control``) and an error of
-MuJoCo's own end the process here, where the bindings would raise.
+MuJoCo is called without its bindings: an exception in a Python callback of MuJoCo (``mujoco.set_mjcb_control``) and an error in
+MuJoCo itself end the process, whereas the bindings raise.
 """
 
 import mujoco

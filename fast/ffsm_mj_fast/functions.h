@@ -1,8 +1,8 @@
-/* The functions of MuJoCo that are called by address: their names, and their types held against mujoco.h. */
+/* Functions of MuJoCo that are called by address: their names, and their types, checked against mujoco.h. */
 
 #include <mujoco/mujoco.h>
 
-/* One name for each member of Functions in functions.pxd; mj_ comes before it. */
+/* One name for each member of Functions in functions.pxd, without the prefix mj_. */
 #define EACH(X) \
   X(step) X(forward) X(forwardSkip) X(RungeKutta) X(checkPos) X(checkVel) X(checkAcc) X(getState) X(mulM) X(solveM) \
   X(jacSite) X(jacBody) X(jacDot) X(subtreeVel) X(objectVelocity) X(fwdPosition) X(fwdVelocity) X(fwdActuation)
@@ -12,8 +12,8 @@ static const char* const NAMES[] = {EACH(NAMED)};
 #define COUNT (sizeof(NAMES) / sizeof(*NAMES))
 static size_t ADDRESSES[COUNT];
 
-/* A pointer of another type than mujoco.h gives the function does not compile. The function itself stands where nothing is
-   evaluated, so nothing is linked. */
+/* A pointer whose type differs from that in mujoco.h does not compile. The function is only used in an unevaluated operand,
+   so nothing is linked. */
 #define TAKE(name) \
   _Static_assert(_Generic(&mj_##name, __typeof__(pointers->name): 1, default: 0), "mujoco.h declares mj_" #name " otherwise"); \
   pointers->name = (__typeof__(pointers->name))*address++;

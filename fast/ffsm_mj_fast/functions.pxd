@@ -1,5 +1,5 @@
 # MuJoCo's C functions, by address: mj.step is mj_step. Model and data are opaque: no layout of a struct is built in.
-# Every prototype is held against mujoco.h when the package is compiled (functions.h, which has the names too).
+# Every prototype is checked against mujoco.h at compile time (functions.h, which also has the names).
 
 cdef extern from "mujoco/mujoco.h":
     ctypedef struct mjModel:

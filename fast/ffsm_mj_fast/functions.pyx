@@ -1,4 +1,4 @@
-"""Addresses of MuJoCo's C functions, from the very library that the ``mujoco`` package has loaded."""
+"""Addresses of MuJoCo's C functions in the library that the ``mujoco`` package has loaded."""
 
 import ctypes
 import sys
@@ -15,15 +15,15 @@ cdef extern from "functions.h":
 
 
 def _minor(int version):
-    """4000001 is MuJoCo 4.0.1."""
+    """Major and minor version as text; 4000001 is MuJoCo 4.0.1."""
     return f"{version // 1_000_000}.{version // 1_000 % 1_000}"
 
 
 def _library():
-    """The library that is loaded.
+    """The loaded library.
 
     Raises:
-        ImportError: It is of another minor version than its header was when this was compiled, or not where it should be.
+        ImportError: Its minor version differs from that of the header at compile time, or the file does not exist.
     """
     version = mujoco.__version__
     if _minor(mujoco.mj_version()) != _minor(mjVERSION_HEADER):
@@ -36,7 +36,7 @@ def _library():
 
 
 cdef void* address(struct) except NULL:
-    """Where the C struct behind an MjModel or MjData is."""
+    """Address of the C struct of an MjModel or MjData."""
     cdef size_t place = struct._address
     return <void*>place
 

@@ -1,9 +1,9 @@
 # cython: boundscheck=False, wraparound=False
-"""Work of the efforts held at joints over a step; the twin of ffsm_mj.balance.joint_work."""
+"""Work of constant joint efforts over a step; twin of ffsm_mj.balance.joint_work."""
 
 
 cdef class JointWork:
-    """Adds the work of each (sub-)step to an account."""
+    """Accumulates the work of each (sub-)step."""
 
     cdef double[::1] held, length, force, account, start
     cdef const double[::1] on_joint, external
@@ -18,7 +18,7 @@ cdef class JointWork:
         self.working = False
 
     def open(self):
-        """Begin a step; says whether an effort held in it is external."""
+        """Begin a step; returns whether an effort in it is external."""
         cdef Py_ssize_t i
         cdef bint pushed = False
         self.working = False
@@ -30,7 +30,7 @@ cdef class JointWork:
         return pushed
 
     def close(self):
-        """End the step."""
+        """End the step and add its work."""
         cdef Py_ssize_t i
         cdef double work = 0.0
         if self.working:

@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False
-"""What actuators deliver of what they are asked for; the twin of ffsm_mj.actuation.limits."""
+"""Efforts of actuators within their limits; twin of ffsm_mj.actuation.limits."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from libc.math cimport isfinite
 
 
 cdef class Limits:
-    """Turns a command into efforts within bounds, and into ``ctrl``."""
+    """Converts a command to efforts within their bounds, and to ``ctrl``."""
 
     cdef double[::1] effort, velocity, ctrl
     cdef const double[::1] low, high, stall, slope, saturation, gear
@@ -24,7 +24,7 @@ cdef class Limits:
         self.slope, self.saturation, self.gear = bounds.slope, bounds.saturation, bounds.gear
 
     def apply(self):
-        """Work out the table and ``ctrl``; False, with no more than the commands, where a powered effort is not finite."""
+        """Compute the table and ``ctrl``; returns False, with the commands only, if a powered effort is not finite."""
         cdef Py_ssize_t i, count = self.ctrl.shape[0]
         cdef double wanted, lower, upper, applied, drag, speed
         cdef bint finite = True
@@ -35,7 +35,7 @@ cdef class Limits:
         if not finite:
             return False
         for i in range(count):
-            # The torque-speed line shifts both bounds; without a slope they stay where they are.
+            # The torque-speed line shifts both bounds; without a slope they are constant.
             drag, speed = self.velocity[i] * self.slope[i], self.velocity[i] / self.gear[i]
             lower, upper = -self.stall[i] - drag, self.stall[i] - drag
             lower = self.low[i] if lower < self.low[i] else lower

@@ -1,4 +1,4 @@
-# Types of ffsm_controllers/osdre/osdre_planar.py, which is compiled as it stands.
+# Types of ffsm_controllers/osdre/osdre_planar.py, which is compiled unchanged.
 
 cimport cython
 

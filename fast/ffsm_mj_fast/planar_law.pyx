@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False
-"""The OSDRE law for two outputs; the twin of ffsm_controllers.osdre.planar_law."""
+"""OSDRE law for two outputs; twin of ffsm_controllers.osdre.planar_law."""
 
 import numpy as np
 
@@ -44,7 +44,7 @@ cdef class PlanarLaw:
         self.u, self.told = self.effort, self.report
 
     def tick(self):
-        """Work out ``effort`` and ``report`` at the current state.
+        """Compute ``effort`` and ``report`` at the current state.
 
         Raises:
             RiccatiError: The equation has no stabilising solution here.

@@ -1,8 +1,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Structure-preserving doubling for the Riccati equation; the twin of ffsm_controllers.osdre.riccati_doubling.
+"""Structure-preserving doubling for the Riccati equation; twin of ffsm_controllers.osdre.riccati_doubling.
 
-Matrices are of n = 2 p rows and contiguous; products and eliminations go over the rows of what they multiply, which the
-compiler turns into vectors.
+Matrices have n = 2 p rows and are contiguous; products and eliminations loop over rows, which the compiler vectorises.
 """
 
 import numpy as np
@@ -21,7 +20,7 @@ cdef double TOLERATED_RESIDUAL = plain._TOLERATED_RESIDUAL
 
 
 cdef void add_product(double sign, const double* a, const double* b, Py_ssize_t wide, double* out, Py_ssize_t n) noexcept nogil:
-    """out += sign a b, rows of b so wide."""
+    """out += sign a b, for rows of b of this width."""
     cdef Py_ssize_t i, j, k
     cdef double factor
     for i in range(n):
@@ -61,7 +60,7 @@ cdef void add_product_transposed(const double* a, const double* b, double* out, 
 
 
 cdef bint eliminate(double* a, Py_ssize_t n, Py_ssize_t wide) noexcept nogil:
-    """Gauss-Jordan with partial pivoting on n rows [a | b]: b becomes a^-1 b. False where a is singular."""
+    """Gauss-Jordan with partial pivoting on n rows [a | b]: b becomes a^-1 b. Returns False if a is singular."""
     cdef Py_ssize_t i, j, k, best
     cdef double factor, swapped
     cdef double* pivot
@@ -92,7 +91,7 @@ cdef bint eliminate(double* a, Py_ssize_t n, Py_ssize_t wide) noexcept nogil:
 
 
 cdef double greatest(const double* a, Py_ssize_t count) noexcept nogil:
-    """The greatest size of an entry, NaN where one is."""
+    """Largest magnitude of an entry; NaN if an entry is NaN."""
     cdef double found = 0.0
     cdef Py_ssize_t i
     for i in range(count):
@@ -115,7 +114,7 @@ cdef class Doubling:
             self.A[i, self.p + i] = 1.0
 
     def solve(self, double[:, :] A21, double[:, :] A22, double[:, :] S):
-        """[P2^T, P3] (p, 2 p), and what is left of the equation relative to its largest term.
+        """[P2^T, P3] (p, 2 p), and the residual of the equation relative to its largest term.
 
         Raises:
             RiccatiError: There is no stabilising solution, or rounding hides it.
@@ -131,7 +130,7 @@ cdef class Doubling:
         return np.array(self.K[p:]), residual
 
     cdef double solution(self) except -1.0:
-        """K of A and S as they stand; its residual."""
+        """Compute K for the present A and S; returns its residual."""
         cdef Py_ssize_t i, j, p = self.p
         cdef double shift, residual, square = 0.0
         for i in range(p, self.n):
@@ -146,7 +145,7 @@ cdef class Doubling:
         raise plain.RiccatiError("the Riccati equation has no stabilising solution here")
 
     cdef double corrected(self, double shift) noexcept:
-        """K with one shift, corrected; its residual, infinite where a does not vanish."""
+        """Compute K with one shift, and correct it; returns its residual, infinite if a does not vanish."""
         cdef double residual, left
         if not self.doubled(shift):
             return INFINITY
@@ -161,12 +160,12 @@ cdef class Doubling:
         return residual if residual < INFINITY else INFINITY
 
     cdef bint doubled(self, double shift) noexcept:
-        """K with one shift; False where a does not vanish."""
+        """Compute K with one shift; returns False if a does not vanish."""
         cdef Py_ssize_t i, j, n = self.n, count = n * n
         cdef double twice = 2.0 * shift, size
         cdef double *a = &self.a[0, 0], *G = &self.G[0, 0], *H = &self.H[0, 0], *T = &self.T[0, 0], *new = &self.new[0, 0]
         cdef double* wide = &self.wide[0, 0]
-        # left = (A - shift)^-1, with left S beside it.
+        # left = (A - shift)^-1, and left S.
         for i in range(n):
             for j in range(n):
                 wide[3 * n * i + j] = self.A[i, j] - (shift if i == j else 0.0)
@@ -224,7 +223,7 @@ cdef class Doubling:
         return False
 
     cdef bint lacking(self, double shift) noexcept:
-        """Add a Newton step to K, which stabilises and leaves a rest; False where it is not defined."""
+        """Add a Newton step to a stabilising K with a residual; returns False if the step is not defined."""
         cdef Py_ssize_t i, j, n = self.n, count = n * n
         cdef double twice = 2.0 * shift, size
         cdef double *a = &self.a[0, 0], *H = &self.H[0, 0], *T = &self.T[0, 0], *new = &self.new[0, 0]
@@ -263,7 +262,7 @@ cdef class Doubling:
         return True
 
     cdef double defect(self) noexcept:
-        """What K leaves of the equation, in ``rest``; its greatest entry over the greatest of the terms."""
+        """Compute the residual of K in ``rest``; returns its largest entry over the largest entry of the terms."""
         cdef Py_ssize_t i, j, n = self.n, count = n * n
         cdef double *linear = &self.T[0, 0], *quadratic = &self.new[0, 0], *rest = &self.rest[0, 0]
         cdef double scale

@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False
-"""Copies of live arrays into lines of tables; the twin of ffsm_mj.records.sampler."""
+"""Copies of live arrays into lines of tables; twin of ffsm_mj.records.sampler."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ cdef struct Copy:
 
 
 cdef class Sampler:
-    """Takes samples of arrays that change, after it has asked MuJoCo for what it does not keep current."""
+    """Samples live arrays, after a refresh of the quantities that MuJoCo does not keep current."""
 
     cdef readonly object jacp, jacr, twist
     cdef const mjModel* m
@@ -38,7 +38,7 @@ cdef class Sampler:
         free(self.copies)
 
     def copy(self, copies):
-        """Say what to copy: pairs of a live array and its table, one axis longer; lines of tables are contiguous.
+        """Set what is copied: pairs of a live array and its table, one axis longer; lines of tables are contiguous.
 
         Raises:
             ValueError: An array is not of contiguous doubles, or does not fit into its table.

@@ -1,7 +1,7 @@
 # cython: boundscheck=False, wraparound=False
-"""What is logged follows what moves while an object is held; the twin of ffsm_mj.contact_models.grasp.state_transfer.
+"""State transfer to the logged system while an object is grasped; twin of ffsm_mj.contact_models.grasp.state_transfer.
 
-Its coordinates are read off, or its joint is a free one: the plain class searches for any others.
+Only for objects with a free joint, or whose coordinates have a closed form; the plain class solves for all others.
 """
 
 from math import pi
@@ -16,7 +16,7 @@ cdef double TURN = 2.0 * pi
 
 
 cdef class StateTransfer:
-    """Brings the data of the system that is logged to the state of what moves."""
+    """Transfers the state of the moving system to the data of the logged system."""
 
     cdef const mjModel* m
     cdef mjData* d
@@ -51,7 +51,7 @@ cdef class StateTransfer:
             self.axis = read.axis if self.turns else np.zeros(3)
 
     def state(self):
-        """Bring positions, velocities and what derives from them to those of what moves."""
+        """Transfer positions and velocities, and compute derived quantities."""
         cdef Py_ssize_t i
         for i in range(self.coordinates.shape[0]):
             self.qpos[self.coordinates[i]] = self.other_qpos[self.other_coordinates[i]]
@@ -65,7 +65,7 @@ cdef class StateTransfer:
         mj.fwdVelocity(self.m, self.d)
 
     def step(self):
-        """The same with M qdot, and with forces of actuators under the efforts in the system's data."""
+        """The same, with M qdot and the actuator forces for the efforts in the data of the logged system."""
         self.state()
         mj.mulM(self.m, self.d, &self.momentum[0], &self.qvel[0])
         mj.fwdActuation(self.m, self.d)

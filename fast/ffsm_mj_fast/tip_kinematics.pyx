@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False
-"""The tip's Jacobian, its rate, and how forces move the tip; the twin of ffsm_controllers.osdre.tip_kinematics."""
+"""Jacobian of the tip, its rate, and accelerations of the tip due to forces; twin of ffsm_controllers.osdre.tip_kinematics."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ cdef class TipKinematics:
         self.point = self.place = data.site_xpos[site]
 
     cpdef void update(self) noexcept:
-        """Work everything out at the current state; derived quantities must be current."""
+        """Compute all quantities at the current state; derived quantities in ``data`` must be current."""
         cdef Py_ssize_t k, j
         mj.jacSite(self.m, self.d, &self.jacp[0, 0], NULL, self.site)
         mj.jacDot(self.m, self.d, &self.dot[0, 0], NULL, &self.place[0], self.body)

@@ -17,11 +17,11 @@ from ffsm_mj.model.system import System, compile_system
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 
-_BELIEVED = ("model", "controller_model")
-
+_CONTROLLER_MODEL = ("model", "controller_model")
+"""Keys of the changes in a controller model: those of the plant come first."""
 
 Reader = Callable[[Path, Sequence[Path], Sequence[Path]], ModelFiles]
-"""Reads a model as :func:`ffsm_mj.model.files.read_model` does."""
+"""Function that reads a model, as :func:`ffsm_mj.model.files.read_model`."""
 
 
 def compile_scenario(
@@ -30,34 +30,38 @@ def compile_scenario(
     """Compile robot and objects of a scenario.
 
     Args:
-        scenario: As it was validated.
-        source: Where its keys stand.
-        read: Reads a model; who makes many runs of the same files keeps what was read.
+        scenario: The validated scenario.
+        source: Locations of its keys.
+        read: Reads a model; a campaign passes a reader that keeps the files.
 
     Returns:
-        The scene, what the control laws take it for (None: they know it), and the systems in which its captures hold.
+        The scene, its controller model (None if it is the scene), and the systems with a grasped object by grasp.
 
     Raises:
-        InputError: A file is missing or malformed, or a model is not what a free-floating system needs.
+        InputError: A file is missing or malformed, or a model is not a free-floating system.
     """
     files = _model_files(scenario, source, read)
     try:
         system = _compiled(scenario, files, "model")
-        believed = _compiled(scenario, files, *_BELIEVED) if any(scenario.controller_model.values()) else None
-        held = held_systems(
+        controller_model = (
+            _compiled(scenario, files, *_CONTROLLER_MODEL) if any(scenario.controller_model.values()) else None
+        )
+        grasped = held_systems(
             scenario,
             system,
-            lambda grasp, believed: _compiled(scenario, files, *(_BELIEVED if believed else ("model",)), grasp=grasp),
+            lambda grasp, of_controller: _compiled(
+                scenario, files, *(_CONTROLLER_MODEL if of_controller else ("model",)), grasp=grasp
+            ),
         )
     except ScenarioFaults as faulty:
         raise located(faulty, source) from faulty
-    return system, believed, held
+    return system, controller_model, grasped
 
 
-def changes_of(system: System, believed: System | None) -> tuple[PropertyChange, ...]:
-    """Compiled properties that a scenario sets: those of the scene, then those of the controller model."""
+def changes_of(system: System, controller_model: System | None) -> tuple[PropertyChange, ...]:
+    """Compiled properties that a scenario sets: those of the scene, then those only of the controller model."""
     known = {change.path for change in system.changes}
-    others = believed.changes if believed is not None else ()
+    others = controller_model.changes if controller_model is not None else ()
     return (*system.changes, *(change for change in others if change.path not in known))
 
 
@@ -109,5 +113,5 @@ def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[s
 
 
 def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:
-    """A path in a scenario, relative to the file that sets it."""
+    """Path in a scenario, relative to the file that sets it."""
     return Path(os.path.normpath(source.folder(keys) / name))
