@@ -82,7 +82,7 @@ def plain(monkeypatch) -> None:
 
 
 @pytest.fixture
-def test_regimes(monkeypatch) -> None:
+def example_contact_models(monkeypatch) -> None:
     """The contact models that exist in tests only are known, registered like any other."""
     monkeypatch.setattr(contact_models, "_REGISTERED", dict(contact_models._REGISTERED))
     monkeypatch.setattr(kinds, "_KINDS", dict(kinds._KINDS))

@@ -24,7 +24,7 @@ from tests.contact_models.persistent.random_pushes import LAWS
 from tests.contact_models.scenes import capture, spring
 from tests.scenes import HEAD, ball, scene, two_balls
 
-pytestmark = pytest.mark.usefixtures("test_regimes")
+pytestmark = pytest.mark.usefixtures("example_contact_models")
 
 
 def told(run):

@@ -23,7 +23,7 @@ from tests.contact_models import scenes
 from tests.contact_models.weld import Weld
 from tests.scenes import ball, two_balls
 
-pytestmark = pytest.mark.usefixtures("test_regimes")
+pytestmark = pytest.mark.usefixtures("example_contact_models")
 
 
 def test_a_spring_lasts_and_gives_back_what_it_took(tmp_path):

@@ -86,6 +86,8 @@ class _Search:
             return []
         found = self._touching((core, face_b) for core in a.points() if face_b is not None)
         found += self._touching((face_a, core) for core in b.points() if face_a is not None)
+        # An edge that crosses the other face at one of its own corners is already constrained there: a second constraint at
+        # the same point would only make the contact problem redundant.
         corners = [state.point for _, state in found]
         crossings = self._touching(self._crossing_curves())
         found += [
@@ -101,6 +103,7 @@ class _Search:
         for one in self._a.edges(bounded=True):
             for other in self._b.edges(bounded=True):
                 if self._are_parallel(one, other):
+                    # The contact is a segment; its two ends determine the motion of both lines.
                     found += self._touching((one, end) for end in other.ends)
                     found += self._touching((end, other) for end in one.ends)
                 else:
@@ -131,12 +134,14 @@ class _Search:
                     yield one, other
 
     def _are_parallel(self, one: Curve, other: Curve) -> bool:
+        """Whether two curves are parallel at the contact."""
         return math.hypot(*cross(self._a.direction(one), self._b.direction(other))) <= PARALLEL
 
     def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[GapFunction, FeatureState]]:
         """Features of those pairs of cores, of a and of b, that are in contact, with their states."""
         found = []
         for one, other in cores:
+            # The cross product of parallel curves defines no normal; their contact is at their ends.
             if isinstance(one, Line | Circle) and isinstance(other, Line | Circle) and self._are_parallel(one, other):
                 continue
             feature = gap_function(one, other, self._sense(one, other))
@@ -151,6 +156,7 @@ class _Search:
 
     def _is_closed(self, gap: float) -> bool:
         near = self._near
+        # Features of a mesh differ from the gap of the pair by single precision, which may exceed CONTACT_GAP_M.
         if self._position_tolerance > 0.0:
             return abs(gap - near.gap) <= self._position_tolerance + CONTACT_GAP_M
         return abs(gap) <= max(CONTACT_GAP_M, abs(near.gap) + near.rounding)
@@ -164,6 +170,7 @@ class _Search:
             return None
         feature = gap_function(self._a.aligned(one), self._b.aligned(other), self._sense(one, other))
         if feature is not None:
+            # The other normal changes the gap: it is shifted back, for a mesh to the gap of the pair, which all share.
             feature.subtract_length(feature.at(self._data).gap - (self._near.gap if self._position_tolerance > 0.0 else gap))
         return feature
 
@@ -175,6 +182,7 @@ class _Search:
 
 
 def _most_inside(found: list[tuple[GapFunction, FeatureState]]) -> list[GapFunction]:
+    """The feature furthest inside its bounds: neighbouring edges and corners share the contact point within tolerance."""
     return [max(found, key=lambda each: each[1].inside)[0]] if found else []
 
 

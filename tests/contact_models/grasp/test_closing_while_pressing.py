@@ -14,7 +14,7 @@ from tests.contact_models.grasp.test_runs import holds
 from tests.contact_models.impact.test_fixed import slab
 from tests.scenes import HEAD, ball, scene
 
-pytestmark = pytest.mark.usefixtures("test_regimes")
+pytestmark = pytest.mark.usefixtures("example_contact_models")
 
 PUSH = {"kind": "pd", "joints": ["robot/x", "robot/y", "robot/z"], "kp": 3.0, "kd": 0.5, "target": [3.0, 0.0, 0.0]}
 OFF = {"kind": "off"}

@@ -20,7 +20,7 @@ from tests.contact_models.grasp.test_runs import holds
 from tests.contact_models.impact.test_fixed import slab
 from tests.scenes import ball, scene
 
-pytestmark = pytest.mark.usefixtures("test_regimes")
+pytestmark = pytest.mark.usefixtures("example_contact_models")
 
 PUSH = {"kind": "pd", "joints": ["robot/x"], "kp": 2.0, "kd": 0.5, "target": [3.0]}
 HANDLE = np.array((-0.1, 0.01, 0.02))

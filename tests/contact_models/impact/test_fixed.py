@@ -257,7 +257,7 @@ def test_the_balance_continues_after_a_gap_in_the_log(tmp_path):
     assert all(check.passes for check in again.checks())
 
 
-@pytest.mark.usefixtures("test_regimes")
+@pytest.mark.usefixtures("example_contact_models")
 def test_a_grasped_object_hits_a_wall(tmp_path):
     """The grasp transmits an impulse between the subsystems; the wall's impulse on the object is external."""
     path = scenes.capture(
@@ -280,7 +280,7 @@ def test_a_grasped_object_hits_a_wall(tmp_path):
     assert abs(run["balance.contact_P_x_N_s"][-1]) > 0.1
 
 
-@pytest.mark.usefixtures("test_regimes")
+@pytest.mark.usefixtures("example_contact_models")
 @pytest.mark.parametrize(
     ("subsystem", "geoms", "mass", "joint"),
     [("robot", ["ball", "wall/wall"], 2.0, "robot"), ("objects", ["wall/wall", "target/target"], 3.0, "target")],

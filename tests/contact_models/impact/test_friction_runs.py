@@ -24,7 +24,7 @@ from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.verification import friction_check
-from tests.contact_models import scenes as regime_scenes
+from tests.contact_models import scenes as contact_model_scenes
 from tests.contact_models.grasp import scenes as captures
 from tests.contact_models.grasp.test_pressing import on_a_wall
 from tests.contact_models.impact.test_fixed import slab
@@ -361,10 +361,10 @@ def test_a_grasped_object_is_pressed_on_a_rough_wall(tmp_path):
     assert run.captures[0].release_s is None
 
 
-@pytest.mark.usefixtures("test_regimes")
+@pytest.mark.usefixtures("example_contact_models")
 def test_an_unknown_contact_model_holds_the_hit_object(tmp_path):
     """Its model is unknown to the law: energies and works are checked nevertheless, and a false one fails."""
-    path = regime_scenes.capture(
+    path = contact_model_scenes.capture(
         tmp_path,
         {"wall": slab("wall", "0.1 2 2")},
         fixed={"wall": {"position_m": [1.5, 0, 0]}},

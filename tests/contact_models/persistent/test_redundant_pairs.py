@@ -158,7 +158,7 @@ def test_a_share_that_begins_or_ends_inside_a_step_has_its_impulse(tmp_path, sta
         assert run[f"contact.{name}_impulse_N_s"][-1] == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.usefixtures("test_regimes")
+@pytest.mark.usefixtures("example_contact_models")
 def test_a_finger_and_what_is_held_share_a_wall(tmp_path):
     """Both lean on it, and the rail does not tell who bears what: half each, and the link bears that of the held."""
     finger = '<geom name="finger" type="sphere" size="0.1" pos="0.2 0.5 0" mass="0"/>'

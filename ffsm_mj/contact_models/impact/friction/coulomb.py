@@ -79,6 +79,7 @@ def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
     """Impulses, (k, 3), exactly inside their cones, and their residual; above SOLVED they are no solution."""
     least_only = np.zeros((len(contacts.mu), 3))
     least_only[:, 0] = contacts.least
+    # Start from the least impulses; pyramids give other starts if that fails.
     best, residual = _solve(contacts, least_only)
     for facets, turn, wider in _pyramids(len(contacts.mu)):
         if residual <= SOLVED:
@@ -88,6 +89,7 @@ def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
         impulses, left = _solve(contacts, on_pyramids(contacts.G, contacts.u, mu, *scales, facets, first))
         if left < residual:
             best, residual = impulses, left
+    # Remove what the residual left: open contacts get exactly their least impulse, and impulses are clipped to their cones.
     open_ = _split(contacts, best)[1] <= contacts.least
     best[open_, 0] = contacts.least[open_]
     best[:, 0] = np.maximum(best[:, 0], contacts.least)

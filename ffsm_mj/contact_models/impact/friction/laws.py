@@ -110,6 +110,7 @@ class _SeveralContacts:
             impulses = self.solve(which, begin, theta * least)
             return impulses if self.gain(u, compression + impulses) <= ENERGY_GAIN * self.energy else None
 
+        # Bisection: the gain is not monotone in theta in general, but at theta = 0 every solution dissipates.
         if (whole := with_share(1.0)) is not None:
             return whole, 1.0
         low, high, best = 0.0, 1.0, None
@@ -141,6 +142,8 @@ def _several(impact: _SeveralContacts, e: FloatArray, law: str) -> FrictionResul
     if impact.u[::3].min() >= 0.0:  # no contact approaches; the speed may be zero, so nothing may be divided by it
         nothing = np.zeros((len(e), 3))
         return _result(impact, law, nothing, nothing, theta=1.0, jammed=False)
+    # Compression: the plastic solution. Expansion: least normal impulses by the law, then Coulomb friction at the velocities
+    # that follow, so that no contact ends approaching although others rebound.
     plastic = impact.solve(every, impact.u, np.zeros(len(e)))
     expansion, theta, jammed = np.zeros_like(plastic), 1.0, False
     if e.max() > 0.0:

@@ -91,6 +91,7 @@ class _ImpulsePath:
         for _ in range(_SEGMENTS):
             event = self._segment()
             if event == STOP:
+                # Slip has vanished: the contact sticks, or slips again in the only possible direction.
                 self._choose("reverse slip")
             elif event == END or (event == TURN and self._turned()):
                 return "ok"
@@ -111,6 +112,8 @@ class _ImpulsePath:
 
     def _turned(self) -> bool:
         """Handle a zero of the normal velocity: compression ends, or begins again. Returns whether the impact ends."""
+        # Friction couples slip and normal motion, so the normal velocity may fall to zero again during expansion: a second
+        # compression, whose end counts as the end of compression if its work is the lowest.
         self.path.u_n = 0.0
         if self.compressing:
             self.deepest = min(self.deepest, self.path.normal_work)
