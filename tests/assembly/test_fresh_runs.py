@@ -226,11 +226,11 @@ def test_runs_in_threads_are_the_runs_in_a_row(tmp_path):
         begun = []
 
         def report(*_):
-            if not begun and place < gate.subsystems:
+            if not begun and place < gate.parties:
                 gate.wait(timeout=60)
             begun.append(True)
 
         return told(recipes[SEVERAL[place]].run(report=report))
 
-    with ThreadPoolExecutor(gate.subsystems) as threads:
+    with ThreadPoolExecutor(gate.parties) as threads:
         assert list(threads.map(run, range(len(SEVERAL)))) == in_a_row
