@@ -10,8 +10,9 @@ from typing import Any
 import mujoco
 
 from ffsm_mj.dynamics.rigid_body import subtree_momenta
+from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
-from ffsm_mj.model.system import System, compile_system
+from ffsm_mj.model.system import System
 
 HEAD = '<option gravity="0 0 0"/>'
 

@@ -9,11 +9,12 @@ from pathlib import Path
 
 from ffsm_mj.assembly.grasps import GraspedSystem, held_systems
 from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import Overrides, PropertyChange
 from ffsm_mj.model.sites import AddedSite
-from ffsm_mj.model.system import System, compile_system
+from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 
@@ -69,7 +70,7 @@ def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, g
     """Compile the scene with the changes of these keys, and with a grasped object if a grasp is given.
 
     Raises:
-        ScenarioFaults: See :func:`ffsm_mj.model.system.compile_system`.
+        ScenarioFaults: See :func:`ffsm_mj.model.composition.compile_system`.
         InputError: See there.
     """
     changed = {

@@ -43,6 +43,7 @@ def declared_arrows(header: RunHeader) -> list[ArrowColumns]:
 def arrow_series(columns: ArrowColumns, rows: FloatArray) -> ArrowSeries:
     """The arrow of one declaration in some rows, (n, number of signals)."""
     forces, points = rows[:, columns.vector], rows[:, columns.point]
+    # The drawn length follows the vector, not the column of the magnitude: a log of unknown origin may hold any values.
     norms = np.linalg.norm(forces, axis=1)
     acts = np.isfinite(points).all(axis=1) & np.isfinite(forces).all(axis=1) & (norms > 0.0)
     vectors = np.zeros_like(forces)

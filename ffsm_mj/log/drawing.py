@@ -163,6 +163,7 @@ class FramePicker:
 
     def pick(self, block: FloatArray) -> Frames | None:
         """Frames in the next block; None if there are none."""
+        # The margin keeps a row at a multiple of the period in its own period despite rounding of its time.
         number = np.floor(block[:, self._time] / self._period + 1e-6)
         rows = block[np.diff(number, prepend=self._last) > 0.0]
         if not len(rows):

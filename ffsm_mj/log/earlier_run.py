@@ -55,6 +55,7 @@ def replaceable(folder: Path, taken: Sequence[str], logs: Sequence[str], own: Se
     log = next((name for name in logs if os.path.lexists(folder / name)), None)
     if taken and log is None:
         raise InputError(f"{folder}: contains {taken[0]} but no run, and --force replaces runs only; choose another --out")
+    # A folder may contain files of the user: only names that a run writes, or that its log lists, are removed.
     models = _models(folder / log) if log is not None else []
     for name in taken:
         if name not in own and name not in models:

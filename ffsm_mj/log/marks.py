@@ -62,6 +62,7 @@ class MarkSequence:
         marks = [mark for mark in kind.marks(record) if _is_finite(mark)] if kind.marks is not None else []
         if not marks:
             return []
+        # Contacts of one impact are separate records of the same time: they share an instant, as viewers list them together.
         together = last if last and last[0].time_s == time else []
         instant = together[0].instant if together else last[0].instant + 1 if last else 0
         added = [DrawnMark(kind, time, instant, len(together) + i, mark) for i, mark in enumerate(marks)]

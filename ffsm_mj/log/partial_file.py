@@ -38,6 +38,7 @@ class PartialFile:
         self._take()
 
     def _take(self) -> None:
+        # The lock belongs to the file, not to its name: after locking, the name may already refer to another file.
         while True:
             descriptor = os.open(self.partial, _FLAGS, 0o666)
             try:

@@ -26,7 +26,7 @@ PARTIAL_LOG = "run.mcap.partial"
 RECORDING = "run.rrd"
 SCENARIO = "scenario.yaml"
 SUMMARY = "summary.json"
-_OURS = (LOG, PARTIAL_LOG, RECORDING, SCENARIO, SUMMARY)
+_RUN_FILES = (LOG, PARTIAL_LOG, RECORDING, SCENARIO, SUMMARY)
 
 
 class RunFolder:
@@ -82,19 +82,21 @@ class RunFolder:
             InputError: It contains a run and ``force`` is not set, another run is being written there, or it is unusable.
             LogWriteError: The log cannot be written (full disk).
         """
+        # Two runs may start in one folder at the same time. mkdir decides which one creates it; in an existing folder the
+        # lock on the log decides, and every check is repeated under the lock.
         ready: int | None = None
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with self._writing():
                 ready = nameless(self.path.parent, opening)
-            ours = self._make()
-            if ours and ready is not None:
+            created = self._make()
+            if created and ready is not None:
                 try:
                     file, ready = PartialFile.appearing(self.path / LOG, ready), None
                     return file
                 except FileExistsError:
-                    ours = False  # another run took the new, empty folder
-            file = self._log() if ours else self._claim([*_OURS, *models])
+                    created = False  # another run took the new, empty folder
+            file = self._log() if created else self._claim([*_RUN_FILES, *models])
         except OSError as error:
             raise InputError(f"{self.path}: cannot be used as a run folder ({error.strerror})") from error
         finally:
@@ -148,10 +150,10 @@ class RunFolder:
 
     def _refuse(self, taken: Sequence[str]) -> None:
         if taken and not self._force:
-            holds = f"a run ({taken[0]})" if taken[0] in _OURS else f"{taken[0]}, a name that the run needs"
+            holds = f"a run ({taken[0]})" if taken[0] in _RUN_FILES else f"{taken[0]}, a name that the run needs"
             raise InputError(f"{self.path}: already contains {holds}; choose another --out, or --force to replace a run")
         if self._force:
-            self._replaced = replaceable(self.path, taken, (LOG, PARTIAL_LOG), _OURS)
+            self._replaced = replaceable(self.path, taken, (LOG, PARTIAL_LOG), _RUN_FILES)
 
     def write_inputs(self, header: RunHeader) -> None:
         """Remove the files of the replaced run, and write the resolved scenario and its model files.
@@ -174,7 +176,7 @@ class RunFolder:
         """Write ``summary.json`` completely or, on a full disk, not at all: the log contains all its data."""
         file = self.path / SUMMARY
         unfinished = file.with_name(f".{file.name}-{os.getpid()}")
-        try:
+        try:  # a rename is atomic: a reader never sees half a summary
             with unfinished.open("x", encoding="utf-8") as stream:
                 stream.write(json.dumps(summary, indent=2, allow_nan=False) + "\n")
             os.replace(unfinished, file)

@@ -54,6 +54,7 @@ class Sampling:
         ratios = np.clip(known / self._period, NOWHERE, 1e15)
         ticks = np.rint(ratios).astype(np.int64)
         between = np.isin(times, self._instants) & (np.abs(ratios - ticks) > 1e-6)
+        # A sample between two ticks, which ends a run at an event, counts as the next tick.
         marks = np.concatenate(([self._last], np.where(between, np.floor(ratios).astype(np.int64) + 1, ticks)))
         for i in np.flatnonzero(np.diff(marks) != 1):
             self._add_break(int(marks[i]), int(marks[i + 1]))

@@ -100,6 +100,7 @@ class _Walk:
         self, name: str, written: str, place: str, home: str, chain: tuple[str, ...], by_base_name: bool
     ) -> list[Element]:
         """Elements of a file, with each include replaced by the elements of the included file."""
+        # The chain holds the including files only: a file may be included twice, but not by itself.
         if name in chain or len(chain) > _MAX_DEPTH:
             raise InputError(f"{place}: {written!r} includes itself, or is nested more than {_MAX_DEPTH} files deep")
         content = self._take(name, written, place, by_base_name=by_base_name)
@@ -112,6 +113,7 @@ class _Walk:
             if element.tag != "include" or not inner:
                 filled.append(element)
                 continue
+            # MuJoCo searches for an include in the folder of the main file first, then beside the including file.
             path, guessed = _join(home, inner), by_base_name
             if not self._shelf.has(path) and self._shelf.has(beside := _join(posixpath.dirname(name), inner)):
                 path, guessed = beside, True

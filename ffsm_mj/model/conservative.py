@@ -97,6 +97,8 @@ def _mimic_fault(model: Any, equality: str, following: Mapping[str, list[Mimic]]
 
 def _has_limited_gravcomp(model: Any, body: int) -> bool:
     """Whether the gravity compensation of a body acts through actuators at a joint that limits their force."""
+    # With actgravcomp the compensation is part of the actuator force. Where that is limited, the compensation may be smaller
+    # than the weight, and is not the external force that enters the balance.
     limited = model.jnt_actgravcomp.astype(bool) & model.jnt_actfrclimited.astype(bool)
     while body:
         if limited[model.jnt_bodyid == body].any():

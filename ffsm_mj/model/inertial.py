@@ -58,6 +58,7 @@ class Inertial:
             centre_m: Centre of mass; the inertia about it is kept.
         """
         moments, axes = self.moments, self.axes
+        # A body of the same shape and another density has moments in proportion to its mass.
         if inertia_kg_m2 is not None:
             moments, axes = principal(inertia_kg_m2)
         elif mass_kg is not None:

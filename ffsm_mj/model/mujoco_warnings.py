@@ -78,6 +78,7 @@ def collected_warnings(messages: list[str]) -> Iterator[None]:
 
 def warning_lines(warned: Mapping[str, Sequence[str]], files: Mapping[str, ModelFiles]) -> Iterator[str]:
     """MuJoCo's warnings, each once and on one line: those of models with their files, then those of the scene only."""
+    # A warning about a model usually comes twice, from the model alone and from the scene: it is reported with the file.
     known = set[str]()
     for name, model in files.items():
         for text in dict.fromkeys(" ".join(text.split()).replace(f"{name}/", "") for text in warned[name]):

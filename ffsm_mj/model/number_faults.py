@@ -78,6 +78,7 @@ def weakest_dof(model: Any, data: Any) -> tuple[int, float]:
     bad = ~(np.isfinite(mass).all(axis=0) & (diagonal > 0.0))
     if bad.any():
         return int(np.argmax(bad)), float("nan")
+    # Scaling removes units and sizes: what remains small is a combination of coordinates with almost no inertia.
     scale = 1.0 / np.sqrt(diagonal)
     values, vectors = np.linalg.eigh(mass * np.outer(scale, scale))
     return int(np.argmax(np.abs(vectors[:, 0]))), float(values[0])

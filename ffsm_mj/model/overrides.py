@@ -81,6 +81,7 @@ class ModelOverrides:
             if not _equal(value, change.after):
                 faults.append(Fault(f"MuJoCo compiles it to {value_text(value)}, not {value_text(change.after)}", path))
             found.append(PropertyChange(path, change.before, value))
+        # An option of the compiler can change bodies without a given property too, e.g. boundmass.
         for body, inertial in self.inertials.items() if not faults else ():
             compiled = Inertial.of(model, model.body(f"{self.name}/{body}").id)
             if not (_equal(compiled.mass_kg, inertial.mass_kg) and _equal(compiled.moments, inertial.moments)):
@@ -156,6 +157,7 @@ def _set_inertials(alone: Any, layer: Overrides, done: ModelOverrides, vfs: Any)
     of_geoms = [body for body, asked in layer.bodies.items() if asked.mass_from_geoms]
     before = dict(done.inertials)
     if of_geoms:
+        # Only the bodies in question may be computed from their geoms: all others keep the values of lower layers.
         for body, inertial in done.inertials.items():
             inertial.write(alone.body(body))
         done.inertials |= _of_geoms(alone, of_geoms, (layer.key, done.name), vfs)

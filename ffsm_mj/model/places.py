@@ -72,6 +72,7 @@ def _written(every: list[Element], tags: tuple[str, ...], kind: str, name: str, 
         numberless = name[: name.rfind(own) + len(own)] if element.copies > 1.0 else name  # <replicate> numbers its copies
         return bool(own) and matches(own, numberless)
 
+    # Names in the scene have the prefixes of all attachments; an element without a name got one from its parent.
     possible = [element for element in every if element.tag in tags and _is(element, kind)]
     named = [each for each in possible if is_called(each)]
     for each in named or [each for each in possible if not each.attributes.get("name")]:

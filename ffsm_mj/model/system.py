@@ -1,4 +1,4 @@
-"""Robot and objects composed into one MuJoCo model, with index maps resolved once and frozen.
+"""The compiled scene: one MuJoCo model of robot and objects, with index maps of their trees and joints.
 
 Attached models get the prefixes ``robot/`` and ``<object>/``. Frames: world, unless a name says otherwise. A free joint's
 ``qvel`` is the linear velocity of the body frame's origin in world axes, then the angular velocity in body axes.
@@ -10,31 +10,16 @@ import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from threading import Lock
 from typing import Any, Literal
-from warnings import catch_warnings
-
-import mujoco
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.model.conservative import gravity_faults, gravity_of, model_faults, spec_faults
+from ffsm_mj.errors import unknown_name
 from ffsm_mj.model.files import ModelFiles, logged_name
-from ffsm_mj.model.fixed import FixedModel, fixed_model, moving_parts, place
-from ffsm_mj.model.grasp import Grasp, join
-from ffsm_mj.model.mujoco_warnings import collected_warnings, warning_lines
-from ffsm_mj.model.part import Part, part
+from ffsm_mj.model.fixed import FixedModel
+from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import PropertyChange
-from ffsm_mj.model.scene import compile_scene, empty_scene, take_options
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
-
-_JOINT_KINDS: tuple[JointKind, ...] = ("free", "ball", "slide", "hinge")
-_QPOS_SIZE = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}
-_DOF_SIZE = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
-
-# catch_warnings is not thread-safe: two threads could restore Python's warning filters in the wrong order.
-_COMPILING = Lock()
 
 
 @dataclass(frozen=True)
@@ -176,124 +161,3 @@ class System:
     def tree_of_body(self, body: int) -> Tree | None:
         """Tree of a body; None if it does not move."""
         return next((tree for tree in self.trees if body in tree.bodies), None)
-
-
-def compile_system(
-    robot: ModelFiles,
-    objects: Mapping[str, ModelFiles],
-    *,
-    time_step_s: float,
-    conservative: bool = True,
-    grasp: Grasp | None = None,
-) -> System:
-    """Compile robot and objects into one model with index maps; nothing is read from disk.
-
-    Runs, analyses and views all use this function. Each model is prepared by :func:`ffsm_mj.model.part.part` and attached,
-    fixed objects at their poses. Changed properties are verified in the compiled scene.
-
-    Args:
-        robot: MJCF or URDF of the robot: one tree whose root is the base.
-        objects: MJCF or URDF of each object by name, which becomes its prefix; one with a pose is fixed.
-        time_step_s: Integration step in s.
-        conservative: Refuse elements that break the conservation of energy or momentum.
-        grasp: Closed grasp: the object is part of the robot's tree, at a pose that is written to the model later.
-
-    Raises:
-        InputError: A model is malformed, does not have exactly one moving tree, moves although it is fixed, or is not
-            conservative.
-        ScenarioFaults: A site or a property given in the scenario is impossible.
-    """
-    files = {"robot": robot, **objects}
-    scene = empty_scene(time_step_s)
-    faults: list[str] = []
-    warned: dict[str, list[str]] = {name: [] for name in ("", *files)}  # by model; those of the scene under the empty name
-    parts: list[Part] = []
-    asked: dict[str, tuple[float, ...]] = {}
-    # The compiler also issues Python warnings, whose filters are global.
-    with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
-        for name, model_files in files.items():
-            with collected_warnings(warned[name]):
-                parts.append(part(name, model_files, vfs))
-                warned[name] += parts[-1].warnings
-                spec = parts[-1].spec
-                faults += spec_faults(spec, model_files, conservative=conservative)
-                asked[name] = gravity_of(spec, model_files)
-                take_options(scene, spec, asked[name], conservative=conservative)
-                if grasp is not None and name == grasp.tree:
-                    join(scene, spec, grasp)
-                else:
-                    scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
-        refused = [*moving_parts(scene, files), *([] if conservative else gravity_faults(asked, files))]
-        if refused:
-            raise InputError(refused)
-        model = compile_scene(scene, files, vfs)
-    changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
-    faults += model_faults(model, scene, files, conservative=conservative)
-    if conservative and faults:
-        raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
-    held = grasp.tree if grasp is not None else ""
-    trees = [_tree(model, name, each.place) for name, each in files.items() if each.pose is None and name != held]
-    return System(
-        mj=model,
-        robot=trees[0],
-        objects=tuple(trees[1:]),
-        fixed=tuple(fixed_model(model, name) for name, each in files.items() if each.pose is not None),
-        files=files,
-        faults=tuple(faults),
-        notes=(
-            *(what for each in parts for what in each.notes),
-            *(_notes(model) if conservative else ()),
-            *warning_lines(warned, files),
-        ),
-        joints={joint.name: joint for tree in trees for joint in tree.joints},
-        changes=changes,
-        grasp=grasp,
-    )
-
-
-def _tree(model: Any, name: str, place: str) -> Tree:
-    """Index map of one attached model.
-
-    Raises:
-        InputError: The file has no moving body, or several that are not connected.
-    """
-    bodies = [i for i in range(1, model.nbody) if model.body(i).name.startswith(f"{name}/")]
-    roots = [i for i in bodies if model.body_parentid[i] == 0 and model.body_dofnum[model.body_rootid == i].sum() > 0]
-    if len(roots) != 1:
-        found = ", ".join(model.body(i).name.split("/", 1)[1] for i in roots) or "none"
-        raise InputError(
-            f"{place}: a model must be one tree of moving bodies below <worldbody>; found {len(roots)} ({found}). "
-            + (
-                "Give the root body a <freejoint/> or slide and hinge joints"
-                if not roots
-                else "Put each in a file of its own"
-            )
-        )
-    members = tuple(i for i in range(1, model.nbody) if model.body_rootid[i] == roots[0])  # including a grasped object
-    joints = tuple(_joint(model, j) for j in range(model.njnt) if model.jnt_bodyid[j] in members)
-    base = [joint for joint in joints if joint.body == roots[0]]
-    if not base:
-        raise InputError(
-            f"{place}: the root body {model.body(roots[0]).name.split('/', 1)[1]!r} has no joint, so it cannot float"
-        )
-    return Tree(
-        name=name,
-        root=roots[0],
-        bodies=members,
-        joints=joints,
-        dofs=slice(joints[0].dofs.start, joints[-1].dofs.stop),
-        base_dofs=slice(base[0].dofs.start, base[-1].dofs.stop),
-    )
-
-
-def _joint(model: Any, j: int) -> Joint:
-    kind = _JOINT_KINDS[model.jnt_type[j]]
-    q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
-    return Joint(
-        model.joint(j).name, kind, slice(q, q + _QPOS_SIZE[kind]), slice(v, v + _DOF_SIZE[kind]), int(model.jnt_bodyid[j])
-    )
-
-
-def _notes(model: Any) -> tuple[str, ...]:
-    names = ", ".join(model.joint(j).name for j in range(model.njnt) if model.jnt_limited[j])
-    return (f"joint limits are not enforced: {names}",) if names else ()

@@ -38,26 +38,25 @@ def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
         "|dL| N m s",
         *(("status",) if odd else ()),
     )
-    return table(
-        head,
-        (
-            (
-                str(record.event + 1),
-                f"{record.time_s:.6f}",
-                *((record.pair,) if named else ()),
-                *record.geoms,
-                f"{record.restitution:g}",
-                *((f"{record.mu:g}",) if rough else ()),
-                f"{record.approach_speed_m_s:.6f}",
-                f"{record.impulse_N_s:.6f}",
-                *((f"{math.hypot(*record.tangential_impulse_N_s):.6f}",) if rough else ()),
-                f"{record.energy_change_J:.1e}",
-                f"{record.linear_momentum_change_N_s:.1e}",
-                f"{record.angular_momentum_change_N_m_s:.1e}",
-                *((_status(record),) if odd else ()),
-            )
-            for record in impacts
-        ),
+    return table(head, (_impact_row(record, named=named, rough=rough, odd=odd) for record in impacts))
+
+
+def _impact_row(record: ImpactRecord, *, named: bool, rough: bool, odd: bool) -> tuple[str, ...]:
+    """Cells of an impact; ``named``, ``rough`` and ``odd`` add those of the pair, of friction and of the status."""
+    return (
+        str(record.event + 1),
+        f"{record.time_s:.6f}",
+        *((record.pair,) if named else ()),
+        *record.geoms,
+        f"{record.restitution:g}",
+        *((f"{record.mu:g}",) if rough else ()),
+        f"{record.approach_speed_m_s:.6f}",
+        f"{record.impulse_N_s:.6f}",
+        *((f"{math.hypot(*record.tangential_impulse_N_s):.6f}",) if rough else ()),
+        f"{record.energy_change_J:.1e}",
+        f"{record.linear_momentum_change_N_s:.1e}",
+        f"{record.angular_momentum_change_N_m_s:.1e}",
+        *((_status(record),) if odd else ()),
     )
 
 

@@ -18,9 +18,10 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError, ScenarioFaults, one_line
+from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.driven_joints import driven_joints
 from ffsm_mj.model.files import ModelFiles, read_model
-from ffsm_mj.model.system import System, compile_system
+from ffsm_mj.model.system import System
 from ffsm_mj.templates.pose import (
     Encounter,
     Tip,

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import ffsm_mj
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
-from ffsm_mj.model import system as model_system
+from ffsm_mj.model import composition
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.replay import replay_log
 from tests.scenes import two_balls
@@ -170,7 +170,7 @@ def test_the_last_run_out_gives_blas_its_threads_back():
 
 def test_two_models_compiled_at_once_leave_the_filters_of_warnings_alone(tmp_path, monkeypatch):
     """The second begins while the first compiles, and would end after it: it puts back what it found, the first's filter."""
-    part, second_in, first_done = model_system.part, Event(), Event()
+    part, second_in, first_done = composition.part, Event(), Event()
     path = two_balls(tmp_path, duration_s=0.01)
     before = list(warnings.filters)
     second = Thread(target=ffsm_mj.prepare, args=(path,))
@@ -184,7 +184,7 @@ def test_two_models_compiled_at_once_leave_the_filters_of_warnings_alone(tmp_pat
             second_in.wait(0.5)  # in vain where one waits for the other
         return part(*arguments)
 
-    monkeypatch.setattr(model_system, "part", meeting)
+    monkeypatch.setattr(composition, "part", meeting)
     ffsm_mj.prepare(path)
     first_done.set()
     second.join()

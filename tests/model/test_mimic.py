@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
-from ffsm_mj.model.system import compile_system
 from tests.model.test_attached_models import robot
 from tests.model.test_own_robot import FILES
 from tests.scenes import compile_paths

@@ -16,10 +16,10 @@ from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.model import overrides as overrides_of
+from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.inertial import Inertial
 from ffsm_mj.model.properties import BodyProperties, Overrides, property_value
-from ffsm_mj.model.system import compile_system
 from ffsm_mj.pytest_plugin import assert_conserved
 from ffsm_mj.scenario.shipped import scenario_names
 from ffsm_mj.scenario.source import write_yaml

@@ -11,8 +11,8 @@ import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
+from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
-from ffsm_mj.model.system import compile_system
 from tests.model.test_attached_models import robot
 from tests.model.test_model_files import LINK, TETRA, write
 from tests.scenario.test_scenario import faults

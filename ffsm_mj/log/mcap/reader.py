@@ -164,6 +164,7 @@ class _Contents:
             size = MESSAGE_HEAD + form.SampleCodec(layout).message_size
             if any(batch.size != size for batch in self.samples):
                 raise ValueError("the size of a sample does not follow from its schema")
+            # Sizes are verified for all samples now; a long log is decoded only when its rows are used.
             stored = StoredRows(path, layout, self.samples)
             rows = stored.copy() if stored.small else stored
             _load_plugins(channels)

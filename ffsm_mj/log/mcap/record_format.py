@@ -40,7 +40,7 @@ def is_schema_of(kind: RecordKind, schema: bytes) -> bool:
     ours = record_schema(kind)
     if schema == ours:
         return True
-    if len(schema) > 2 * len(ours):
+    if len(schema) > 2 * len(ours):  # do not parse a large schema of unknown origin
         return False
     parse = descriptor_pb2.FileDescriptorSet.FromString
     later = sum(1 for _ in takewhile(lambda field: field.default in (0, ""), reversed(fields(kind.record))))

@@ -67,11 +67,13 @@ class Salvage:
                     self._data.path, f"its chunks contain {self._unpacked} bytes or more, too many for its length"
                 )
             if found is None:
-                behind = end if end is not None and self._end(end) is not None else self._next_chunk(at + 1)
-                if behind is None:
+                # A valid record after this one shows that its length is right: skip it. Otherwise the length may be damaged
+                # too, and only the signature of a chunk gives the next position.
+                following = end if end is not None and self._end(end) is not None else self._next_chunk(at + 1)
+                if following is None:
                     return
-                self.lost_bytes += behind - at
-                at = behind
+                self.lost_bytes += following - at
+                at = following
                 continue
             yield from found
             if self._opcode(at) == Opcode.DATA_END:
@@ -125,6 +127,7 @@ class Salvage:
         self.index_match = self._data.take(checksum + 4, len(self._data)) == MAGIC and (
             self._data.checksum(start, checksum) == int.from_bytes(self._data.take(checksum, checksum + 4), "little")
         )
+        # Schemas and channels are repeated here: those of a damaged chunk are recovered.
         at = start
         while self.index_match and self._opcode(at) in {Opcode.SCHEMA, Opcode.CHANNEL}:
             end = self._end(at) or len(self._data)

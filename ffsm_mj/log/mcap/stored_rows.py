@@ -122,6 +122,7 @@ class StoredRows:
 
     def _read(self, rows: Any, columns: Sequence[int] | None) -> FloatArray:
         """Read some rows and columns in one pass."""
+        # One pass over the file serves any order of rows: they are sorted, found block by block, and stored in place.
         wanted = np.arange(self._count)[rows]
         order = np.argsort(wanted, kind="stable")
         ascending = wanted[order]

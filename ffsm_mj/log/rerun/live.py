@@ -91,6 +91,7 @@ class LiveSink:
         self._sink = None
 
     def _guarded(self, act: Callable[[RerunSink], None]) -> None:
+        # The SDK need not raise when its viewer is gone, so the address is checked now and then.
         now = time.monotonic()
         if self._sink is not None and now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD_S

@@ -61,6 +61,7 @@ class Marks:
         """
         time = new.drawn.time_s
         self._labelled = [old for old in self._labelled if time - old.drawn.time_s < SHOWN_S]
+        # Bouncing contacts hit the same place many times within seconds; their texts would cover each other.
         near = [old for old in self._labelled if _distance_m(old.drawn, new.drawn) < _APART_M]
         size = new.drawn.mark.magnitude
         if any(old.drawn.kind is new.drawn.kind and size <= old.drawn.mark.magnitude for old in near):

@@ -75,6 +75,7 @@ class Opening:
         """Time range of the close-up plots: around all events, or else the first; None if both are most of the run."""
         if self.first_s is None:
             return None
+        # All events if they are close together, else only the first: a close-up of most of the run would show nothing new.
         around = self._within(self.first_s, self._last_s), self._within(self.first_s, self.first_s)
         return next((part for part in around if part.end_s - part.start_s <= _CLOSE_UP * self.end_s), None)
 

@@ -11,9 +11,9 @@ from ffsm_mj.contact_models.grasp.nearness import Sites
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix
+from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.grasp import Grasp
-from ffsm_mj.model.system import compile_system
 from tests.scenes import ball, of_subtree, scene
 
 ARM = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="free"/>

@@ -8,8 +8,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
+from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
-from ffsm_mj.model.system import compile_system
 from tests.contact_models.grasp.test_runs import holds
 from tests.contact_models.impact.test_fixed import slab
 from tests.scenes import HEAD, ball, scene
