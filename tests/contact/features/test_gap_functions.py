@@ -66,10 +66,10 @@ def acceleration(model, data, body, point):
     return jacobian @ data.qacc + rate @ data.qvel
 
 
-def second_rate(pair, model, data, held):
-    here = acceleration(model, data, pair.body_a, held.point_a)
-    there = acceleration(model, data, pair.body_b, held.point_b)
-    return float(held.normal @ (there - here)) + held.bend
+def second_rate(pair, model, data, state):
+    here = acceleration(model, data, pair.body_a, state.point_a)
+    there = acceleration(model, data, pair.body_b, state.point_b)
+    return float(state.normal @ (there - here)) + state.bend
 
 
 def moved(model, data):
@@ -98,11 +98,11 @@ def derivatives(model, data, feature):
 
 def check_motion(pair, model, data, feature):
     """The rates are derivatives of the gap: the rounding of differences is 1e-16 / h = 1e-12, 1e-9 is allowed."""
-    held = feature.at(data)
+    state = feature.at(data)
     (rate, second), error = derivatives(model, data, feature)
-    assert held.rate == pytest.approx(rate, abs=1e-9 + error[0])
-    found = second_rate(pair, model, data, held)
-    assert found == pytest.approx(second, abs=1e-9 * (1.0 + held.scale) + error[1])
+    assert state.rate == pytest.approx(rate, abs=1e-9 + error[0])
+    found = second_rate(pair, model, data, state)
+    assert found == pytest.approx(second, abs=1e-9 * (1.0 + state.scale) + error[1])
     return found
 
 
@@ -115,19 +115,19 @@ def test_a_feature_in_contact_has_the_gap_of_the_pair(tmp_path, rng, a, b):
         data.qacc[:] = rng.uniform(-1, 1, model.nv)
         expected = pair.second_rate(model, data, near, near.points[0])
         (feature,) = features(pair, model, data, near)
-        held = feature.at(data)
-        assert held.gap == pytest.approx(near.gap, abs=1e-14)
-        assert held.rate == pytest.approx(near.rate, abs=1e-12)
-        np.testing.assert_allclose(held.point, near.points[0], rtol=0, atol=1e-12)
-        np.testing.assert_allclose(held.normal, near.normal, rtol=0, atol=1e-12)
-        assert held.inside >= -1e-12
+        state = feature.at(data)
+        assert state.gap == pytest.approx(near.gap, abs=1e-14)
+        assert state.rate == pytest.approx(near.rate, abs=1e-12)
+        np.testing.assert_allclose(state.point, near.points[0], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(state.normal, near.normal, rtol=0, atol=1e-12)
+        assert state.inside >= -1e-12
         found = check_motion(pair, model, data, feature)
         assert found == pytest.approx(expected.value, abs=1e-12 * (1.0 + expected.scale))
         data.qvel[:] *= 3.0
         moved(model, data)
         faster = feature.at(data)
         assert (faster.rate, faster.bend) == pytest.approx(
-            (3.0 * held.rate, 9.0 * held.bend), abs=1e-12 * (1.0 + held.scale)
+            (3.0 * state.rate, 9.0 * state.bend), abs=1e-12 * (1.0 + state.scale)
         )
 
 
@@ -191,10 +191,10 @@ def test_inside_its_bounds_the_gap_is_the_distance(tmp_path, rng, a, b):
         (feature,) = features(pair, model, data, near)
         data.qpos[7:10] += apart * near.normal + rng.uniform(-1e-4, 1e-4, 3)
         moved(model, data)
-        held = feature.at(data)
-        if held.inside > 2.0 * apart:  # of two sharp features another might be nearer by now
+        state = feature.at(data)
+        if state.inside > 2.0 * apart:  # of two sharp features another might be nearer by now
             compared += 1
-            assert held.gap == pytest.approx(pair.gap(model, data, 1.0), abs=1e-12)
+            assert state.gap == pytest.approx(pair.gap(model, data, 1.0), abs=1e-12)
     assert compared > 4
 
 

@@ -73,12 +73,12 @@ def test_the_second_rate_where_a_rim_crosses_an_edge(tmp_path):
     near = pair.proximity(model, data)
     crossing = [found.at(data) for found in features(pair, model, data, near) if found.name == "edge on rim"]
     assert crossing
-    for held in crossing:
-        point = min(near.points, key=lambda each, at=held.point: math.dist(each, at))
+    for state in crossing:
+        point = min(near.points, key=lambda each, at=state.point: math.dist(each, at))
         jacobian, turning = np.empty((3, model.nv)), np.empty((3, model.nv))
-        mujoco.mj_jac(model, data, jacobian, None, held.point_a, pair.body_a)
-        mujoco.mj_jacDot(model, data, turning, None, held.point_a, pair.body_a)
+        mujoco.mj_jac(model, data, jacobian, None, state.point_a, pair.body_a)
+        mujoco.mj_jacDot(model, data, turning, None, state.point_a, pair.body_a)
         acceleration = jacobian @ data.qacc + turning @ data.qvel
         rate = pair.second_rate(model, data, near, point)
         # The two places differ by what the tilt lifts, 5e-7 rad over the point's offset of 0.05 m from the tilt's axis.
-        assert rate.value == pytest.approx(held.bend - held.normal @ acceleration, abs=1e-7 * rate.scale)
+        assert rate.value == pytest.approx(state.bend - state.normal @ acceleration, abs=1e-7 * rate.scale)

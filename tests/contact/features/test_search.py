@@ -108,10 +108,10 @@ def check(pair, model, data, expected):
     near = pair.proximity(model, data)
     found = features(pair, model, data, near)
     assert Counter(feature.name for feature in found) == expected
-    for held in (feature.at(data) for feature in found):
-        assert abs(held.gap) <= 1e-15 + abs(near.gap)
-        assert held.inside >= -1e-15
-        np.testing.assert_allclose(held.normal, near.normal, rtol=0, atol=1e-12)
+    for state in (feature.at(data) for feature in found):
+        assert abs(state.gap) <= 1e-15 + abs(near.gap)
+        assert state.inside >= -1e-15
+        np.testing.assert_allclose(state.normal, near.normal, rtol=0, atol=1e-12)
     points = {tuple(np.round(feature.at(data).point, 12)) for feature in found}
     assert len(points) > 1 or len(found) == 1
 
@@ -128,9 +128,9 @@ def test_a_mesh_cube_is_a_box(tmp_path, rng, case):
     assert 1e-10 < abs(near.gap) < 2e-8  # 0.2 m in single precision is 3e-9 m longer
     found = features(pair, model, data, near)
     assert Counter(feature.name for feature in found) == expected
-    for held in (feature.at(data) for feature in found):
-        assert held.gap == pytest.approx(near.gap, abs=1e-15)
-        if held.normal @ near.normal < 1.0 - 1e-13:
+    for state in (feature.at(data) for feature in found):
+        assert state.gap == pytest.approx(near.gap, abs=1e-15)
+        if state.normal @ near.normal < 1.0 - 1e-13:
             assert expected.keys() & {"vertex on side", "end on edge"}  # not flush: a face has no part in it
 
 
@@ -178,19 +178,19 @@ def test_a_feature_ends_where_the_foot_leaves_it(tmp_path):
     outwards = data.geom("robot/g").xmat.reshape(3, 3)[:, 0]
     data.qpos[7:10] += 0.03 * outwards
     mujoco.mj_forward(model, data)
-    held = face.at(data)
-    assert held.inside == pytest.approx(-0.02, abs=1e-15)
-    assert held.gap == pytest.approx(0.0, abs=1e-15)
-    np.testing.assert_allclose(held.normal, normal, rtol=0, atol=1e-15)
+    state = face.at(data)
+    assert state.inside == pytest.approx(-0.02, abs=1e-15)
+    assert state.gap == pytest.approx(0.0, abs=1e-15)
+    np.testing.assert_allclose(state.normal, normal, rtol=0, atol=1e-15)
     data.qpos[7:10] -= (0.05 - math.sqrt(0.05**2 - 0.02**2)) * normal
     mujoco.mj_forward(model, data)
     (edge,) = features(pair, model, data, pair.proximity(model, data))
     assert edge.at(data).inside == pytest.approx(0.02, abs=1e-15)
     data.qpos[7:10] -= 0.03 * outwards
     mujoco.mj_forward(model, data)
-    held = edge.at(data)
-    assert held.inside == pytest.approx(-0.01, abs=1e-15)
-    assert held.gap == pytest.approx(math.hypot(0.01, math.sqrt(0.05**2 - 0.02**2)) - 0.05, abs=1e-15)
+    state = edge.at(data)
+    assert state.inside == pytest.approx(-0.01, abs=1e-15)
+    assert state.gap == pytest.approx(math.hypot(0.01, math.sqrt(0.05**2 - 0.02**2)) - 0.05, abs=1e-15)
 
 
 @pytest.mark.parametrize("beyond", [-0.02, 0.02])
