@@ -55,7 +55,7 @@ PARTS: dict[str, list[tuple[Any, str]]] = {
     "drift, and which press": [(PersistentContactModel, "begin_step")],
     "step": [(Motion, "step")],
     "whether they still press at its end": [(PersistentContactModel, "is_clear")],
-    "booking": [(EventDrivenIntegrator, "exchanges"), (Balance, "book")],
+    "balance": [(EventDrivenIntegrator, "exchanges"), (Balance, "enter")],
 }
 FORCES: dict[str, list[tuple[Any, str]]] = {"of the step: contact forces": [(ActiveContactSet, "push")]}
 GAPS: dict[str, list[tuple[Any, str]]] = {"of these: gap, normal, point": [(PointOnFace, "at")]}

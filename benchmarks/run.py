@@ -90,7 +90,7 @@ def closed() -> float:
     for _ in range(STEPS // 30):
         course.advance(0.001)
     deepest = detector.columns[0]
-    deepest.note(0.0)
+    deepest.on_sample(0.0)
     assert deepest.live[0] < 1e-12
     return 30.0 * (time.process_time() - start)
 

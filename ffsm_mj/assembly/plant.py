@@ -45,7 +45,7 @@ def build_plant(
     """
     scene, motion = Scene(system, data), Motion(system.mj, data)
     integrator = EventDrivenIntegrator(motion, contact_models_of(scenario, scene, motion, pairs, held))
-    balance = Balance(system, data, motion.momentum, notes=BLOCK_ROWS)
+    balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS)
     integrator.control = step_control(scenario, system, data, balance)
     state = StateSignals(system, data, task.tip_site if task is not None else None)
     return Plant(scene, Actuation(system, scenario.actuators), integrator, balance, state)

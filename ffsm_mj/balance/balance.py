@@ -37,9 +37,9 @@ _FALLEN = ACCOUNTS + GraspedObjectBalance.SIZE
 
 
 class Balance:
-    """Balance of one run: ``open`` before each (sub-)step, ``close`` after it, ``book`` at each event, ``note`` at a tick.
+    """Balance of one run: ``open`` before each (sub-)step, ``close`` after it, ``enter`` at events, ``sample`` at ticks.
 
-    ``note`` copies MuJoCo's arrays; energies, momenta and residuals of many samples are then computed at once. So are the
+    ``sample`` copies MuJoCo's arrays; energies, momenta and residuals of many samples are then computed at once. So are the
     energy and momentum that the robot transfers to a grasped object, which therefore cost nothing during a step.
 
     Attributes:
@@ -48,14 +48,14 @@ class Balance:
         columns: Energies, momenta, balance terms and residuals.
     """
 
-    def __init__(self, system: System, data: Any, momentum: FloatArray, *, notes: int = 1) -> None:
+    def __init__(self, system: System, data: Any, momentum: FloatArray, *, capacity: int = 1) -> None:
         """Start the balance at the state in ``data`` (all derived quantities current).
 
         Args:
             system: Robot and objects.
             data: Their state.
             momentum: Array in which M qdot is kept current, (nv,).
-            notes: Capacity of the sample buffer.
+            capacity: Capacity of the sample buffer.
         """
         self._system = system
         robot_free = free_components(system, system.robot)
@@ -69,7 +69,7 @@ class Balance:
         self._accounts = BalanceTerms.of(self._numbers[:ACCOUNTS])
         self._fallen = self._numbers[_FALLEN:].reshape(-1, NUMBERS)
         self._gravity = Gravity(system, data, self._fallen) if falls else None
-        self._carried = GraspedObjectBalance(system, data, momentum, self._numbers[ACCOUNTS:])
+        self._grasped_object = GraspedObjectBalance(system, data, momentum, self._numbers[ACCOUNTS:])
         external = external_actuators(system)
         on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
         flags = on_joint.astype(np.float64), external.astype(np.float64)
@@ -82,10 +82,10 @@ class Balance:
         self._outside: list[Thrusters | BaseMotors] = [*by_pose, *motors]
         self._pushed = False
         self.momentum = momentum
-        self._notes = SampleBuffer(system, data, notes, momentum, self._numbers)
+        self._buffer = SampleBuffer(system, data, capacity, momentum, self._numbers)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
         self.columns = (
-            Columns(self._statement.signals, table=self.table, on_sample=lambda _: self.note(), resume=self.resume),
+            Columns(self._statement.signals, table=self.table, on_sample=lambda _: self.sample(), resume=self.resume),
         )
         self.resume(np.zeros(len(self._statement.signals)))
 
@@ -96,7 +96,7 @@ class Balance:
             logged: The balance's columns of the row, or zeros at the start, (number of signals,).
         """
         before = self._statement.balance(logged[None])
-        self._carried.forget()
+        self._grasped_object.forget()
         self._accounts.take(before.accounts)
         if self._gravity is not None:  # a row logs the sum over all objects only; changes are all that counts
             self._fallen.fill(0.0)
@@ -104,14 +104,14 @@ class Balance:
             for tree, own, pushed in zip(self._fallen, work[1:], impulse, strict=False):
                 tree[0], tree[1:] = own, pushed
         self._energy_0, self._momentum_0 = np.zeros(3), np.zeros((3, 6))
-        self.note()
+        self.sample()
         start = self._balance()
         self._energy_0 = (start.energy_residual - before.energy_residual)[0]
         self._momentum_0 = (start.momentum_residual - before.momentum_residual)[0]
 
-    def note(self) -> None:
+    def sample(self) -> None:
         """Sample the state in ``data`` and the balance terms; ``momentum`` must be current."""
-        self._notes.take()
+        self._buffer.take()
 
     def table(self) -> FloatArray:
         """Values of the columns at all samples since the last call, (n, number of signals); empties the buffer."""
@@ -119,20 +119,20 @@ class Balance:
 
     def _balance(self) -> BalanceValues:
         """Balance of all buffered samples; empties the buffer."""
-        notes, robot = self._notes, self._system.robot
-        used, notes.used = slice(0, notes.used), 0
-        h, accounts = notes.h[used], BalanceTerms.of(notes.accounts[used, :ACCOUNTS])
-        for rows, gained in self._carried.gained(notes, used):
+        buffer, robot = self._buffer, self._system.robot
+        used, buffer.used = slice(0, buffer.used), 0
+        h, accounts = buffer.h[used], BalanceTerms.of(buffer.accounts[used, :ACCOUNTS])
+        for rows, gained in self._grasped_object.gained(buffer, used):
             accounts.gained[rows] += gained.energy_J
             accounts.contact[rows] += gained.impulse
-        energy = subsystem_energies(h * notes.rates[used], robot.dofs)
-        of_objects = sum((notes.momenta(tree.root, used) for tree in self._system.objects), np.zeros((used.stop, 6)))
-        momentum = subsystem_momenta(notes.momenta(robot.root, used), of_objects)
+        energy = subsystem_energies(h * buffer.rates[used], robot.dofs)
+        of_objects = sum((buffer.momenta(tree.root, used) for tree in self._system.objects), np.zeros((used.stop, 6)))
+        momentum = subsystem_momenta(buffer.momenta(robot.root, used), of_objects)
         if self._gravity is not None:
-            fallen = notes.accounts[used, _FALLEN:].reshape(used.stop, -1, NUMBERS)
+            fallen = buffer.accounts[used, _FALLEN:].reshape(used.stop, -1, NUMBERS)
             accounts.fallen[:], accounts.gravity[:] = by_subsystem(fallen)
         residuals = self._unexplained(energy - self._energy_0, momentum - self._momentum_0, accounts)
-        by_matrix = self._base.momenta(notes.jacp[used], notes.jacr[used], notes.position[used], h)
+        by_matrix = self._base.momenta(buffer.jacp[used], buffer.jacr[used], buffer.position[used], h)
         return BalanceValues(energy, momentum, by_matrix, accounts, *residuals)
 
     def _unexplained(
@@ -168,14 +168,14 @@ class Balance:
         numbers.fill(0.0)  # differences of sums since t = 0 would lose the digits that matter here
         self.close(duration_s)
         for exchange in exchanges:
-            self.book(*exchange)
+            self.enter(*exchange)
         if self._gravity is not None:
             self._accounts.fallen[:], self._accounts.gravity[:] = by_subsystem(self._fallen)
         added = numbers[:ACCOUNTS].copy()
         numbers[:] = kept
         return added
 
-    def carry(self, tree: Tree | None) -> None:
+    def set_grasped_object(self, tree: Tree | None) -> None:
         """Start or end the transfer of energy and momentum to a grasped object at the state in ``data``.
 
         What the previous grasped object gained is entered in the balance as given by the robot. Call this before and
@@ -184,9 +184,9 @@ class Balance:
         Args:
             tree: The grasped object; None: no object is grasped.
         """
-        booked = self._carried.carry(tree)
-        if booked is not None:
-            self.book(*booked)
+        exchange = self._grasped_object.set_object(tree)
+        if exchange is not None:
+            self.enter(*exchange)
 
     def open(self) -> None:
         """Begin a (sub-)step: store what the efforts held during it need of the state."""
@@ -206,7 +206,7 @@ class Balance:
             for pushing in self._outside:
                 pushing.close(duration_s)
 
-    def book(self, energy_change: FloatArray, contact: FloatArray, outside: FloatArray) -> None:
+    def enter(self, energy_change: FloatArray, contact: FloatArray, outside: FloatArray) -> None:
         """Enter the exchange of contacts at an event or over a (sub-)step; impulses are (P, L about the world origin).
 
         Args:

@@ -49,9 +49,9 @@ class ExchangeIntegrator:
         self._system, self._data, self._wrenches = system, data, wrenches
         self._scratch = mujoco.MjData(system.mj)
 
-    def begin(self, carried: frozenset[int]) -> None:
-        """Begin a (sub-)step at the state in ``data``; ``carried`` are the bodies of a grasped object."""
-        self._carried = carried
+    def begin(self, grasped_bodies: frozenset[int]) -> None:
+        """Begin a (sub-)step at the state in ``data``; ``grasped_bodies`` are the bodies of a grasped object."""
+        self._grasped_bodies = grasped_bodies
         self._qpos, self._qvel = self._data.qpos.copy(), self._data.qvel.copy()
         self._first = self._rates(self._data)
 
@@ -66,4 +66,4 @@ class ExchangeIntegrator:
         return Exchange(done[:3], done[3:9], done[9:].reshape(2, 6))
 
     def _rates(self, data: Any) -> FloatArray:
-        return rates_by_subsystem(self._system, data, self._wrenches(data), self._carried)
+        return rates_by_subsystem(self._system, data, self._wrenches(data), self._grasped_bodies)

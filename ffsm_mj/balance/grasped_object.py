@@ -42,20 +42,20 @@ class GraspedObjectBalance:
         self._tree = None
         self._numbers.fill(0.0)
 
-    def carry(self, tree: Tree | None) -> Exchange | None:
+    def set_object(self, tree: Tree | None) -> Exchange | None:
         """Begin at the state in ``data``, derived quantities current, to account for a grasped object, or for none.
 
         Returns:
             What the robot gave to the previous grasped object; None if there was none.
         """
         before = self._tree
-        booked = _given(self._now(before) - self._start) if before is not None else None
+        exchange = _given(self._now(before) - self._start) if before is not None else None
         if tree is not before:
             self.forget()
             self._tree = tree
         if tree is not None:
             self._numbers[0], self._start[:] = 1.0 + self._system.objects.index(tree), self._now(tree)
-        return booked
+        return exchange
 
     def _now(self, tree: Tree) -> FloatArray:
         data, root, h, rates = self._data, tree.root, self._momentum, self._data.qvel
@@ -65,14 +65,14 @@ class GraspedObjectBalance:
         now = np.concatenate(((0.5 * float(h[tree.dofs] @ rates[tree.dofs]),), momentum))
         return now - self._fallen[1 + self._system.objects.index(tree)] if len(self._fallen) else now
 
-    def gained(self, notes: SampleBuffer, used: slice) -> Iterator[tuple[Any, Exchange]]:
+    def gained(self, buffer: SampleBuffer, used: slice) -> Iterator[tuple[Any, Exchange]]:
         """What the grasped object has gained since the grasp began: rows of the buffer, and the exchange for all of them."""
-        own = notes.accounts[used, -(self.SIZE + self._fallen.size) :]
+        own = buffer.accounts[used, -(self.SIZE + self._fallen.size) :]
         numbers, fallen = own[:, : self.SIZE], own[:, self.SIZE :]
         for number in map(int, sorted(set(numbers[:, 0].tolist()) - {0.0})):
             tree, rows = self._system.objects[number - 1], numbers[:, 0] == number
-            energy = 0.5 * (notes.h[used, tree.dofs] * notes.rates[used, tree.dofs]).sum(axis=1, keepdims=True)
-            states = np.concatenate((energy, notes.momenta(tree.root, used)), axis=1)
+            energy = 0.5 * (buffer.h[used, tree.dofs] * buffer.rates[used, tree.dofs]).sum(axis=1, keepdims=True)
+            states = np.concatenate((energy, buffer.momenta(tree.root, used)), axis=1)
             if fallen.size:
                 states -= fallen[:, NUMBERS * number : NUMBERS * (number + 1)]
             yield rows, _given(states[rows] - numbers[rows, 1:])

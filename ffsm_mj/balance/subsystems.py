@@ -49,9 +49,9 @@ def momentum_balance_residual(
         free: 1 for each component that the subsystem's base joints leave free, else 0, (6,).
     """
     on_robot, on_objects = outside[:, :6], outside[:, 6:]
-    booked = {
+    explained = {
         "total": external + on_robot + on_objects,
         "robot": external - contact + on_robot,
         "objects": contact + on_objects,
     }[subsystem]
-    return np.asarray((momentum - booked) * free)
+    return np.asarray((momentum - explained) * free)

@@ -17,7 +17,7 @@ _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 
 
 def rates_by_subsystem(
-    system: System, data: Any, wrenches: Sequence[Wrench], carried: frozenset[int] = frozenset()
+    system: System, data: Any, wrenches: Sequence[Wrench], grasped_bodies: frozenset[int] = frozenset()
 ) -> FloatArray:
     """Power by subsystem, and resultant wrenches between subsystems and from fixed bodies, (21,).
 
@@ -29,11 +29,11 @@ def rates_by_subsystem(
         data: Their state, positions and velocities current.
         wrenches: Wrenches on bodies; equal and opposite ones within one subsystem cancel. A wrench on a fixed body is
             adjacent to its reaction: first and second, third and fourth.
-        carried: Bodies of a grasped object, which count as the robot's; wrenches of fixed bodies on them stay external, on
-            the objects, and are subtracted from the robot's.
+        grasped_bodies: Bodies of a grasped object, which count as the robot's; wrenches of fixed bodies on them stay
+            external, on the objects, and are subtracted from the robot's.
     """
     rates, twist, fixed = np.zeros(21), np.empty(6), system.fixed_bodies
-    robot = carried.union(system.robot.bodies)
+    robot = grasped_bodies.union(system.robot.bodies)
     for i, (body, point, force, torque) in enumerate(wrenches):
         if body in fixed:
             continue  # a fixed body takes no power
@@ -47,7 +47,7 @@ def rates_by_subsystem(
         wrench = np.concatenate((force, cross(point, force) + torque))
         if not outside:
             rates[3:9] += wrench
-        elif body in carried:
+        elif body in grasped_bodies:
             rates[15:] += wrench
             rates[3:9] -= wrench
         elif body in robot:

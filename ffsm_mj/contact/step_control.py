@@ -143,7 +143,7 @@ class StepControl:
                 motion.path.move_to(0.0)
                 self._error.begin(measured=True)
                 continue
-            error = self._error.relative(trial_s, exchanged(trial_s), grasped=motion.carried is not None)
+            error = self._error.relative(trial_s, exchanged(trial_s), grasped=motion.grasped_object is not None)
             rate = error / trial_s
             if rate <= self._rate or not math.isfinite(error):  # the caller notices states that are not finite
                 return self._plan_one(trial_s, clear)

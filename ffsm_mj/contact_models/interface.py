@@ -223,7 +223,7 @@ class ContactModel:
 
     def begin_step(self) -> None:
         """Called at the start of a (sub-)step while it is active."""
-        self._exchange.begin(self.motion.carried_bodies)
+        self._exchange.begin(self.motion.grasped_bodies)
 
     def end_step(self, duration_s: float) -> Exchange | None:
         """Called at the end of a (sub-)step: energy and momentum exchanged by its wrenches."""

@@ -29,12 +29,12 @@ class Motion:
         bodies: Id in this model of each body of the logged system.
         pushes: Applied forces in its stages that depend on the state alone.
         grasp: Name of the closed grasp; empty for the motion of the logged system itself.
-        carried: The grasped object, as a tree of the logged system; None if there is none.
+        grasped_object: The grasped object, as a tree of the logged system; None if there is none.
         rigid: Pairs of the system's geoms that are on one rigid body in this model, but not in the logged system.
     """
 
     grasp = ""
-    carried: Tree | None = None
+    grasped_object: Tree | None = None
     rigid: frozenset[frozenset[int]] = frozenset()
 
     def __init__(self, model: Any, data: Any) -> None:
@@ -48,9 +48,9 @@ class Motion:
         self._unpushed = self.flight = fastest(FreeStepper)(model, data, self.path.start, self.momentum)
 
     @property
-    def carried_bodies(self) -> frozenset[int]:
+    def grasped_bodies(self) -> frozenset[int]:
         """Bodies of the grasped object in the logged system; they count as parts of the robot."""
-        return frozenset(self.carried.bodies) if self.carried is not None else frozenset()
+        return frozenset(self.grasped_object.bodies) if self.grasped_object is not None else frozenset()
 
     def push_with(self, pushes: Sequence[Push], answers: Sequence[Push] = ()) -> None:
         """Set the applied forces of the coming steps, and update derived quantities.

@@ -124,7 +124,7 @@ class LogReplay:
         self._events.skip_to(tick * self._steps)
         self._rows.restore(logged.rows[line] if tick else None)
         plant.integrator.restore_state(self._system_motion)
-        plant.balance.carry(plant.integrator.motion.carried)
+        plant.balance.set_grasped_object(plant.integrator.motion.grasped_object)
         if not tick:
             self._decide(line, time_s)
             return

@@ -144,13 +144,13 @@ class _Refining(LogReplay):
 
     def _left_over(self, duration_s: float) -> FloatArray:
         residuals = self._error.residuals(duration_s, self._plant.integrator.exchanged(duration_s))
-        if self._plant.integrator.motion.carried is not None:
+        if self._plant.integrator.motion.grasped_object is not None:
             # What passes between robot and object is what the object gained: nothing is left of it, and all for the robot.
             residuals[1], residuals[2] = residuals[0], 0.0
         return residuals
 
     def _size(self, residuals: FloatArray) -> float:
-        return self._error.over_scale(residuals, grasped=self._plant.integrator.motion.carried is not None)
+        return self._error.over_scale(residuals, grasped=self._plant.integrator.motion.grasped_object is not None)
 
     def _back_to(self, start: FloatArray) -> None:
         path = self._plant.integrator.motion.path

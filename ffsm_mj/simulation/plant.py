@@ -93,7 +93,7 @@ class Plant:
             return
         self.balance.close(elapsed_s)
         for exchange in self.integrator.exchanges(elapsed_s):
-            self.balance.book(*exchange)
+            self.balance.enter(*exchange)
         self.actuation.elapse(elapsed_s)
 
     def apply(self, event: Callable[[], EventEffect | None], state_after: FloatArray | None = None) -> EventEffect | None:
@@ -104,7 +104,7 @@ class Plant:
             state_after: Coordinates and rates to set after it, (nq + nv,); None keeps those that the event leaves.
         """
         # The balance separates robot and object at the event itself; a grasped object counts with the robot only in steps.
-        self.balance.carry(None)
+        self.balance.set_grasped_object(None)
         effect = event()
         moved = effect is not None and effect.motion is not None
         if effect is not None and effect.motion is not None:
@@ -113,9 +113,9 @@ class Plant:
             self.set_state(state_after)
         if state_after is not None or not moved:
             self.integrator.restart()
-        self.balance.carry(self.integrator.motion.carried)
+        self.balance.set_grasped_object(self.integrator.motion.grasped_object)
         if effect is not None and effect.exchange is not None:
-            self.balance.book(*effect.exchange)
+            self.balance.enter(*effect.exchange)
         return effect
 
     def state_now(self) -> FloatArray:

@@ -39,7 +39,7 @@ def held_jet(folder, step, *, seconds=1.0):
 def residuals(balance, system, data):
     """What the balance do not explain of energies (3,) and momenta (3, 6) now."""
     mujoco.mj_mulM(system.mj, data, balance.momentum, data.qvel)
-    balance.note()
+    balance.sample()
     row, layout = balance.table()[-1], Row(balance.columns).layout
     energies = [f"balance.{subsystem}_energy_residual_J" for subsystem in SUBSYSTEMS]
     momenta = [f"balance.{subsystem}_residual_{component}" for subsystem in SUBSYSTEMS for component in COMPONENTS]
@@ -246,7 +246,7 @@ def test_what_is_carried_is_booked_by_its_states_and_jumps_are_not(tmp_path, rng
         (tmp_path / f"{name}.xml").write_text(ball(name, mass=2.0))
     system = compile_paths(tmp_path / "robot.xml", {name: tmp_path / f"{name}.xml" for name in ("one", "other")})
     data = mujoco.MjData(system.mj)
-    balance = Balance(system, data, np.empty(system.mj.nv), notes=9)
+    balance = Balance(system, data, np.empty(system.mj.nv), capacity=9)
     layout = Row(balance.columns).layout
     contact = layout.places(f"balance.contact_{component}" for component in COMPONENTS)
     gained = layout.places(f"balance.{subsystem}_impact_energy_J" for subsystem in SUBSYSTEMS)
@@ -273,15 +273,15 @@ def test_what_is_carried_is_booked_by_its_states_and_jumps_are_not(tmp_path, rng
 
     moved()
     for k in (0, 0, 1):
-        balance.carry(system.objects[k])
+        balance.set_grasped_object(system.objects[k])
         for _ in range(2):
             change = moved()[k]
             energy, given = energy + change[0], given + change[1:]
-            balance.note()
+            balance.sample()
             expected.append([*given, 0.0, -energy, energy])
-        balance.carry(None)
+        balance.set_grasped_object(None)
         moved()  # a jump, which is booked by who makes it
-        balance.note()
+        balance.sample()
         expected.append(expected[-1])
     table = balance.table()
     np.testing.assert_allclose(table[:, [*contact, *gained]], expected, rtol=0, atol=1e-13 * np.abs(expected).max())

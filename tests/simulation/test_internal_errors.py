@@ -32,7 +32,7 @@ PLACES = {
     "records of an event": (ContactReport, "records", 0),
     "the integrator": (EventDrivenIntegrator, "advance", 50),
     "the balance": (Balance, "close", 40),
-    "the balance, at an event": (Balance, "book", 3),
+    "the balance, at an event": (Balance, "enter", 3),
     "the start of a step": (EventDrivenIntegrator, "_begin_step", 30),
     "a row": (RowWriter, "fill", 30),
     "a part of a row": (LoadBuffer, "append", 30),

@@ -48,7 +48,7 @@ class GraspedMotion(Motion):
         """
         super().__init__(system.mj, mujoco.MjData(system.mj))
         self.system, self.grasp = system, grasp.name
-        tree = self.carried = next(tree for tree in scene.system.objects if tree.name == grasp.tree)
+        tree = self.grasped_object = next(tree for tree in scene.system.objects if tree.name == grasp.tree)
         self._free, self._model = free, scene.system.mj
         self.root, self.link = system.index("body", grasp.root), system.index("body", grasp.link)
         self.bodies = [_same_body(scene.system, body, system) for body in range(self._model.nbody)]

@@ -63,7 +63,7 @@ class InterfaceLoad:
         Reactive models are applied through their wrenches, which they recompute for the current efforts: their last ``push``
         was evaluated under the previous ones.
         """
-        held, applied, carried, on_object = self._held, self._data.qfrc_applied, self._held.carried_bodies, np.zeros(6)
+        held, applied, grasped, on_object = self._held, self._data.qfrc_applied, self._held.grasped_bodies, np.zeros(6)
         applied.fill(0.0)
         for contact_model in [each for each in self._others if each.active and each.pushes]:
             wrenches = contact_model.wrenches(self._seen)
@@ -73,7 +73,7 @@ class InterfaceLoad:
             else:
                 contact_model.push(self._data)
             for body, point, force, torque in wrenches:
-                if body in carried:
+                if body in grasped:
                     on_object[:3] += force
                     on_object[3:] += torque + cross(point - self._site, force)
         return on_object

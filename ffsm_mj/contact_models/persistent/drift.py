@@ -39,7 +39,7 @@ class DriftProjection:
         if here is None or not needs_projection(here):
             return None
         contact_points, motion = closed.contact_points, closed.motion
-        outside = Shares.of(system, contact_points, motion.carried_bodies).outside != 0.0
+        outside = Shares.of(system, contact_points, motion.grasped_bodies).outside != 0.0
         taken = np.array(wrenches(here, np.ones(len(contact_points))))[outside.any(axis=0)]
         before, qpos = self._energy_and_momenta(), data.qpos.copy()
         project(motion, lambda: rows(motion, data, contact_points), self._free, taken)
@@ -62,14 +62,14 @@ class DriftProjection:
 
     def _energy_and_momenta(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Kinetic energy of (total, robot with grasped object, other objects), momentum of other objects, total momentum."""
-        system, data, carried = self._scene.system, self._scene.data, self._active_set.motion.carried
+        system, data, grasped = self._scene.system, self._scene.data, self._active_set.motion.grasped_object
         momentum = np.empty(system.mj.nv)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
         total = 0.5 * float(momentum @ data.qvel)
-        ours = system.robot, *([carried] if carried is not None else [])
+        ours = system.robot, *([grasped] if grasped is not None else [])
         own = sum(0.5 * float(momentum[tree.dofs] @ data.qvel[tree.dofs]) for tree in ours)
         of_objects = (
-            momentum_matrix(system.mj, data, tree.root) @ data.qvel for tree in system.objects if tree is not carried
+            momentum_matrix(system.mj, data, tree.root) @ data.qvel for tree in system.objects if tree is not grasped
         )
         energy, of_all = np.array((total, own, total - own)), momentum_matrix(system.mj, data, 0) @ data.qvel
         return energy, sum(of_objects, np.zeros(6)), of_all

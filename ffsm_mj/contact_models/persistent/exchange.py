@@ -52,10 +52,10 @@ class Shares(NamedTuple):
     of_pairs: dict[ContactPair, list[int]]
 
     @classmethod
-    def of(cls, system: System, contact_points: Sequence[ContactPoint], carried: frozenset[int]) -> Shares:
-        """Signs for some contact points; bodies in ``carried`` count as parts of the robot (see ``balance/exchange.py``)."""
-        robot = carried.union(system.robot.bodies)
-        objects = {body for tree in system.objects for body in tree.bodies} - carried
+    def of(cls, system: System, contact_points: Sequence[ContactPoint], grasped_bodies: frozenset[int]) -> Shares:
+        """Signs for some contact points; grasped bodies count as parts of the robot (see ``balance/exchange.py``)."""
+        robot = grasped_bodies.union(system.robot.bodies)
+        objects = {body for tree in system.objects for body in tree.bodies} - grasped_bodies
         from_robot, outside = np.zeros(len(contact_points)), np.zeros((2, len(contact_points)))
         of_pairs: dict[ContactPair, list[int]] = {}
         for i, contact in enumerate(contact_points):
@@ -69,7 +69,7 @@ class Shares(NamedTuple):
                 sign = 1.0 if b in bodies else -1.0
                 # The force acts on an object although it is integrated with the robot: enter it for the object, and
                 # subtract the reaction that the robot's balance would otherwise see.
-                if a in carried or b in carried:
+                if a in grasped_bodies or b in grasped_bodies:
                     outside[1, i], from_robot[i] = sign, -sign
                 else:
                     outside[ours[0], i] = sign

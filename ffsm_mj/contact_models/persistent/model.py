@@ -280,7 +280,7 @@ class PersistentContactModel(ContactModel):
             return self._projection_exchange, {}
         redistributed = pieces(closed, self.motion, duration_s)
         if redistributed is not None:
-            shares = Shares.of(system, redistributed.contact_points, self.motion.carried_bodies)
+            shares = Shares.of(system, redistributed.contact_points, self.motion.grasped_bodies)
             parts = np.array(redistributed.weights_s)
             booking, impulses = exchanged(redistributed.stages, parts, shares, robot_dofs(system, self.motion))
             return sum_exchanges(self._projection_exchange, booking), impulses
@@ -289,7 +289,7 @@ class PersistentContactModel(ContactModel):
         if self._shares_cache is None or self._shares_cache[0] != key:
             self._shares_cache = (
                 key,
-                Shares.of(system, closed.pressing, self.motion.carried_bodies),
+                Shares.of(system, closed.pressing, self.motion.grasped_bodies),
                 robot_dofs(system, self.motion),
             )
         booking, impulses = exchanged(stages, duration_s * WEIGHTS, *self._shares_cache[1:])

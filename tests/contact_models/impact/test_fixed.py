@@ -229,18 +229,18 @@ def test_robot_and_object_hit_one_wall_at_once(tmp_path):
 
 @pytest.mark.parametrize("subsystem", ["robot", "objects"])
 def test_a_wrong_sign_in_the_balance_fails_a_check(tmp_path, monkeypatch, subsystem):
-    book, row = Balance.book, ("robot", "objects").index(subsystem)
+    enter, row = Balance.enter, ("robot", "objects").index(subsystem)
 
     def wrong(balance, energy_change, contact, outside):
         outside = outside.copy()
         outside[row] *= -1.0
-        book(balance, energy_change, contact, outside)
+        enter(balance, energy_change, contact, outside)
 
-    monkeypatch.setattr(Balance, "book", wrong)
+    monkeypatch.setattr(Balance, "enter", wrong)
     run = ffsm_mj.run(both(tmp_path))
     broken = {(check.name, check.subsystem) for check in run.checks() if not check.passes}
     assert {("linear momentum", subsystem), ("linear momentum", "total")} <= broken
-    monkeypatch.setattr(Balance, "book", book)
+    monkeypatch.setattr(Balance, "enter", enter)
     again = replay_log(run.log)
     assert not again.agrees
     assert "fixed_on" in again.worst["columns"].what or "residual" in again.worst["columns"].what
