@@ -1,1 +1,1 @@
-"""Pairs of geoms that may touch: gap, normal, points, rates; and the watch over all other pairs."""
+"""Contact geometry: pairs of geoms with gap, normal, contact points and rates; contact features; unhandled contacts."""

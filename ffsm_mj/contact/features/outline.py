@@ -39,9 +39,9 @@ class Outline:
 
     def points(self) -> list[Core]:
         """Cores that can be in contact with a face of the other geom, without bounds."""
-        return self.tips()
+        return self.corners()
 
-    def tips(self) -> list[Core]:
+    def corners(self) -> list[Core]:
         """Corners, or round parts, each with its bounds."""
         raise NotImplementedError
 

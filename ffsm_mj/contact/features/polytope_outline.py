@@ -51,7 +51,7 @@ class PolytopeOutline(Outline):
         """Corners, without bounds."""
         return [self._point(corner, _NO_CONE) for corner in self._corners]
 
-    def tips(self) -> list[Core]:
+    def corners(self) -> list[Core]:
         """Corners, bounded by the directions to all other points of the geom."""
         return [self._point(corner, self._towards(self._all() - corner)) for corner in self._corners]
 

@@ -20,13 +20,13 @@ from ffsm_mj.tolerances import PARALLEL
 class EllipsoidOutline(Outline):
     """Outline of an ellipsoid, the same along any direction."""
 
-    def tips(self) -> list[Core]:
+    def corners(self) -> list[Core]:
         """The ellipsoid."""
         (a, b, c), (x, y, z) = self._size, (self._turned(axis) for axis in self._rotation.T)
         return [Ellipsoid("ellipsoid", self._body, self._place(self._position), (x, y, z), (a * a, b * b, c * c))]
 
     def edges(self, *, bounded: bool) -> Iterator[Line]:  # noqa: ARG002
-        """None."""
+        """No straight edges."""
         yield from ()
 
 
@@ -49,11 +49,11 @@ class CylinderOutline(Outline):
     def points(self) -> list[Core]:
         """The rims, or points of the rim of a cap."""
         if self._rim_points is None:
-            return self.tips()
+            return self.corners()
         none = np.empty((0, 3))
         return [Point("rim", self._body, self._place(point), 0.0, none) for point in self._rim_points]
 
-    def tips(self) -> list[Core]:
+    def corners(self) -> list[Core]:
         """The rim, or the rims at both ends of the side; none for a cap."""
         if self.flat:
             return []

@@ -61,7 +61,7 @@ def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple
     b = _outline(model, data, model.geom(pair.geom_b).id, -near.normal)
     search = _Search(a, b, data, near)
     # The highest-dimensional contact wins: corners of a face on a face would otherwise be found again as edge contacts.
-    return tuple(search.on_faces() or search.between_lines() or search.on_lines() or search.of_tips())
+    return tuple(search.on_faces() or search.between_lines() or search.on_lines() or search.between_corners())
 
 
 def _outline(model: Any, data: Any, geom: int, outward: FloatArray) -> Outline:
@@ -111,14 +111,14 @@ class _Search:
         return [feature for feature, _ in found]
 
     def on_lines(self) -> list[GapFunction]:
-        """The corner in contact with a line, if there is one."""
-        found = self._touching((one, other) for one in self._a.tips() for other in self._b.curves(bounded=True))
-        found += self._touching((one, other) for one in self._a.curves(bounded=True) for other in self._b.tips())
+        """The corner or round part in contact with a line, if there is one."""
+        found = self._touching((one, other) for one in self._a.corners() for other in self._b.curves(bounded=True))
+        found += self._touching((one, other) for one in self._a.curves(bounded=True) for other in self._b.corners())
         return _most_inside(found)
 
-    def of_tips(self) -> list[GapFunction]:
-        """The corner in contact with a corner, if there is one."""
-        return _most_inside(self._touching((one, other) for one in self._a.tips() for other in self._b.tips()))
+    def between_corners(self) -> list[GapFunction]:
+        """The corner or round part in contact with another one, if there is one."""
+        return _most_inside(self._touching((one, other) for one in self._a.corners() for other in self._b.corners()))
 
     def _crossing_curves(self) -> Iterator[tuple[Core, Core]]:
         """Lines that are not parallel, and the places where lines enter and leave a rim."""

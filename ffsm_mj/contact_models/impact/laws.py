@@ -96,7 +96,7 @@ def poisson(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
 
 
 def newton(A: FloatArray, w: FloatArray, e: FloatArray) -> LawResult:
-    """0 <= lambda, u+ + e u- >= 0, complementary.
+    """Newton's law: 0 <= lambda, u+ + e u- >= 0, complementary.
 
     Raises:
         UnsupportedContactError: Restitutions differ, or a contact already separates: the law could then gain energy or leave

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray
-from ffsm_mj.contact_models.impact.friction.lemke import on_pyramids
+from ffsm_mj.contact_models.impact.friction.lemke import pyramid_impulses
 from ffsm_mj.contact_models.impact.friction.result import clip_to_cone
 from ffsm_mj.tolerances import CANCELLED, SOLVED
 
@@ -86,7 +86,7 @@ def coulomb(contacts: CoulombProblem) -> tuple[FloatArray, float]:
             break
         first = _against_slip(contacts, best) if turn is _ALIGNED else np.full(len(contacts.mu), turn)
         mu, scales = wider * contacts.mu, (contacts.least, contacts.speed)
-        impulses, left = _solve(contacts, on_pyramids(contacts.G, contacts.u, mu, *scales, facets, first))
+        impulses, left = _solve(contacts, pyramid_impulses(contacts.G, contacts.u, mu, *scales, facets, first))
         if left < residual:
             best, residual = impulses, left
     # Remove what the residual left: open contacts get exactly their least impulse, and impulses are clipped to their cones.

@@ -19,7 +19,7 @@ _ZERO = 1e-11
 """Entries of a column below this are rounding, not pivots: entries are of the order of 1, after hundreds of pivots."""
 
 
-def on_pyramids(
+def pyramid_impulses(
     G: FloatArray, u: FloatArray, mu: FloatArray, least: FloatArray, speed: float, facets: int, first: FloatArray
 ) -> FloatArray:
     """Impulses (k, 3) with friction inside pyramids; the last iterate if the method ends without a solution.
