@@ -25,7 +25,7 @@ class _Converted(dict[Any, Any]):
 
 def _tuples(value: Any) -> Any:
     if isinstance(value, list | tuple):
-        return tuple(_tuples(item) for item in value)
+        return tuple([_tuples(item) for item in value])
     if isinstance(value, dict) and not isinstance(value, _Converted):
-        return _Converted((key, _tuples(item)) for key, item in value.items())
+        return _Converted({key: _tuples(item) for key, item in value.items()})
     return value
