@@ -113,13 +113,13 @@ def test_joint_work(case_study, rng):
     for held in (0.0, 1.0):
         data, accounts, pushed = moving(case_study, rng), (np.zeros(3), np.zeros(3)), []
         data.ctrl[:] *= held
-        books = [kind(data, on_joint, external, account) for kind, account in zip((JointWork, twins.JointWork), accounts)]  # noqa: B905
+        balances = [kind(data, on_joint, external, account) for kind, account in zip((JointWork, twins.JointWork), accounts)]  # noqa: B905
         for _ in range(20):
-            pushed.append([book.open() for book in books])
+            pushed.append([each.open() for each in balances])
             mujoco.mj_step(model, data)
             mujoco.mj_forward(model, data)
-            for book in books:
-                book.close()
+            for each in balances:
+                each.close()
         assert np.all(np.array(pushed) == (held > 0.0))
         np.testing.assert_allclose(*accounts, rtol=ROUNDING)
         assert (accounts[0][0] != 0.0) == (held > 0.0)

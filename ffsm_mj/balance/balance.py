@@ -76,8 +76,8 @@ class Balance:
         self._joint_work = fastest(JointWork)(data, *flags, self._numbers)
         accounts = self._accounts.work, self._accounts.external
         by_pose = thrusters(system, data, *accounts)
-        for books in by_pose:
-            external[books.actuators] = False
+        for group in by_pose:
+            external[group.actuators] = False
         motors = [BaseMotors(system, data, external, on_joint, *accounts)] if external.any() else []
         self._outside: list[Thrusters | BaseMotors] = [*by_pose, *motors]
         self._pushed = False

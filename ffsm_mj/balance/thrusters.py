@@ -148,10 +148,10 @@ def thrusters(system: System, data: Any, work: FloatArray, impulse: FloatArray) 
         return []
     ids = np.flatnonzero(site_actuators(model))
     bodies = model.site_bodyid[model.actuator_trnid[ids, 0]]
-    books = []
+    groups = []
     for body in np.unique(bodies).tolist():
         own = ids[bodies == body]
         wrenches = np.stack([site_wrench(model, i) for i in own], axis=1)
         felt = of_robot if body in robot.bodies else np.zeros((6, 6))
-        books.append(Thrusters(model, data, body, own, wrenches, felt, work, impulse))
-    return books
+        groups.append(Thrusters(model, data, body, own, wrenches, felt, work, impulse))
+    return groups

@@ -104,8 +104,8 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
         prepare(scenario)
     return [
         f"files in {asked.out}: {scenario.name}, {model.name}, {ball.name}",
-        f"base: {base.told}" if base else "base: none is added, the robot floats already",
-        f"tip: {hit.told}",
+        f"base: {base.description}" if base else "base: none is added, the robot floats already",
+        f"tip: {hit.description}",
         f"taken out of the robot: {', '.join(files.strip) or 'nothing'}",
         f"use it: ffsm check {scenario} && ffsm run {scenario}",
     ]
@@ -166,7 +166,7 @@ def _hit(files: ModelFiles, ball: Path, wanted: str) -> Hit:
     data = posed(system, pose)
     ball.write_text(ball_text(radius, rounded(_BALL_PER_FELT * felt_mass(system, data, met), 1)), encoding="utf-8")
     kp, kd = _gains(system, data)
-    return _told(system, pose, tip, place, geoms, met, kp, kd)
+    return _scenario_hit(system, pose, tip, place, geoms, met, kp, kd)
 
 
 def _gains(system: System, data: Any) -> tuple[list[float], list[float]]:
@@ -186,7 +186,7 @@ def _gains(system: System, data: Any) -> tuple[list[float], list[float]]:
     return [rounded(frequency**2 * x, 2) for x in inertia], [rounded(2.0 * frequency * x, 2) for x in inertia]
 
 
-def _told(
+def _scenario_hit(
     system: System,
     pose: dict[str, float],
     tip: Tip,

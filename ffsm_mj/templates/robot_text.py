@@ -28,7 +28,7 @@ class Base:
         return rounded(self.mass * (2.0 * self.half) ** 2 / 6.0, 4)
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """In words."""
         return f"{self.mass:g} kg, a cube of {2 * self.half:g} m, moments of inertia {self.inertia:g} kg m^2"
 
@@ -60,7 +60,7 @@ class Hit:
     kd: list[float]
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """The tip in words."""
         return f"site {self.tip!r}" + (f", added to body {self.on[0]!r} at {self.on[1]} m" if self.on else " of the file")
 

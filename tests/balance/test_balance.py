@@ -1,4 +1,4 @@
-"""Ledgers: external impulses booked exactly, wrong bookkeeping noticed, order of the quadrature."""
+"""Balance: external impulses are exact, wrong entries fail a check, order of the quadrature."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def residuals(balance, system, data):
     return row[layout.places(energies)], row[layout.places(momenta)].reshape(3, 6)
 
 
-def test_body_fixed_thruster_is_booked_to_fourth_order(tmp_path):
+def test_body_fixed_thruster_is_entered_to_fourth_order(tmp_path):
     """Simpson with a Hermite midpoint: 16 times less per halving; a trapezoid would fall by 4."""
     coarse, fine = held_jet(tmp_path, 0.02), held_jet(tmp_path, 0.01)
     assert coarse / fine > 2**3.7
@@ -88,7 +88,7 @@ def tug(folder, base, jets, step):
 
 
 def fly(system, data, balance, step, *, seconds):
-    """Fly with the efforts held, and book it."""
+    """Integrate one step with constant efforts, and enter their work in the balance."""
     for _ in range(round(seconds / step)):
         balance.open()
         mujoco.mj_step(system.mj, data)
@@ -99,7 +99,7 @@ def fly(system, data, balance, step, *, seconds):
 @pytest.mark.long
 @pytest.mark.parametrize("jets", JETS)
 @pytest.mark.parametrize("base", BASES)
-def test_what_pushes_is_booked_to_fourth_order(tmp_path, base, jets):
+def test_what_pushes_is_entered_to_fourth_order(tmp_path, base, jets):
     """Whatever the base leaves free and whatever pushes where: 16 times less per halving, a millionth at the usual step."""
     left = []
     for step in (0.02, 0.01, 0.001):
@@ -113,7 +113,7 @@ def test_what_pushes_is_booked_to_fourth_order(tmp_path, base, jets):
 
 
 @pytest.mark.parametrize("base", sorted(set(BASES) - {"turning"}))
-def test_thrusters_are_booked_as_their_generalised_forces_are(tmp_path, base):
+def test_thrusters_are_entered_as_their_generalised_forces_are(tmp_path, base):
     """Step by step, impulse and work from the poses of the bodies are those from the generalised forces on the base joints.
 
     The midpoints of both differ by (omega h)^4 / 400 of what they measure, here (4e-3)^4 / 400 < 1e-12.
@@ -121,27 +121,27 @@ def test_thrusters_are_booked_as_their_generalised_forces_are(tmp_path, base):
     system, data = tug(tmp_path, base, "both", 0.001)
     model, accounts = system.mj, np.zeros((2, 7))
     by_pose = thrusters(system, data, accounts[0, :1], accounts[0, 1:])
-    assert [books.actuators.tolist() for books in by_pose] == [[0], [1]]
+    assert [group.actuators.tolist() for group in by_pose] == [[0], [1]]
     mask = np.array((True, True, False))
     motors = BaseMotors(system, data, mask, ~mask, accounts[1, :1], accounts[1, 1:])
     for _ in range(300):
-        for books in (*by_pose, motors):
-            books.open()
+        for group in (*by_pose, motors):
+            group.open()
         data.ctrl[2] += 0.01  # what drives a joint is nothing to them
         mujoco.mj_step(model, data)
         mujoco.mj_forward(model, data)
-        for books in (*by_pose, motors):
-            books.close(0.001)
+        for group in (*by_pose, motors):
+            group.close(0.001)
     np.testing.assert_allclose(*accounts, rtol=0, atol=1e-11 * np.abs(accounts).max())
     assert np.count_nonzero(np.abs(accounts[0]) > 0.01) >= 4
 
 
 @pytest.mark.parametrize("base", BASES)
-def test_only_plain_sites_are_booked_by_pose(tmp_path, base):
+def test_only_plain_sites_are_entered_by_pose(tmp_path, base):
     """A site with a reference is not, nor is any where the components that the base bears turn with it."""
     system, data = tug(tmp_path, base, "reference", 0.001)
-    booked = [books.actuators.tolist() for books in thrusters(system, data, np.zeros(1), np.zeros(6))]
-    assert booked == ([] if base == "turning" else [[1]])
+    actuators = [group.actuators.tolist() for group in thrusters(system, data, np.zeros(1), np.zeros(6))]
+    assert actuators == ([] if base == "turning" else [[1]])
 
 
 def test_a_limit_on_the_force_at_a_base_joint_is_kept(tmp_path):
@@ -180,12 +180,12 @@ def test_a_quaternion_may_change_its_sign_in_a_step(tmp_path):
     for sign in (1.0, -1.0):
         system, data = tug(tmp_path, "free", "base", 0.01)
         done.append(np.zeros(7))
-        (books,) = thrusters(system, data, done[-1][:1], done[-1][1:])
-        books.open()
+        (group,) = thrusters(system, data, done[-1][:1], done[-1][1:])
+        group.open()
         mujoco.mj_step(system.mj, data)
         data.qpos[3:7] *= sign
         mujoco.mj_forward(system.mj, data)
-        books.close(0.01)
+        group.close(0.01)
     np.testing.assert_allclose(*done, rtol=1e-12)
 
 
@@ -239,7 +239,7 @@ def test_a_wrong_account_is_noticed(tmp_path):
     assert momentum[0, 0] == pytest.approx(3e-6, rel=1e-9)
 
 
-def test_what_is_carried_is_booked_by_its_states_and_jumps_are_not(tmp_path, rng):
+def test_what_is_carried_is_entered_by_its_states_and_jumps_are_not(tmp_path, rng):
     """Rows of two objects in one block, each from where it was taken; the other object's gains are nobody's."""
     (tmp_path / "robot.xml").write_text(TUMBLER)
     for name in ("one", "other"):
