@@ -13,12 +13,12 @@ from tests.scenes import two_balls
 
 @pytest.fixture
 def grips(monkeypatch):
-    """Registered for one test."""
+    """The kind of record of grips, registered for one test."""
     monkeypatch.setattr(register_of_kinds, "_KINDS", dict(register_of_kinds._KINDS))
     register(GRIP)
 
 
 @pytest.fixture(scope="module")
 def plain_run(tmp_path_factory):
-    """A run with one impact, at 0.3 s, that knows no grips."""
+    """A run with one impact, at 0.3 s, without grips."""
     return ffsm_mj.run(two_balls(tmp_path_factory.mktemp("plain"), duration_s=0.5))

@@ -1,4 +1,4 @@
-"""A kind of record that exists in tests only, and what passes it through all sinks."""
+"""A kind of record for tests, and a function that passes it through all sinks."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from ffsm_mj.records.signals import momentum_keys
 
 @dataclass(frozen=True)
 class Grip:
-    """Two geoms hold each other.
+    """Two geoms grip each other.
 
     Attributes:
-        time_s: When they begin to.
-        geoms: The two.
-        point_m: Where, in world axes.
-        holds: 1 from there on, 0 for a release.
+        time_s: Time at which the grip starts or ends.
+        geoms: The two geoms.
+        point_m: Position in world axes.
+        holds: 1 if the grip starts, 0 if it ends.
         wrench_N: Force and moment by body.
-        words: What was said.
+        words: Texts by name.
     """
 
     time_s: float
@@ -76,7 +76,7 @@ LAST = replace(FIRST, time_s=0.45, holds=0, words={})
 
 
 def recorded(run, folder, *happened, kinds=("grip",)):
-    """The same run with other records, passed to the sinks of a run folder as the loop does; from memory and from disk."""
+    """A run with additional records, passed to the sinks of a run folder; as kept in memory and as read from disk."""
     header, rows, time = replace(run.log.header, kinds=kinds), run.log.rows, run.time
     place, memory = RunFolder(folder), MemorySink()
     sinks = [memory, *place.sinks(header, compile_log(run.log), with_rerun=True, view_rate_hz=50.0)]

@@ -1,4 +1,4 @@
-"""Contacts that press in the viewers: an arrow while they do, none before and after, and their force over time."""
+"""Persistent contacts in viewers: an arrow while a force acts, and the force over time."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def pushed(tmp_path_factory):
 
 
 def frames(run):
-    """Rows that viewers get, every 20 ms, and which of them have a pair that presses."""
+    """Indices of the rows of the frames, every 20 ms, and a mask of those with a contact force."""
     shown = np.arange(0, len(run.time), 20)
     return shown, run[f"{KEY}_mode"][shown] == 2.0
 
 
-def test_foxglove_has_an_arrow_to_the_centre_of_pressure_in_every_frame_in_which_a_pair_presses(pushed):
+def test_foxglove_draws_an_arrow_to_the_centre_of_pressure_in_every_frame_with_force(pushed):
     shown, presses = frames(pushed)
     updates = {round(time / 1e6): update for time, update in decoded(pushed.path)["/scene/contacts"]}
     arrows = {time for time, update in updates.items() if update.entities}
@@ -47,7 +47,7 @@ def test_foxglove_has_an_arrow_to_the_centre_of_pressure_in_every_frame_in_which
     np.testing.assert_allclose(start + length * push, centre, atol=1e-9)
 
 
-def test_rerun_has_arrows_that_end_there_the_force_as_a_line_and_a_view_of_it(pushed, tmp_path):
+def test_rerun_draws_the_arrow_and_plots_the_force(pushed, tmp_path):
     write_recording(pushed.log, tmp_path / "run.rrd")
     data = {(entity, name.rsplit(":")[-1]): rows for (entity, name), rows in read(tmp_path / "run.rrd").items()}
     shown, presses = frames(pushed)
@@ -63,7 +63,7 @@ def test_rerun_has_arrows_that_end_there_the_force_as_a_line_and_a_view_of_it(pu
     assert "Contact force [N]" in entities(tmp_path / "run.rrd", "-vvv")  # the layout that was sent last
 
 
-def test_where_no_contact_lasts_viewers_and_figures_have_nothing_of_it(tmp_path):
+def test_without_persistent_contact_there_are_no_arrows_and_no_figure(tmp_path):
     run = ffsm_mj.run(two_balls(tmp_path, duration_s=0.4), out=tmp_path / "out", rerun=False)
     assert "/scene/contacts" not in decoded(run.path)
     assert "contacts" not in run.plot()
@@ -71,8 +71,8 @@ def test_where_no_contact_lasts_viewers_and_figures_have_nothing_of_it(tmp_path)
     assert "ontact force" not in entities(tmp_path / "run.rrd", "-vvv")
 
 
-def test_the_figure_has_force_impulse_and_when_the_pair_was_closed(pushed):
-    """The thin line of the force is drawn through its greatest value, the bar of the second contact to the end."""
+def test_the_figure_shows_force_impulse_and_intervals_of_contact(pushed):
+    """The curve contains the greatest force; the bar of the second contact extends to the end."""
     forces, closed, impulses = pushed.plot("contacts")["contacts"].axes
     assert [axes.get_ylabel() for axes in (forces, closed, impulses)] == ["contact force, N", "closed", "impulse, N s"]
     (line,) = (line for line in forces.lines if line.get_label() == "ball-target/target")

@@ -1,4 +1,4 @@
-"""Logs that broke off or were damaged, full disks and closed pipes: what can be read is read, one line says the rest."""
+"""Incomplete and damaged logs, full disks and closed pipes: readable parts are read, one line reports the rest."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def finished(tmp_path_factory):
 
 
 def read(tmp_path, data):
-    """The run in some bytes, or the one line that says why there is none."""
+    """The run in some bytes, or the message of the error."""
     file = tmp_path / "x.mcap"
     file.write_bytes(data)
     try:
@@ -46,7 +46,7 @@ def read(tmp_path, data):
 
 
 def chunks(data):
-    """Where the chunks of a whole file begin and end."""
+    """Start and end of each chunk of a complete file."""
     at, found = 8, []
     while at < len(data) - 8:
         opcode, length = struct.unpack_from("<BQ", data, at)
@@ -77,8 +77,8 @@ def test_a_truncated_log_gives_every_chunk_before_the_cut(finished, tmp_path, se
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(10))
-def test_a_flipped_byte_never_passes_unnoticed_and_spoils_one_chunk(finished, tmp_path, seed):
-    """Anywhere in the file: every row that is given is a row that was written, and something says what is wrong."""
+def test_a_flipped_byte_is_detected_and_loses_at_most_one_chunk(finished, tmp_path, seed):
+    """At any position of the file: every row that is read is one that was written, and the damage is reported."""
     data, run = finished
     written = {row.tobytes() for row in run.log.rows}
     rng = random.Random(seed)
@@ -96,8 +96,8 @@ def test_a_flipped_byte_never_passes_unnoticed_and_spoils_one_chunk(finished, tm
 
 
 @pytest.mark.parametrize("offset", [200, 3, 0, 40], ids=["content", "length", "opcode", "compression"])
-def test_reading_goes_on_behind_a_damaged_chunk(finished, tmp_path, capsys, offset):
-    """The largest chunk of the first half: its samples are missing, all others are there, and analyze says which.
+def test_reading_continues_after_a_damaged_chunk(finished, tmp_path, capsys, offset):
+    """The samples of the largest chunk of the first half are missing, all others are read, and ``analyze`` lists them.
 
     Which chunk has samples is not the same everywhere: a slow machine flushes between blocks, an event ends a chunk early.
     """
@@ -115,7 +115,7 @@ def test_reading_goes_on_behind_a_damaged_chunk(finished, tmp_path, capsys, offs
     assert not said.err
 
 
-def test_without_its_first_chunk_the_summary_still_tells_the_schemas(finished, tmp_path):
+def test_schemas_of_a_lost_first_chunk_come_from_the_summary(finished, tmp_path):
     data, run = finished
     start, end = chunks(data)[0]
     bad = bytearray(data)
@@ -126,7 +126,7 @@ def test_without_its_first_chunk_the_summary_still_tells_the_schemas(finished, t
     assert len(got.time) > 2000
 
 
-def test_nothing_to_read_is_one_line_and_exit_2(finished, tmp_path, capsys):
+def test_an_unreadable_log_gives_one_line_and_exit_2(finished, tmp_path, capsys):
     data, _ = finished
     for bad, words in (
         (data[:100], "ends before its header"),
@@ -141,7 +141,7 @@ def test_nothing_to_read_is_one_line_and_exit_2(finished, tmp_path, capsys):
 
 
 def run_in_process(arguments, *, file_bytes=None, **streams):
-    """``ffsm`` in a process of its own, whose files cannot grow beyond a size."""
+    """Run ``ffsm`` in a process with a limit on the size of its files."""
 
     def limit():
         if file_bytes is not None:
@@ -157,8 +157,8 @@ def run_in_process(arguments, *, file_bytes=None, **streams):
     [(500, False), (10_000, False), (120_000, False), (120_000, True)],
     ids=["inputs", "head of the log", "mid-run", "mid-run with Rerun"],
 )
-def test_a_full_disk_is_one_line_and_exit_3(tmp_path, file_bytes, rerun):
-    """What was flushed before can be read, and holds what it promises."""
+def test_a_full_disk_gives_one_line_and_exit_3(tmp_path, file_bytes, rerun):
+    """Everything flushed before is readable, and its checks pass."""
     path = two_balls(tmp_path, duration_s=4.0)
     out = tmp_path / "out"
     arguments = ["run", str(path), "--out", str(out), *([] if rerun else ["--no-rerun"])]
@@ -177,8 +177,8 @@ def test_a_full_disk_is_one_line_and_exit_3(tmp_path, file_bytes, rerun):
 
 
 @pytest.mark.parametrize("arguments", [("run",), ("check",), ("--help",), ("schema",)], ids=lambda a: a[0])
-def test_a_closed_stdout_ends_nothing(tmp_path, arguments):
-    """Somebody reads ``ffsm ... | head`` no further: exit 0, no complaint, the run is whole."""
+def test_a_closed_stdout_does_not_end_a_run(tmp_path, arguments):
+    """As with ``ffsm ... | head``: exit code 0, no message, and a complete run."""
     path = two_balls(tmp_path, duration_s=0.01)
     more = {"run": [str(path), "--no-rerun", "--out", str(tmp_path / "out")], "check": [str(path)]}
     reader, writer = os.pipe()
@@ -190,8 +190,8 @@ def test_a_closed_stdout_ends_nothing(tmp_path, arguments):
         assert ffsm_mj.load_run(tmp_path / "out").complete
 
 
-def test_laws_are_judged_from_the_first_sample_that_is_left(tmp_path):
-    """The accounts begin at t = 0: what they held before the first sample read is no violation, and the gap is told."""
+def test_checks_of_a_damaged_log_start_at_its_first_sample(tmp_path):
+    """The balance starts at t = 0: its values at the first readable sample are no failure, and the gap is reported."""
     ffsm_mj.run(two_balls(tmp_path, duration_s=3.0), out=tmp_path / "out", rerun=False)
     log = tmp_path / "out" / "run.mcap"
     data = bytearray(log.read_bytes())
@@ -217,8 +217,8 @@ def test_laws_are_judged_from_the_first_sample_that_is_left(tmp_path):
 
 
 @pytest.mark.parametrize("where", ["head", "frame"])
-def test_a_chunk_that_states_gigabytes_takes_no_memory(finished, tmp_path, where):
-    """8 GiB in the chunk's head, or 1 GiB in the frame that zstd allocates for: the chunk is left out, the rest is read."""
+def test_a_chunk_that_states_gigabytes_allocates_no_memory(finished, tmp_path, where):
+    """8 GiB in the header of the chunk, or 1 GiB in the zstd frame: the chunk is skipped, the rest is read."""
     data, run = finished
     start, end = chunks(data)[2]
     bad = bytearray(data)
@@ -236,8 +236,8 @@ def test_a_chunk_that_states_gigabytes_takes_no_memory(finished, tmp_path, where
     assert got.damage
 
 
-def test_other_commands_tell_of_damage_too(finished, tmp_path, capsys):
-    """A table of a log with a hole is written, and one line says that it has one."""
+def test_other_commands_report_damage_too(finished, tmp_path, capsys):
+    """A table of a log with a gap is written, with one line about the gap."""
     data, _ = finished
     start, _ = chunks(data)[0]
     file = tmp_path / "hole.mcap"

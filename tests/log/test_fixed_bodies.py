@@ -1,4 +1,4 @@
-"""What viewers get of a body that never moves: its shapes, in a frame at its pose from the first moment on."""
+"""Fixed bodies in viewers: their shapes in a frame at their pose from the start."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PLACE, TURN = (1.0, 0.2, -0.3), (0.8, 0.0, 0.0, 0.6)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Run folder of a ball that hits a wall with a part of its own."""
+    """Run folder of a ball that hits a wall with a second body."""
     wall = f"""<mujoco>{HEAD}<worldbody><geom name="plate" type="box" size="0.1 1 1"/>
       <body name="knob" pos="0 0 0.5"><geom name="knob" size="0.05"/></body></worldbody></mujoco>"""
     path = scene(
@@ -32,7 +32,7 @@ def folder(tmp_path_factory):
     return path.parent / "out"
 
 
-def test_foxglove_has_its_frames_and_shapes(folder):
+def test_foxglove_has_frames_and_shapes_of_a_fixed_body(folder):
     topics = decoded(folder / "run.mcap")
     for _, message in topics["/tf"]:
         poses = {each.child_frame_id: (each.translation, each.rotation) for each in message.transforms}
@@ -48,7 +48,7 @@ def test_foxglove_has_its_frames_and_shapes(folder):
     assert len(topics["/outline/wall/world"]) == 1
 
 
-def test_rerun_has_its_shapes_at_its_pose(folder):
+def test_rerun_has_shapes_of_a_fixed_body_at_its_pose(folder):
     recording = folder / "run.rrd"
     text = entities(recording)
     for entity in ("/world/wall/world/plate", "/world/wall/knob/knob", "/world/trails/robot"):

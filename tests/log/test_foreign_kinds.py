@@ -1,4 +1,4 @@
-"""Logs with records that are not known here, in another version, or tampered with."""
+"""Logs with records of unknown kinds, of another version, or with inconsistent content."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.hostile.log_mutations import log, records
 from tests.log.grips import FIRST, GRIP, LAST, recorded
 
 
-def test_a_log_with_a_kind_that_is_not_known_here_is_read_with_a_note(plain_run, tmp_path, capsys, monkeypatch):
+def test_a_log_with_an_unknown_kind_of_record_is_read_with_a_note(plain_run, tmp_path, capsys, monkeypatch):
     known = dict(register_of_kinds._KINDS)
     monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
     register(GRIP)
@@ -40,8 +40,8 @@ def test_a_log_with_a_kind_that_is_not_known_here_is_read_with_a_note(plain_run,
 
 
 @pytest.mark.parametrize("broken", [False, True])
-def test_a_package_that_is_installed_is_asked(plain_run, tmp_path, monkeypatch, broken):
-    """``ffsm analyze`` of a log in a process that ran nothing; a package that cannot be imported harms nobody."""
+def test_kinds_of_installed_packages_are_loaded(plain_run, tmp_path, monkeypatch, broken):
+    """In a process that reads a log without a run; a package that cannot be imported is ignored."""
     known = dict(register_of_kinds._KINDS)
     monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
     register(GRIP)
@@ -65,8 +65,8 @@ def test_a_package_that_is_installed_is_asked(plain_run, tmp_path, monkeypatch, 
     assert bool(read.note) == broken
 
 
-def test_a_kind_of_the_same_name_with_other_fields_is_not_known(plain_run, tmp_path, monkeypatch):
-    """The next version of somebody's contact model, or another one's: its numbers would be read as something else."""
+def test_a_kind_of_the_same_name_with_other_fields_is_unknown(plain_run, tmp_path, monkeypatch):
+    """Another version of a contact model, or another model: its values would be misinterpreted."""
     known = dict(register_of_kinds._KINDS)
     monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
     register(GRIP)
@@ -85,7 +85,7 @@ def test_a_kind_of_the_same_name_with_other_fields_is_not_known(plain_run, tmp_p
 
 
 def test_impacts_of_another_version_are_refused(plain_run, tmp_path):
-    """A note would leave the impacts unverified."""
+    """With a note only, the impacts would not be verified."""
     recorded(plain_run, tmp_path / "out", kinds=())
     found = [
         replace(record, data=record.data.replace(b"restitution", b"restitutiom")) if isinstance(record, Schema) else record
@@ -98,7 +98,7 @@ def test_impacts_of_another_version_are_refused(plain_run, tmp_path):
 
 @pytest.mark.parametrize(("facts", "told"), [({"format_version": "2"}, "log format 2"), ({}, "log format unknown")])
 def test_a_log_of_another_format_is_refused_by_its_version(plain_run, tmp_path, facts, told):
-    """Its columns have other names: the version says so before anything of them is looked for."""
+    """Its columns have other names, so the version is tested first."""
     recorded(plain_run, tmp_path / "out", kinds=())
     found = []
     for record in records((tmp_path / "out" / "run.mcap").read_bytes()):
@@ -112,8 +112,8 @@ def test_a_log_of_another_format_is_refused_by_its_version(plain_run, tmp_path, 
 
 
 @pytest.mark.usefixtures("grips")
-def test_a_record_that_was_tampered_with_is_refused(plain_run, tmp_path):
-    """Vectors that are none, text for a table's second geom that is not there, an entry that marks need."""
+def test_an_inconsistent_record_is_refused(plain_run, tmp_path):
+    """Wrong lengths of vectors, a missing second geom, a missing entry that the marks need."""
     _, read = recorded(plain_run, tmp_path / "out", FIRST)
     whole = encode_record(FIRST)
     for change in ({"point_m": (1.0,)}, {"geoms": ("ball",)}, {"wrench_N": {}}):

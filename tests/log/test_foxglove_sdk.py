@@ -1,4 +1,4 @@
-"""The schemas in ``run.mcap`` against Foxglove's own SDK, which carries its own copies of them."""
+"""Schemas in ``run.mcap`` compared with those in Foxglove's SDK."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MESSAGES = sorted({*viewer_topics(kinds()).values(), PointCloud}, key=lambda mes
 
 
 def shape_of(data):
-    """Every message and enumeration of a set of descriptors: numbers, types and names, which are what the bytes mean."""
+    """Messages and enumerations of a set of descriptors: field numbers, types and names."""
     found = {}
     for file in FileDescriptorSet.FromString(data).file:
         for message in file.message_type:

@@ -1,4 +1,4 @@
-"""Streaming to an open viewer: it arrives, and a viewer that is missing, closes or hangs never ends or stalls the run."""
+"""Streaming to an open viewer; a viewer that is missing, closes or hangs does not stop the run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def free_port():
 
 @contextlib.contextmanager
 def stub_viewer(*, closes_after):
-    """Accepts everything and answers nothing; closes after so many connections, or never."""
+    """Viewer that accepts data and never answers; it closes after some connections, or never."""
     server = socket.create_server(("127.0.0.1", 0))
     held = []
 
@@ -50,7 +50,7 @@ def stub_viewer(*, closes_after):
         each.close()
 
 
-def test_what_the_viewer_gets_is_the_recording(tmp_path, caplog):
+def test_the_stream_equals_the_recording(tmp_path, caplog):
     port = free_port()
     received = tmp_path / "received.rrd"
     command = viewer_command("--port", str(port), "--save", str(received))
@@ -74,7 +74,7 @@ def wait_for(port):
     raise TimeoutError(port)
 
 
-def test_without_a_viewer_and_a_display_one_line_and_the_run_goes_on(tmp_path, monkeypatch, capsys, caplog):
+def test_without_viewer_and_display_the_run_continues_with_one_warning(tmp_path, monkeypatch, capsys, caplog):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("sys.platform", "linux")
@@ -88,7 +88,7 @@ def test_without_a_viewer_and_a_display_one_line_and_the_run_goes_on(tmp_path, m
 
 
 @pytest.mark.parametrize("closes_after", [2, None], ids=["closes", "hangs"])
-def test_a_viewer_that_closes_or_hangs_is_one_line(tmp_path, monkeypatch, caplog, closes_after):
+def test_a_viewer_that_closes_or_hangs_gives_one_warning(tmp_path, monkeypatch, caplog, closes_after):
     monkeypatch.setattr(rerun_live, "_PATIENCE_S", 0.3)
     monkeypatch.setattr(rerun_live, "_CHECK_PERIOD_S", 0.0)
     start = time.monotonic()
@@ -100,7 +100,7 @@ def test_a_viewer_that_closes_or_hangs_is_one_line(tmp_path, monkeypatch, caplog
     assert time.monotonic() - start < 10.0
 
 
-def test_an_address_that_is_none_is_refused(tmp_path, capsys):
+def test_an_invalid_address_is_refused(tmp_path, capsys):
     arguments = ["run", str(two_balls(tmp_path)), "--live", "--viewer", "here", "--out", str(tmp_path / "out")]
     assert main(arguments) == 2
     assert capsys.readouterr().err == "here: not the address of a viewer; write host:port, e.g. 127.0.0.1:9876\n"

@@ -1,4 +1,4 @@
-"""The log: bytes as the schema says, readable by others, after a kill and when damaged."""
+"""The log: encoding according to its schema, readable by other programs and after a kill."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ LAYOUT = Layout(
 )
 
 
-def test_samples_are_what_protobuf_itself_reads(rng):
-    """Our block encoder against Google's decoder: every value, zeros and NaN too."""
+def test_samples_are_decoded_by_protobuf(rng):
+    """The block encoder against Google's decoder: all values, including zeros and NaN."""
     rows = rng.normal(size=(50, len(LAYOUT.signals)))
     rows[3, 4], rows[5, 6], rows[7, 8] = 0.0, np.nan, -np.inf
     pool = descriptor_pool.DescriptorPool()
@@ -58,7 +58,7 @@ def test_samples_survive_the_round_trip(rng):
     assert form.layout_of_schema(form.sample_schema(LAYOUT), units) == LAYOUT
 
 
-def test_decoder_notices_foreign_messages(rng):
+def test_decoder_refuses_messages_of_another_layout(rng):
     codec = form.SampleCodec(LAYOUT)
     messages = codec.encode(rng.normal(size=(3, len(LAYOUT.signals))))
     with pytest.raises(ValueError, match="size"):
@@ -68,7 +68,7 @@ def test_decoder_notices_foreign_messages(rng):
         codec.decode(messages)
 
 
-def test_some_columns_are_those_of_all(rng):
+def test_decoding_some_columns_equals_decoding_all(rng):
     rows = rng.normal(size=(50, len(LAYOUT.signals)))
     codec = form.SampleCodec(LAYOUT)
     np.testing.assert_array_equal(codec.decode(codec.encode(rows), [41, 0, 7]), rows[:, [41, 0, 7]])
@@ -98,8 +98,8 @@ def finished(tmp_path_factory):
     return folder / "out", run
 
 
-def test_reads_with_plain_mcap_and_no_code_of_ours(finished):
-    """The names that the docs show to people without ffsm-mj."""
+def test_a_log_is_readable_with_the_mcap_package_alone(finished):
+    """By the names in the documentation."""
     folder, run = finished
     with (folder / "run.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
@@ -121,12 +121,12 @@ def test_reads_with_plain_mcap_and_no_code_of_ours(finished):
     assert metadata["ffsm.run"]["version mujoco"]
 
 
-def test_summary_file_is_the_log(finished):
+def test_summary_file_equals_the_summary_of_the_log(finished):
     folder, run = finished
     assert json.loads((folder / "summary.json").read_text()) == run.summary() == ffsm_mj.load_run(folder).summary()
 
 
-def test_what_is_no_log_says_so(tmp_path):
+def test_a_file_that_is_not_a_log_is_refused(tmp_path):
     (tmp_path / "x.mcap").write_bytes(b"hello")
     with pytest.raises(LogError, match="not an MCAP file"):
         ffsm_mj.load_run(tmp_path / "x.mcap")
@@ -137,7 +137,7 @@ def test_what_is_no_log_says_so(tmp_path):
 
 
 def start_run(folder, *arguments):
-    """``ffsm run`` of ten long minutes, in a process of its own; returns when it has begun to log."""
+    """Start ``ffsm run`` of ten minutes in a process; return when its log exists."""
     command = [sys.executable, "-m", "ffsm_mj.cli.main", "run", "baseline", "-s", "duration_s=600", "--no-rerun"]
     process = subprocess.Popen(
         [*command, "--out", str(folder), *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

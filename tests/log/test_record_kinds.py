@@ -1,4 +1,4 @@
-"""A kind of record that exists in tests only: registered, and nothing else, it comes out wherever an impact does."""
+"""A registered kind of record appears everywhere that impacts do, without further code."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def messages(path):
-    """Every message of a log by topic, read without code of ours."""
+    """Messages of a log by topic, read without code of ffsm-mj."""
     found = defaultdict(list)
     with path.open("rb") as stream:
         decoders = [DecoderFactory()]
@@ -45,7 +45,7 @@ def messages(path):
 
 
 @pytest.mark.usefixtures("grips")
-def test_a_record_is_read_back_and_stands_in_every_list(plain_run, tmp_path):
+def test_a_record_is_read_back_and_listed(plain_run, tmp_path):
     kept, read = recorded(plain_run, tmp_path / "out", FIRST, LAST)
     for run in (kept, read):
         assert run.records["grips"] == (FIRST, LAST)
@@ -62,7 +62,7 @@ def test_a_record_is_read_back_and_stands_in_every_list(plain_run, tmp_path):
 
 
 @pytest.mark.usefixtures("grips")
-def test_a_record_has_its_topic_its_words_and_its_marks_in_the_log(plain_run, tmp_path):
+def test_a_record_has_a_topic_a_text_and_marks_in_the_log(plain_run, tmp_path):
     _, read = recorded(plain_run, tmp_path / "out", FIRST, LAST)
     topics = messages(read.path)
     (time, grip), _ = topics["/ffsm/grip"]
@@ -81,7 +81,7 @@ def test_a_record_has_its_topic_its_words_and_its_marks_in_the_log(plain_run, tm
 
 @pytest.mark.usefixtures("grips")
 def test_arrows_that_a_kind_declares_are_drawn_alike_in_every_view(plain_run, tmp_path, monkeypatch):
-    """Along the momentum, ending at the target's place, 0.4 m to 1.5 m long; no view draws a torque that is zero."""
+    """Along the momentum, ending at the target, 0.4 m to 1.5 m long; a torque of zero is not drawn."""
     monkeypatch.setitem(register_of_kinds._KINDS, "grip", replace(GRIP, arrows=arrows))
     _, read = recorded(plain_run, tmp_path / "out", FIRST, LAST)
     row = 20
@@ -158,7 +158,7 @@ def test_a_record_is_a_table_for_other_tools(plain_run, tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("grips")
-def test_what_may_happen_and_does_not_is_an_empty_list(plain_run, tmp_path):
+def test_a_kind_without_records_is_an_empty_list(plain_run, tmp_path):
     kept, read = recorded(plain_run, tmp_path / "out")
     for run in (kept, read):
         assert run.summary()["grips"] == []
@@ -167,7 +167,7 @@ def test_what_may_happen_and_does_not_is_an_empty_list(plain_run, tmp_path):
 
 
 @pytest.mark.usefixtures("grips")
-def test_reports_tell_records_and_comparisons_their_first_difference(plain_run, tmp_path, capsys):
+def test_reports_list_records_and_comparisons_their_first_difference(plain_run, tmp_path, capsys):
     first, _ = recorded(plain_run, tmp_path / "a", FIRST, LAST)
     second, _ = recorded(plain_run, tmp_path / "b", FIRST)
     assert main(["analyze", str(tmp_path / "a"), str(tmp_path / "b"), "--compare"]) == 0
@@ -196,7 +196,7 @@ def test_film_and_figures_draw_the_marks(plain_run, tmp_path):
 
 
 @pytest.mark.usefixtures("grips")
-def test_the_log_reference_explains_it():
+def test_the_log_reference_describes_a_kind():
     page = "\n".join(runpy.run_path(str(ROOT / "docs" / "log_reference.py"))["reference"]())
     assert "| `/ffsm/grip` | `ffsm.Grip` | when something is gripped or released |" in page
     assert "| `/scene/grips` | `foxglove.SceneUpdate` | with `/ffsm/grip` |" in page
@@ -214,8 +214,8 @@ def test_a_record_that_the_header_does_not_name_is_refused(plain_run):
 
 
 @pytest.mark.usefixtures("grips")
-def test_the_words_of_every_summary_and_table_are_no_plural(plain_run):
-    """Or a kind could take the place of what every run tells."""
+def test_keys_of_the_summary_and_names_of_tables_are_reserved(plain_run):
+    """A kind could otherwise replace an entry of every run."""
     words = {*plain_run.summary(), "samples", "checks"} - {kind.plural for kind in kinds()}
     for word in words:
         with pytest.raises(ValueError, match="the name is reserved"):

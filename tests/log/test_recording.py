@@ -1,4 +1,4 @@
-"""The Rerun recording: everything in it, also when it is made from the log alone."""
+"""Content of the Rerun recording, written by the run or made from the log."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def read(path):
 
 
 def entities(path, detail="-v"):
-    """Entity paths in a recording, as Rerun's own tool lists them; with ``-vvv`` all that it holds."""
+    """Entity paths in a recording, as listed by Rerun's own tool; with ``-vvv`` its whole content."""
     command = [sys.executable, "-m", "rerun", "rrd", "print", detail, str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return done.stdout
@@ -92,8 +92,8 @@ def test_a_plume_leaves_against_the_push():
     np.testing.assert_allclose(plume.vectors[0], -0.5 * PLUME_M * push / np.linalg.norm(push), atol=1e-12)
 
 
-def test_switching_is_followed_across_blocks():
-    """A thruster that fires from one block into the next switches on once and off once."""
+def test_switching_is_detected_across_blocks():
+    """A thruster that fires across a block boundary switches on once and off once."""
     rows = np.zeros((40, 2))
     rows[:, 0] = 0.1 * np.arange(40)
     rows[15:25, 1] = -3.0

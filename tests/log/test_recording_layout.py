@@ -1,4 +1,4 @@
-"""How a recording opens: at the first event with everything in view, legends beside curves, texts that have room."""
+"""Layout of a recording: it opens at the first event with everything in view; legends and texts have room."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TASK = {"tip": "tip", "axes": ["x", "y"], "target_m": [1.0, 0.0]}
 
 @pytest.fixture
 def layout(monkeypatch, tmp_path):
-    """Makes the recording of a run; gives the layout that it opens with."""
+    """Function that makes the recording of a run and returns its layout."""
     sent: list[rrb.Blueprint] = []
     monkeypatch.setattr(rr.RecordingStream, "send_blueprint", lambda _, layout: sent.append(layout))
 
@@ -42,7 +42,7 @@ def views(container):
 
 
 def ends(view):
-    """From when to when a view shows its curves, s."""
+    """Time range of a view, s."""
     (axis,) = [part for name, part in view.properties.items() if name == "TimeAxis"]
     (span,) = axis.view_range.as_arrow_array().to_pylist()
     return span["start"] * 1e-9, span["end"] * 1e-9
@@ -79,15 +79,15 @@ def laid_out(points, *, forces=()):
 
 
 @pytest.mark.parametrize("forces", [(), ("a_b",)])
-def test_no_cell_of_the_plots_is_empty(forces):
-    """Rows of two; a last one of one, as wide as two."""
+def test_plots_fill_all_cells_of_the_layout(forces):
+    """Rows of two views; a single last view is as wide as two."""
     story = blueprint(laid_out(np.eye(3), forces=forces), None).root_container.contents[1].contents[0]
     rows = [row.contents if isinstance(row, rrb.Horizontal) else [row] for row in story.contents]
     assert [len(row) for row in rows] == ([2, 2] if forces else [2, 1])
 
 
-def test_the_eye_sees_everything(rng):
-    """Within 0.55 and 0.42 of the way, half the angles of the viewer's camera; not from farther off than needed."""
+def test_all_points_are_in_the_view_of_the_camera(rng):
+    """Within the tangents 0.55 and 0.42 of half the field of view, from no farther than necessary."""
     for _ in range(20):
         points = rng.uniform(-5.0, 5.0, size=3) + rng.uniform(-1.0, 1.0, size=(30, 3)) * rng.uniform(0.2, 4.0, size=3)
         scene_view = blueprint(laid_out(points), None).root_container.contents[0].contents[0]
@@ -104,7 +104,7 @@ def test_the_eye_sees_everything(rng):
 
 
 @pytest.mark.parametrize(("room", "shown"), [(12, "safety pause"), (11, "pause"), (5, "pause"), (4, " "), (-1, " ")])
-def test_names_of_phases_fit(room, shown):
+def test_names_of_phases_are_shortened_to_fit(room, shown):
     assert short_name("safety_pause", room) == shown
 
 
@@ -115,8 +115,8 @@ def hit(time_s, impulse, x):
     return ImpactRecord(**values | vectors)
 
 
-def test_one_of_many_hits_at_a_place_is_told(tmp_path):
-    """The greatest so far; what is elsewhere or much later has a text too."""
+def test_of_many_marks_at_one_place_only_the_greatest_has_a_text(tmp_path):
+    """The greatest so far; marks elsewhere or much later have texts too."""
     path = two_balls(tmp_path)
     system = compile_paths(path.parent / "robot.xml", {"target": path.parent / "target.xml"})
     texts: dict[str, str] = {}
@@ -133,7 +133,7 @@ def test_one_of_many_hits_at_a_place_is_told(tmp_path):
 
 
 def test_the_path_of_the_tip_changes_its_colour_at_the_impact(tmp_path, ffsm_run):
-    """At 0.3 s; the base's stays."""
+    """At 0.3 s; that of the base does not change."""
     robot = ball("ball", mass=2.0, joints="x", extra='<site name="tip" pos="0.1 0 0"/>')
     path = scene(
         tmp_path,
@@ -153,7 +153,7 @@ def test_the_path_of_the_tip_changes_its_colour_at_the_impact(tmp_path, ffsm_run
     assert len({value[0] for _, value in of_base}) == 1
 
 
-def test_bodies_without_colours_are_told_apart(tmp_path):
+def test_bodies_without_colours_get_different_ones(tmp_path):
     path = two_balls(tmp_path)
     system = compile_paths(path.parent / "robot.xml", {"target": path.parent / "target.xml"})
     one, other = (np.array(shape.rgba[:3]) for shape in shapes(system))

@@ -1,4 +1,4 @@
-"""The run folder: whose it is, when it appears, what ``--force`` replaces; with kills and other runs in between."""
+"""The run folder: which run owns it, when it appears, what ``--force`` replaces; with kills and simultaneous runs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def run(path, *arguments):
 
 
 def python(code, *arguments):
-    """A process with some code of its own."""
+    """Start a Python process with some code."""
     return subprocess.Popen(
         [sys.executable, "-c", code, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -63,7 +63,7 @@ if __name__ == "__main__":
 
 
 def many(path, count, *arguments):
-    """Exit code and output of so many runs, 12 at a time."""
+    """Exit codes and outputs of runs, 12 at a time."""
     done = python(MANY, path, count, *arguments)
     out, err = done.communicate(timeout=200)
     assert done.returncode == 0, err
@@ -95,7 +95,7 @@ def test_100_runs_12_at_a_time_give_100_folders(tmp_path, batch):  # noqa: ARG00
     assert {path.name for path in logs.iterdir()} == {path.name for path in folders} | {"latest"}
 
 
-def test_of_runs_into_one_folder_one_has_it(tmp_path):
+def test_of_simultaneous_runs_into_one_folder_one_succeeds(tmp_path):
     done = many(two_balls(tmp_path, duration_s=0.3), 12, "--out", "mine")
     assert sorted(code for code, _ in done) == [0] + [2] * 11
     for code, said in done:
@@ -106,8 +106,8 @@ def test_of_runs_into_one_folder_one_has_it(tmp_path):
     assert files(tmp_path / "cwd" / "mine") >= {"run.mcap", "scenario.yaml", "summary.json", "mjcf/robot/robot.xml"}
 
 
-def test_who_makes_the_folder_may_find_it_taken(tmp_path, monkeypatch, capsys):
-    """Another run looks between the making of the folder and the log in it: it has the folder, and the first one is told."""
+def test_another_run_may_take_a_new_folder_before_its_log_exists(tmp_path, monkeypatch, capsys):
+    """Another run takes the folder between its creation and that of the log; the first one is refused."""
     others = []
 
     def late(_, path, __):
@@ -122,7 +122,7 @@ def test_who_makes_the_folder_may_find_it_taken(tmp_path, monkeypatch, capsys):
     others[0].stream.close()
 
 
-def test_force_takes_nothing_from_a_run_that_goes_on(tmp_path, capsys):
+def test_force_does_not_replace_a_run_in_progress(tmp_path, capsys):
     path = two_balls(tmp_path, duration_s=0.05)
     (tmp_path / "cwd" / "mine").mkdir()
     file = PartialFile(tmp_path / "cwd" / "mine" / "run.mcap")
@@ -136,8 +136,8 @@ def test_force_takes_nothing_from_a_run_that_goes_on(tmp_path, capsys):
     assert run(path, "--out", "mine", "--force") == 0
 
 
-def test_a_file_that_was_finished_while_somebody_waited_is_not_taken(tmp_path, monkeypatch):
-    """Opened before, locked after another run gave it its final name: the lock is on that run's log, not on the partial."""
+def test_a_log_that_was_completed_before_the_lock_is_not_overwritten(tmp_path, monkeypatch):
+    """It was opened before and locked after another run renamed it: the lock is on the completed log of that run."""
     first = PartialFile(tmp_path / "run.mcap")
     first.begin(b"whole")
     opened = os.open
@@ -192,8 +192,8 @@ def test_a_start_up_that_is_killed_leaves_nothing(tmp_path, place):
 @pytest.mark.parametrize(
     "place", ["ffsm_mj.log.mcap.block_writer:BlockWriter.continue_in", "ffsm_mj.log.run_folder:_Inputs.open"]
 )
-def test_a_run_that_is_killed_at_once_leaves_a_log_that_tells_what_it_was(tmp_path, place):
-    """Scenario and models are in it, and one line says that no sample is."""
+def test_a_run_that_is_killed_at_once_leaves_a_log_with_scenario_and_models(tmp_path, place):
+    """It contains scenario and models, and one line reports that it has no sample."""
     killed = python(KILLED, place, "kill", "run", two_balls(tmp_path), "--no-rerun")
     assert killed.wait(60) == -signal.SIGKILL
     killed.communicate()
@@ -217,7 +217,7 @@ def test_a_start_up_that_is_interrupted_exits_130_and_leaves_nothing(tmp_path, p
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(40))
 def test_no_kill_leaves_a_folder_without_a_log(tmp_path, seed):
-    """At a random moment from the start of Python to the middle of the run, two in three of them before it moves."""
+    """At random times from the start of Python to the middle of the run, two thirds of them before the simulation starts."""
     rng = random.Random(seed)
     command = [sys.executable, "-m", "ffsm_mj.cli.main", "run", str(two_balls(tmp_path, duration_s=200.0)), "--no-rerun"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -235,8 +235,8 @@ def test_no_kill_leaves_a_folder_without_a_log(tmp_path, seed):
             assert b"name: scene" in find_log(folder).read_bytes()
 
 
-def test_force_leaves_nothing_of_the_old_run_and_everything_else(tmp_path):
-    """Models of another robot, the recording, links: gone. Notes, tables and what a link leads to: kept."""
+def test_force_removes_the_old_run_and_nothing_else(tmp_path):
+    """Models of another robot, the recording and links are removed; notes, tables and targets of links are kept."""
     mine = tmp_path / "cwd" / "mine"
     assert main(["run", str(two_balls(tmp_path, duration_s=0.05)), "--out", "mine"]) == 0
     assert {"run.rrd", "mjcf/target/target.xml"} <= files(mine)
@@ -286,7 +286,7 @@ def test_force_follows_no_link_to_a_folder(tmp_path, capsys):
         ("mjcf/robot/robot.xml", "mine: contains mjcf/robot/robot.xml but no run, and --force replaces runs only"),
     ],
 )
-def test_force_replaces_a_run_and_no_files_of_the_users_own(tmp_path, capsys, name, words):
+def test_force_replaces_runs_only(tmp_path, capsys, name, words):
     file = tmp_path / "cwd" / "mine" / name
     file.parent.mkdir(parents=True)
     file.write_text("mine")
@@ -312,8 +312,8 @@ def test_force_refuses_a_model_that_the_old_run_did_not_write(tmp_path, capsys):
     assert ffsm_mj.load_run("mine").complete
 
 
-def test_force_trusts_no_name_in_a_log(tmp_path):
-    """A log whose attachments are called like files of the user's: only what is below its own models is ever removed."""
+def test_force_removes_no_file_of_the_user_that_a_log_names(tmp_path):
+    """A log with attachments named like files of the user: only files in the folder of models are removed."""
     assert run(two_balls(tmp_path, duration_s=0.05), "--out", "mine") == 0
     mine = tmp_path / "cwd" / "mine"
     names = {b"mjcf/target/target.xml": b"../../../../theses.txt", b"mjcf/robot/robot.xml": b"a/thesis_thesis.txt"}
@@ -332,8 +332,8 @@ def test_force_trusts_no_name_in_a_log(tmp_path):
     assert all((mine / new.decode()).read_text() == "mine" for new in names.values())
 
 
-def test_the_summary_is_whole_or_not_there(tmp_path, monkeypatch):
-    """Written beside and put in place; readable by whom the umask says."""
+def test_the_summary_is_written_atomically(tmp_path, monkeypatch):
+    """Written under another name and renamed, with permissions from the umask."""
     seen = []
     replace = os.replace
 
@@ -362,7 +362,7 @@ def test_a_folder_of_the_name_latest_is_left_alone(tmp_path):
     assert len(list(latest.parent.iterdir())) == 2
 
 
-def test_a_folder_that_cannot_be_used_is_one_line(tmp_path, capsys):
+def test_an_unusable_folder_gives_one_line(tmp_path, capsys):
     (tmp_path / "cwd" / "file").write_text("")
     for out in ("file", "file/below", "x" * 300):
         assert run(two_balls(tmp_path, duration_s=0.05), "--out", out) == 2

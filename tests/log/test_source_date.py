@@ -1,4 +1,4 @@
-"""SOURCE_DATE_EPOCH: the same run at another time, at another speed, is the same log byte for byte."""
+"""SOURCE_DATE_EPOCH: a run at another time and speed gives the same log byte for byte."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tests.scenes import two_balls
 
 
 @pytest.mark.parametrize("stated", ["1700000000", "0"])
-def test_two_runs_are_the_same_bytes(tmp_path, monkeypatch, stated):
-    """With an impact; the second starts in another second and sleeps, so that a flush by the clock would fall elsewhere."""
+def test_two_runs_give_the_same_bytes(tmp_path, monkeypatch, stated):
+    """With an impact; the second run starts in another second and sleeps, so that flushes by wall time would differ."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", stated)
     path = two_balls(tmp_path, duration_s=2.5)
     first = ffsm_mj.run(path, out=tmp_path / "a")
@@ -37,7 +37,7 @@ def test_two_runs_are_the_same_bytes(tmp_path, monkeypatch, stated):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
 
 
-def test_the_log_says_the_stated_time(tmp_path, monkeypatch, capsys):
+def test_the_log_contains_the_given_time(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     assert main(["run", str(two_balls(tmp_path, duration_s=0.1)), "--no-rerun", "--out", str(tmp_path / "a")]) == 0
     assert "scene: completed; 0.1 s simulated\n" in capsys.readouterr().out
@@ -48,7 +48,7 @@ def test_the_log_says_the_stated_time(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("wrong", ["now", "-1", "1.5", "²", "9" * 30, "9" * 6000])
-def test_what_is_no_time_is_refused_before_the_run(tmp_path, monkeypatch, capsys, wrong):
+def test_an_invalid_time_is_refused_before_the_run(tmp_path, monkeypatch, capsys, wrong):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", wrong)
     assert main(["run", str(two_balls(tmp_path)), "--out", str(tmp_path / "a")]) == 2
     assert capsys.readouterr().err.startswith(f"SOURCE_DATE_EPOCH={wrong}: must be a whole number of seconds since 1970")

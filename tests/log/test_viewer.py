@@ -1,4 +1,4 @@
-"""The viewer takes data from this machine only, unless a flag says otherwise."""
+"""The viewer accepts data from this machine only, unless a flag is given."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_the_socket_of_the_viewer(options, expected):
 
 @pytest.fixture
 def called(monkeypatch) -> list[list[str]]:
-    """Command lines of the viewers that would have been opened; there seems to be a display."""
+    """Command lines of the viewers that would be opened, on a machine with a display."""
     commands: list[list[str]] = []
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(subprocess, "call", lambda command: commands.append(command) or 0)
@@ -60,7 +60,7 @@ def called(monkeypatch) -> list[list[str]]:
     ("given", "address"), [([], "127.0.0.1"), (["--listen", "0.0.0.0"], "0.0.0.0"), (["--listen", "::1"], "::1")]
 )
 @pytest.mark.parametrize("record", [True, False])
-def test_view_says_where_to_listen(tmp_path, called, capsys, given, address, record):
+def test_view_passes_the_address_to_listen_on(tmp_path, called, capsys, given, address, record):
     out = ["--out", str(tmp_path / "out"), *([] if record else ["--no-rerun"])]
     assert main(["run", str(two_balls(tmp_path, duration_s=0.01)), *out]) == 0
     assert main(["view", str(tmp_path / "out"), *given]) == 0
@@ -71,13 +71,13 @@ def test_view_says_where_to_listen(tmp_path, called, capsys, given, address, rec
     capsys.readouterr()
 
 
-def test_an_address_that_is_none_is_refused(called, capsys):
+def test_an_invalid_address_is_refused(called, capsys):
     assert main(["view", "--listen", "everywhere"]) == 2
     assert "everywhere is not an IP address" in capsys.readouterr().err
     assert called == []
 
 
-def test_a_viewer_opened_by_a_live_run_listens_here_only(tmp_path, monkeypatch, caplog):
+def test_a_viewer_opened_by_a_live_run_listens_locally(tmp_path, monkeypatch, caplog):
     commands: list[list[str]] = []
 
     class Dead:
@@ -98,7 +98,7 @@ def test_a_viewer_opened_by_a_live_run_listens_here_only(tmp_path, monkeypatch, 
 
 
 @TABLE
-def test_the_relay_of_a_live_run_listens_here_only():
+def test_the_relay_of_a_live_run_listens_locally():
     from ffsm_mj.log.rerun.live import Relay
 
     relay = Relay("127.0.0.1", free_port())

@@ -1,4 +1,4 @@
-"""What viewers get, read with ``mcap`` and ``mcap-protobuf-support`` alone."""
+"""Topics for viewers, read with ``mcap`` and ``mcap-protobuf-support`` only."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def decoded(path):
 
 @pytest.fixture(scope="module")
 def tumbling(tmp_path_factory):
-    """A box that spins while a ball flies towards it: the log and the run."""
+    """Log and run of a ball that moves towards a spinning box."""
     folder = tmp_path_factory.mktemp("tumbling")
     path = scene(
         folder,
@@ -63,7 +63,7 @@ def tumbling(tmp_path_factory):
 
 
 def test_frames_are_the_bodies_at_the_view_rate(tumbling):
-    """Poses from the rows themselves: a free joint's coordinates are its body's pose; Foxglove writes xyzw."""
+    """Compared with the rows: the coordinates of a free joint are the pose of its body; Foxglove uses xyzw."""
     _, topics, run = tumbling
     frames = topics["/tf"]
     assert [time for time, _ in frames] == [25_000_000 * k for k in range(23)]
@@ -81,7 +81,7 @@ def test_frames_are_the_bodies_at_the_view_rate(tumbling):
 
 
 def test_every_frame_of_the_scene_has_a_transform(tumbling):
-    """A missing transform is the usual reason for an empty 3-D panel; the first comes no later than the scene."""
+    """A missing transform leaves a 3-D panel empty; the first transforms are not later than the scene."""
     _, topics, _ = tumbling
     ((time, update),) = topics["/scene"]
     assert time == topics["/tf"][0][0] == 0
@@ -115,7 +115,7 @@ def test_an_impact_is_an_arrow_along_the_normal(tumbling):
     np.testing.assert_allclose(start + length * direction, record.point_m, atol=1e-12)  # it ends there
 
 
-def test_what_happens_is_told_in_words(tumbling):
+def test_events_are_logged_as_text(tumbling):
     _, topics, _ = tumbling
     texts = [message.message for _, message in topics["/log"]]
     assert [text.split()[0] for text in (texts[0], texts[-1])] == ["phase", "completed"]
@@ -130,7 +130,7 @@ def test_what_happens_is_told_in_words(tumbling):
 
 
 def test_rerun_reads_poses_outlines_and_text(tumbling, tmp_path):
-    """Rerun's own MCAP importer: transforms by frame name, a cloud in each frame, the text log."""
+    """Rerun's MCAP importer reads transforms by frame name, a cloud in each frame, and the text log."""
     path, _, _ = tumbling
     rerun = [sys.executable, "-m", "rerun"]
     subprocess.run([*rerun, "mcap", "convert", str(path), "-o", str(tmp_path / "x.rrd")], check=True, capture_output=True)
@@ -141,7 +141,7 @@ def test_rerun_reads_poses_outlines_and_text(tumbling, tmp_path):
         assert words in shown
 
 
-def test_transforms_are_what_protobuf_itself_reads(rng):
+def test_transforms_are_decoded_by_protobuf(rng):
     """The template with padded varints against Google's decoder, seconds and nanoseconds at their limits."""
     bodies, names = [3, 1], ["robot/base", "object/with a long name é" * 9]
     times = np.array([0, 1, 999_999_999, 1_000_000_000, 123_456_789_012_345, (2**35 - 1) * 1_000_000_000])
@@ -172,7 +172,7 @@ def all_shapes(tmp_path):
 
 
 def distance_in_sizes(shape, points):
-    """How far points in the frame of a geom are from its surface, over its size."""
+    """Distance of points from the surface of a geom, in its frame and relative to its size."""
     radius, half_length, _ = shape.size
     across, beyond = np.hypot(points[:, 0], points[:, 1]), np.abs(points[:, 2]) - half_length
     if shape.kind == "box":
@@ -213,8 +213,8 @@ def test_shapes_of_every_kind_are_drawn(all_shapes):
     assert len(entity.triangles[0].indices) == 12
 
 
-def test_plumes_show_what_fires(tmp_path):
-    """A plume opposite to the push, sent when it changes, with the whole state in each message."""
+def test_plumes_show_the_firing_thrusters(tmp_path):
+    """Opposite to the force, sent on changes, with all plumes in each message."""
     jets = """<mujoco>{}<worldbody><body name="bus"><freejoint name="free"/><geom size=".1" mass="1"/>
       <site name="left" pos="0 .1 0"/><site name="right" pos="0 -.1 0"/></body></worldbody><actuator>
       <motor name="left" site="left" gear="0 -1 0 0 0 0"/><motor name="right" site="right" gear="0 1 0 0 0 0"/>
@@ -263,8 +263,8 @@ def test_a_plume_of_a_thruster_on_a_joint_of_the_base_follows_it_in_every_frame(
     assert not sent[-1].entities
 
 
-def test_a_block_is_written_as_the_package_would_write_it(rng):
-    """The private parts of ``mcap`` that ``BlockWriter`` uses: byte for byte the file of single messages."""
+def test_a_block_is_written_as_by_the_mcap_package(rng):
+    """Byte for byte, which tests the private parts of ``mcap`` that ``BlockWriter`` uses."""
     blocks = [(1, np.arange(5) * 10, rng.integers(0, 255, (5, 40), dtype=np.uint8))]
     blocks += [(2, np.array([7]), rng.integers(0, 255, (1, 3), dtype=np.uint8))]
     blocks += [(1, 50 + np.arange(3), rng.integers(0, 255, (3, 40), dtype=np.uint8))]

@@ -1,4 +1,4 @@
-"""A viewer in a process of its own, and the end of all of it."""
+"""A viewer in a process, with a reliable end."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def viewer_process(command: list[str]) -> Iterator[None]:
-    """Run a viewer; in the end it is gone with its child, for the command that starts it is a wrapper of the program."""
+    """Run a viewer, and end it with its child: the command is a wrapper of the program."""
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True) as server:
         try:
             yield

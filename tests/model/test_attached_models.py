@@ -1,4 +1,4 @@
-"""Models made of models: what they attach and include, wherever it lies, belongs to them and goes where they go."""
+"""Models that attach and include others: all their files are copied to run folder and log."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ATTACH = '<attach model="{model}" body="{model}" prefix="{prefix}"/>'
 
 
 def part(name: str, *, compiler: str = "", mesh: str = "part.obj", asset: str = "", inner: str = "") -> str:
-    """A body of one hinge and one mesh, to be attached; ``inner`` stands in its body."""
+    """A body with one hinge and one mesh, to be attached; ``inner`` is inserted in its body."""
     return f"""<mujoco>{HEAD}{compiler}<asset><mesh name="part" file="{mesh}"/>{asset}</asset>
       <worldbody><body name="{name}" pos="0.5 0 0"><joint name="joint" axis="0 0 1"/>
       <geom name="shape" type="mesh" mesh="part" mass="1"/>{inner}</body></worldbody>
@@ -39,7 +39,7 @@ def robot(asset: str, inner: str, head: str = "") -> str:
 
 @pytest.fixture
 def models(tmp_path) -> Path:
-    """A hub with two arms from folders of their own, each with a hand; every mesh of every model is called part.obj."""
+    """A hub with two arms, each with a hand, in separate folders; all meshes have the name part.obj."""
     hand = part("hand", compiler='<compiler meshdir="meshes"/>')
     arm = (
         part("arm", compiler='<compiler meshdir="meshes"/>', inner=ATTACH.format(model="hand", prefix="h_"))
@@ -81,7 +81,7 @@ def scenario(models: Path, **changes: object) -> Path:
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_everything_works_from_the_run_folder_and_from_the_log_when_the_originals_are_gone(models, tmp_path, capsys):
+def test_run_folder_and_log_suffice_without_the_original_files(models, tmp_path, capsys):
     all_files = {path.relative_to(models).as_posix() for path in models.rglob("*.*")} - {"ball.xml"}
     run, alone = tmp_path / "run", tmp_path / "alone.mcap"
     assert main(["run", str(scenario(models)), "--out", str(run), "--no-rerun", "--allow-failed-checks"]) == 0
@@ -106,7 +106,7 @@ def test_everything_works_from_the_run_folder_and_from_the_log_when_the_original
 
 
 def test_each_attached_model_has_the_meshes_of_its_own_folder(models):
-    """As in MuJoCo from disk, where every mesh is another one."""
+    """As in MuJoCo from disk, where all meshes are different."""
     from_disk = mujoco.MjSpec.from_file(str(models / "hub" / "hub.xml")).compile()
     from_memory = ffsm_mj.prepare(scenario(models)).system.mj
     assert from_memory.nmesh == 5
@@ -123,8 +123,8 @@ STRIP = '<compiler strippath="true"/>'
     ("outer", "inner", "used"),
     [("", STRIP, "a/sub/deep/part.obj"), (STRIP, "", "a/sub/part.obj"), (STRIP, STRIP, "a/sub/part.obj")],
 )
-def test_folders_are_cut_off_where_the_first_model_says_so(tmp_path, outer, inner, used):
-    """An attached model's own ``strippath`` says nothing in MuJoCo."""
+def test_only_strippath_of_the_first_model_has_an_effect(tmp_path, outer, inner, used):
+    """MuJoCo ignores the ``strippath`` of an attached model."""
     write(
         tmp_path,
         a__r_dot_xml=robot('<model name="s" file="sub/s.xml"/>', ATTACH.format(model="s", prefix="s_"), outer),
@@ -139,8 +139,8 @@ def test_folders_are_cut_off_where_the_first_model_says_so(tmp_path, outer, inne
 
 
 @pytest.mark.parametrize("include", ["inc/two.xml", "inc/one.xml"])
-def test_a_model_that_an_included_file_attaches_lies_beside_that_file(tmp_path, include):
-    """In memory MuJoCo finds what it uses by its last name alone: another file of that name would be taken for it."""
+def test_a_model_attached_by_an_included_file_is_beside_that_file(tmp_path, include):
+    """In memory MuJoCo finds its files by their base names, so another file of the same name could be used instead."""
     write(
         tmp_path,
         r_dot_xml=robot("<!--other-->", ATTACH.format(model="s", prefix="s_"), f'<include file="{include}"/>'),
@@ -162,8 +162,8 @@ def test_a_model_that_an_included_file_attaches_lies_beside_that_file(tmp_path, 
     assert line.startswith(f"{tmp_path}/inc/deep/s.xml:1: inc/deep/part.obj and part.obj have the same name")
 
 
-def test_stripped_names_of_several_models_are_not_mixed_up(tmp_path):
-    """Robot and objects of one scene, each with a part.obj of its own beside it."""
+def test_stripped_names_of_several_models_stay_different(tmp_path):
+    """Robot and objects of one scene, each with its own part.obj."""
     geom = '<geom type="mesh" mesh="p" mass="1"/>'
     for x in "12345":
         write(
@@ -176,8 +176,8 @@ def test_stripped_names_of_several_models_are_not_mixed_up(tmp_path):
     assert np.array_equal(together.mj.mesh_vert, np.concatenate(alone))
 
 
-def test_what_mujoco_warns_of_is_told_once_with_the_file(tmp_path, capfd):
-    """An attached model asks for another time step; each model is parsed, attached and compiled more than once."""
+def test_a_warning_of_mujoco_is_reported_once_with_the_file(tmp_path, capfd):
+    """An attached model has another time step; each model is parsed, attached and compiled more than once."""
     arm = part("s").replace("<asset>", '<option timestep="0.1"/><asset>')
     for name in ("one", "two"):
         write(

@@ -1,4 +1,4 @@
-"""Input that requests more than any machine has is refused by stated limits, in one line, before memory or disk is taken."""
+"""Input beyond stated limits is refused in one line, before memory or disk is allocated."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MOST_BYTES = 3 << 30  # address space: the libraries alone map over 1 GiB
 
 
 def limited(*arguments: str) -> tuple[int, str, float]:
-    """A command in a process of its own that gets no more than 3 GiB: exit code, what it complains of, wall time in s."""
+    """Run a command in a process limited to 3 GiB; returns exit code, standard error and wall time in s."""
     start = time.monotonic()
     command = [sys.executable, "-c", LIMITED.format(most=MOST_BYTES), *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -58,7 +58,7 @@ def limited(*arguments: str) -> tuple[int, str, float]:
     ],
 )
 @pytest.mark.parametrize("command", ["check", "run"])
-def test_runs_that_ask_for_too_much_are_refused(tmp_path, capsys, monkeypatch, override, expected, command):
+def test_runs_beyond_the_limits_are_refused(tmp_path, capsys, monkeypatch, override, expected, command):
     monkeypatch.chdir(tmp_path)
     rate = [] if "view_rate" in expected else ["-s", "log.view_rate_hz=1e-3"]
     assert main([command, str(two_balls(tmp_path)), "-s", override, *rate]) == 2
@@ -67,13 +67,13 @@ def test_runs_that_ask_for_too_much_are_refused(tmp_path, capsys, monkeypatch, o
     assert not (tmp_path / "logs").exists()
 
 
-def test_a_larger_limit_is_a_key(tmp_path, capsys):
+def test_a_limit_is_raised_by_a_key(tmp_path, capsys):
     overrides = ["-s", "log.view_rate_hz=1e-3", "-s", "duration_s=4e5", "-s", "log.max_size_GB=1000"]
     assert main(["check", str(two_balls(tmp_path)), *overrides]) == 0
     assert "400000000 control ticks" in capsys.readouterr().out
 
 
-def test_a_run_must_fit_on_the_disk_or_into_memory(tmp_path, capsys, monkeypatch):
+def test_a_run_must_fit_on_disk_or_in_memory(tmp_path, capsys, monkeypatch):
     path = two_balls(tmp_path)
     monkeypatch.setattr(run_size, "_free", lambda folder: 1000 if folder.name == "out" else 1 << 40)
     assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
@@ -87,7 +87,7 @@ def test_a_run_must_fit_on_the_disk_or_into_memory(tmp_path, capsys, monkeypatch
 
 
 def test_the_estimate_is_an_upper_bound(tmp_path):
-    """Uncompressed size bounds the file's samples; the file has headers and viewer topics beside them."""
+    """The uncompressed size bounds the samples in the file, which also has headers and topics for viewers."""
     run = ffsm_mj.run(two_balls(tmp_path, duration_s=5.0), out=tmp_path / "out", rerun=False)
     size = (tmp_path / "out" / "run.mcap").stat().st_size
     bound = run_size.logged_bytes(len(run.time), len(run.keys))
@@ -117,7 +117,7 @@ PNG_HEAD = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\x7f\xff\xff\xff\0\0\xff\xff\x08\x02\0
         ('<asset><mesh name="m" builtin="plate" params="50000 50000"/></asset>', "", "<mesh params='50000 50000'> requests"),
     ],
 )
-def test_a_few_words_of_a_model_cannot_ask_for_everything(tmp_path, top, inner, expected):
+def test_elements_beyond_the_limits_are_refused(tmp_path, top, inner, expected):
     (tmp_path / "bomb.png").write_bytes(PNG_HEAD)
     (tmp_path / "many.xml").write_text(f"<mujocoinclude>{GEOM * 10}</mujocoinclude>")
     path = two_balls(tmp_path)
@@ -151,7 +151,7 @@ def message(size: int, channel: int = 1) -> bytes:
 
 
 def chunk(content: bytes, *, stated: int | None = None, packed: bytes | None = None) -> bytes:
-    """A chunk with a checksum that holds; it may say that it is larger than it is."""
+    """A chunk with a valid checksum; it may state a larger size."""
     packed = zstandard.ZstdCompressor().compress(content) if packed is None else packed
     size = len(content) if stated is None else stated
     head = struct.pack("<QQQII", 0, 0, size, zlib.crc32(content), 4) + b"zstd"
@@ -159,13 +159,13 @@ def chunk(content: bytes, *, stated: int | None = None, packed: bytes | None = N
 
 
 def frame_of(stated: int, content: bytes) -> bytes:
-    """A zstd frame whose own head says that it holds more than it does."""
+    """A zstd frame whose header states a larger size."""
     frame = zstandard.ZstdCompressor(write_content_size=False).compress(content)
     return frame[:4] + bytes([frame[4] | 0xC0]) + frame[5:6] + struct.pack("<Q", stated) + frame[6:]
 
 
 def loaded(log: Path, path: Path, bomb: bytes) -> Path:
-    """The log with something in front of its first chunk."""
+    """The log with a record inserted before its first chunk."""
     whole = log.read_bytes()
     at = whole.index(b"\x04\x00\x00\x00zstd") - 9 - 28
     path.write_bytes(whole[:at] + bomb + whole[at:])
@@ -191,8 +191,8 @@ def test_a_frame_that_states_more_than_its_chunk_is_damage(tmp_path, log):
     assert ffsm_mj.load_run(tmp_path / "bomb.mcap").damage.startswith(f"{len(bomb)} of ")
 
 
-def test_chunks_that_open_to_more_than_their_file_can_hold_are_refused(tmp_path, log, monkeypatch):
-    """Twenty chunks of 2 MB in a few kB, against limits that are lower than the real ones by as much."""
+def test_chunks_too_large_for_their_file_are_refused(tmp_path, log, monkeypatch):
+    """Twenty chunks of 2 MB in a few kB, with the limits reduced by the same factor."""
     monkeypatch.setattr(salvage, "_MOST_UNPACKED", 1 << 20)
     path = loaded(log, tmp_path / "bomb.mcap", chunk(message(2 << 20)) * 20)
     monkeypatch.setattr(salvage, "_MOST_RATIO", 50)
@@ -202,7 +202,7 @@ def test_chunks_that_open_to_more_than_their_file_can_hold_are_refused(tmp_path,
     assert not ffsm_mj.load_run(log).damage
 
 
-def test_a_chunk_of_records_that_are_not_alike_is_damage(tmp_path, log):
+def test_a_chunk_of_too_many_different_records_is_damage(tmp_path, log):
     bomb = chunk((message(0) + message(0, 2)) * 60_000)
     start = time.monotonic()
     run = ffsm_mj.load_run(loaded(log, tmp_path / "bomb.mcap", bomb))
@@ -210,7 +210,7 @@ def test_a_chunk_of_records_that_are_not_alike_is_damage(tmp_path, log):
     assert time.monotonic() - start < 20.0
 
 
-def test_records_and_events_beyond_counting_are_refused(tmp_path, log, monkeypatch):
+def test_too_many_records_or_events_are_refused(tmp_path, log, monkeypatch):
     monkeypatch.setattr(mcap_reader, "_MOST_PARTS", 1000)
     with pytest.raises(LogError, match="more than 1000 different records"):
         ffsm_mj.load_run(loaded(log, tmp_path / "parts.mcap", chunk((message(0) + message(0, 2)) * 600)))
@@ -274,7 +274,7 @@ def test_an_outline_of_a_large_geom_has_few_points(tmp_path, kind, size):
 
 
 def fan(count: int) -> str:
-    """OBJ of a sphere of about so many vertices."""
+    """OBJ file of a sphere with about ``count`` vertices."""
     n = int(np.sqrt(count))
     a, b = np.meshgrid(np.linspace(0.1, 3.0, n), np.linspace(0.0, 6.28, n, endpoint=False), indexing="ij")
     points = np.stack((np.sin(a) * np.cos(b), 2.0 * np.sin(a) * np.sin(b), 3.0 * np.cos(a)), -1).reshape(-1, 3)
@@ -296,7 +296,7 @@ def test_many_copies_of_a_large_mesh_are_drawn_as_boxes(tmp_path, monkeypatch):
     assert (np.abs(found[0].vertices).max(axis=0) > 0.9 * found[2].size).all()
 
 
-def test_the_silhouette_of_a_large_mesh_is_that_of_its_outermost_vertices(tmp_path):
+def test_the_silhouette_of_a_large_mesh_uses_its_extreme_vertices(tmp_path):
     (tmp_path / "m.obj").write_text(fan(10_000))
     system = drawn(tmp_path, '<geom name="g" type="mesh" mesh="m"/>', '<asset><mesh name="m" file="m.obj"/></asset>')
     (outline,) = Silhouette(system).outlines(np.array(system.mj.qpos0), Plane(0, 1))
@@ -313,7 +313,7 @@ def test_the_silhouette_of_a_large_mesh_is_that_of_its_outermost_vertices(tmp_pa
     assert (1.0 - 0.014) * area(whole) < area(outline.points) <= area(whole)
 
 
-def test_films_of_too_many_pictures_are_refused(tmp_path, capsys):
+def test_animations_of_too_many_frames_are_refused(tmp_path, capsys):
     assert main(["run", str(two_balls(tmp_path)), "--out", str(tmp_path / "out"), "--no-rerun"]) == 0
     capsys.readouterr()
     assert main(["export", str(tmp_path / "out"), "--gif", "--speed", "1e-9"]) == 2

@@ -9,7 +9,7 @@ from ffsm_mj.errors import InputError
 from tests.scenes import two_balls
 
 
-def test_it_has_the_same_notes_and_properties(tmp_path):
+def test_a_model_compiled_again_has_the_same_notes_and_properties(tmp_path):
     scenario = two_balls(tmp_path, model={"robot": {"ball": {"mass_kg": 5}}})
     first, second = (ffsm_mj.prepare(scenario) for _ in range(2))
     assert first.system.notes == second.system.notes

@@ -1,4 +1,4 @@
-"""Objects that are fixed to the world: how they are read, where they stand, and what of them is refused."""
+"""Objects that are fixed to the world: their poses, and faults that are refused."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def faults(path):
     return list(caught.value.lines)
 
 
-def test_it_stands_where_its_pose_says(tmp_path):
-    """Every body of the file in the frame of its world, at the pose; the quaternion's length is made 1."""
+def test_a_fixed_object_is_at_its_pose(tmp_path):
+    """All bodies of the file are at their places relative to the pose; the quaternion is normalised."""
     turn = np.array((0.8, 0.0, 0.6, 0.0))
     path = docking(tmp_path, pose={"position_m": [1.0, -2.0, 3.0], "quaternion": [*(turn * 1.0005)]})
     system = prepare(path).system
@@ -66,11 +66,11 @@ def test_it_stands_where_its_pose_says(tmp_path):
     assert system.mj.body_subtreemass[0] == system.mj.body_mass.sum() == 1.0
 
 
-def test_check_tells_what_is_fixed(tmp_path):
+def test_check_lists_fixed_objects(tmp_path):
     assert "  port: fixed, bodies 3" in prepare(docking(tmp_path)).describe()
 
 
-def test_it_runs_again_from_its_folder_and_its_log_alone(tmp_path):
+def test_a_run_with_a_fixed_object_is_repeatable_from_folder_and_log(tmp_path):
     path = docking(
         tmp_path,
         pose={"position_m": [0.3, 0.2, -0.7], "quaternion": [0.8004, 0.0, 0.6, 0.0]},
@@ -91,7 +91,7 @@ def test_it_runs_again_from_its_folder_and_its_log_alone(tmp_path):
     assert [each.name for each in logged.fixed] == ["port"]
 
 
-def test_a_log_with_a_pose_that_is_none_is_refused(tmp_path):
+def test_a_log_with_an_invalid_pose_is_refused(tmp_path):
     run = ffsm_mj.run(docking(tmp_path, pose={"position_m": [0, 0, 1]}))
     text = run.log.header.scenario_yaml
     for wrong in ("[0.0, 0.0]", "[0.0, .nan, 0.0]", "nowhere"):
@@ -113,7 +113,7 @@ def test_a_joint_is_refused_with_file_and_line(tmp_path, inside, line):
     assert faults(docking(tmp_path, port)) == [f"{tmp_path}/{line}"]
 
 
-def test_a_body_that_is_moved_by_hand_is_refused_with_file_and_line(tmp_path):
+def test_a_mocap_body_is_refused_with_file_and_line(tmp_path):
     port = PORT.replace('<body name="post"', '<body name="hand" mocap="true"/><body name="post"')
     line = "port.xml:4: body 'hand' (mocap) moves a fixed object; remove it, or write 'fixed: false'"
     assert faults(docking(tmp_path, port)) == [f"{tmp_path}/{line}"]
@@ -128,8 +128,8 @@ def test_an_actuator_is_refused_with_file_and_line(tmp_path):
     ]
 
 
-def test_a_urdf_is_fixed_as_it_is(tmp_path):
-    """Where it floats it is given a free joint; here nothing moves it."""
+def test_a_fixed_urdf_gets_no_free_joint(tmp_path):
+    """A floating one gets a free joint."""
     urdf = """<robot name="rig"><link name="rig"><collision><geometry><box size="1 1 1"/></geometry></collision></link>
       <link name="arm"/><joint name="bolt" type="fixed"><parent link="rig"/><child link="arm"/></joint></robot>"""
     path = docking(tmp_path)
@@ -154,7 +154,7 @@ def test_a_urdf_is_fixed_as_it_is(tmp_path):
         ({"fixed": "yes"}, "objects.port.fixed: should be a valid boolean"),
     ],
 )
-def test_what_is_wrong_with_a_pose_is_told_with_its_place(tmp_path, changes, words):
+def test_faults_of_a_pose_are_reported_with_their_place(tmp_path, changes, words):
     path = docking(tmp_path)
     data = json.loads(path.read_text())
     data["objects"]["port"] = {"mjcf": "port.xml", "fixed": True} | changes
@@ -164,7 +164,7 @@ def test_what_is_wrong_with_a_pose_is_told_with_its_place(tmp_path, changes, wor
     assert words in line
 
 
-def test_pairs_need_one_side_that_moves(tmp_path):
+def test_a_pair_needs_a_moving_side(tmp_path):
     system = prepare(docking(tmp_path)).system
     with pytest.raises(LookupError, match="both fixed"):
         ContactPair(system, "pair", "port/plate", "port/tip", 1.0)
@@ -179,7 +179,7 @@ def test_pairs_need_one_side_that_moves(tmp_path):
 
 
 def test_a_fixture_of_a_model_that_floats_is_no_side_of_a_pair(tmp_path):
-    """What stands in the world of another model's file is not said to be fixed: it is named, and what to do."""
+    """A geom in the world of a floating model is not declared as fixed: the message names it and a remedy."""
     rock = ball("rock").replace(
         "<worldbody>", '<worldbody><body name="stand"><geom name="stand" size="0.1" pos="5 0 0"/></body>'
     )
@@ -189,7 +189,7 @@ def test_a_fixture_of_a_model_that_floats_is_no_side_of_a_pair(tmp_path):
 
 
 def test_its_contacts_are_reported_or_ignored_by_its_name(tmp_path):
-    """Resting inside the plate at the start: told, unless its name is in ignored_pairs."""
+    """Overlap with the plate at the start is reported, unless the pair is in ignored_pairs."""
     inside = {"joints": {"robot/free": [0, 0, 0, 1, 0, 0, 0]}}
     run = ffsm_mj.run(docking(tmp_path, initial=inside))
     assert [record.geoms for record in run.unhandled_contacts] == [("port/plate", "robot/ball")]

@@ -1,4 +1,4 @@
-"""``<mimic>`` of a URDF is told as what it is, and what the line says to do about it does it."""
+"""``<mimic>`` of a URDF is refused with remedies, and these work."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def otto(tmp_path):
     return path
 
 
-def test_a_mimic_is_one_line_that_names_both_joints_and_the_way_on(otto):
+def test_a_mimic_is_refused_with_both_joints_and_a_remedy(otto):
     line = otto.read_text().splitlines().index(next(text for text in otto.read_text().splitlines() if MIMIC in text)) + 1
     with pytest.raises(InputError) as refused:
         compile_paths(otto)
@@ -36,7 +36,7 @@ def test_a_mimic_is_one_line_that_names_both_joints_and_the_way_on(otto):
 
 
 @pytest.mark.parametrize("cure", [(MIMIC, ""), ('"nod" type="continuous"', '"nod" type="fixed"')])
-def test_what_the_line_says_helps(otto, cure):
+def test_the_remedies_for_a_mimic_work(otto, cure):
     assert cure[0] in otto.read_text()
     otto.write_text(otto.read_text().replace(*cure))
     system = compile_paths(otto)
@@ -44,7 +44,7 @@ def test_what_the_line_says_helps(otto, cure):
     assert len(system.robot.joints) == (3 if cure[1] == "" else 2)
 
 
-def test_strip_takes_it_out(otto):
+def test_strip_removes_a_mimic(otto):
     system = compile_system(replace(read_model(otto), strip=("equalities",)), {}, time_step_s=1e-3)
     assert not system.faults
     assert len(system.robot.joints) == 3
@@ -52,8 +52,8 @@ def test_strip_takes_it_out(otto):
 
 
 @pytest.mark.parametrize("prefixes", [("a_",), ("left_", "right_")])
-def test_a_mimic_of_an_attached_urdf_is_told_likewise(otto, prefixes):
-    """By the names that the joints have in the model, and by the line of the URDF."""
+def test_a_mimic_of_an_attached_urdf_is_refused_likewise(otto, prefixes):
+    """With the names of the joints in the model and the line of the URDF."""
     assets = "".join(f'<model name="{prefix}otto" file="otto.urdf"/>' for prefix in prefixes)
     attach = "".join(f'<attach model="{prefix}otto" body="hub" prefix="{prefix}"/>' for prefix in prefixes)
     (otto.parent / "bus.xml").write_text(robot(assets, attach))
@@ -68,8 +68,8 @@ def test_a_mimic_of_an_attached_urdf_is_told_likewise(otto, prefixes):
     assert len(system.robot.joints) == 1 + 2 * len(prefixes)
 
 
-def test_mimics_of_two_urdfs_with_joints_of_one_name_are_told_with_both_places(otto):
-    """By the names alone either could be meant."""
+def test_mimics_of_two_urdfs_with_equal_joint_names_are_refused_with_both_places(otto):
+    """The names alone are ambiguous."""
     (otto.parent / "anna.urdf").write_text("\n" + otto.read_text())
     names = "otto", "anna"
     assets = "".join(f'<model name="{name}" file="{name}.urdf"/>' for name in names)
@@ -84,8 +84,8 @@ def test_mimics_of_two_urdfs_with_joints_of_one_name_are_told_with_both_places(o
         assert rest.startswith(f"'{name}_nod' mimics joint '{name}_swing'")
 
 
-def test_a_mimic_of_a_urdf_that_an_attached_model_attaches_is_told_likewise(otto):
-    """With the prefixes of both."""
+def test_a_mimic_of_a_urdf_attached_by_an_attached_model_is_refused_likewise(otto):
+    """With the prefixes of both attachments."""
     arm = robot('<model name="otto" file="otto.urdf"/>', '<attach model="otto" body="hub" prefix="a_"/>')
     (otto.parent / "arm.xml").write_text(arm.replace('<freejoint name="float"/>', ""))
     (otto.parent / "bus.xml").write_text(
@@ -98,8 +98,8 @@ def test_a_mimic_of_a_urdf_that_an_attached_model_attaches_is_told_likewise(otto
     assert told.startswith(f"{otto}:{line}: joint 'b_a_nod' mimics joint 'b_a_swing' (<mimic>)")
 
 
-def test_another_constraint_of_such_joints_is_no_mimic(otto):
-    """A URDF with a <mimic>, attached, and the constraint the other way round, which is the model's own."""
+def test_another_constraint_between_the_same_joints_is_no_mimic(otto):
+    """A URDF with a <mimic> is attached; the model itself has the inverse constraint."""
     text = robot('<model name="otto" file="otto.urdf"/>', '<attach model="otto" body="hub" prefix="a_"/>')
     own = '<equality><joint joint1="a_swing" joint2="a_nod"/><joint joint1="a_nod"/></equality>'
     (otto.parent / "bus.xml").write_text(text.replace("</mujoco>", f"{own}</mujoco>"))
@@ -108,7 +108,7 @@ def test_another_constraint_of_such_joints_is_no_mimic(otto):
     assert sorted("(<mimic>)" in line for line in refused.value.lines) == [False, False, True]
 
 
-def test_not_conservative_it_stays_what_mujoco_makes_of_it(otto):
+def test_a_mimic_stays_a_soft_constraint_if_not_conservative(otto):
     system = compile_paths(otto, {"other": otto}, conservative=False)
     assert system.mj.neq == 2
     following = [fault.partition(" mimics ")[0].rpartition(": ")[2] for fault in system.faults if " mimics " in fault]

@@ -1,4 +1,4 @@
-"""What of a model is read, compiled from memory and kept in the log: what it uses, below its folder, and nothing else."""
+"""Files of a model: those that it uses, below its folder, are read, compiled from memory and stored in the log."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LINK = """<link name="l"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz
 
 
 def write(folder: Path, **texts: str) -> Path:
-    """Files by name, with ``__`` for a slash and ``_dot_`` for a dot; a PNG where the text is empty."""
+    """Write files by name, with ``__`` for a slash and ``_dot_`` for a dot; a PNG if the text is empty."""
     for key, text in texts.items():
         path = folder / key.replace("__", "/").replace("_dot_", ".")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -40,7 +40,7 @@ def model(inner: str, geoms: str = "") -> str:
 
 
 def scene_of(folder: Path, robot: str) -> Path:
-    """A scenario of 2 ms whose robot is a file that exists already."""
+    """A scenario of 2 ms with an existing file as robot."""
     path = scene(folder, model(""), {}, duration_s=0.002)
     path.write_text(path.read_text().replace('"robot.xml"', f'"{robot}"'))
     return path
@@ -48,7 +48,7 @@ def scene_of(folder: Path, robot: str) -> Path:
 
 @pytest.fixture
 def many(tmp_path) -> Path:
-    """A robot of many files: includes, one of them beside the file that includes it, meshes, textures, a model attached."""
+    """A robot of many files: includes, one of them beside its including file, meshes, textures, an attached model."""
     asset = '<asset><mesh name="a" file="a.obj"/><texture name="t" type="2d" file="t.png"/>'
     ignored = '<texture name="flat" type="2d" builtin="flat" width="2" height="2" file="private.png"/>'
     cube = '<texture name="cube" type="cube" file="t.png" fileup="private.png"/>'
@@ -75,7 +75,7 @@ def many(tmp_path) -> Path:
 USED = {"robot.xml", "inc/one.xml", "inc/two.xml", "m/a.obj", "t/t.png", "sub/sub.xml", "sub/meshes/b.obj"}
 
 
-def test_what_is_read_is_what_mujoco_uses(many):
+def test_exactly_the_files_that_mujoco_uses_are_read(many):
     files = read_model(many / "robot.xml")
     assert set(files.files) == USED
     from_disk = mujoco.MjSpec.from_file(str(many / "robot.xml")).compile()
@@ -96,7 +96,7 @@ def test_each_of_these_files_is_needed(many, missing):
 
 
 @pytest.mark.usefixtures("many")
-def test_a_run_keeps_what_it_used_and_can_be_repeated_from_it(tmp_path):
+def test_a_run_is_repeatable_from_its_files(tmp_path):
     path = scene_of(tmp_path, "many/robot.xml")
     first = ffsm_mj.run(path, out=tmp_path / "run", rerun=False)
     assert set(first.log.header.files) == {f"mjcf/robot/{name}" for name in USED}
@@ -109,8 +109,8 @@ def test_a_run_keeps_what_it_used_and_can_be_repeated_from_it(tmp_path):
     assert again.log.header.files == first.log.header.files
 
 
-def test_meshes_of_the_same_name_are_not_mixed_up(tmp_path):
-    """MuJoCo keeps compiled meshes by name and a weak checksum; two objects of one name differ all the same."""
+def test_meshes_of_the_same_name_stay_different(tmp_path):
+    """MuJoCo caches compiled meshes by name and a weak checksum; two different meshes of one name stay different."""
     text = model('<asset><mesh name="a" file="a.obj"/></asset>', '<geom name="m" type="mesh" mesh="a" mass="1"/>')
     for x in "13579":
         write(tmp_path / x, o_dot_xml=text, a_dot_obj=TETRA.format(x=x))
@@ -185,7 +185,7 @@ def test_files_elsewhere_are_refused_with_file_and_line(tmp_path, inner, expecte
         ('<?xml version="1.0" encoding="cp037"?><mujoco>\xe9</mujoco>', "r.xml:1:47: malformed XML"),
     ],
 )
-def test_xml_that_hides_something_is_refused(tmp_path, text, expected):
+def test_xml_with_hidden_references_is_refused(tmp_path, text, expected):
     (tmp_path / "r.xml").write_text(text, encoding="latin-1")
     assert expected in refused(tmp_path / "r.xml")
 

@@ -1,4 +1,4 @@
-"""Models with numbers that MuJoCo takes, or hangs on, and no run can work with: one line with file, line and element."""
+"""Models with values that MuJoCo accepts, or hangs on, but a run cannot use: one line with file, line and element."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BODY = '<body name="ball">'
 
 
 def faults(folder, robot, **scenario):
-    """Lines of the error that a robot makes."""
+    """Lines of the error for a robot."""
     with pytest.raises(InputError) as caught:
         prepare(scene(folder, robot, {"target": ball("target")}, **scenario))
     return caught.value.lines
@@ -80,7 +80,7 @@ def test_one_line_with_file_and_element(tmp_path, robot, expected):
     assert "line 0" not in line
 
 
-def test_a_file_name_is_no_format(tmp_path):
+def test_a_percent_sign_in_a_file_name_is_refused(tmp_path):
     path = scene(tmp_path, ball("ball"), {"target": ball("target")})
     path.write_text(path.read_text().replace('"robot.xml"', '"%n.xml"'))
     (tmp_path / "%n.xml").write_text(ball("ball"))
@@ -110,8 +110,8 @@ def test_a_name_may_look_like_a_number(tmp_path):
     prepare(scene(tmp_path, with_body('<site name="nan"/>'), {"target": ball("target")}))
 
 
-def test_a_mass_matrix_that_no_solver_holds(tmp_path):
-    """Two joints about one axis: their columns of the mass matrix are equal."""
+def test_a_singular_mass_matrix_is_refused(tmp_path):
+    """Two joints about one axis have equal columns in the mass matrix."""
     twice = with_body(
         '<body name="tip"><joint name="a" axis="0 0 1"/><joint name="b" axis="0 0 1"/><geom size="0.1"/></body>'
     )
@@ -120,7 +120,7 @@ def test_a_mass_matrix_that_no_solver_holds(tmp_path):
     assert "at joint 'robot/b'" in line or "at joint 'robot/a'" in line
 
 
-def test_an_inertia_that_rounding_decides(tmp_path):
+def test_an_inertia_below_rounding_is_refused(tmp_path):
     """1e-12 kg m^2 about one axis of a body turned in space and 1e6 about the others: the sum knows it to 1e-10."""
     needle = re.sub('diaginertia="[^"]*"', 'diaginertia="1e-12 1e6 1e6" euler="10 20 30"', ball("ball", joints="x"))
     pair = {"robot_geom": "ball", "object_geom": "target/target"}
@@ -129,7 +129,7 @@ def test_an_inertia_that_rounding_decides(tmp_path):
     assert "impact_pairs.0: a moment of inertia of robot/ball or target/target is less than rounding of the others" in line
 
 
-def test_what_mujoco_warns_of_is_not_printed(tmp_path, capfd):
+def test_warnings_of_mujoco_are_not_printed(tmp_path, capfd):
     sheet = '<flexcomp name="f" type="grid" count="3 3 1" spacing="1 1 1" dim="2" mass="1"/>'
     lines = faults(tmp_path, with_body(sheet))
     assert lines[0].startswith(f"{tmp_path / 'robot.xml'}: ")
@@ -137,7 +137,7 @@ def test_what_mujoco_warns_of_is_not_printed(tmp_path, capfd):
 
 
 @pytest.mark.parametrize("name", ["model", "model.obj", "model.mjb"])
-def test_a_model_is_known_by_its_ending(tmp_path, name):
+def test_the_format_of_a_model_follows_from_its_suffix(tmp_path, name):
     path = scene(tmp_path, ball("ball"), {"target": ball("target")})
     path.write_text(path.read_text().replace('"robot.xml"', f'"{name}"'))
     (tmp_path / name).write_text(ball("ball"))
@@ -146,7 +146,7 @@ def test_a_model_is_known_by_its_ending(tmp_path, name):
 
 
 def test_a_delayed_actuator_or_sensor_is_refused_by_name(tmp_path):
-    """MuJoCo would let the effort of 10 ms ago act, and the balance take that of now."""
+    """MuJoCo would apply the effort of 10 ms before, and the balance use the current one."""
     robot = ball("ball", joints="x").replace('name="push_x"', 'name="push_x" delay="0.01" nsample="10"')
     (line,) = faults(tmp_path, robot)
     assert line.endswith(

@@ -1,4 +1,4 @@
-"""MuJoCo's warnings reach those who collect in the thread that warns, and nobody else."""
+"""MuJoCo's warnings reach only the collector of their thread."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ XML = "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody
 
 
 def warn(dof=0):
-    """Have MuJoCo warn, in words that name a dof."""
+    """Make MuJoCo issue a warning that names a dof."""
     model = mujoco.MjModel.from_xml_string(XML)
     data = mujoco.MjData(model)
     data.qvel[dof] = 1e20
@@ -23,7 +23,7 @@ def warn(dof=0):
 
 @pytest.fixture
 def own():
-    """What a handler of the user's is told; it must be there again afterwards."""
+    """Messages of a handler of the user, which must be restored afterwards."""
     told = []
     handler = told.append
     mujoco.set_mju_user_warning(handler)
@@ -39,7 +39,7 @@ def elsewhere(function, *arguments):
     thread.join()
 
 
-def test_the_inner_collector_takes_what_comes_while_it_is_there(own):
+def test_the_innermost_collector_gets_the_warnings(own):
     outer, inner = [], []
     with collected_warnings(outer):
         warn(1)
@@ -50,7 +50,7 @@ def test_the_inner_collector_takes_what_comes_while_it_is_there(own):
     assert [text.split("DOF ")[1][0] for text in (*outer, *inner, *own)] == ["1", "3", "2", "4"]
 
 
-def test_a_thread_that_collects_nothing_tells_the_users_handler(own):
+def test_warnings_of_other_threads_reach_the_handler_of_the_user(own):
     mine = []
     with collected_warnings(mine):
         elsewhere(warn, 5)
@@ -58,8 +58,8 @@ def test_a_thread_that_collects_nothing_tells_the_users_handler(own):
     assert "DOF 5" in own[0]
 
 
-def test_without_a_handler_mujoco_says_it_as_ever(tmp_path, monkeypatch, capfd):
-    """On the console and in its log file."""
+def test_without_a_handler_mujoco_prints_and_logs_its_warnings(tmp_path, monkeypatch, capfd):
+    """To the console and its log file."""
     monkeypatch.chdir(tmp_path)
     with collected_warnings([]):
         elsewhere(warn, 5)
@@ -68,7 +68,7 @@ def test_without_a_handler_mujoco_says_it_as_ever(tmp_path, monkeypatch, capfd):
     assert mujoco.get_mju_user_warning() is None
 
 
-def test_each_thread_has_its_own_and_the_last_one_out_puts_the_users_back(own):
+def test_threads_collect_separately_and_the_last_one_restores_the_handler(own):
     def collect(dof):
         mine = []
         for _ in range(20):
@@ -84,8 +84,8 @@ def test_each_thread_has_its_own_and_the_last_one_out_puts_the_users_back(own):
 
 
 @pytest.mark.usefixtures("own")
-def test_a_handler_that_the_user_sets_meanwhile_stays():
-    """One that collects later takes warnings from it, and puts it back, not the one before it."""
+def test_a_handler_set_in_the_meantime_is_kept():
+    """A later collector replaces and restores this handler, not the one before."""
     told, mine = [], []
     before, other = mujoco.get_mju_user_warning(), told.append
     with collected_warnings([]):

@@ -1,4 +1,4 @@
-"""What a scenario gives bodies and geoms of its models: MuJoCo compiles what is asked for, or a line says so."""
+"""Properties of bodies and geoms given in a scenario: MuJoCo compiles them to the given values, or they are refused."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def mjcf(kind):
 
 
 def compiled(text, *layers, **more):
-    """A scene of one model, each layer a mapping of bodies."""
+    """Compile a scene of one model with layers of properties by body."""
     files = ModelFiles("robot.xml", {"robot.xml": text.encode()} | {name: other.encode() for name, other in more.items()})
     layers = [
         Overrides("model", {name: BodyProperties.model_validate(body) for name, body in layer.items()}) for layer in layers
@@ -73,14 +73,14 @@ def arrays(model):
 
 
 def assert_same(model, other):
-    """Two compiled models, bit by bit."""
+    """Compare two compiled models bit by bit."""
     for name, value in arrays(model).items():
         np.testing.assert_array_equal(value, getattr(other, name), err_msg=name)
 
 
 @pytest.mark.parametrize("kind", MODELS)
 def test_explicit_inertials_change_nothing(kind):
-    """Bit by bit, whatever a body's inertia was made of: only then is a change what was asked for, and nothing else."""
+    """Bit by bit, for every way to give an inertia: only then is a change exactly the given one."""
     assert_same(compiled(mjcf(kind)).mj, compiled(mjcf(kind), {"b": {}}).mj)
 
 
@@ -94,7 +94,7 @@ def test_explicit_inertials_change_nothing_in_what_is_shipped(scenario):
 
 
 @pytest.mark.parametrize("kind", MODELS)
-def test_a_mass_arrives_and_the_inertia_is_scaled_with_it(kind):
+def test_a_mass_scales_the_inertia(kind):
     before, after = (Inertial.of(system.mj, 1) for system in (compiled(mjcf(kind)), compiled(mjcf(kind), {"b": ASKED})))
     assert after.mass_kg == 7.0 != before.mass_kg
     # One rounding of the factor, one of the product.
@@ -104,8 +104,8 @@ def test_a_mass_arrives_and_the_inertia_is_scaled_with_it(kind):
 
 
 @pytest.mark.parametrize("kind", ["inertiafromgeom", "boundmass", "balanceinertia", "fusestatic", "settotalmass"])
-def test_a_mass_arrives_in_a_model_that_is_attached(kind):
-    """The compiler settings of the attached file are its own."""
+def test_a_mass_in_an_attached_model(kind):
+    """The attached file has its own compiler settings."""
     main = f"""<mujoco>{HEAD}<asset><model name="sub" file="sub.xml"/></asset><worldbody>
       <body name="root"><freejoint/>{GEOM.replace("hull", "top")}<attach model="sub" body="b" prefix="p_"/></body>
       </worldbody></mujoco>"""
@@ -117,7 +117,7 @@ def test_a_mass_arrives_in_a_model_that_is_attached(kind):
     np.testing.assert_array_equal(after.mj.body_inertia[others], before.mj.body_inertia[others])
 
 
-def test_a_mass_arrives_in_a_urdf():
+def test_a_mass_in_a_urdf():
     urdf = """<robot name="r"><link name="hub"><inertial><origin xyz="0.1 0 0" rpy="0.1 0.2 0.3"/><mass value="4"/>
       <inertia ixx="3" iyy="4" izz="3.5" ixy="0.1" ixz="0" iyz="0.2"/></inertial></link>
       <joint name="j" type="continuous"><parent link="hub"/><child link="arm"/><axis xyz="0 0 1"/></joint>
@@ -140,7 +140,7 @@ def test_a_mass_arrives_in_a_urdf():
 )
 @pytest.mark.parametrize("kind", ["inferred", "full inertia", "inertiafromgeom"])
 def test_an_inertia_is_that_about_the_centre_of_mass_in_the_axes_of_the_body(kind, inertia):
-    """Held against the mass matrix of a free joint, whose angular block is that about the body's origin, in its axes."""
+    """Compared with the mass matrix of a free joint, whose angular block is about the body's origin, in its axes."""
     asked = {"mass_kg": 2.0, "inertia_kg_m2": inertia, "centre_of_mass_m": [0.1, -0.2, 0.3]}
     system = compiled(mjcf(kind), {"b": asked})
     data = mujoco.MjData(system.mj)
@@ -157,13 +157,13 @@ def test_an_inertia_is_that_about_the_centre_of_mass_in_the_axes_of_the_body(kin
 
 
 def test_flat_bodies_of_any_mass_compile():
-    """Their greatest moment is the sum of the others: rounding alone would put half of all masses beyond MuJoCo's limit."""
+    """Their greatest moment is the sum of the others: by rounding, MuJoCo would refuse half of all masses."""
     for mass in np.random.default_rng(3).uniform(0.1, 50.0, 60).tolist():
         system = compiled(mjcf("flat"), {"b": {"mass_kg": mass}})
         np.testing.assert_allclose(system.mj.body_inertia[1], np.array([0.1, 0.2, 0.3]) * mass / 3.0, rtol=1e-15)
 
 
-def test_sizes_leave_the_mass_unless_it_is_asked_for():
+def test_sizes_keep_the_mass_without_mass_from_geoms():
     size = {"geoms": {"hull": {"size_m": [0.2, 0.2, 0.3]}}}
     kept, own = compiled(mjcf("inferred"), {"b": size}).mj, compiled(mjcf("inferred")).mj
     assert kept.geom_size[0].tolist() == [0.2, 0.2, 0.3]
@@ -181,8 +181,8 @@ def test_sizes_leave_the_mass_unless_it_is_asked_for():
     np.testing.assert_allclose(both.body_inertia[1], new.mj.body_inertia[1] * 2.0 / mass, rtol=1e-14)
 
 
-def test_bodies_that_weigh_by_a_bound_alone_are_no_hindrance():
-    """Without ``boundmass`` the tool has no mass, and MuJoCo would take no model with it."""
+def test_bodies_with_mass_from_boundmass_only_compile():
+    """Without ``boundmass`` the tool has no mass, and MuJoCo would refuse the model."""
     tool = "<body name='tool' pos='1 0 0'><joint/></body>"
     text = f"<mujoco><compiler boundmass='0.5' boundinertia='0.1'/>{HEAD}<worldbody><body name='b'><freejoint/>{GEOM}{tool}"
     system = compiled(f"{text}</body></worldbody></mujoco>", {"b": {"mass_from_geoms": True}}, {"b": ASKED})
@@ -202,7 +202,7 @@ def test_a_capsule_given_by_its_ends_stays_between_them():
         np.testing.assert_allclose(getattr(other, name)[geom], getattr(own, name)[geom], atol=1e-16)
 
 
-def test_in_a_frame_too():
+def test_a_capsule_given_by_its_ends_in_a_frame():
     text = mjcf("frames and copies")
     own = compiled(text).mj
     rod = own.geom("robot/rod").id
@@ -213,8 +213,8 @@ def test_in_a_frame_too():
     np.testing.assert_allclose(same.geom_quat[rod], own.geom_quat[rod], atol=4e-16)
 
 
-def test_a_geom_that_is_only_looked_at_has_a_size_too():
-    """``discardvisual`` of a model is the scene's to follow, which does not: the geom is there."""
+def test_a_visual_geom_has_a_size_too():
+    """The scene ignores ``discardvisual`` of a model, so the geom exists."""
     seen = f"<body name='b'><freejoint/>{GEOM}<geom name='look' size='0.1' contype='0' conaffinity='0'/></body>"
     text = f"<mujoco><compiler discardvisual='true'/>{HEAD}<worldbody>{seen}</worldbody></mujoco>"
     (change,) = compiled(text, {"b": {"geoms": {"look": {"size_m": [0.2]}}}}).changes
@@ -239,15 +239,15 @@ def test_a_layer_starts_from_the_one_below():
 
 
 @pytest.mark.parametrize("kept", ["inertiafromgeom", "boundmass", "inferred"])
-def test_a_mass_that_does_not_arrive_is_noticed(monkeypatch, kept):
-    """The naive way, a mass written and nothing else done, ends in a line and not in a run of other numbers."""
+def test_a_mass_that_mujoco_ignores_is_detected(monkeypatch, kept):
+    """Setting the mass alone gives an error, not a run with other values."""
     monkeypatch.setattr(Inertial, "write", lambda self, body: setattr(body, "mass", self.mass_kg))
     with pytest.raises(ScenarioFaults, match=r"MuJoCo compiles it to [48], not 7") as error:
         compiled(mjcf(kept), {"b": ASKED})
     assert error.value.faults[0].path == ("model", "robot", "b", "mass_kg")
 
 
-def test_a_body_that_weighs_something_else_by_the_way_is_noticed(monkeypatch):
+def test_a_changed_inertial_of_another_body_is_detected(monkeypatch):
     own = Inertial.write
 
     def write(self, body):
@@ -258,7 +258,7 @@ def test_a_body_that_weighs_something_else_by_the_way_is_noticed(monkeypatch):
         compiled(mjcf("fusestatic"), {"b": ASKED})
 
 
-def test_a_size_that_does_not_arrive_is_noticed(monkeypatch):
+def test_a_size_that_mujoco_ignores_is_detected(monkeypatch):
     monkeypatch.setattr(overrides_of, "_put_size", lambda *_: None)
     with pytest.raises(ScenarioFaults, match=r"MuJoCo compiles it to \[0.1, 0.2, 0.3\], not \[1, 1, 1\]"):
         compiled(mjcf("inferred"), {"b": {"geoms": {"hull": {"size_m": [1.0, 1.0, 1.0]}}}})
@@ -301,7 +301,7 @@ def test_a_size_that_does_not_arrive_is_noticed(monkeypatch):
     ],
 )
 @pytest.mark.parametrize("key", ["model", "controller_model"])
-def test_bad_input_is_one_line_with_its_place(tmp_path, key, asked, said):
+def test_invalid_properties_give_one_line_with_their_place(tmp_path, key, asked, said):
     path = two_balls(tmp_path)
     path.write_text(json.dumps(json.loads(path.read_text()) | {key: asked}))
     with pytest.raises(InputError, match=r"scene\.yaml:1:\d+: .*" + said.replace(r"model\.", rf"{key}\.", 1)) as error:
@@ -310,7 +310,7 @@ def test_bad_input_is_one_line_with_its_place(tmp_path, key, asked, said):
     assert main(["check", str(path)]) == 2
 
 
-def test_what_has_no_effect_is_refused(tmp_path):
+def test_properties_without_effect_are_refused(tmp_path):
     wall = f"<mujoco>{HEAD}<worldbody><geom name='wall' type='box' size='0.1 1 1'/></worldbody></mujoco>"
     path = scene(tmp_path, ball(), {"wall": wall, "mesh": ball("mesh")}, fixed={"wall": {"position_m": [2, 0, 0]}})
     with pytest.raises(
@@ -343,13 +343,13 @@ def test_what_has_no_effect_is_refused(tmp_path):
         ("model.robot.b.geoms.x.size_m", "unknown geom 'robot/x'"),
     ],
 )
-def test_values_are_asked_for_by_name(path, said):
+def test_values_are_found_by_name(path, said):
     with pytest.raises(LookupError, match=said):
         property_value(compiled(mjcf("inferred")).mj, path)
 
 
 def impulse(m1, m2, e, speed):
-    """Of two bodies that meet straight, N s."""
+    """Impulse of a central impact of two bodies, N s."""
     return m1 * m2 / (m1 + m2) * (1.0 + e) * speed
 
 
@@ -363,7 +363,7 @@ def test_the_impulse_is_that_of_the_masses(tmp_path, m1, m2):
 
 @pytest.mark.parametrize("radius", [0.05, 0.1, 0.17])
 def test_a_size_moves_the_time_of_contact(tmp_path, radius):
-    """Centres 0.5 m apart close at 1 m/s; the robot's ball has a radius of 0.1 m."""
+    """Centres 0.5 m apart approach at 1 m/s; the ball of the robot has a radius of 0.1 m."""
     path = two_balls(tmp_path)
     run = ffsm_mj.run(path, {"model.target.target.geoms.target.size_m": [radius]})
     # Time of impact is found to where the gap is 1e-12 m or so.
@@ -371,7 +371,7 @@ def test_a_size_moves_the_time_of_contact(tmp_path, radius):
     assert run.impacts[0].impulse_N_s == pytest.approx(impulse(2.0, 3.0, 1.0, 1.0), rel=1e-14)
 
 
-def test_log_analysis_and_rerun_have_them_too(tmp_path, capfd):
+def test_log_replay_and_rerun_have_the_properties_too(tmp_path, capfd):
     out = tmp_path / "run"
     given = ["model.robot.ball.mass_kg=5", "model.target.target={mass_kg: 2, geoms: {target: {size_m: [0.2]}}}"]
     path = two_balls(tmp_path, restitution=0.5)
@@ -392,7 +392,7 @@ def test_log_analysis_and_rerun_have_them_too(tmp_path, capfd):
     np.testing.assert_array_equal(ffsm_mj.run(out).log.rows, run.log.rows)
 
 
-def test_check_tells_them(tmp_path, capfd):
+def test_check_lists_the_properties(tmp_path, capfd):
     assert main(["check", str(two_balls(tmp_path)), "-s", "model.robot.ball.mass_kg=5"]) == 0
     assert "note: model.robot.ball.mass_kg is 5; without it 2" in capfd.readouterr().out
 
@@ -408,7 +408,7 @@ def test_check_tells_them(tmp_path, capfd):
         {"robot": {"nobody": {}}},
     ],
 )
-def test_a_log_that_says_otherwise_is_refused_in_a_line(tmp_path, wrong):
+def test_a_log_with_invalid_entries_is_refused_in_one_line(tmp_path, wrong):
     run = ffsm_mj.run(two_balls(tmp_path), {"model.robot.ball.mass_kg": 5, "duration_s": 0.01})
     data = plain_value(run.log.header.scenario_yaml) | {"model": wrong}
     header = dataclasses.replace(run.log.header, scenario_yaml=write_yaml(data))
@@ -424,8 +424,8 @@ def test_a_scenario_that_extends_changes_one_property_of_many(tmp_path):
     assert {change.path[-1]: change.after for change in changes} == {"mass_kg": 6.0, "centre_of_mass_m": (0.0, 0.0, 0.01)}
 
 
-def test_every_model_is_made_by_one_function():
-    """Its parts are called nowhere else; a vendor's files are looked at before there is a scenario."""
+def test_every_model_is_prepared_by_one_function():
+    """Its parts are called nowhere else, except for a vendor's files before a scenario exists."""
     allowed = {
         "model/composition.py",
         "model/part.py",

@@ -1,4 +1,4 @@
-"""``docs/own-robot.md`` as it stands: its files written to disk, checked, run and verified; the errors on the way."""
+"""The page ``docs/own-robot.md``: its files are written, validated, run and verified; its errors occur."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_the_page_runs(folder, name, capsys):
         ("tip: claw point", "tip: claw_point", "crab.yaml", "(did you mean 'robot/claw point'?)"),
     ],
 )
-def test_errors_on_the_way_name_the_cure(folder, old, new, file, expected):
+def test_errors_name_a_remedy(folder, old, new, file, expected):
     assert old in FILES[file]
     (folder / file).write_text(FILES[file].replace(old, new))
     lines = faults(path=Path("crab.yaml"))
@@ -72,8 +72,8 @@ def test_urdf_damping_is_refused_by_name(folder):
     ("around", "refused"),
     [(("<gazebo>", "</gazebo>"), False), (("", ""), True), (("<link name='x'><gazebo>", "</gazebo></link>"), True)],
 )
-def test_what_a_urdf_tells_another_simulator_is_no_plugin_of_mujoco(folder, around, refused):
-    """MuJoCo reads nothing below <gazebo>, not even a file or a plugin that is not there."""
+def test_gazebo_elements_of_a_urdf_are_ignored(folder, around, refused):
+    """MuJoCo ignores everything below <gazebo>, including missing files and plugins."""
     told = '<plugin filename="libgazebo_ros_control.so" name="x"/><extension><plugin plugin="no.such"/></extension>'
     text = FILES["otto.urdf"].replace('<robot name="otto">', f'<robot name="otto">{told.join(around)}')
     (folder / "otto.urdf").write_text(text)
@@ -88,7 +88,7 @@ def test_what_a_urdf_tells_another_simulator_is_no_plugin_of_mujoco(folder, arou
 
 
 def test_the_recipe_for_a_published_arm(folder, capsys):
-    """The page's commands, in their order; what it shows of their files is what they write."""
+    """The commands of the page, in order, write the files that it shows."""
     commands = re.search(r"```\n(ffsm new .*?)```", PAGE, flags=re.DOTALL)[1].splitlines()
     assert [line.split()[:2] for line in commands] == [["ffsm", "new"], ["ffsm", "check"], ["ffsm", "run"]]
     for line in commands:

@@ -1,4 +1,4 @@
-"""``package://NAME/path`` in a URDF: which file that is, and that a run carries it like any other mesh."""
+"""``package://NAME/path`` in a URDF: the file that it refers to, which is stored with a run like any other mesh."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def scenario(folder, model: str, **robot) -> str:
         ("elsewhere/pk/m/a.obj", "nowhere/pk/m/a.obj"),  # 'package_paths' may name a package itself
     ],
 )
-def test_the_nearest_package_is_meant(tmp_path, first, second):
+def test_the_nearest_package_is_used(tmp_path, first, second):
     write(tmp_path, up__pk__urdf__r_dot_urdf=urdf())
     for path, size in ((first, 2), (second, 3)):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
@@ -61,7 +61,7 @@ def test_the_nearest_package_is_meant(tmp_path, first, second):
     assert set(files.files) == {"r.urdf", "pk/m/a.obj"}
 
 
-def test_meshes_of_one_name_in_two_folders_are_told_apart(tmp_path):
+def test_meshes_of_one_name_in_two_folders_stay_different(tmp_path):
     both = urdf().replace(
         "</link>", urdf("package://pk/n/a.obj").partition("</inertial>")[2].partition("</link>")[0] + "</link>"
     )
@@ -77,8 +77,8 @@ def test_meshes_of_one_name_in_two_folders_are_told_apart(tmp_path):
     assert sizes[1] > 1.5 * sizes[0]
 
 
-def test_an_attached_urdf_finds_its_packages_around_itself(tmp_path):
-    """As it does alone; what lies around the model that attaches it is another package."""
+def test_an_attached_urdf_finds_packages_around_itself(tmp_path):
+    """As alone; a package near the attaching model is not used."""
     write(
         tmp_path,
         bus__bus_dot_xml=robot('<model name="r" file="../arms/urdf/r.urdf"/>', '<attach model="r" body="l" prefix="a_"/>'),
@@ -98,7 +98,7 @@ SETTINGS = ["", '<mujoco><compiler meshdir="../mm"/></mujoco>']
 
 
 @pytest.mark.parametrize("settings", SETTINGS)
-def test_a_run_carries_the_file_of_a_package_that_an_attached_urdf_names(tmp_path, settings, capsys):
+def test_a_run_contains_package_files_of_an_attached_urdf(tmp_path, settings, capsys):
     write(
         tmp_path,
         bus_dot_xml=robot('<model name="r" file="robots/r.urdf"/>', '<attach model="r" body="l" prefix="a_"/>'),
@@ -118,8 +118,8 @@ def test_a_run_carries_the_file_of_a_package_that_an_attached_urdf_names(tmp_pat
     capsys.readouterr()
 
 
-def test_a_run_carries_the_file_of_a_package_that_a_urdf_in_an_attached_model_names(tmp_path, capsys):
-    """MJCF that attaches MJCF that attaches a URDF, twice: the run folder and the log have it all."""
+def test_a_run_contains_package_files_of_a_urdf_in_an_attached_model(tmp_path, capsys):
+    """MJCF that attaches MJCF that attaches a URDF, twice: run folder and log contain all files."""
     attach = '<attach model="{0}" body="{1}" prefix="{2}"/>'
     arm = robot('<model name="r" file="../arms/urdf/r.urdf"/>', attach.format("r", "l", "a_"))
     models = '<model name="arm" file="mid/arm.xml"/><model name="other" file="mid/arm.xml"/>'
@@ -141,7 +141,7 @@ def test_a_run_carries_the_file_of_a_package_that_a_urdf_in_an_attached_model_na
 
 
 @pytest.mark.parametrize("settings", SETTINGS)
-def test_a_run_carries_the_file_of_a_package(tmp_path, settings, capsys):
+def test_a_run_contains_package_files(tmp_path, settings, capsys):
     write(tmp_path, robots__r_dot_urdf=urdf(settings=settings), share__pk__m__a_dot_obj=TETRA.format(x=1))
     path = scenario(tmp_path, "robots/r.urdf", package_paths=["share"], asset_folders=["."])
     run = ffsm_mj.run(path, out=tmp_path / "run", rerun=False)
@@ -170,7 +170,7 @@ def test_a_run_carries_the_file_of_a_package(tmp_path, settings, capsys):
         ("model://pk/m/a.obj", "pk/m/a.obj", "is not a path relative to the model"),
     ],
 )
-def test_what_is_not_found_is_one_line_with_the_way_on(tmp_path, mesh, there, expected):
+def test_a_missing_package_file_gives_one_line_with_a_remedy(tmp_path, mesh, there, expected):
     write(tmp_path, robots__r_dot_urdf=urdf(mesh))
     if there:
         write(tmp_path, **{there.replace("/", "__").replace(".", "_dot_"): TETRA.format(x=1)})
@@ -179,7 +179,7 @@ def test_what_is_not_found_is_one_line_with_the_way_on(tmp_path, mesh, there, ex
     assert expected.format(folder=tmp_path) in line
 
 
-def test_a_link_out_of_a_package_counts_as_outside(tmp_path):
+def test_a_symbolic_link_out_of_a_package_is_outside(tmp_path):
     write(tmp_path, robots__r_dot_urdf=urdf(), private__a_dot_obj=TETRA.format(x=1))
     (tmp_path / "pk" / "m").mkdir(parents=True)
     (tmp_path / "pk" / "m" / "a.obj").symlink_to(tmp_path / "private" / "a.obj")
@@ -188,7 +188,7 @@ def test_a_link_out_of_a_package_counts_as_outside(tmp_path):
     assert len(read_model(tmp_path / "robots" / "r.urdf", [tmp_path / "private"]).files) == 2
 
 
-def test_a_folder_of_packages_must_be_there(tmp_path):
+def test_a_folder_of_packages_must_exist(tmp_path):
     write(tmp_path, r_dot_urdf=urdf(), pk__m__a_dot_obj=TETRA.format(x=1))
     (line,) = faults('robot.package_paths=["absent"]', path=scenario(tmp_path, "r.urdf"))
     assert line.endswith(f"robot.package_paths.0: no such folder: {tmp_path}/absent")

@@ -73,7 +73,7 @@ def to_pinocchio(model, qpos, qvel):
 
 
 def without_wheels(text):
-    """A robot's MJCF with its wheels and their motors taken out."""
+    """MJCF of a robot without its wheels and their motors."""
     text = re.sub(r"\s*<body name=\"wheel[^>]*>.*?</body>", "", text, flags=re.DOTALL)
     return re.sub(r"\s*<motor name=\"wheel[^>]*/>", "", text)
 
@@ -197,7 +197,7 @@ def test_pinocchio_agrees_on_any_two_bodies(robot, target, rng):
 
 
 def of_subtree_change(model, data, impact, root):
-    """What an impact changes of the momentum of the subtree of a body."""
+    """Change of the momentum of a subtree at an impact."""
     found = []
     for state in (impact.before, impact.after):
         data.qvel[:] = state.qvel

@@ -1,4 +1,4 @@
-"""Faults name the file and line where an element stands, whatever that file is included or attached by, and the element."""
+"""Faults name an element with its file and line, however that file is included or attached."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_each_element_with_its_own_file_and_line(tmp_path):
     }
 
 
-def test_where_two_files_may_be_meant_both_are_told(tmp_path):
+def test_an_ambiguous_element_is_reported_with_both_files(tmp_path):
     """Joints without a name on the same line of two files."""
     body = '<body name="s"><joint damping="1"/><geom size="0.1" mass="1"/></body>'
     sides = ("left", "right")

@@ -1,4 +1,4 @@
-"""Sites that a scenario gives a robot: where they are, the same in log and rerun, and what is wrong with them."""
+"""Sites that a scenario adds to the robot: positions, equality in log and rerun, faults."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.scenes import ARM, ball, scene
 
 
 def reaching(folder, **sites):
-    """The arm, which has no site, with a task for one that the scenario gives it."""
+    """The arm, with a task for a site that the scenario adds."""
     path = scene(
         folder,
         ARM,
@@ -32,7 +32,7 @@ def reaching(folder, **sites):
     return path
 
 
-def test_a_site_is_where_the_scenario_puts_it(tmp_path):
+def test_a_site_is_at_the_given_position(tmp_path):
     path = reaching(tmp_path, tip={"body": "lower", "pos_m": [0.5, 0.0, 0.1]})
     system = ffsm_mj.prepare(path).system
     site = system.mj.site("robot/tip")
@@ -43,7 +43,7 @@ def test_a_site_is_where_the_scenario_puts_it(tmp_path):
     np.testing.assert_allclose(data.site("robot/tip").xpos, [1.25, 0.0, 0.1], atol=1e-15)  # base 0.25, upper 0.5, lower 0.5
 
 
-def test_log_and_rerun_have_it_too(tmp_path, capfd):
+def test_log_and_rerun_have_the_site_too(tmp_path, capfd):
     out = tmp_path / "run"
     run = ffsm_mj.run(reaching(tmp_path, tip={"body": "finger"}), out=out, rerun=False)
     assert (out / "mjcf" / "robot" / "robot.xml").read_text() == ARM
@@ -63,7 +63,7 @@ def test_log_and_rerun_have_it_too(tmp_path, capfd):
         ({"body": "base", "pos_m": [0, 0]}, r"robot\.sites\.tip\.pos_m"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(tmp_path, site, said):
+def test_faults_of_a_site_are_reported_with_their_place(tmp_path, site, said):
     with pytest.raises(InputError, match=r"scene\.yaml:1:\d+: " + said):
         ffsm_mj.prepare(reaching(tmp_path, tip=site))
 
@@ -85,8 +85,8 @@ def test_a_site_of_the_model_is_not_replaced(tmp_path):
         ("lower", "not a scenario of this version"),
     ],
 )
-def test_a_log_that_says_otherwise_is_refused_in_a_line(tmp_path, wrong, said):
-    """Whatever a log says of its sites, what compiles its models tells one line."""
+def test_a_log_with_invalid_entries_is_refused_in_one_line(tmp_path, wrong, said):
+    """Invalid sites in a log give one line when its models are compiled."""
     run = ffsm_mj.run(reaching(tmp_path, tip={"body": "lower"}))
     data = plain_value(run.log.header.scenario_yaml)
     data["robot"]["sites"]["tip"] = wrong

@@ -1,4 +1,4 @@
-"""Logs and models that a stranger sent: nothing is written where they say, nothing is read that they do not carry."""
+"""Logs and models of unknown origin: no file outside their folder is written, no file outside them is read."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ EVIL_NAMES = [
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory) -> Path:
-    """The log of an honest run."""
+    """The log of an unmodified run."""
     folder = tmp_path_factory.mktemp("honest")
     ffsm_mj.run(two_balls(folder, duration_s=0.01), out=folder / "run", rerun=False)
     return folder / "run" / "run.mcap"
 
 
 def forged(log: Path, path: Path, files: dict[str, bytes], scenario: dict[str, str] | None = None) -> Path:
-    """The log with further attachments, or other ones of the same name, and changes in its scenario."""
+    """The log with added or replaced attachments and a changed scenario."""
     with log.open("rb") as source, path.open("wb") as stream:
         reader, writer = make_reader(source), Writer(stream)
         writer.start(profile="", library="stranger")
@@ -77,7 +77,7 @@ def one_line(capsys: Any) -> str:
 
 @pytest.mark.parametrize("name", EVIL_NAMES)
 @pytest.mark.parametrize("command", [["analyze", "--plots", "p"], ["export", "--gif"], ["export", "--csv"], ["analyze"]])
-def test_names_that_lead_elsewhere_are_refused_before_anything_is_written(tmp_path, log, capsys, monkeypatch, name, command):
+def test_names_outside_the_folder_are_refused_before_anything_is_written(tmp_path, log, capsys, monkeypatch, name, command):
     inner = tmp_path / "a" / "b"
     inner.mkdir(parents=True)
     monkeypatch.chdir(inner)
@@ -105,7 +105,7 @@ def test_a_log_is_compiled_without_touching_the_disk(log, monkeypatch):
 
 
 def test_mujoco_leaves_no_file_of_warnings(tmp_path, log, monkeypatch, capfd):
-    """A model that MuJoCo warns of: it would write MUJOCO_LOG.TXT where the reader stands."""
+    """For a model with a warning, MuJoCo would write MUJOCO_LOG.TXT in the current folder."""
     head = '<option cone="elliptic" tolerance="1e-3" gravity="0 0 0"/><size nkey="2"/>'
     path = forged(log, tmp_path / "log.mcap", {"mjcf/target/target.xml": BALL.format(head=head).encode()})
     (tmp_path / "here").mkdir()
@@ -117,7 +117,7 @@ def test_mujoco_leaves_no_file_of_warnings(tmp_path, log, monkeypatch, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_attachments_of_others_do_no_harm(tmp_path, log):
+def test_unrelated_attachments_are_harmless(tmp_path, log):
     path = forged(log, tmp_path / "more.mcap", {"notes.txt": b"hello", "mjcf/robot/other.xml": b"not even XML"})
     assert compile_log(read_log(path)).names("geom") == ("robot/ball", "target/target")
     write_recording(read_log(path), tmp_path / "made.rrd")
@@ -147,7 +147,7 @@ BALL = """<mujoco><option gravity="0 0 0"/>{head}<worldbody><body name="ball"><f
         '<extension><plugin plugin="mujoco.sdf.nut"/></extension>',
     ],
 )
-def test_a_log_can_make_nobody_read_another_file(tmp_path, log, monkeypatch, head):
+def test_a_log_cannot_refer_to_files_outside_it(tmp_path, log, monkeypatch, head):
     reader = tmp_path / "reader"
     reader.mkdir()
     monkeypatch.chdir(reader)
@@ -183,14 +183,14 @@ def test_a_log_can_make_nobody_read_another_file(tmp_path, log, monkeypatch, hea
         ({"view_rate_hz: 50.0": "view_rate_hz: [1]"}, "[1] should be a positive number"),
     ],
 )
-def test_scenarios_of_strangers_are_checked(tmp_path, log, change, expected):
+def test_scenarios_of_unknown_origin_are_validated(tmp_path, log, change, expected):
     path = forged(log, tmp_path / "log.mcap", {}, scenario=change)
     with pytest.raises(InputError) as refused:
         compile_log(read_log(path), "log x")
     assert expected in refused.value.lines[0]
 
 
-def test_a_log_without_scenario_says_so(tmp_path, log):
+def test_a_log_without_scenario_is_refused(tmp_path, log):
     path = forged(log, tmp_path / "log.mcap", {"scenario.yaml": b""})
     with pytest.raises(InputError, match="the log: contains no scenario"):
         compile_log(read_log(path))

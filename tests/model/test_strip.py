@@ -1,4 +1,4 @@
-"""What is taken out of a vendor's model: told, the same in run, log and rerun, and the file untouched."""
+"""Elements removed from a vendor's model: listed, the same in run, log and rerun, with the file unchanged."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SERVOS = '<position name="aim" joint="elbow" kp="9"/><general name="lag" joint="
 
 
 def vendor():
-    """The arm with everything that does not conserve, a motor on a tendon, servos and a keyframe."""
+    """The arm with all non-conservative elements, a motor on a tendon, servos and a keyframe."""
     text = ARM.replace('name="shoulder" axis', f'name="shoulder" {JOINT} axis').replace(
         'name="elbow" axis', 'name="elbow" springdamper="0.1 0.5" axis'
     )
@@ -38,8 +38,8 @@ def moving(folder, strip, **changes):
     }
 
 
-def test_stripped_of_everything_it_moves_as_the_bare_arm(tmp_path):
-    """To the last bit: nothing of what was taken out acts."""
+def test_a_completely_stripped_arm_moves_as_the_bare_arm(tmp_path):
+    """Bit by bit: the removed elements have no effect."""
     path, changes = moving(tmp_path, ALL)
     run = ffsm_mj.run(path, changes)
     (tmp_path / "robot.xml").write_text(ARM)
@@ -49,7 +49,7 @@ def test_stripped_of_everything_it_moves_as_the_bare_arm(tmp_path):
     assert ffsm_mj.prepare(path, changes).system.mj.nsensor == 0
 
 
-def test_check_tells_what_is_taken_out(tmp_path, capfd):
+def test_check_lists_the_removed_elements(tmp_path, capfd):
     path, changes = moving(tmp_path, ALL)
     notes = ffsm_mj.prepare(path, changes).system.notes
     assert notes == (
@@ -74,8 +74,8 @@ def test_check_tells_what_is_taken_out(tmp_path, capfd):
 
 
 @pytest.mark.parametrize("left", ["damping", "frictionloss", "stiffness", "equalities"])
-def test_what_is_not_named_stays(tmp_path, left):
-    """And is refused as ever: of the joint, or of the constraint, by its name."""
+def test_elements_that_are_not_stripped_are_refused(tmp_path, left):
+    """With the name of the joint or constraint."""
     path, changes = moving(tmp_path, [word for word in ALL if word != left])
     with pytest.raises(InputError, match=f"{left}|equality 'tied'") as refused:
         ffsm_mj.prepare(path, changes)
@@ -83,7 +83,7 @@ def test_what_is_not_named_stays(tmp_path, left):
     assert ("'shoulder'" in told) == (left != "equalities")
 
 
-def test_servos_that_stay_are_refused_with_the_way_on(tmp_path):
+def test_servos_are_refused_with_a_remedy(tmp_path):
     path, changes = moving(tmp_path, ALL[:-1])
     with pytest.raises(InputError, match=r"strip: \[servos\]") as refused:
         ffsm_mj.prepare(path, changes)
@@ -94,7 +94,7 @@ def test_servos_that_stay_are_refused_with_the_way_on(tmp_path):
 
 
 def test_log_and_rerun_strip_alike(tmp_path, capfd):
-    """The copied file is the vendor's; what the scenario takes out is taken out again by analyze and by a rerun."""
+    """The copied file is the original; log replay and rerun remove the same elements."""
     path, changes = moving(tmp_path, ALL)
     changes["objects.target.strip"] = ["damping"]
     (tmp_path / "target.xml").write_text(
@@ -110,14 +110,14 @@ def test_log_and_rerun_strip_alike(tmp_path, capfd):
     np.testing.assert_array_equal(ffsm_mj.run(out).log.rows, run.log.rows)
 
 
-def test_other_words_are_refused_with_what_is_allowed(tmp_path):
+def test_unknown_entries_of_strip_are_refused_with_the_allowed_ones(tmp_path):
     path, changes = moving(tmp_path, ["damping", "gravity"])
     with pytest.raises(InputError, match=r"robot\.strip.*'damping'.*'tendons'.*gravity"):
         ffsm_mj.prepare(path, changes)
 
 
-def test_what_holds_a_body_against_gravity_is_taken_out(tmp_path):
-    """Refused by name with the cure; with it the body weighs nothing, as all do here."""
+def test_gravcomp_is_removed(tmp_path):
+    """It is refused with a remedy; with ``strip`` the body has no weight, as in all scenes without gravity."""
     path, changes = moving(tmp_path, [])
     held = ARM.replace('<body name="lower"', '<body name="lower" gravcomp="1"')
     (tmp_path / "robot.xml").write_text(held)

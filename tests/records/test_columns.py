@@ -1,4 +1,4 @@
-"""Columns: a new signal is one place, wherever it is added; two of one name are refused."""
+"""Columns: a new signal is declared in one place; equal names are refused."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ PARTS = st.lists(
 
 
 def added(columns, parts):
-    """The columns with those of some parts among them, and the parts."""
+    """Columns with those of additional components, and these components."""
     columns, extras = list(columns), []
     for number, (groups, live, place) in enumerate(parts):
         extras.append(Extra(number, groups, live=live))
@@ -78,7 +78,7 @@ def added(columns, parts):
 
 @pytest.fixture(scope="module")
 def point(tmp_path_factory):
-    """Something for the sampler to be bound to, and its data."""
+    """A model for the sampler to bind to, and its data."""
     (path := tmp_path_factory.mktemp("point") / "robot.xml").write_text(ROBOT.format("j", "k", "j", "j", "k", "k"))
     model = compile_paths(path).mj
     return model, mujoco.MjData(model)
@@ -87,8 +87,8 @@ def point(tmp_path_factory):
 @pytest.mark.parametrize("compiled", ["0", "1"])
 @given(parts=PARTS)
 @settings(max_examples=150, deadline=None)
-def test_a_row_holds_each_part_under_its_own_names(point, compiled, parts):
-    """In blocks of two rows, as the sampler (or its compiled twin) fills them and as a log keeps them."""
+def test_a_row_contains_the_columns_of_each_component(point, compiled, parts):
+    """In blocks of two rows, filled by the sampler or its compiled twin, and as stored in a log."""
     columns, extras = added([Extra(9, ["state", "phase"], live=True).columns], parts)
     row = Row(columns)
     block = np.zeros((2, len(row.layout.signals)))
@@ -109,7 +109,7 @@ def test_a_row_holds_each_part_under_its_own_names(point, compiled, parts):
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
-    """A run of 41 samples with an impact after 20 ms, two blocks of rows because of it; its file, and its recording."""
+    """A run of 41 samples with an impact after 20 ms, hence two blocks of rows; its log and its recording."""
     folder = tmp_path_factory.mktemp("plain")
     path = two_balls(folder, gap=0.02, duration_s=0.04)
     return path, ffsm_mj.run(path, out=folder / "out", rerun=True), read(folder / "out" / "run.rrd")
@@ -117,8 +117,8 @@ def plain(tmp_path_factory):
 
 @given(parts=PARTS)
 @settings(max_examples=8, deadline=None)
-def test_signals_added_anywhere_are_read_back_by_name_and_move_no_other(plain, parts):
-    """From memory, from MCAP, and from Rerun what it plots: every column of the run without them is the same bit by bit."""
+def test_added_signals_are_read_back_and_change_no_other_column(plain, parts):
+    """From memory, from MCAP, and for plotted ones from Rerun: all other columns are equal bit by bit."""
     path, usual, drawn = plain
     extras = []
 
@@ -147,8 +147,8 @@ def test_signals_added_anywhere_are_read_back_by_name_and_move_no_other(plain, p
                 assert recording[entity, component] == drawn[entity, component]
 
 
-def test_what_rerun_plots_is_what_its_names_say(plain):
-    """Each line of each plot against the column of the log that it is made of, at the times of the frames."""
+def test_plots_of_rerun_show_the_columns_of_their_names(plain):
+    """Each curve against its column of the log, at the times of the frames."""
     _, run, drawn = plain
     system = compile_paths(run.path.parent / "mjcf/robot/robot.xml", {"target": run.path.parent / "mjcf/target/target.xml"})
     layout = run.log.header.layout
@@ -167,7 +167,7 @@ def test_what_rerun_plots_is_what_its_names_say(plain):
     assert [layout.keys[i] for i in energy.columns] == ["energy.total_J", "energy.robot_J", "energy.objects_J"]
 
 
-def test_columns_that_cannot_be_filled_are_refused():
+def test_columns_without_a_source_of_values_are_refused():
     one = (Signal("state", "a_m", "m", "one"),)
     with pytest.raises(ValueError, match="need either a live array or a table"):
         Columns(one)
@@ -184,8 +184,8 @@ def test_columns_that_cannot_be_filled_are_refused():
         (("j", "k", "m.1", "j", "m-1", "k"), "robot.xml:4: 'actuator robot/m.1' and 'actuator robot/m-1'"),
     ],
 )
-def test_elements_of_one_name_in_the_log_are_refused(tmp_path, capsys, names, told):
-    """Both named, one line, exit 2, with the file: before, the second was written over the first without a word."""
+def test_elements_with_the_same_column_name_are_refused(tmp_path, capsys, names, told):
+    """In one line with both names and the file, and exit code 2."""
     path = two_balls(tmp_path)
     (tmp_path / "robot.xml").write_text(ROBOT.format(*names))
     overrides = ["impact_pairs=[]", "initial={}"]
@@ -195,8 +195,8 @@ def test_elements_of_one_name_in_the_log_are_refused(tmp_path, capsys, names, to
     assert line.endswith("; rename one of them")
 
 
-def test_control_laws_do_not_mean_two_things_by_one_name():
-    """One that several phases share is one column; with another meaning it would be a lie in one of them."""
+def test_control_laws_share_a_column_only_with_the_same_meaning():
+    """A signal of several phases is one column; a different meaning is refused."""
     shared, other = (Signal("controller", "rate_rad_s", "rad/s", meaning) for meaning in ("of the arm", "of the base"))
     laws = [SimpleNamespace(telemetry_signals=(signal,)) for signal in (shared, shared, other)]
     refuse_telemetry([Phase("go", "mine", laws[0]), Phase("on", "mine", laws[1])])
@@ -204,8 +204,8 @@ def test_control_laws_do_not_mean_two_things_by_one_name():
         refuse_telemetry([Phase("go", "mine", laws[0]), Phase("hold", "yours", laws[2])])
 
 
-def test_names_that_only_protobuf_takes_for_one_are_kept_apart():
-    """j1 and j_1 are both j1 in protobuf's camel case, and its readers refused the whole log for it."""
+def test_names_with_equal_default_json_names_stay_different():
+    """j1 and j_1 have the same default JSON name in protobuf, and its readers refuse such a schema."""
     from google.protobuf import descriptor_pb2, descriptor_pool
 
     signals = (Signal("state", "time_s", "s", ""), *(Signal("state", f"q_{j}_rad", "rad", "") for j in ("j1", "j_1")))

@@ -1,4 +1,4 @@
-"""The register of kinds of records: one of each name, and none that a log could not hold."""
+"""The register of kinds of records: names are unique, and every kind can be stored in a log."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ffsm_mj.records.kinds import RecordKind, field_of, kind_of, kinds, kinds_of
 
 @dataclass(frozen=True)
 class Push:
-    """A push."""
+    """A record for tests."""
 
     time_s: float
     by: str
@@ -39,7 +39,7 @@ def _registered_for_one_test(monkeypatch):
     register(KIND)
 
 
-def test_a_kind_is_found_by_its_record_and_by_its_name():
+def test_a_kind_is_found_by_record_and_by_name():
     push = Push(1.0, "hand", (0.0, 0.0, 0.0), {})
     assert kind_of(push) is KIND
     assert (KIND.topic, KIND.schema) == ("/ffsm/push", "ffsm.Push")
@@ -52,21 +52,21 @@ def test_a_kind_is_found_by_its_record_and_by_its_name():
         kinds_of(["pish"])
 
 
-def test_the_same_kind_again_changes_nothing():
+def test_registering_a_kind_again_has_no_effect():
     register(replace(KIND))
     assert kinds() == (KIND,)
 
 
 @dataclass(frozen=True)
 class Pull:
-    """Another class."""
+    """A second record class."""
 
     time_s: float
     deep: tuple[tuple[float, ...], ...] = ()
 
 
 class Plain:
-    """No dataclass."""
+    """A class that is not a dataclass."""
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ class Plain:
         ({"name": "pull", "plural": "pulls", "record": Pull}, "a log cannot hold a tuple"),
     ],
 )
-def test_what_another_kind_or_every_log_has_is_refused(changed, words):
+def test_reserved_names_and_names_of_other_kinds_are_refused(changed, words):
     with pytest.raises(ValueError, match=words):
         register(replace(KIND, **changed))
     assert kinds() == (KIND,)
@@ -97,18 +97,18 @@ def test_what_another_kind_or_every_log_has_is_refused(changed, words):
         ({"lengths": {"point_m": 3, "normal": 3}}, "no field normal"),
     ],
 )
-def test_a_kind_that_contradicts_itself_is_refused(monkeypatch, changed, words):
+def test_an_inconsistent_kind_is_refused(monkeypatch, changed, words):
     monkeypatch.setattr(register_of_kinds, "_KINDS", {})
     with pytest.raises(ValueError, match=words):
         register(replace(KIND, **changed))
 
 
-def test_without_more_words_the_summary_is_all_fields():
+def test_the_default_summary_has_all_fields():
     push = Push(1.0, "hand", (0.0, 0.5, 0.0), {"total": (2.0,)})
     assert KIND.summary(push) == {"time_s": 1.0, "by": "hand", "point_m": [0.0, 0.5, 0.0], "forces_N": {"total": [2.0]}}
 
 
-def test_a_column_names_its_field():
+def test_a_column_is_derived_from_its_field():
     assert field_of("angular_impulse_{xyz}_N_m_s") == ("angular_impulse_N_m_s", "xyz")
     assert field_of("normal_{xyz}") == ("normal", "xyz")
     assert field_of("impulse_N_s") == ("impulse_N_s", "")

@@ -1,4 +1,4 @@
-"""Tables and animations for other tools, read back with those tools."""
+"""Exported tables and animations, read back by other tools."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def hit(tmp_path_factory, ffsm_run):
     return ffsm_run(two_balls(tmp_path_factory.mktemp("hit"), duration_s=0.5))
 
 
-def test_csv_gives_the_same_doubles_again(hit, tmp_path):
+def test_csv_preserves_doubles(hit, tmp_path):
     write_table(hit, "samples", tmp_path / "x.csv", "csv")
     with (tmp_path / "x.csv").open() as stream:
         rows = list(csv.reader(stream))
@@ -30,7 +30,7 @@ def test_csv_gives_the_same_doubles_again(hit, tmp_path):
     np.testing.assert_array_equal(np.array(rows[1:], dtype=np.float64), hit.log.rows)
 
 
-def test_parquet_says_units_and_what_run_it_is(hit, tmp_path):
+def test_parquet_contains_units_and_metadata_of_the_run(hit, tmp_path):
     write_table(hit, "samples", tmp_path / "x.parquet", "parquet")
     table = pyarrow.parquet.read_table(tmp_path / "x.parquet")
     np.testing.assert_array_equal(table["energy.total_J"], hit["energy.total_J"])
@@ -42,7 +42,7 @@ def test_parquet_says_units_and_what_run_it_is(hit, tmp_path):
 
 
 def test_gif_shows_the_motion(hit, tmp_path):
-    """0.5 s at 10 pictures a second are 6; the object is drawn to the right of its first place in the last of them."""
+    """0.5 s at 10 frames per second are 6 frames; in the last one, the object has moved to the right."""
     said = write_animation(hit, tmp_path / "x.gif", frames_per_second=10.0)
     assert said == "6 frames, 0.6 s at 1 times real time"
     with Image.open(tmp_path / "x.gif") as film:
@@ -58,7 +58,7 @@ def test_gif_shows_the_motion(hit, tmp_path):
     assert places[1] > places[0] + 20
 
 
-def test_mp4_has_every_picture(hit, tmp_path):
+def test_mp4_has_every_frame(hit, tmp_path):
     write_animation(hit, tmp_path / "x.mp4", frames_per_second=10.0, speed=0.5)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "x.mp4"))
     assert count == 11

@@ -1,4 +1,4 @@
-"""What a run shows in a terminal and in a notebook's cell."""
+"""Representation of a run in a terminal and in a notebook."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def hit(tmp_path_factory, ffsm_run):
 
 
 def pictures(html, kind):
-    """What the pictures of a cell hold."""
+    """Decoded images of a cell."""
     found = re.findall(rf'<img [^>]*src="data:image/{kind};base64,([^"]+)"', html)
     return [Image.open(io.BytesIO(base64.b64decode(text))) for text in found]
 
 
 class Tags(HTMLParser):
-    """Names of the elements of a page, and its text."""
+    """Parser for the element names and the text of a page."""
 
     def __init__(self, html):
         super().__init__()
@@ -48,7 +48,7 @@ class Tags(HTMLParser):
         self.text += data
 
 
-def test_a_run_says_what_came_of_it(hit):
+def test_the_representation_of_a_run_shows_its_results(hit):
     said = repr(hit)
     assert said.startswith("<Run scene: completed after 0.5 s; 1 impact; 13 checks, all pass, worst ")
     assert len(said.splitlines()) == 1
@@ -57,7 +57,7 @@ def test_a_run_says_what_came_of_it(hit):
     assert "0.300000 s: robot/ball on target/target, 2.4 N s" in page.text
 
 
-def test_the_tip_is_told(baseline):
+def test_the_representation_shows_the_tip(baseline):
     tip = baseline.summary()["tip"]
     second = repr(baseline).splitlines()[1]
     assert second == (
@@ -67,27 +67,27 @@ def test_the_tip_is_told(baseline):
     assert second.strip().removeprefix("tip ").removesuffix(">") in Tags(baseline._repr_html_()).text
 
 
-def test_a_violated_law_is_told(hit):
-    """A log that says 1e-3 J more of the impact than its impulse worked."""
+def test_the_representation_shows_a_failed_check(hit):
+    """A log with an energy change of the impact that is 1e-3 J too large."""
     record = hit.impacts[0]
     wrong = replace(record, energy_change_J=record.energy_change_J + 1e-3)
     run = ffsm_mj.Run(replace(hit.log, records=hit.log.records | {"impacts": (wrong,)}))
     assert "1 of 13 checks FAILED, worst impact energy of total: 1.0e-03 of " in repr(run)
 
 
-def test_what_is_no_number_is_the_worst(hit):
+def test_a_residual_that_is_not_finite_is_the_worst(hit):
     rows = np.array(hit.log.rows)
     rows[300, hit.keys.index("energy.total_J")] = np.nan
     assert "FAILED, worst energy of total: nan of" in repr(ffsm_mj.Run(replace(hit.log, rows=rows)))
 
 
-def test_a_run_that_broke_off(hit):
+def test_the_representation_of_an_incomplete_run(hit):
     run = ffsm_mj.Run(replace(hit.log, outcome=None, damage="7 bytes cannot be read"))
     assert "scene: damaged: 7 bytes cannot be read; incomplete: the log breaks off before the end of the run;" in repr(run)
 
 
-def test_names_and_messages_are_text_never_markup(tmp_path):
-    """A geom, an outcome and a scenario that a hostile log calls by markup stay text, and on their line."""
+def test_names_and_messages_are_escaped(tmp_path):
+    """Markup in names of a hostile log stays text, on one line."""
     evil = "<script>alert(1)</script>"
     path = scene(
         tmp_path,
@@ -107,8 +107,8 @@ def test_names_and_messages_are_text_never_markup(tmp_path):
     assert len(repr(ffsm_mj.Run(log)).splitlines()) == 1
 
 
-def test_a_long_log_is_not_read_for_a_look(hit, monkeypatch):
-    """Of rows above the limit nothing is read; what the run itself gathered is told whatever its length."""
+def test_the_representation_does_not_read_a_long_log(hit, monkeypatch):
+    """Rows above the limit are not read; results accumulated during the run are shown at any length."""
     monkeypatch.setattr(run_card, "KEPT_BYTES", 8 * len(hit.keys) * 500)  # hit has 501 rows
     fresh, known = ffsm_mj.load_run(hit.path), hit.digest
     monkeypatch.setattr(type(fresh.log), "blocks", lambda _: pytest.fail("the rows are read"))
@@ -118,8 +118,8 @@ def test_a_long_log_is_not_read_for_a_look(hit, monkeypatch):
     assert "13 checks, all pass" in repr(told)
 
 
-def test_a_look_is_quick(baseline):
-    """Its digest known, the card of 30 001 rows is some sums over a few numbers: 1 ms; a pass over the rows takes 25."""
+def test_the_representation_uses_the_digest(baseline):
+    """With a known digest, no pass over the rows is needed."""
     assert baseline.digest.samples == 30001
     began = time.perf_counter()
     for _ in range(20):
@@ -128,7 +128,7 @@ def test_a_look_is_quick(baseline):
 
 
 def test_out_sets_the_path(tmp_path):
-    """The run that is returned knows its log, by the name that ``load_run`` finds."""
+    """The returned run has the path of its log, as found by ``load_run``."""
     scenario = two_balls(tmp_path, duration_s=0.1)
     run = ffsm_mj.run(scenario, out=tmp_path / "mine", rerun=False)
     assert run.path == tmp_path / "mine" / "run.mcap" == ffsm_mj.load_run(tmp_path / "mine").path
@@ -139,7 +139,7 @@ def test_out_sets_the_path(tmp_path):
 
 
 def test_a_run_is_read_from_another_folder(tmp_path, monkeypatch):
-    """A notebook that goes elsewhere (``%cd``) after a run into a relative folder still has it, as written and as read."""
+    """After a change of the folder (``%cd``), a run in a relative folder is still readable."""
     monkeypatch.chdir(tmp_path)
     run = ffsm_mj.run(two_balls(tmp_path, duration_s=0.1), out="mine", rerun=False)
     read = ffsm_mj.load_run("mine")
@@ -149,8 +149,8 @@ def test_a_run_is_read_from_another_folder(tmp_path, monkeypatch):
     assert len(run.time) == 101
 
 
-def test_plot_shows_figures_in_a_cell(hit):
-    """Those of ``--plots``, drawn as PNG of a sensible size; pyplot, which keeps windows, is not even imported."""
+def test_plot_displays_figures_in_a_cell(hit):
+    """Those of ``--plots`` as PNG; pyplot is not imported."""
     figures = hit.plot("motion", "energies")
     assert list(figures) == ["motion", "energies"]
     assert repr(figures) == "<Figures motion, energies>"
@@ -168,8 +168,8 @@ def test_plot_without_names_has_every_figure(hit):
     assert set(hit.plot()) == {"motion", "base", "torques", "momenta", "energies", "conservation"}
 
 
-def test_animate_shows_a_film_in_a_cell(hit, tmp_path):
-    """0.5 s at 10 pictures a second are 6, in the cell and in the file that it is saved to."""
+def test_animate_displays_an_animation_in_a_cell(hit, tmp_path):
+    """0.5 s at 10 frames per second are 6 frames, in the cell and in the saved file."""
     film = hit.animate(frames_per_second=10.0)
     assert repr(film) == "Film(name='scene', description='6 frames, 0.6 s at 1 times real time')"
     (shown,) = pictures(film._repr_html_(), "gif")
@@ -190,12 +190,12 @@ def test_animate_shows_a_film_in_a_cell(hit, tmp_path):
         ({"speed": 1e-3, "frames_per_second": 50.0}, "more than 6000; raise speed or lower frames_per_second"),
     ],
 )
-def test_a_film_that_cannot_be_is_refused(hit, options, said):
+def test_an_impossible_animation_is_refused(hit, options, said):
     with pytest.raises((ValueError, InputError), match=said):
         hit.animate(**options)
 
 
-def test_the_film_s_name_is_text(hit):
+def test_the_name_of_an_animation_is_escaped(hit):
     film = replace(hit.animate(frames_per_second=2.0), name='"><script>alert(1)</script>')
     assert Tags(film._repr_html_()).tags == ["img"]
 
@@ -205,7 +205,7 @@ def python(code):
     return done.stdout.splitlines()
 
 
-def test_a_script_that_does_not_draw_imports_nothing_that_draws(tmp_path):
+def test_matplotlib_is_imported_on_demand(tmp_path):
     lines = python(f"""
 import sys, ffsm_mj
 run = ffsm_mj.run({str(two_balls(tmp_path, duration_s=0.1))!r})

@@ -1,4 +1,4 @@
-"""Names that Matplotlib would take for mathematics are drawn letter by letter."""
+"""Names that look like mathematics to Matplotlib are drawn literally."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ffsm_mj.report.plots.style import plain, publication
 
 
 @pytest.mark.parametrize("name", ["$script ${script} $$", "$x$", "a$b", "$", r"$\frac$", "a_b"])
-def test_a_name_is_drawn_as_it_is(name):
+def test_a_name_is_drawn_literally(name):
     with publication():
         mpl.rcParams["svg.fonttype"] = "none"
         figure, held = Figure(), StringIO()
@@ -38,7 +38,7 @@ def test_values_beyond_every_axis_are_gaps(two_phases):
 
 @pytest.fixture
 def two_phases(tmp_path):
-    """A short run whose phases are named as nobody should."""
+    """A short run with odd names of phases."""
     import ffsm_mj
     from tests.scenes import two_balls
 

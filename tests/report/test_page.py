@@ -1,4 +1,4 @@
-"""What stands in a page of ``ffsm export --html``; that a browser shows it is for :mod:`tests.browser`."""
+"""Content of a page of ``ffsm export --html``; :mod:`tests.browser` tests its display."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tests.scenes import CHAIN, HEAD, compile_paths, three_balls, two_balls
 
 @pytest.fixture(scope="module", autouse=True)
 def one_figure():
-    """Figures cost most of the time that a page takes."""
+    """Limit a page to one figure: figures take most of the time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ffsm_mj.report.page.inline_figures._SHOWN", ("energies",))
         yield
@@ -59,13 +59,13 @@ def drawn(page):
 
 
 def volume(corners, faces):
-    """Signed: positive where the triangles look outwards."""
+    """Signed volume, positive if the triangles face outwards."""
     a, b, c = corners[faces].transpose(1, 0, 2)
     return np.sum(a * np.cross(b, c)) / 6
 
 
 def test_solids_enclose_the_volumes_of_their_geoms(tmp_path):
-    """To the second order in the angle between edges, 40 to a turn: (2 pi / 40)^2 / 6 of a circle, twice that of a ball."""
+    """To second order in the angle between edges, 40 per turn: (2 pi / 40)^2 / 6 for a circle, twice that for a ball."""
     (tmp_path / "all.xml").write_text(ALL_SHAPES)
     found = {}
     for shape in shapes(compile_paths(tmp_path / "all.xml")):
@@ -93,8 +93,8 @@ def test_planes_are_drawn_below_their_surface(tmp_path):
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[-2, 0, -7], [2, 2e-3, 13]], atol=1e-9)
 
 
-def test_events_are_in_a_page_at_their_very_instant(hit, page):
-    """An impact between two of the evenly spaced times; the pose there is the one of its record."""
+def test_a_page_has_the_pose_at_the_exact_time_of_an_event(hit, page):
+    """An impact between two of the evenly spaced times; its pose is that of the record."""
     told = json.loads(part(page, "data"))
     (record,) = hit.impacts
     assert told["start"] == record.time_s
@@ -104,8 +104,8 @@ def test_events_are_in_a_page_at_their_very_instant(hit, page):
     assert abs(x - record.qpos[0]) < 1e-7  # single precision
 
 
-def test_marks_are_those_of_all_records(tmp_path):
-    """Two impacts: an arrow and a text each, along the push, of the drawn length of its impulse."""
+def test_a_page_draws_the_marks_of_all_records(tmp_path):
+    """Two impacts: each has an arrow along its impulse, of the drawn length, and a text."""
     run = ffsm_mj.run(three_balls(tmp_path, CHAIN))
     marks = run.log.marks()
     assert len(marks) >= 2
@@ -123,13 +123,13 @@ def test_marks_are_those_of_all_records(tmp_path):
         assert each["visible"][repr(1000.0 * time)] is True
 
 
-def test_texts_of_marks_are_no_markup():
+def test_texts_of_marks_are_escaped():
     *_, label = scene._mark(DrawnMark(IMPACT, 0.0, 0, 0, Mark((0.0, 0.0, 0.0), text="<script>x</script>")), 1.0)
     assert label.text == '<span class="mark">&lt;script&gt;x&lt;/script&gt;</span>'
 
 
 def test_thrusters_that_fire_have_plumes(tmp_path):
-    """A cone from the jet's site against its push, while it fires; none at a jet that never does."""
+    """A cone from the site of the jet, opposite to its force, while it fires; none for a jet that never fires."""
     system = compile_jets(tmp_path)
     rows = np.zeros((5, 14))
     rows[:, 0], rows[:, 4], rows[1:3, 8] = 0.1 * np.arange(5), 1.0, 1.5
@@ -147,7 +147,7 @@ def test_thrusters_that_fire_have_plumes(tmp_path):
 
 
 def compile_jets(folder):
-    """A bus with two jets that push towards each other."""
+    """A body with two opposite jets."""
     jets = f"""<mujoco>{HEAD}<worldbody><body name="bus"><freejoint name="free"/><geom size=".1" mass="1"/>
       <site name="left" pos="0 .1 0"/><site name="right" pos="0 -.1 0"/></body></worldbody><actuator>
       <motor name="left" site="left" gear="0 -1 0 0 0 0"/><motor name="right" site="right" gear="0 1 0 0 0 0"/>
@@ -156,7 +156,7 @@ def compile_jets(folder):
     return compile_paths(folder / "jets.xml")
 
 
-def test_a_page_names_the_verdicts(hit, page):
+def test_a_page_lists_the_checks(hit, page):
     text = page.read_text()
     assert text.count('<tr class="passes">') == len(hit.checks())
     assert f"all {len(hit.checks())} checks pass" in text
@@ -177,8 +177,8 @@ def test_without_k3d_the_extra_is_named(hit, tmp_path, monkeypatch):
     assert not (tmp_path / "x.html").exists()
 
 
-def test_a_run_that_diverged_is_drawn_too(hit, tmp_path):
-    """No number that JSON or a browser does not know gets into a page."""
+def test_a_run_that_diverged_is_drawn(hit, tmp_path):
+    """A page contains only numbers that JSON and browsers accept."""
     rows = hit.log.rows.copy()
     rows[100:, 1:] = np.nan
     rows[50:100, 1] = 1e300

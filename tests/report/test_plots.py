@@ -1,4 +1,4 @@
-"""Figures: outlines against closed forms, every axis labelled, the same bytes for the same data."""
+"""Figures: outlines against closed forms, labels on all axes, equal bytes for equal data."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ SHAPES = {  # geom, area of its outline seen along z, after a turn of 0.7 rad ab
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_outlines_have_the_area_of_the_projection(shape, tmp_path, ffsm_run):
-    """Circles are drawn with 48 corners: their area is 0.3 % short."""
+    """Circles are drawn with 48 corners, so their area is 0.3 % too small."""
     geom, expected = SHAPES[shape]
     robot = f"""<mujoco>{HEAD}<worldbody><body name="b"><freejoint name="free"/>
       <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom name="g" {geom} mass="0"/></body></worldbody></mujoco>"""
@@ -91,8 +91,8 @@ def test_figures_of_a_planar_hit_without_a_task(hit):
     assert list(figures) == ["motion", "base", "torques", "momenta", "energies", "conservation"]
 
 
-def test_no_curve_crosses_the_word_impact(hit):
-    """Momenta jump to their greatest value there."""
+def test_no_curve_crosses_the_label_of_the_marks(hit):
+    """Momenta jump to their greatest values at the impact."""
     for name, figure in plots.figures(hit, ["base", "momenta", "energies", "conservation"]).items():
         figure.canvas.draw()
         axes = figure.axes[0]
@@ -103,14 +103,14 @@ def test_no_curve_crosses_the_word_impact(hit):
                 assert y[(x > word.x0) & (x < word.x1)].max(initial=0.0) < word.y0, (name, line.get_label())
 
 
-def test_the_pose_of_the_impact_is_told_rather_than_one_next_to_it(tmp_path, ffsm_run):
-    """The end, 20 mm on, has no room beside it."""
+def test_the_pose_of_the_impact_has_a_label_before_others_nearby(tmp_path, ffsm_run):
+    """There is no room for a label of the end, 20 mm away."""
     motion = plots.figures(ffsm_run(two_balls(tmp_path, duration_s=0.32)), ["motion"])["motion"]
     assert "0.3 s" in [text.get_text() for text in motion.axes[0].texts]
 
 
 def test_figures_in_space(spatial):
-    """Two projections of the motion; every axis says what it shows, and the bottom ones the time."""
+    """Two projections of the motion; all axes have labels, the bottom ones the time."""
     figures = plots.figures(spatial)
     assert {"joints", "tip", "torques", "momenta"} <= set(figures)
     assert len(figures["motion"].axes) == 2
@@ -123,7 +123,7 @@ def test_figures_in_space(spatial):
 
 @pytest.fixture(scope="module")
 def many_legged(tmp_path_factory, ffsm_run):
-    """A robot of 16 joints with the long names that robots have."""
+    """A robot of 16 joints with long names."""
     names = [f"{side}_{joint}" for side in ("front_left", "front_right", "back_left", "back_right")
              for joint in ("hip_yaw", "hip_pitch", "knee_pitch", "ankle_roll")]  # fmt: skip
     bodies = "".join(f"""<body><joint name="{name}" axis="{i % 3} 1 0"/><geom size="0.1" pos="{i % 5} {i // 5} 1"/></body>"""
@@ -133,7 +133,7 @@ def many_legged(tmp_path_factory, ffsm_run):
     return ffsm_run(scene(tmp_path_factory.mktemp("legs"), robot, {}, duration_s=0.01))
 
 
-def test_names_of_many_joints_have_room(many_legged):
+def test_names_of_many_joints_fit(many_legged):
     figures = plots.figures(many_legged, ["joints", "torques"])
     for figure in figures.values():
         figure.draw_without_rendering()  # as it is laid out in a file
@@ -146,8 +146,8 @@ def test_names_of_many_joints_have_room(many_legged):
     assert not [(i, j) for i in range(16) for j in range(i) if labels[i].overlaps(labels[j])]
 
 
-def test_no_two_of_many_curves_look_alike(many_legged):
-    """Seven colours and seven styles are 49 looks."""
+def test_many_curves_have_different_styles(many_legged):
+    """Seven colours and seven line styles give 49 combinations."""
     lines = plots.figures(many_legged, ["joints"])["joints"].axes[0].get_legend().get_lines()
     looks = {(line.get_color(), str(line._dash_pattern)) for line in lines}
     assert len(looks) == len(lines) == 16
@@ -163,7 +163,7 @@ def test_the_same_data_give_the_same_bytes(hit, tmp_path):
 
 
 def test_the_case_study_is_drawn_from_the_log(baseline):
-    """The paper's robot in its plane: base actuators are no motors, and the unused ones get no figure."""
+    """The robot of the paper in its plane: base actuators are not motors, and unused ones have no figure."""
     subject = Subject(baseline)
     assert subject.planes == (Plane(0, 1),)
     assert subject.named("motor") == ["robot/motor_1", "robot/motor_2", "robot/motor_3"]
@@ -173,8 +173,8 @@ def test_the_case_study_is_drawn_from_the_log(baseline):
     np.testing.assert_allclose(subject.roots["robot"][0], [5.0, -1.75, 0.0], atol=1e-12)
 
 
-def test_a_fixed_body_is_drawn_where_it_stands(tmp_path, ffsm_run):
-    """In every pose and picture, in the colour of nobody, and within the picture."""
+def test_a_fixed_body_is_drawn_at_its_pose(tmp_path, ffsm_run):
+    """In every pose and frame, in a colour of its own, and within the frame."""
     wall = f'<mujoco>{HEAD}<worldbody><geom name="wall" type="box" size="0.1 1 1"/></worldbody></mujoco>'
     path = scene(
         tmp_path,
@@ -204,8 +204,8 @@ def test_a_fixed_body_is_drawn_where_it_stands(tmp_path, ffsm_run):
     assert grey.mean() > 0.04  # with the wall 0.07; without it 0.02, the grid
 
 
-def test_a_film_in_space_looks_from_three_sides(spatial):
-    """To one scale, the legend in the fourth corner, nothing on anything else."""
+def test_a_film_of_motion_in_space_has_three_views(spatial):
+    """To one scale, with the legend in the fourth corner, without overlap."""
     subject = Subject(spatial)
     figure, views = pictures._from_three_sides(subject, [0, len(spatial.time) - 1])
     figure.draw_without_rendering()
@@ -220,7 +220,7 @@ def test_a_film_in_space_looks_from_three_sides(spatial):
 
 
 def test_the_path_of_the_tip_changes_its_colour_at_the_first_impact(spatial):
-    """The two parts meet there."""
+    """The two parts share the point of the impact."""
     subject = Subject(spatial)
     before, after = subject.tip_parts
     assert before.colour != after.colour
@@ -230,8 +230,8 @@ def test_the_path_of_the_tip_changes_its_colour_at_the_first_impact(spatial):
     assert names[:2] == ["tip, before", "tip, after"]
 
 
-def test_words_of_figures_do_not_lie_on_each_other(spatial):
-    """Names of phases, the word for marks, legends and axes' labels of figures over time."""
+def test_texts_of_figures_do_not_overlap(spatial):
+    """Names of phases, label of the marks, legends and axis labels of time plots."""
     for name, figure in plots.figures(spatial, ["tip", "momenta"]).items():
         figure.draw_without_rendering()
         words = [text.get_window_extent() for axes in figure.axes for text in axes.texts if text.get_text()]
@@ -244,8 +244,8 @@ def test_words_of_figures_do_not_lie_on_each_other(spatial):
             assert legend is None or not legend.get_window_extent().overlaps(axes.bbox), name
 
 
-def test_times_of_poses_do_not_lie_on_each_other(spatial):
-    """Nor on those of other bodies."""
+def test_time_labels_of_poses_do_not_overlap(spatial):
+    """Including those of other bodies."""
     figure = plots.figures(spatial, ["motion"])["motion"]
     figure.draw_without_rendering()
     for axes in figure.axes:

@@ -1,4 +1,4 @@
-"""Tables on a terminal: whole where there is room, else in parts that fit."""
+"""Text tables: in one part if the terminal is wide enough, else divided."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ def terminal(monkeypatch):
 
 
 @pytest.mark.parametrize(("tty", "columns", "width"), [(True, 60, 60), (True, 39, None), (False, 60, None)])
-def test_the_width_is_that_of_a_terminal(monkeypatch, tty, columns, width):
+def test_the_width_is_that_of_the_terminal(monkeypatch, tty, columns, width):
     monkeypatch.setattr(sys.stdout, "isatty", lambda: tty)
     monkeypatch.setenv("COLUMNS", str(columns))
     assert text_table.terminal_width() == width
 
 
-def test_where_it_goes_into_a_file_a_table_stays_whole(terminal):
+def test_a_table_in_a_file_is_not_divided(terminal):
     terminal(None)
     assert table(HEAD, ROWS) == WHOLE
 
 
-def test_a_wide_terminal_has_room(terminal):
+def test_a_wide_terminal_gets_one_table(terminal):
     terminal(34)
     assert table(HEAD, ROWS, keys=2) == WHOLE
 
 
 @pytest.mark.parametrize("width", [33, 27, 26, 22, 5])
 def test_a_narrow_terminal_gets_all_columns_in_parts(width, terminal):
-    """No line is longer than the terminal where a part has more than its keys and a column, and no cell is lost."""
+    """No line is longer than the terminal unless a part has one column besides its keys, and no cell is lost."""
     terminal(width)
     parts = [[line.split() for line in part.split("\n")] for part in table(HEAD, ROWS, keys=2).split("\n\n")]
     assert len(parts) > 1
