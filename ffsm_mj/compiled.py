@@ -16,6 +16,12 @@ from typing import TypeVar
 
 from ffsm_mj.errors import TwinsError, described
 
+INTERFACE = "1d9f71d0dc5b"
+"""Fingerprint of the public names of every class that has a twin; ``tests/test_compiled.py`` computes it.
+
+Twins state the fingerprint for which they are written. A build from other sources of the same version states another one.
+"""
+
 Class = TypeVar("Class", bound=type)
 
 
@@ -28,7 +34,7 @@ def fastest(plain: Class) -> Class:
     """The compiled twin of a class, or the class itself if twins are not used.
 
     Raises:
-        TwinsError: The installed twins belong to another version of ffsm-mj or MuJoCo.
+        TwinsError: The installed twins belong to another version of ffsm-mj or MuJoCo, or are built from other sources.
     """
     twins = _twins() if is_compiled() else None
     twin: Class = plain if twins is None else getattr(twins, plain.__name__)
@@ -43,6 +49,9 @@ def _twins() -> ModuleType | None:
     if ours != theirs:
         raise TwinsError(f"ffsm-mj-fast {theirs} does not fit ffsm-mj {ours}")
     try:
-        return importlib.import_module("ffsm_mj_fast")
-    except ImportError as error:
+        twins = importlib.import_module("ffsm_mj_fast")
+    except (ImportError, AttributeError) as error:  # AttributeError: a name of ffsm-mj that is not there any more
         raise TwinsError(f"ffsm-mj-fast {theirs} cannot be used ({described(error)})") from error
+    if getattr(twins, "INTERFACE", "") != INTERFACE:
+        raise TwinsError(f"the installed ffsm-mj-fast {theirs} is built from other sources than this ffsm-mj")
+    return twins

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import hashlib
+import inspect
 import os
 import subprocess
 import sys
@@ -21,6 +24,7 @@ import ffsm_mj
 from ffsm_mj import compiled
 from ffsm_mj.actuation.limits import Envelope, Limits
 from ffsm_mj.balance.joint_work import JointWork
+from ffsm_mj.cli.main import main
 from ffsm_mj.compiled import fastest, is_compiled
 from ffsm_mj.contact_models.grasp import state_transfer as following
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE, FreeStepper
@@ -338,6 +342,65 @@ def test_twins_of_another_version_are_refused(monkeypatch):
     with pytest.raises(
         TwinsError, match=r"ffsm-mj-fast 1.0 does not fit ffsm-mj 2.0: uv sync --extra fast .* or set FFSM_COMPILED=0"
     ):
+        fastest(FreeStepper)
+    compiled._twins.cache_clear()
+
+
+PLAIN = (
+    BlockLaw,
+    Doubling,
+    FreeStepper,
+    JointWork,
+    Limits,
+    PlanarLaw,
+    PlanarRiccati,
+    Sampler,
+    following.StateTransfer,
+    TipKinematics,
+)
+
+
+def public_names(cls):
+    """Methods with their arguments and attributes of a class, those that its methods assign included."""
+    for base in cls.__mro__[:-1]:
+        for node in ast.walk(ast.parse(inspect.getsource(base))):
+            if isinstance(node, ast.FunctionDef) and (node.name == "__init__" or not node.name.startswith("_")):
+                yield f"{cls.__name__}.{node.name}({', '.join(each.arg for each in node.args.args + node.args.kwonlyargs)})"
+            elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and ast.unparse(node.value) == "self":
+                if not node.attr.startswith("_"):
+                    yield f"{cls.__name__}.{node.attr}"
+            elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+                yield f"{cls.__name__}.{node.target.id}"
+
+
+def test_the_fingerprint_is_that_of_the_public_names():
+    """A change of a public name requires a change of the twins: both packages then state the new fingerprint."""
+    assert {cls.__name__ for cls in PLAIN} == {*twins.__all__} - {"INTERFACE"}
+    names = sorted({name for cls in PLAIN for name in public_names(cls)})
+    fingerprint = hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
+    assert compiled.INTERFACE == twins.INTERFACE == fingerprint
+
+
+@pytest.mark.parametrize("stated", ["", "0123456789ab"])
+def test_twins_from_other_sources_are_refused(monkeypatch, capsys, stated):
+    """In one line before the run starts, and not by an AttributeError within the run."""
+    compiled._twins.cache_clear()
+    monkeypatch.setattr(twins, "INTERFACE", stated)
+    assert main(["run", "coasting", "-s", "duration_s=0.01", "--no-rerun"]) == 2
+    assert capsys.readouterr().err == (
+        f"the installed ffsm-mj-fast {version('ffsm-mj-fast')} is built from other sources than this ffsm-mj: "
+        "uv sync --extra fast --reinstall-package ffsm-mj-fast, or set FFSM_COMPILED=0\n"
+    )
+    compiled._twins.cache_clear()
+
+
+def test_twins_that_need_a_name_that_is_gone_are_refused(monkeypatch):
+    def import_of_an_old_build(_):
+        raise AttributeError("module 'ffsm_mj.dynamics.free_stepper' has no attribute 'WHOLE_STATE'")
+
+    compiled._twins.cache_clear()
+    monkeypatch.setattr(compiled.importlib, "import_module", import_of_an_old_build)
+    with pytest.raises(TwinsError, match=r"cannot be used \(AttributeError: .* uv sync --extra fast"):
         fastest(FreeStepper)
     compiled._twins.cache_clear()
 

@@ -15,7 +15,11 @@ from ffsm_mj_fast.sampler import Sampler
 from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
+INTERFACE = "1d9f71d0dc5b"
+"""Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
+
 __all__ = [
+    "INTERFACE",
     "BlockLaw",
     "Doubling",
     "FreeStepper",
