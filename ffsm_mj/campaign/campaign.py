@@ -12,7 +12,7 @@ from typing import Any
 
 from ffsm_mj.campaign.evaluation.kept_logs import runs_to_keep
 from ffsm_mj.campaign.execution.driver import Driver
-from ffsm_mj.campaign.execution.engines import chosen
+from ffsm_mj.campaign.execution.engines import choose_engine
 from ffsm_mj.campaign.execution.rerun import Rerun, rerun
 from ffsm_mj.campaign.execution.stopping import FIRST, StoppingRule
 from ffsm_mj.campaign.execution.worker import Job
@@ -136,7 +136,7 @@ class Campaign(StoredCampaign):
             EngineLostError: The workers are lost; the rows so far are kept.
             LogWriteError: The table cannot be written (full disk); earlier rows are kept.
         """
-        engine = chosen(executor, workers, dask, self._controllers.values(), self.config.limits.workers)
+        engine = choose_engine(executor, workers, dask, self._controllers.values(), self.config.limits.workers)
         with self.folder.locked(), self._writable_table() as store:
             self.design = self.folder.design()  # another process may have extended it
             if retry:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from typing import Any
 
-from ffsm_mj.campaign.evaluation.results import Results, TableRow, column_of, measured
+from ffsm_mj.campaign.evaluation.results import Results, TableRow, column_of, metric_numbers
 from ffsm_mj.campaign.evaluation.statistics import Proportion, Quantile, quantile
 from ffsm_mj.campaign.plan.config import CampaignFile
 from ffsm_mj.campaign.plan.design import Design
@@ -90,7 +90,7 @@ class StoredCampaign:
         Raises:
             InputError: No run that did not fail has a number for the metric.
         """
-        values = measured(self.results().sample, metric)
+        values = metric_numbers(self.results().sample, metric)
         if not len(values):
             raise InputError(f"{metric}: no run that did not fail has a number for it")
         return quantile(values, share)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.execution.engines import importable
-from ffsm_mj.campaign.plan.loading import planned
+from ffsm_mj.campaign.plan.loading import make_plan
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import source_of, write_yaml
 from ffsm_mj.yaml.parser import parse
@@ -61,7 +61,7 @@ def sweep(
         "limits": {"max_failed": 1.0},
     }
     name = Path("sweep")  # replaces the file name in messages
-    plan = planned(source_of(parse(write_yaml(stated), name), name), controllers)
+    plan = make_plan(source_of(parse(write_yaml(stated), name), name), controllers)
     with ExitStack() as stack:
         if out is None:
             out = stack.enter_context(tempfile.TemporaryDirectory(prefix="ffsm-sweep-"))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ffsm_mj.analysis.run import compare
-from ffsm_mj.cli.display import Say, Stage, displayed
+from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, DAMAGED, OK, TRUNCATED
 from ffsm_mj.cli.progress import Report
 from ffsm_mj.cli.standard_streams import Output
@@ -40,7 +40,7 @@ def analyze(options: argparse.Namespace, output: Output) -> int:
         OutputLostError: A figure could not be written completely.
     """
     _refuse_impossible(options)
-    with displayed(output) as (say, shown):
+    with display(output) as (say, shown):
         return _analyze(options, say, shown.stage)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.execution.driver import EngineLostError
 from ffsm_mj.campaign.storage.status import Status
-from ffsm_mj.cli.display import Say, Stage, displayed
+from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, one_line, working_on
@@ -25,7 +25,7 @@ def campaign(options: argparse.Namespace, output: Output) -> int:
         InputError: The campaign file or the folder is invalid, or the settings differ.
     """
     with (
-        displayed(output) as (say, shown),
+        display(output) as (say, shown),
         working_on(options.folder if "folder" in options else options.campaign or "campaign"),
     ):
         return _ACTIONS[options.action](options, say, shown.stage)

@@ -15,7 +15,7 @@ Stage = Callable[[str, str], Report | None]
 
 
 @contextmanager
-def displayed(output: Output) -> Iterator[tuple[Say, Progress]]:
+def display(output: Output) -> Iterator[tuple[Say, Progress]]:
     """Progress, and a function that prints while progress is displayed."""
     with progress() as shown:
 

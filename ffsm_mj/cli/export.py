@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ffsm_mj.cli.display import Say, Stage, displayed
+from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import DAMAGED, OK
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, working_on
@@ -41,7 +41,7 @@ def export(options: argparse.Namespace, output: Output) -> int:
     if out.suffix.lower() != suffix and (options.form in _FILE_NAMES or out.suffix.lower() in _EXPORT_SUFFIX.values()):
         raise InputError(f"--{options.form} writes {suffix}, but --out {out} has another suffix")
     usable_file(out)
-    with displayed(output) as (say, shown):
+    with display(output) as (say, shown):
         with working_on(log):
             run = _export(log, table, out, options, say, shown.stage)
         if run.note:

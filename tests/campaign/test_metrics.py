@@ -13,7 +13,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.execution import metrics
 from ffsm_mj.campaign.execution.effort import Effort
-from ffsm_mj.campaign.execution.metrics import columns_of, evaluated, fault_of
+from ffsm_mj.campaign.execution.metrics import columns_of, fault_of, metric_values
 from ffsm_mj.report.run import Run
 
 
@@ -24,7 +24,7 @@ def measured(
     effort = Effort(assembly.system, assembly.actuation.keys)
     watcher: Any = effort if block is None else Cut(effort, block)
     run = simulate(assembly, watchers=(watcher,))
-    return run, evaluated(run, effort.by_actuator(), names) | {"effort": effort.by_actuator()}
+    return run, metric_values(run, effort.by_actuator(), names) | {"effort": effort.by_actuator()}
 
 
 class Cut:
@@ -66,7 +66,7 @@ def test_laws_are_judged_from_the_accumulator(baseline: tuple[Run, dict[str, Any
 
 def test_a_violated_law_counts_as_failed() -> None:
     law = SimpleNamespace(name="energy", residual=2.0, drift=2.0, tolerance=1.0, passes=False, fails_by_truncation=False)
-    assert metrics.always([law])["checks_pass"] is False  # type: ignore[list-item]
+    assert metrics.check_metrics([law])["checks_pass"] is False  # type: ignore[list-item]
 
 
 def test_a_check_that_fails_tells_its_residual_over_its_tolerance() -> None:
@@ -78,7 +78,7 @@ def test_a_check_that_fails_tells_its_residual_over_its_tolerance() -> None:
         return SimpleNamespace(name=name, **numbers, passes=passes, fails_by_truncation=False)
 
     laws = [law("energy", 6.0, 2.0), law("energy", 5.0, 1.0), law("energy", 8.0, 9.0), law("linear momentum", 1.0, 2.0)]
-    told = metrics.always([*laws, law("no penetration", float("nan"), 1e-9)])
+    told = metrics.check_metrics([*laws, law("no penetration", float("nan"), 1e-9)])
     assert {name: value for name, value in told.items() if name.startswith("excess.")} == {
         "excess.energy": 5.0,
         "excess.no_penetration": float("inf"),
@@ -130,11 +130,11 @@ def test_metrics_of_somebody(monkeypatch: pytest.MonkeyPatch) -> None:
     assembly = prepare("baseline", {"duration_s": 1.0}).assemble()
     run = simulate(assembly, columns=columns_of(["swing"]))
     whole = ffsm_mj.run("baseline", {"duration_s": 1.0})["state.q_robot_joint_1_rad"]
-    found = evaluated(run, {}, ["swing"])["swing"]
+    found = metric_values(run, {}, ["swing"])["swing"]
     assert (type(found), found) == (float, np.ptp(whole))
     assert columns_of(["swing", "kind"]) is None  # the second does not say what it needs
     with pytest.raises(ValueError, match="metric 'kind' is no number, text or flag but a Run"):
-        evaluated(run, {}, ["kind"])
+        metric_values(run, {}, ["kind"])
 
 
 @pytest.mark.parametrize(

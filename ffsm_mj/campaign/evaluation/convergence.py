@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ffsm_mj.campaign.evaluation.results import Results, is_good, measured
+from ffsm_mj.campaign.evaluation.results import Results, is_good, metric_numbers
 from ffsm_mj.campaign.evaluation.statistics import Proportion, quantile
 
 SUCCESS = "success"
@@ -39,7 +39,7 @@ def interval_at(results: Results, what: str, runs: int) -> IntervalAtRuns | None
     if what == SUCCESS:
         share = Proportion(sum(map(is_good, rows)), len(rows))
         return IntervalAtRuns(runs, share.value, *share.interval)
-    values = measured(rows, what)
+    values = metric_numbers(rows, what)
     if not len(values):
         return None
     median = quantile(values, 0.5)

@@ -78,7 +78,7 @@ def numbers(rows: Sequence[TableRow], column: str) -> FloatArray:
     return np.array([float(value) if isinstance(value, int | float) else np.nan for value in values])
 
 
-def measured(rows: Sequence[TableRow], metric: str) -> FloatArray:
+def metric_numbers(rows: Sequence[TableRow], metric: str) -> FloatArray:
     """Finite values of a metric over the runs that did not fail."""
     found = numbers([row for row in rows if not row["failed"]], metric)
     return found[np.isfinite(found)]

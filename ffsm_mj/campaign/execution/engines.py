@@ -47,7 +47,7 @@ class Engine:
     ahead: int = 4
 
 
-def chosen(
+def choose_engine(
     executor: Executor | None,
     workers: int | None,
     dask_address: str,
@@ -69,7 +69,7 @@ def chosen(
     if workers is not None and workers < 1:
         raise InputError(f"workers: {workers} is less than 1")
     if executor is not None:
-        return given(executor, workers)
+        return caller_engine(executor, workers)
     if dask_address:
         return dask(dask_address)
     if not all(map(importable, controllers)):
@@ -121,7 +121,7 @@ def executor(workers: int | None = None) -> Any:
     return _processes(workers or usable_processors())
 
 
-def given(executor: Executor, workers: int | None = None) -> Engine:
+def caller_engine(executor: Executor, workers: int | None = None) -> Engine:
     """Engine with an executor of the caller, who closes it."""
 
     @contextmanager

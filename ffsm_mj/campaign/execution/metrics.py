@@ -51,7 +51,7 @@ _CONSERVATION = ("energy_residual_J", "linear_momentum_residual_N_s", "angular_m
 _ENDS = {"phases": ("end_s",)}
 
 
-def always(checks: Sequence[Check], *, truncated: str = COUNT) -> dict[str, Scalar]:
+def check_metrics(checks: Sequence[Check], *, truncated: str = COUNT) -> dict[str, Scalar]:
     """Metrics of the checks, which every row has.
 
     Args:
@@ -82,7 +82,7 @@ def _excess(check: Check) -> float:
     return check.residual / check.tolerance if check.residual > 0.0 and check.tolerance > 0.0 else math.inf
 
 
-def evaluated(
+def metric_values(
     run: Run, effort: Effort, names: Sequence[str], checks: Mapping[str, Scalar] | None = None
 ) -> dict[str, Scalar]:
     """Values of metrics of a run.
@@ -91,13 +91,13 @@ def evaluated(
         run: The run.
         effort: Effort statistics by actuator and measure.
         names: Names of the metrics, in the order of the result.
-        checks: Result of :func:`always`; None: computed from the checks of the run, with ``count``.
+        checks: Result of :func:`check_metrics`; None: computed from the checks of the run, with ``count``.
 
     Raises:
         ValueError: A metric is not a scalar of the run; the message names it.
     """
     summary = run.summary(checks=False) | {"effort": effort}
-    of_checks = {name: _scalar(name, value) for name, value in (checks or always(run.checks())).items()}
+    of_checks = {name: _scalar(name, value) for name, value in (checks or check_metrics(run.checks())).items()}
     plugins = plugin_metrics()
     found: dict[str, Scalar] = {}
     for name in names:

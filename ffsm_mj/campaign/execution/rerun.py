@@ -9,7 +9,7 @@ from typing import Any
 
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.execution.effort import Effort
-from ffsm_mj.campaign.execution.metrics import Scalar, always, evaluated
+from ffsm_mj.campaign.execution.metrics import Scalar, check_metrics, metric_values
 from ffsm_mj.campaign.execution.worker import Job, prepared_run, processor
 from ffsm_mj.campaign.storage.outcomes import ERROR
 from ffsm_mj.campaign.storage.store import RunRow
@@ -75,7 +75,7 @@ def rerun(
     exact = row.cpu == processor() and same_settings
     outcome, metrics = run.outcome, dict[str, Scalar]()
     try:
-        metrics = evaluated(run, effort.by_actuator(), job.metrics, always(run.checks(), truncated=job.truncated))
+        metrics = metric_values(run, effort.by_actuator(), job.metrics, check_metrics(run.checks(), truncated=job.truncated))
     except (Exception, SystemExit):  # noqa: BLE001 (a worker makes a row with the outcome error of it)
         outcome = ERROR
     return Rerun(index, run, exact, tuple(_differences(row, outcome, metrics, job.metrics, exact=exact)))

@@ -17,7 +17,7 @@ from ffsm_mj.assembly.models import Reader
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, recipe
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.execution.effort import Effort
-from ffsm_mj.campaign.execution.metrics import COUNT, always, columns_of, evaluated
+from ffsm_mj.campaign.execution.metrics import COUNT, check_metrics, columns_of, metric_values
 from ffsm_mj.campaign.storage.outcomes import ERROR, TIMEOUT
 from ffsm_mj.campaign.storage.settings import row_versions
 from ffsm_mj.campaign.storage.store import RunRow
@@ -138,15 +138,15 @@ def _run(job: Job, overrides: Mapping[str, Any], started: float) -> dict[str, An
         if job.timeout_s and time.perf_counter() - started > job.timeout_s:
             raise _TimeoutError
 
-    with _ended_if_stuck(job):
+    with _StuckRunGuard(job):
         run = simulate(assembly, columns=columns_of(job.metrics), watchers=(effort,), report=check_time)
         checks = run.checks()
         if _may_be_truncation(run, checks):
             # A replay with shorter steps needs all rows, which are not kept: the run is repeated.
             log = simulate(prepared_run(job, overrides).assemble(), report=check_time).log
             checks = explained(checks, DEFAULT_TOLERANCE, lambda: refined(log, check_time))
-        counted = always(checks, truncated=job.truncated)
-        metrics = evaluated(run, effort.by_actuator(), job.metrics, counted)
+        counted = check_metrics(checks, truncated=job.truncated)
+        metrics = metric_values(run, effort.by_actuator(), job.metrics, counted)
     return {
         "outcome": run.outcome,
         "message": run.message,
@@ -170,7 +170,7 @@ def _by_dotted_key(nested: Mapping[str, Any], above: str = "") -> Iterator[tuple
             yield above + key, value
 
 
-class _ended_if_stuck:  # noqa: N801 (a context manager)
+class _StuckRunGuard:
     """Context that ends the process if a run is stuck: no exception stops C code that does not return."""
 
     def __init__(self, job: Job) -> None:

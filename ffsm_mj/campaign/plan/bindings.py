@@ -14,7 +14,7 @@ from ffsm_mj.errors import Fault, ScenarioFaults
 KeyPath = tuple[str | int, ...]
 
 
-def bound(dispersions: Mapping[str, Dispersion], targets: Targets) -> tuple[Binding, ...]:
+def bind_dispersions(dispersions: Mapping[str, Dispersion], targets: Targets) -> tuple[Binding, ...]:
     """Keys that a campaign sets, each with the operations on its value.
 
     Args:

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
-from ffsm_mj.campaign.plan.bindings import bound
+from ffsm_mj.campaign.plan.bindings import bind_dispersions
 from ffsm_mj.campaign.plan.config import CampaignFile
 from ffsm_mj.campaign.plan.design import Binding, Design
 from ffsm_mj.campaign.plan.design_sampling import columns, refuse_levels, sample_design
@@ -113,10 +113,10 @@ def load_campaign(
         InputError: One line per fault, with file, line and column.
     """
     path = campaign_path(campaign)
-    return planned(source_of(read_node(path, "campaign"), path).overridden(overrides), controllers)
+    return make_plan(source_of(read_node(path, "campaign"), path).overridden(overrides), controllers)
 
 
-def planned(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({})) -> Plan:
+def make_plan(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({})) -> Plan:
     """Validate a campaign; no design is sampled.
 
     Args:
@@ -139,7 +139,7 @@ def planned(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyTyp
         refuse_metrics(config, base.system)
         refuse_levels(config)
         scalars = columns(config.dispersions)
-        bindings = bound(config.dispersions, Targets(base))
+        bindings = bind_dispersions(config.dispersions, Targets(base))
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
     return Plan(config, source, scenario, tuple(changes.values()), base, scalars, bindings)

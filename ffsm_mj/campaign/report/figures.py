@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.campaign.evaluation.convergence import SUCCESS, intervals
-from ffsm_mj.campaign.evaluation.results import Results, TableRow, is_good, measured, numbers
+from ffsm_mj.campaign.evaluation.results import Results, TableRow, is_good, metric_numbers, numbers
 from ffsm_mj.campaign.evaluation.statistics import is_constant
 from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.signals import identifier
@@ -42,14 +42,16 @@ def save_figures(results: Results, rerun_runs: Sequence[tuple[TableRow, Run]], f
     Returns:
         Title and file name of each figure.
     """
-    varied = [metric for metric in results.metrics if not is_constant(measured(results.rows, metric))]
+    varied = [metric for metric in results.metrics if not is_constant(metric_numbers(results.rows, metric))]
     drawn = [
         (f"{metric} against each parameter", f"metric-{identifier(metric)}", _against_parameters(results, metric))
         for metric in varied
     ]
-    watched = [what for what in ([SUCCESS] if results.has_success else []) + varied if len(intervals(results, what)) > 1]
-    if watched:
-        drawn.append(("intervals against the number of runs", "convergence", _convergence(results, watched)))
+    shown_metrics = [
+        what for what in ([SUCCESS] if results.has_success else []) + varied if len(intervals(results, what)) > 1
+    ]
+    if shown_metrics:
+        drawn.append(("intervals against the number of runs", "convergence", _convergence(results, shown_metrics)))
     if rerun_runs:
         drawn.append(("trajectories of repeated runs", "trajectories", _trajectories(rerun_runs)))
     for _, name, figure in drawn:
@@ -108,10 +110,10 @@ def _in_two_lines(name: str) -> str:
     return f"{name[: middle + 1]}\n{name[middle + 1 :]}"
 
 
-def _convergence(results: Results, watched: Sequence[str]) -> Figure:
+def _convergence(results: Results, shown_metrics: Sequence[str]) -> Figure:
     with publication():
-        figure, panels = _grid(len(watched), 1.5)
-        for axes, what in zip(panels, watched, strict=True):
+        figure, panels = _grid(len(shown_metrics), 1.5)
+        for axes, what in zip(panels, shown_metrics, strict=True):
             found = intervals(results, what)
             runs = [each.runs for each in found]
             low = [np.nan if each.low is None else each.low for each in found]

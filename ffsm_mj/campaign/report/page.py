@@ -12,7 +12,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.campaign.evaluation.convergence import SUCCESS, intervals
 from ffsm_mj.campaign.evaluation.failures import differences, groups
-from ffsm_mj.campaign.evaluation.results import Results, is_good, measured, numbers
+from ffsm_mj.campaign.evaluation.results import Results, is_good, metric_numbers, numbers
 from ffsm_mj.campaign.evaluation.sensitivity import rank_correlation, sobol_indices
 from ffsm_mj.campaign.evaluation.statistics import CONFIDENCE, Proportion, is_constant, quantile, values_for_upper_end
 from ffsm_mj.errors import one_line
@@ -110,7 +110,7 @@ def _metrics(results: Results) -> str:
     head = ("metric", "runs", "minimum", "5 %", "median", "95 %", "maximum")
     rows = []
     for metric in results.metrics:
-        values = measured(results.sample, metric)
+        values = metric_numbers(results.sample, metric)
         if not len(values):
             cells = ["no run has a number", *[""] * 4]
         elif is_constant(values):
@@ -141,8 +141,8 @@ def _quantile(values: FloatArray, share: float) -> str:
 
 
 def _convergence(results: Results) -> str:
-    watched = [*([SUCCESS] if results.has_success else []), *results.metrics]
-    found = {what: {each.runs: each for each in intervals(results, what)} for what in watched}
+    shown_metrics = [*([SUCCESS] if results.has_success else []), *results.metrics]
+    found = {what: {each.runs: each for each in intervals(results, what)} for what in shown_metrics}
     found = {what: by for what, by in found.items() if by}
     counts = sorted({runs for by in found.values() for runs in by})
     if not counts:
@@ -163,7 +163,7 @@ def _sensitivity(results: Results) -> Iterator[str]:
     count = sum(not row["failed"] for row in results.sample)
     rows = []
     for metric in results.metrics:
-        values = measured(results.sample, metric)
+        values = metric_numbers(results.sample, metric)
         constant = len(values) == 0 or is_constant(values)
         found = [None if constant else rank_correlation(results, name, metric) for name in results.parameters]
         rows.append([_code(metric), *("constant" if constant else "" if rho is None else f"{rho:.2f}" for rho in found)])

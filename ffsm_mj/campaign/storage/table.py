@@ -27,7 +27,7 @@ def table_rows(rows: Iterable[RunRow], design: Design, conditions: Sequence[Cond
             "run": row.index,
             "outcome": row.outcome,
             "failed": row.failed,
-            "success": succeeded(row, conditions),
+            "success": is_success(row, conditions),
             "message": row.message,
             "phase": row.phase,
         }
@@ -43,7 +43,7 @@ def _cell(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, list | tuple) else value
 
 
-def succeeded(row: RunRow, conditions: Sequence[Condition]) -> bool | None:
+def is_success(row: RunRow, conditions: Sequence[Condition]) -> bool | None:
     """Whether a run meets the success conditions of the campaign; None if there are none."""
     if not conditions:
         return None

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.campaign.execution.metrics import evaluated, fault_of
+from ffsm_mj.campaign.execution.metrics import fault_of, metric_values
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.errors import InputError
@@ -160,7 +160,7 @@ def test_a_miss_names_each_bound_that_failed(tmp_path):
     assert "near miss grasp: relative speed 1 m/s, bound 0.4 m/s (2.5 times); closest approach at t = " in line
     assert "distance" not in line
     asked = ["near_misses.0.failed", "near_misses.0.failed_value", "near_misses.0.failed_bound"]
-    metrics = evaluated(run, {}, asked)
+    metrics = metric_values(run, {}, asked)
     assert [metrics[name] for name in asked] == ["speed_m_s", miss.speed_m_s, 0.4]
     assert all(fault_of(name, []) is None for name in asked)
 
