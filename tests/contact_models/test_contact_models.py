@@ -1,4 +1,4 @@
-"""Two contact models that exist only in the tests: a spring in persistent contact, and a weld that swaps the model."""
+"""Two example contact models: a spring in persistent contact, and a weld that replaces the motion."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from tests.scenes import ball, two_balls
 pytestmark = pytest.mark.usefixtures("example_contact_models")
 
 
-def test_a_spring_lasts_and_gives_back_what_it_took(tmp_path):
-    """Two masses and a spring: 0.344 s in contact, half a period pi sqrt(mu / k), but for the tangential motion.
+def test_a_spring_stores_and_returns_energy(tmp_path):
+    """Two masses and a spring: 0.344 s in contact, half a period pi sqrt(mu / k), apart from the tangential motion.
 
-    Its force is no force of the balance's own: all that it does is booked from what it says of its wrenches.
+    The balance knows its force only through the wrenches that it reports.
     """
     seen = ffsm_mj.run(scenes.spring(tmp_path))
     assert seen.outcome == "completed", seen.message
@@ -48,8 +48,8 @@ def test_a_spring_lasts_and_gives_back_what_it_took(tmp_path):
     assert given == pytest.approx(-(force**2) / 200.0, abs=1e-10)
 
 
-def test_a_step_with_a_regime_in_its_stages_is_of_order_four(tmp_path):
-    """Halving the step leaves a sixteenth of what the balance do not explain, down to 1e-9; a stage left out leaves more."""
+def test_a_step_with_a_contact_model_in_its_stages_is_of_order_four(tmp_path):
+    """Half the step leaves a sixteenth of the residual of the balance, down to 1e-9; a missing stage leaves more."""
     left = [
         max(
             abs(check.drift)
@@ -63,7 +63,7 @@ def test_a_step_with_a_regime_in_its_stages_is_of_order_four(tmp_path):
 
 
 def test_a_weld_moves_another_model_from_its_touch_to_its_release(tmp_path, monkeypatch):
-    """Gripped, swung by the elbow, released: momenta of the whole to rounding, energy but for what the grip lost."""
+    """Joined, swung by the elbow, released: total momenta to rounding, energy except the loss of the plastic impulse."""
 
     def swing_and_release(_, observation, command):
         if observation.time_s > 0.5:
@@ -88,8 +88,8 @@ def test_a_weld_moves_another_model_from_its_touch_to_its_release(tmp_path, monk
     assert np.all(np.diff(held.astype(int))[seen.time[:-1] > grip.time_s + 2e-3] <= 0)
 
 
-def test_what_is_held_weighs_what_the_scenario_says(tmp_path):
-    """A contact model that compiles the scene anew begins with the same parts: by the files' masses momentum would jump."""
+def test_a_welded_object_has_the_mass_of_the_scenario(tmp_path):
+    """A contact model that compiles the scene anew starts from the same parts: the masses of the files would change the momentum."""
     path = scenes.capture(tmp_path)
     tree, body = "target", "target"
     seen = ffsm_mj.run(path, {f"model.{tree}.{body}.mass_kg": 4.0, "duration_s": 1.0})
@@ -97,10 +97,10 @@ def test_what_is_held_weighs_what_the_scenario_says(tmp_path):
     assert all(check.passes for check in seen.checks()), [check for check in seen.checks() if not check.passes]
 
 
-def test_an_impact_on_what_is_held_is_one_on_robot_and_object(tmp_path):
-    """A third body hits the object in the hand: resolved on what moves, momenta and (e = 1) energy of the whole are kept.
+def test_an_impact_on_a_welded_object_acts_on_robot_and_object(tmp_path):
+    """A third body hits the welded object: resolved in the motion, total momenta and (e = 1) energy are conserved.
 
-    Were it resolved as if the object were free, it would fly out of the hand, and the grip would take the energy.
+    Resolved as if it were free, the object would leave the hand, and the weld would take the energy.
     """
     initial = {
         "joints": {"target/free": [1.0, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [1.6, 0.05, 0, 1, 0, 0, 0]},
@@ -121,8 +121,8 @@ def test_an_impact_on_what_is_held_is_one_on_robot_and_object(tmp_path):
     assert replay_log(seen.log).agrees, replay_log(seen.log).worst
 
 
-def test_a_run_may_end_at_an_event_of_a_regime(tmp_path, monkeypatch):
-    """Its last sample is there, between two ticks, and no damage of the log."""
+def test_a_run_may_end_at_an_event_of_a_contact_model(tmp_path, monkeypatch):
+    """The last sample is there, between two ticks, and the log is not damaged."""
     act = Weld.act
     monkeypatch.setattr(Weld, "act", lambda self, instant: act(self, instant)._replace(end=RunEnded(Outcome.COMPLETED)))
     ffsm_mj.run(scenes.capture(tmp_path), out=tmp_path / "run")
@@ -133,7 +133,7 @@ def test_a_run_may_end_at_an_event_of_a_regime(tmp_path, monkeypatch):
     assert not replay_log(seen.log).gaps
 
 
-def test_a_request_that_nobody_hears_is_told(tmp_path, monkeypatch):
+def test_an_unknown_request_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(Off, "control", lambda _, __, command: command.requests.add("weld.relase"))
     seen = ffsm_mj.run(scenes.capture(tmp_path), out=tmp_path / "run")
     assert seen.outcome == "controller_failed"
@@ -150,7 +150,7 @@ def test_a_request_that_nobody_hears_is_told(tmp_path, monkeypatch):
         ([{"kind": "spring", "geoms": ["hand", "no"], "stiffness_N_m": 1.0}], "contact_models.0", "unknown geom 'no'"),
     ],
 )
-def test_what_is_wrong_with_a_declared_regime_is_told_with_its_place(tmp_path, contact_models, place, what):
+def test_faults_of_a_declared_contact_model_have_a_position(tmp_path, contact_models, place, what):
     phases = [{"name": "coast", "until": "end", "controller": {"kind": "off"}}]
     with pytest.raises(InputError) as error:
         prepare(scenes.capture(tmp_path, contact_models=contact_models, phases=phases))
@@ -159,20 +159,20 @@ def test_what_is_wrong_with_a_declared_regime_is_told_with_its_place(tmp_path, c
     assert what in line
 
 
-def test_a_phase_ends_only_with_what_there_is(tmp_path):
+def test_a_phase_ends_only_with_known_events(tmp_path):
     with pytest.raises(InputError) as error:
         prepare(scenes.capture(tmp_path, contact_models=[]))
     assert "phases.0.until: unknown end of a phase 'weld'" in str(error.value)
 
 
 @pytest.mark.parametrize("make", [scenes.spring, scenes.capture])
-def test_analyze_recomputes_a_run_with_a_regime(tmp_path, make):
+def test_analyze_recomputes_a_run_with_a_contact_model(tmp_path, make):
     again = replay_log(ffsm_mj.run(make(tmp_path), out=tmp_path / "run").log)
     assert again.agrees, again.worst
     assert all(check.passes for check in again.checks())
 
 
-def test_what_a_regime_imports_is_on_its_page():
+def test_what_a_contact_model_imports_is_on_its_page():
     """``docs/contact-models.md`` names every module of the package that the contact models here import."""
     page = Path("docs/contact-models.md")
     root = Path(__file__).parents[2]
@@ -182,8 +182,8 @@ def test_what_a_regime_imports_is_on_its_page():
         assert {module for module in used if not any(module == n or module.startswith(f"{n}.") for n in named)} == set()
 
 
-def test_a_contact_does_not_last_while_another_model_moves(tmp_path):
-    """Its forces would go through what holds there: neither begins such a contact, nor does one that has begun go on."""
+def test_no_persistent_contact_in_another_motion(tmp_path):
+    """Its forces would act through the weld: such a contact neither begins nor continues."""
     parts = prepare(two_balls(tmp_path, speed=0.0, gap=0.0, restitution=0.0)).assemble()
     (pair,), (impacts, lasting, *_) = parts.pairs, parts.plant.integrator.contact_models
     assert (lasting.refusal(pair), lasting.holds(pair)) == ("", True)
