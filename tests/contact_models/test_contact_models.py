@@ -89,7 +89,7 @@ def test_a_weld_moves_another_model_from_its_touch_to_its_release(tmp_path, monk
 
 
 def test_a_welded_object_has_the_mass_of_the_scenario(tmp_path):
-    """A contact model that compiles the scene anew starts from the same parts: the masses of the files would change the momentum."""
+    """A contact model that compiles the scene anew uses the same parts: the masses of the files change the momentum."""
     path = scenes.capture(tmp_path)
     tree, body = "target", "target"
     seen = ffsm_mj.run(path, {f"model.{tree}.{body}.mass_kg": 4.0, "duration_s": 1.0})
