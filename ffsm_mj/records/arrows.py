@@ -12,6 +12,7 @@ class ArrowColumns(NamedTuple):
 
     Attributes:
         name: Name of the arrow in viewers.
+        meaning: Description for legends, such as ``contact force``.
         vector: Columns of the force or torque, in world axes, (3,).
         point: Columns of its point of application in world axes, (3,), m; NaN in rows in which nothing acts.
         size: Column of its magnitude; None if there is none.
@@ -19,6 +20,7 @@ class ArrowColumns(NamedTuple):
     """
 
     name: str
+    meaning: str
     vector: IntArray
     point: IntArray
     size: int | None = None

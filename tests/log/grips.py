@@ -48,8 +48,8 @@ def arrows(layout):
     """The robot's momentum, drawn as a force, and its angular momentum, at the place of the target."""
     keys = momentum_keys("robot")
     point = layout.places(("state.q_target_x_m", *keys[1:3]))  # the target slides along x, and P has no y or z
-    yield ArrowColumns("pull", layout.places(keys[:3]), point)
-    yield ArrowColumns("twist", layout.places(keys[3:]), point, unit="N m")
+    yield ArrowColumns("pull", "pull", layout.places(keys[:3]), point)
+    yield ArrowColumns("twist", "twist", layout.places(keys[3:]), point, unit="N m")
 
 
 GRIP = RecordKind(

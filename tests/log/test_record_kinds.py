@@ -201,7 +201,7 @@ def test_the_log_reference_describes_a_kind():
     assert "| `/ffsm/grip` | `ffsm.Grip` | when something is gripped or released |" in page
     assert "| `/scene/grips` | `foxglove.SceneUpdate` | with `/ffsm/grip` |" in page
     assert "## /ffsm/grip\n" in page
-    assert "| `point_m` | double[] | m | Where, in world axes. |" in page
+    assert "| `point_m` | double[] | m | Position in world axes. |" in page
 
 
 @pytest.mark.usefixtures("grips")

@@ -29,6 +29,6 @@ def load_arrows(layout: Layout) -> list[ArrowColumns]:
         return []
     point = layout.places(POINT)
     return [
-        ArrowColumns("capture", layout.places(loads[:3]), point),
-        ArrowColumns("capture_torque", layout.places(loads[3:]), point, unit="N m"),
+        ArrowColumns("capture", "force on the grasped object", layout.places(loads[:3]), point),
+        ArrowColumns("capture_torque", "torque on the grasped object", layout.places(loads[3:]), point, unit="N m"),
     ]

@@ -84,7 +84,7 @@ def _force_arrows(layout: Layout) -> Iterator[ArrowColumns]:
         size = f"contact.{name}_force_N"
         # Columns of another contact model may end alike, but it has not all of these.
         if {*vector, *point, size} <= layout.index.keys():
-            yield ArrowColumns(name, layout.places(vector), layout.places(point), layout.index[size])
+            yield ArrowColumns(name, "contact force", layout.places(vector), layout.places(point), layout.index[size])
 
 
 _COLUMNS = {

@@ -19,6 +19,7 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
+from ffsm_mj.log.arrows import declared_arrows
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.report.check_report import verdict
 from ffsm_mj.report.page import moving, scene
@@ -122,16 +123,22 @@ def _key(run: Run, drawn: PageScene) -> list[str]:
         scene.BEFORE: f"{path} before the first event" if scene.AFTER in drawn.colours else path,
         scene.AFTER: "after the first event",
         scene.MARK: "events",
-        moving.FORCE: "contact force" if not run.captures else "force on the grasped object, or of a contact",
-        moving.TORQUE: "torque on the grasped object",
+        moving.FORCE: _meanings(run, torques=False),
+        moving.TORQUE: _meanings(run, torques=True),
         moving.PLUME: "firing thruster",
         scene.TARGET: "target",
     }
     return [
-        f'<span class="key"><i style="background:#{colour:06x}"></i>{word}</span>'
+        f'<span class="key"><i style="background:#{colour:06x}"></i>{_escaped(word)}</span>'
         for colour, word in words.items()
         if colour in drawn.colours
     ]
+
+
+def _meanings(run: Run, *, torques: bool) -> str:
+    """What the arrows of forces, or of torques, stand for."""
+    arrows = declared_arrows(run.log.header)
+    return ", ".join(dict.fromkeys(arrow.meaning for arrow in arrows if arrow.is_torque == torques))
 
 
 def _verdict(run: Run, checks: tuple[Check, ...]) -> str:
