@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from ffsm_mj.assembly.grasps import GraspedSystem, grasp_models_of
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.record import KINDS
+from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
-from ffsm_mj.contact_models.interface import ContactModel, Scene, contact_model_of
+from ffsm_mj.contact_models.interface import ContactModel, ForceSource, Scene
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
+from ffsm_mj.contact_models.registry import contact_model_of, record_kinds_of
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.scenario.scenario import Scenario
@@ -31,24 +33,22 @@ def contact_models_of(
     Raises:
         ScenarioFaults: A declared model cannot be created from its configuration.
     """
-    impacts, persistent = _impacts_of(scenario, scene, pairs)
+    overlap = DeepestOverlap()
+    persistent = PersistentContactModel(scene, pairs, overlap)
+    impacts = ImpactModel(scene, pairs, _rules(scenario), persistent, overlap)
     declared = _declared(scenario, scene)
-    grasps = grasp_models_of(scenario, scene, motion, impacts, held, (persistent, *declared))
-    return (impacts, persistent, *grasps, *declared)
+    others = [each for each in (persistent, *declared) if isinstance(each, ForceSource)]
+    return (impacts, persistent, *grasp_models_of(scenario, scene, motion, held, others), *declared)
 
 
-def _impacts_of(
-    scenario: Scenario, scene: Scene, pairs: tuple[ContactPair, ...]
-) -> tuple[ImpactModel, PersistentContactModel]:
+def _rules(scenario: Scenario) -> ImpactRules:
     interval = scenario.impact.rest_interval_s
-    rules = ImpactRules(
+    return ImpactRules(
         law=scenario.impact.law,
         rest=RestRule(scenario.time_step_s if interval is None else interval, scenario.impact.rest_speed_m_s),
         max_impacts=scenario.impact.max_impacts,
         stop_on_impact=scenario.stop_on_impact,
     )
-    impacts = ImpactModel(scene, pairs, rules)
-    return impacts, PersistentContactModel(scene, impacts)
 
 
 def _declared(scenario: Scenario, scene: Scene) -> tuple[ContactModel, ...]:
@@ -75,6 +75,6 @@ def record_kinds(scenario: Scenario) -> tuple[str, ...]:
     """Names of the kinds of records of grasps and declared contact models."""
     kinds = [
         *(KINDS if scenario.captures else ()),
-        *(kind for each in scenario.contact_models for kind in contact_model_of(each.kind).records),
+        *(kind for each in scenario.contact_models for kind in record_kinds_of(each.kind)),
     ]
     return tuple(dict.fromkeys(kind.name for kind in kinds))

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from ffsm_mj.contact_models.grasp.grasped_motion import check_grasped_system
 from ffsm_mj.contact_models.grasp.model import GraspModel
-from ffsm_mj.contact_models.impact.model import ImpactModel
-from ffsm_mj.contact_models.interface import ContactModel, Scene
+from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.grasp import Grasp
@@ -128,9 +127,8 @@ def grasp_models_of(
     scenario: Scenario,
     scene: Scene,
     free: Motion,
-    impacts: ImpactModel,
     held: Mapping[str, GraspedSystem],
-    others: Sequence[ContactModel],
+    others: Sequence[ForceSource],
 ) -> tuple[GraspModel, ...]:
     """Contact model of the grasps of a scenario, if it has any.
 
@@ -138,11 +136,10 @@ def grasp_models_of(
         scenario: What is asked for.
         scene: The system that is logged.
         free: Its motion.
-        impacts: Its impacts.
         held: Systems in which objects are held, with models of the run's own.
         others: Who may push what is held.
     """
     if not held:
         return ()
     grasps = [(each.grasp, scenario.captures[name], each.system) for name, each in held.items()]
-    return (GraspModel(scene, free, impacts, grasps, others),)
+    return (GraspModel(scene, free, grasps, others),)

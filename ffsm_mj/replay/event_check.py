@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from ffsm_mj.contact_models.interface import ContactModel, EventEffect, LoggedEvent
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, LoggedEvent
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.kinds import RecordKind
@@ -16,7 +16,7 @@ from ffsm_mj.verification.agreement import Agreement, impossible
 class EventCheck:
     """Reproduces logged events, and compares their records with the logged ones."""
 
-    def __init__(self, contact_models: Sequence[ContactModel], found: Agreement) -> None:
+    def __init__(self, contact_models: Sequence[EventSource], found: Agreement) -> None:
         """Find the contact model of each kind of record; differences are added to ``found``."""
         self._found = found
         self._models = {kind.name: contact_model for contact_model in contact_models for kind in contact_model.records}

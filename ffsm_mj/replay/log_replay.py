@@ -53,7 +53,7 @@ class LogReplay:
         self._system_motion = self._plant.integrator.motion
         self._command = Command.off(int(self._plant.system.mj.nu))
         self.motion, self.columns, self.impacts = Agreement(), Agreement(), Agreement()
-        self._check = EventCheck(self._plant.integrator.contact_models, self.impacts)
+        self._check = EventCheck(self._plant.integrator.event_sources, self.impacts)
         self._events = LoggedEvents(self._plant.system, log, self._step_s, self.impacts, self._check.fault_of)
         self._rows = ReplayedRows(self._plant, log.header.layout)
         self._logged: LoggedRows
@@ -223,7 +223,7 @@ class LogReplay:
         """Enter a finished (sub-)step in the balance; no effect if its duration is not positive."""
         if duration_s <= 0.0:
             return
-        for contact_model in self._plant.integrator.contact_models:
+        for contact_model in self._plant.integrator.replayable:
             contact_model.after_replayed_step()
         self._plant.enter(duration_s)
 

@@ -69,7 +69,7 @@ class ReplayedRows:
         joints = plant.system.joints.values()
         self._state = layout.places((*coordinate_keys(joints), *rate_keys(joints)))
         self._known = np.setdiff1d(np.arange(len(layout.keys)), np.concatenate((self._copied, self._state)))
-        checks = (contact_model.force_check(layout) for contact_model in plant.integrator.contact_models)
+        checks = (contact_model.force_check(layout) for contact_model in plant.integrator.replayable)
         self._force_checks: list[Callable[[FloatArray], float]] = [check for check in checks if check is not None]
         self._residual, self._energy = layout.index[f"balance.{FORCE_RESIDUAL}"], layout.index["energy.total_J"]
         self._mass = float(model.body_mass.sum())

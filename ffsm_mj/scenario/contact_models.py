@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError, WithJsonSchema
 
 from ffsm_mj.config import StrictModel
-from ffsm_mj.contact_models.interface import contact_model_of, contact_models
+from ffsm_mj.contact_models.registry import contact_model_of, contact_models, record_kinds_of
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 
@@ -51,7 +51,7 @@ def _checked(given: Any) -> StrictModel:
 
 def endings(configs: tuple[Any, ...], *, captures: bool) -> tuple[str, ...]:
     """Events that may end a phase: impacts, contacts that close or open, captures, releases, records of contact models."""
-    named = (kind.name for config in configs for kind in contact_model_of(config.kind).records)
+    named = (kind.name for config in configs for kind in record_kinds_of(config.kind))
     return ("impact", "contact_begins", "contact_ends", *(("capture", "release") if captures else ()), *named)
 
 

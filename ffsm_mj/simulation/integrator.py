@@ -8,7 +8,7 @@ from typing import Any
 
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.step_control import StepControl
-from ffsm_mj.contact_models.interface import ContactModel, EventTime
+from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventSource, EventTime, ForceSource, Replayable
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
@@ -22,15 +22,20 @@ class EventDrivenIntegrator:
 
     Attributes:
         motion: The current motion.
-        contact_models: Contact models, in the order in which simultaneous events are applied.
+        contact_models: All contact models.
+        event_sources: Those with events, in the order in which simultaneous events are applied.
+        replayable: Those with a state or forces that a log replay restores or checks.
         control: Step-size control by sub-steps; None for fixed steps.
     """
 
     def __init__(self, motion: Motion, contact_models: Sequence[ContactModel]) -> None:
         """Start at the state of the motion."""
         self.contact_models = tuple(contact_models)
+        self.event_sources = tuple(each for each in contact_models if isinstance(each, EventSource))
+        self.replayable = tuple(each for each in contact_models if isinstance(each, Replayable))
+        self._force_sources = tuple(each for each in contact_models if isinstance(each, ForceSource))
         self.control: StepControl | None = None
-        self._active: list[ContactModel] = []
+        self._active: list[ForceSource] = []
         self._poll: Callable[[], None] | None = None
         self._event_s: float | None = None
         self.bind(motion)
@@ -51,7 +56,7 @@ class EventDrivenIntegrator:
             system: Motion of the logged system; used unless a contact model returns another motion.
         """
         self._event_s = None
-        moving = [motion for contact_model in self.contact_models if (motion := contact_model.restore_state()) is not None]
+        moving = [motion for contact_model in self.replayable if (motion := contact_model.restore_state()) is not None]
         self.bind(moving[0] if moving else system)
 
     def interrupt_by(self, poll: Callable[[], None]) -> None:
@@ -60,7 +65,7 @@ class EventDrivenIntegrator:
 
     def restart(self) -> None:
         """Reset detection and applied forces after a discontinuity: velocities, active contact models or the motion."""
-        self._active = [contact_model for contact_model in self.contact_models if contact_model.active]
+        self._active = [contact_model for contact_model in self._force_sources if contact_model.active]
         pushing = [contact_model for contact_model in self._active if contact_model.pushes]
         pushes, answers = ([each.push for each in pushing if each.is_reactive is answering] for answering in (False, True))
         self.motion.push_with(pushes, answers)
@@ -80,14 +85,14 @@ class EventDrivenIntegrator:
 
     def _begin_step(self) -> None:
         if self._event_s is not None:
-            for contact_model in self.contact_models:
-                contact_model.after_event(self._event_s)
+            for source in self.event_sources:
+                source.after_event(self._event_s)
             self._event_s = None
         for contact_model in self._active:
             contact_model.begin_step()
 
     def _event_bound(self) -> float:
-        return min((contact_model.event_bound for contact_model in self.contact_models), default=math.inf)
+        return min((contact_model.event_bound for contact_model in self.event_sources), default=math.inf)
 
     @property
     def columns(self) -> list[Columns]:
@@ -107,7 +112,7 @@ class EventDrivenIntegrator:
         """Total kinetic energy at the state in ``data``."""
         return self.motion.flight.energy
 
-    def advance(self, duration_s: float) -> tuple[float, ContactModel | None]:
+    def advance(self, duration_s: float) -> tuple[float, EventSource | None]:
         """Integrate for a time, a sub-step of it, or until the first event.
 
         Returns:
@@ -119,21 +124,21 @@ class EventDrivenIntegrator:
         """
         motion, flight = self.motion, self.motion.flight
         if flight.event_bound <= flight.motion_bound:
-            for contact_model in self.contact_models:
+            for contact_model in self.event_sources:
                 if contact_model.due():
                     return 0.0, contact_model
         step_s, clear = self._step(duration_s, duration_s)
         # A non-finite state is reported by the caller; event detection on it would not end.
         if clear or not math.isfinite(flight.energy):
             return step_s, None
-        watching = [contact_model for contact_model in self.contact_models if not contact_model.is_clear()]
+        watching = [contact_model for contact_model in self.event_sources if not contact_model.is_clear()]
         motion.path.at_s = step_s
         if not watching:
             self._after_substep(step_s)
             flight.event_bound = self._event_bound()
             return step_s, None
         # Each model searches only up to the earliest event so far; at equal times the earlier model in the order wins.
-        first: tuple[float, ContactModel] | None = None
+        first: tuple[float, EventSource] | None = None
         for contact_model in watching:
             time_s = contact_model.first_event(step_s if first is None else first[0])
             if time_s is not None and (first is None or time_s < first[0]):
@@ -141,10 +146,21 @@ class EventDrivenIntegrator:
         at_s = step_s if first is None else first[0]
         motion.path.move_to(at_s)
         self._after_substep(at_s)
-        for contact_model in self.contact_models:
+        for contact_model in self.event_sources:
             contact_model.on_event_located(at_s)
         motion.flight.clear(self._event_bound())
         return first if first is not None else (step_s, None)
+
+    def act(self, contact_model: EventSource, instant: EventTime) -> EventEffect | None:
+        """Apply the event of a contact model; one that it leaves to impacts is resolved by the model of these.
+
+        Raises:
+            RunEnded: The motion that follows is not modelled.
+        """
+        effect = contact_model.act(instant)
+        if effect is not None and effect.leaves_to_impacts:
+            effect = next(each for each in self.event_sources if each.resolves_impacts).act(instant)
+        return effect
 
     def integrate(self, most_s: float, left_s: float) -> float:
         """Integrate for a time or a sub-step of it without event detection; returns the duration.
@@ -176,12 +192,12 @@ class EventDrivenIntegrator:
         return [booking for contact_model in self._active if (booking := contact_model.exchanged(duration_s)) is not None]
 
     def _after_substep(self, duration_s: float) -> None:
-        for contact_model in self.contact_models:
+        for contact_model in self.event_sources:
             contact_model.after_substep(duration_s)
 
     def finish(self, instant: EventTime) -> list[Any]:
         """Records of the contact models at the end of the run."""
-        return [record for contact_model in self.contact_models for record in contact_model.finish(instant)]
+        return [record for contact_model in self.event_sources for record in contact_model.finish(instant)]
 
     def exchanges(self, duration_s: float) -> list[Exchange]:
         """Exchanges of the active contact models in the finished (sub-)step."""

@@ -18,7 +18,7 @@ import mujoco
 
 from ffsm_mj.contact.step_control import StepLimitError
 from ffsm_mj.contact.watch import ContactWatch
-from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventTime
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime
 from ffsm_mj.controller_protocol import Command, Observation, TaskController
 from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at, unknown_name
 from ffsm_mj.log.recorder import Recorder
@@ -204,7 +204,7 @@ class Simulation:
         """Forward the requests of the controller to the contact models that handle them."""
         handlers = {
             request: contact_model
-            for contact_model in self._plant.integrator.contact_models
+            for contact_model in self._plant.integrator.event_sources
             for request in contact_model.requests
         }
         for request in sorted(self._command.requests):
@@ -240,7 +240,7 @@ class Simulation:
         # Time is a multiple of the step, not a sum, so that it does not accumulate rounding.
         plant.data.time = self._done.time_s = end_s
 
-    def _advance(self, left: float, end_s: float) -> tuple[float, ContactModel | None]:
+    def _advance(self, left: float, end_s: float) -> tuple[float, EventSource | None]:
         """Integrate in the grid step that ends at ``end_s``, with ``left`` seconds remaining."""
         try:
             return self._plant.advance(left)
@@ -255,14 +255,14 @@ class Simulation:
             message = self._warnings[-1] if self._warnings else "the state is not finite"
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
 
-    def _act(self, contact_model: ContactModel, time_s: float, events: int) -> None:
+    def _act(self, contact_model: EventSource, time_s: float, events: int) -> None:
         """Apply an event: enter it in the balance, record it, and evaluate the controller."""
         plant, done = self._plant, self._done
         plant.integrator.motion.path.poll()
         if events > MOST_EVENTS_PER_STEP:
             message = f"{contact_model.names()} touched {events - 1} times within the step before t = {time_s:.6g} s"
             raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; use a shorter time_step_s")
-        effect = plant.apply(lambda: contact_model.act(EventTime(time_s, done.steps)))
+        effect = plant.apply(lambda: plant.integrator.act(contact_model, EventTime(time_s, done.steps)))
         if effect is None:
             return
         if effect.motion is not None:

@@ -13,7 +13,7 @@ import numpy as np
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.balance import Balance
-from ffsm_mj.contact_models.interface import ContactModel, EventEffect, Scene
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, Scene
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
@@ -56,7 +56,7 @@ class Plant:
         """Columns of all parts, in the order of a row."""
         return [*self.state.columns, *self.balance.columns, *self.integrator.columns, *self.actuation.columns]
 
-    def advance(self, duration_s: float) -> tuple[float, ContactModel | None]:
+    def advance(self, duration_s: float) -> tuple[float, EventSource | None]:
         """Integrate for a time, a sub-step of it, or until the first event, and enter it in the balance.
 
         Returns:
@@ -106,12 +106,15 @@ class Plant:
         # The balance separates robot and object at the event itself; a grasped object counts with the robot only in steps.
         self.balance.set_grasped_object(None)
         effect = event()
-        moved = effect is not None and effect.motion is not None
-        if effect is not None and effect.motion is not None:
-            self.integrator.bind(effect.motion)
+        if effect is not None:
+            for contact_model in self.integrator.event_sources:
+                contact_model.on_records(effect.records)
+        moved = effect.motion if effect is not None else None
+        if moved is not None:
+            self.integrator.bind(moved)
         if state_after is not None:
             self.set_state(state_after)
-        if state_after is not None or not moved:
+        if state_after is not None or moved is None:
             self.integrator.restart()
         self.balance.set_grasped_object(self.integrator.motion.grasped_object)
         if effect is not None and effect.exchange is not None:

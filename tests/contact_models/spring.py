@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from ffsm_mj.config import StrictModel
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.interface import ContactModel, EventEffect
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, ForceSource, Replayable
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import Mark, RecordKind
 from ffsm_mj.records.signals import Signal
@@ -59,7 +59,7 @@ SPRING = RecordKind(
 )
 
 
-class Spring(ContactModel):
+class Spring(EventSource, ForceSource, Replayable):
     """Pushes while two geoms overlap, in proportion to how deep."""
 
     kind = "spring"

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.config import StrictModel
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.interface import ContactModel, EventEffect
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, ForceSource, Replayable
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_matrix
 from ffsm_mj.model.fixed import place
@@ -61,7 +61,7 @@ WELD = RecordKind(
 )
 
 
-class Weld(ContactModel):
+class Weld(EventSource, ForceSource, Replayable):
     """Holds an object."""
 
     kind = "weld"

@@ -17,7 +17,7 @@ from ffsm_mj.campaign.execution.metrics import GROUP as METRICS
 from ffsm_mj.campaign.plan.loading import Plan
 from ffsm_mj.compiled import is_compiled
 from ffsm_mj.contact_models.impact.installed_laws import GROUP as IMPACT_LAWS
-from ffsm_mj.contact_models.interface import GROUP as CONTACT_MODELS
+from ffsm_mj.contact_models.registry import GROUP as CONTACT_MODELS
 from ffsm_mj.yaml.parser import YamlFault, plain_value
 
 _MOST_DIFFERENCES = 3

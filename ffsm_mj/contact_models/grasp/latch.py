@@ -10,7 +10,7 @@ from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.load import InterfaceLoad
 from ffsm_mj.contact_models.grasp.nearness import Nearness, Sites, Vectors
-from ffsm_mj.contact_models.interface import ContactModel, Scene
+from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.step_path import StepPath
 from ffsm_mj.model.grasp import Grasp
@@ -43,7 +43,7 @@ class Latch:
         grasp: Grasp,
         config: CaptureConfig,
         system: System,
-        others: Sequence[ContactModel] = (),
+        others: Sequence[ForceSource] = (),
     ) -> None:
         """Initialise it disarmed and open.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
-from ffsm_mj.contact_models.interface import ContactModel
+from ffsm_mj.contact_models.interface import ForceSource
 from ffsm_mj.dynamics.rigid_body import cross
 
 _AFTER_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -28,7 +28,7 @@ class InterfaceLoad:
     """
 
     def __init__(
-        self, number: int, held: GraspedMotion, site: FloatArray, seen: Any, others: Sequence[ContactModel] = ()
+        self, number: int, held: GraspedMotion, site: FloatArray, seen: Any, others: Sequence[ForceSource] = ()
     ) -> None:
         """Bind to the motion of a grasp.
 

@@ -23,14 +23,13 @@ from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.load import LoadBuffer
 from ffsm_mj.contact_models.grasp.nearness import Nearness
 from ffsm_mj.contact_models.grasp.record import KINDS, ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
-from ffsm_mj.contact_models.impact.model import ImpactModel
-from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventTime, Scene
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, Replayable, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import cross, momentum_matrix
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.events import Outcome, RunEnded
+from ffsm_mj.records.events import ImpactRecord, Outcome, RunEnded
 from ffsm_mj.records.signals import SUBSYSTEMS, Signal
 
 ARM, DISARM, RELEASE = "arm", "disarm", "release"
@@ -67,32 +66,29 @@ _SIGNALS = (
 )
 
 
-class GraspModel(ContactModel):
+class GraspModel(EventSource, Replayable):
     """All grasps of a run; at most one is closed. See :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
 
     kind = "capture"
     records = KINDS
-    pushes = False  # the attachment is part of the integrated model: no constraint force is applied
 
     def __init__(
         self,
         scene: Scene,
         free: Motion,
-        impacts: ImpactModel,
         grasps: Sequence[tuple[Grasp, CaptureConfig, System]],
-        others: Sequence[ContactModel] = (),
+        others: Sequence[ForceSource] = (),
     ) -> None:
         """Initialise with all grasps disarmed and open.
 
         Args:
             scene: The logged system and its data.
             free: Its motion.
-            impacts: The impact model, which resolves an impact before a grasp closes on it.
             grasps: Each grasp with its configuration, and the system in which it is closed, with a model owned by the run.
             others: Contact models that may exert forces on a grasped object.
         """
         super().__init__(None, scene)
-        self._free, self._impacts = free, impacts
+        self._free = free
         self._latches = {each[0].name: Latch(i, scene, free, *each, others) for i, each in enumerate(grasps, start=1)}
         self._step_s = float(scene.system.mj.opt.timestep)
         self._closed_latch: Latch | None = None
@@ -125,13 +121,16 @@ class GraspModel(ContactModel):
         self._requests.add(request)
         self._update_watched()
 
-    def restart(self) -> None:
-        """Discard the tracked path; an impact of one of its pairs closes an armed grasp."""
-        hit_pairs, self._impacts.hit_pairs = self._impacts.hit_pairs, frozenset()
+    def on_records(self, records: Sequence[Any]) -> None:
+        """An impact of one of its pairs closes an armed grasp."""
+        hit_pairs = {record.pair for record in records if isinstance(record, ImpactRecord)}
         if hit_pairs and self._closing is None:
             self._closing = next(
                 (latch for latch in self._latches.values() if latch.armed and latch.pairs & hit_pairs), None
             )
+
+    def restart(self) -> None:
+        """Discard the tracked path."""
         for latch in self._latches.values():
             latch.clear_path()
         self._update_watched()

@@ -11,8 +11,9 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, contact_points
+from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, PersistentContacts, contact_points
 from ffsm_mj.contact_models.impact.contact import Contact
+from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.record import impact_energies, impact_records, impulses_between
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.contact_models.impact.replayed_impact import impact_fault, logged_impact
@@ -50,12 +51,18 @@ class ImpactModel(Detector):
 
     kind = "impact"
     records = (IMPACT,)
-    hit_pairs: frozenset[str] = frozenset()
-    """Names of the pairs of the last impact; a grasp that closes by contact reads and clears them."""
+    resolves_impacts = True
 
-    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], rules: ImpactRules) -> None:
-        """Start at the state in ``scene.data``."""
-        super().__init__(scene, pairs)
+    def __init__(
+        self,
+        scene: Scene,
+        pairs: Sequence[ContactPair],
+        rules: ImpactRules,
+        persistent: PersistentContacts,
+        overlap: DeepestOverlap,
+    ) -> None:
+        """Start at the state in ``scene.data``; see :class:`~ffsm_mj.contact_models.impact.time_of_impact.Detector`."""
+        super().__init__(scene, pairs, persistent, overlap)
         self._rules = rules
         self._impacts = 0
         self._heat = np.zeros(1)
@@ -68,7 +75,7 @@ class ImpactModel(Detector):
 
     def names(self) -> str:
         """The pairs in contact."""
-        return "; ".join(str(pair) for pair, _ in self.contacts())
+        return "; ".join(str(pair) for pair, _ in self.closed_pairs())
 
     def act(self, instant: EventTime) -> EventEffect | None:
         """Resolve all contacts at this instant together.
@@ -77,7 +84,7 @@ class ImpactModel(Detector):
             RunEnded: A contact is not supported, has no solution, or would have to persist and cannot.
         """
         system, data, time_s = self.scene.system, self.scene.data, instant.time_s
-        touching = self.contacts()
+        touching = self.closed_pairs()
         try:
             met = self.resolve(touching)
         except (UnsupportedContactError, ValueError) as error:
@@ -87,17 +94,16 @@ class ImpactModel(Detector):
         if not any(near.approaches for _, near in touching):
             # Nothing approaches: the root of the gap was found to rounding, or a pair at rest is pressed. There is no
             # impulse; persistent contact takes over the pairs at rest.
-            self.closing.close(touching)
+            self._persistent.close(touching)
             self._refuse_corners(touching, met, time_s)
             return None
         impact = self.apply(touching, met.impact)
         energies = impact_energies(system, data, impact)
         met = replace(met, impact=impact)
         records = impact_records(system, data, touching, met, energies, self._impacts, instant)
-        self.closing.close(touching)
+        self._persistent.close(touching)
         self._refuse_unmoved(touching, impact, time_s)
         self._impacts += 1
-        self.hit_pairs = frozenset(pair.name for pair, _ in touching)
         return EventEffect(records, self.exchange(energies, impact), end=self._end())
 
     def record_fault(self, records: Sequence[ImpactRecord]) -> str:
@@ -114,13 +120,13 @@ class ImpactModel(Detector):
         """Records of the impact at the state in ``data``; empty if there is none."""
         system, data = self.scene.system, self.scene.data
         try:
-            touching = self.contacts()
+            touching = self.closed_pairs()
             met = self.resolve(touching)
             met = replace(met, impact=self.apply(touching, met.impact))
             energies = impact_energies(system, data, met.impact)
             instant = EventTime(event.time_s, event.step)
             records = impact_records(system, data, touching, met, energies, event.number, instant)
-            self.closing.close(touching)
+            self._persistent.close(touching)
         except (UnsupportedContactError, ValueError, ArithmeticError):
             return ()
         return records
@@ -204,7 +210,7 @@ class ImpactModel(Detector):
         The approach is slower than the impact law resolves: between heavy bodies the impulses on a light one are known to a
         share of rounding, which is a velocity of the light one.
         """
-        left = [pair for pair, near in touching if near.approaches and not self.closing.holds(pair)]
+        left = [pair for pair, near in touching if near.approaches and not self._persistent.holds(pair)]
         if left and not impact.impulses.any():
             speed = float(impact.approach_speeds.max())
             message = (
@@ -216,13 +222,13 @@ class ImpactModel(Detector):
         """End the run if a pair pressed at rest has no defined normal: the same event would repeat for ever."""
         speeds = met.impact.separation_speeds.tolist()
         for (pair, near, _), b, speed in zip(contact_points(touching), met.pressing.tolist(), speeds, strict=True):
-            if b > 0.0 and speed <= near.rate_tolerance and not self.closing.holds(pair):
+            if b > 0.0 and speed <= near.rate_tolerance and not self._persistent.holds(pair):
                 message = f"{pair} would stay in contact from t = {time_s:.6g} s by a corner on a corner or on an edge"
                 raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}, where the contact normal is not defined")
 
     def _refuse_rest(self, touching: ClosedPairs, met: RestingResult, time_s: float) -> None:
         """End the run if a pair comes to rest under load and cannot persist."""
         for (pair, _, _), used, b in zip(contact_points(touching), met.used.tolist(), met.pressing.tolist(), strict=True):
-            if used == 0.0 and b > 0.0 and (why := self.closing.refusal(pair)):
+            if used == 0.0 and b > 0.0 and (why := self._persistent.refusal(pair)):
                 message = f"{pair} would stay in contact from t = {time_s:.6g} s, pressed at {b:.3g} m/s^2: {why}"
                 raise RunEnded(Outcome.UNSUPPORTED_CONTACT, message)

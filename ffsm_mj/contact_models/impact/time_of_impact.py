@@ -13,21 +13,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.impact.closed_pairs import NoPersistentContacts, PersistentContacts
+from ffsm_mj.contact_models.impact.closed_pairs import (
+    ClosedPairs,
+    NoPersistentContacts,
+    PersistentContacts,
+    closed_pairs,
+    is_near,
+)
+from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.first_touch import first_touch
-from ffsm_mj.contact_models.interface import ContactModel, Scene
+from ffsm_mj.contact_models.interface import EventSource, Replayable, Scene
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.signals import OVERLAP, Signal
-from ffsm_mj.tolerances import CONTACT_GAP_M, DISTANCE_QUERY_M
+from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
-_NEAR_LIMIT_M = 1e-3
-"""Limit of distance queries that look for near pairs only: a small limit ends a query early."""
 _MAX_DEPTH = 48
 """Depth of bisection at which an interval is shorter than the rounding of time."""
 _MAX_BISECTIONS = 20_000
@@ -45,29 +47,39 @@ class _Sample:
     bounds: tuple[float, ...]
 
 
-class Detector(ContactModel):
+class Detector(EventSource, Replayable):
     """Detects impacts of pairs: evaluates them along the motion and locates the first touch within a step.
 
     Attributes:
         pairs: Contact pairs.
-        closing: Persistent contact, which takes over the pairs that stay closed.
         columns: Deepest overlap of any pair at the ends of (sub-)steps since the sample before.
     """
 
-    def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
-        """Start at the state of a scene."""
+    def __init__(
+        self,
+        scene: Scene,
+        pairs: Sequence[ContactPair],
+        persistent: PersistentContacts | None = None,
+        overlap: DeepestOverlap | None = None,
+    ) -> None:
+        """Start at the state of a scene.
+
+        Args:
+            scene: The logged system and its data.
+            pairs: Pairs to detect.
+            persistent: Persistent contact, which takes over the pairs that stay closed; None: there is none.
+            overlap: Deepest overlap, shared with ``persistent``; None: an own one.
+        """
         super().__init__(None, scene)
         model, data = self._model, self._data = scene.system.mj, scene.data
         self.pairs = tuple(pairs)
-        self.closing: PersistentContacts = NoPersistentContacts()
+        self._persistent: PersistentContacts = persistent or NoPersistentContacts()
+        self._overlap = overlap or DeepestOverlap()
+        self.columns: tuple[Columns, ...] = self._overlap.columns
         self._speeds = [pair.speed_bound_per_root_energy(model, data) for pair in self.pairs]
         self.watched = frozenset(pair.geom_ids for pair in self.pairs)
         # Evaluations of this step by pair and time; those at its end are kept as the start of the next step.
         self._evaluated: dict[tuple[int, float], Proximity] = {}
-        self._deepest, self._logged_depth = 0.0, np.zeros(1)
-        meaning = "deepest overlap of an impact pair at the ends of the steps and sub-steps since the sample before"
-        signal = Signal("balance", OVERLAP, "m", meaning)
-        self.columns = (Columns((signal,), live=self._logged_depth, on_sample=self._write_depth),)
 
     def restart(self) -> None:
         """Discard all evaluations, because the state or the efforts changed discontinuously."""
@@ -88,7 +100,7 @@ class Detector(ContactModel):
 
     def _is_skipped(self, pair: ContactPair) -> bool:
         """Whether a pair has no impacts now: persistent contact holds it, or both geoms are on one rigid body."""
-        return self.closing.holds(pair) or pair.geom_ids in self.motion.rigid
+        return self._persistent.holds(pair) or pair.geom_ids in self.motion.rigid
 
     def is_clear(self) -> bool:
         """Whether the motion bound excludes contact of all pairs in the last step; evaluates distances where needed."""
@@ -128,12 +140,9 @@ class Detector(ContactModel):
         self._evaluated = {(i, 0.0): near for (i, time), near in self._evaluated.items() if time == time_s}
         self._bound_all()
 
-    def contacts(self) -> list[tuple[ContactPair, Proximity]]:
+    def closed_pairs(self) -> ClosedPairs:
         """All pairs in contact at the state in ``data``."""
-        model, data, rigid = self._model, self._data, self.motion.rigid
-        close = [pair for pair in self.pairs if pair.geom_ids not in rigid and self._is_near(pair)]
-        near = [(pair, pair.proximity(model, data)) for pair in close]
-        return [(pair, proximity) for pair, proximity in near if proximity.gap <= CONTACT_GAP_M]
+        return closed_pairs(self.pairs, self.scene, self.motion)
 
     def update_overlap(self, time: float | None = None) -> None:
         """Update the deepest overlap with that of the pairs at the state in ``data``.
@@ -142,19 +151,8 @@ class Detector(ContactModel):
             time: Time since the start of the step, if evaluations of this step may be used.
         """
         for i, pair in enumerate(self.pairs):
-            if not self._is_skipped(pair) and self._is_near(pair):
-                self.add_overlap(-self._proximity(i, time).gap)
-
-    def add_overlap(self, depth: float) -> None:
-        """Update the deepest overlap with a depth in m, of a pair that persistent contact holds."""
-        self._deepest = max(self._deepest, depth)
-
-    def _write_depth(self, _: float) -> None:
-        self._logged_depth[0], self._deepest = self._deepest, 0.0
-
-    def _is_near(self, pair: ContactPair) -> bool:
-        """Whether a pair is so close that its gap must be evaluated on the support functions."""
-        return pair.gap(self._model, self._data, _NEAR_LIMIT_M) <= DISTANCE_QUERY_M
+            if not self._is_skipped(pair) and is_near(pair, self.scene):
+                self._overlap.add(-self._proximity(i, time).gap)
 
     def _proximity(self, i: int, time: float | None) -> Proximity:
         """Proximity of a pair at the state in ``data``; evaluated once per time since the start of the step, if given."""

@@ -19,9 +19,9 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs
-from ffsm_mj.contact_models.impact.model import ImpactModel
-from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventTime, Scene
+from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
+from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, Replayable, Scene
 from ffsm_mj.contact_models.persistent.active_set import (
     ActiveContactSet,
     closed_and_still,
@@ -51,20 +51,25 @@ _START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
 """Fractions of a step at which a positive gap is looked for: a point that lands may start the step at a gap of rounding."""
 
 
-class PersistentContactModel(ContactModel):
+class PersistentContactModel(EventSource, ForceSource, Replayable):
     """Constrains the pairs that impacts leave closed; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
 
     kind = "contact"
     records = (CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES)
     is_reactive = True
 
-    def __init__(self, scene: Scene, impacts: ImpactModel) -> None:
-        """Initialise with no closed contacts; ``impacts`` passes on the pairs that its events leave closed."""
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], overlap: DeepestOverlap) -> None:
+        """Initialise with no closed contacts.
+
+        Args:
+            scene: The logged system and its data.
+            pairs: Impact pairs; the impact model passes on those that an impact leaves closed, see :meth:`close`.
+            overlap: Deepest overlap, shared with the impact model.
+        """
         super().__init__(None, scene)
-        self._impacts, self._active_set = impacts, ActiveContactSet(scene)
-        impacts.closing = self
+        self._pairs, self._overlap, self._active_set = tuple(pairs), overlap, ActiveContactSet(scene)
         self._logged_pairs: list[ContactPair] = []
-        self._report = ContactReport(scene, impacts.pairs, self._active_set)
+        self._report = ContactReport(scene, self._pairs, self._active_set)
         self._drift = DriftProjection(scene, self._active_set)
         self.columns = self._report.columns
         self._previous_motion: Motion | None = None
@@ -91,7 +96,7 @@ class PersistentContactModel(ContactModel):
 
     def _update_pairs(self, held: Sequence[ContactPair]) -> None:
         """Update all pairs near contact after a change of motion; pairs in ``held`` were closed in the previous one."""
-        for pair, near in self._impacts.contacts():
+        for pair, near in closed_pairs(self._pairs, self.scene, self.motion):
             # A deeper overlap at release is not a closed contact: the impact model resolves it.
             if abs(near.gap) <= CONTACT_GAP_M:
                 self._update_pair(pair, near, held_rate_tolerance(near) if pair in held else near.rate_tolerance)
@@ -118,7 +123,7 @@ class PersistentContactModel(ContactModel):
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
         if {record.pair for record in records} - {pair.name for pair in self._active_set.by_pair}:
-            self.close(self._impacts.contacts())
+            self.close(closed_pairs(self._pairs, self.scene, self.motion))
 
     def refusal(self, pair: ContactPair) -> str:
         """Why a pair cannot stay in contact; empty if it can."""
@@ -152,7 +157,7 @@ class PersistentContactModel(ContactModel):
         for pair in tuple(self._active_set.by_pair):
             self._active_set.remove(pair)
         self._logged_pairs = self._report.logged_pairs()
-        for pair in self._impacts.pairs:
+        for pair in self._pairs:
             if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
                 near = pair.proximity(model, data)
                 self._update_pair(
@@ -266,7 +271,7 @@ class PersistentContactModel(ContactModel):
         """Energy and momentum exchanged by the contact forces, and by the drift projection at the start of the step."""
         done, impulses = self._exchanged(duration_s)
         self._report.add_impulses(impulses)
-        self._impacts.add_overlap(-min([at.gap for at in self._active_set.decide().rows.states], default=0.0))
+        self._overlap.add(-min([at.gap for at in self._active_set.decide().rows.states], default=0.0))
         return done
 
     def exchanged(self, duration_s: float) -> Exchange | None:
@@ -297,7 +302,7 @@ class PersistentContactModel(ContactModel):
 
     def force_check(self, layout: Layout) -> Callable[[FloatArray], float]:
         """Check of the logged contact forces by other functions; see :mod:`.force_check`."""
-        return ForceCheck(self.scene, self._impacts.pairs, self._active_set, layout).residual
+        return ForceCheck(self.scene, self._pairs, self._active_set, layout).residual
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:
         """The closed pairs with their forces, for control laws."""
@@ -307,7 +312,7 @@ class PersistentContactModel(ContactModel):
         """Log a contact that begins, ends or changes; a closed pair that touches at another point has an impact."""
         if self._landing or self._active_set.touches_elsewhere():
             self._landing = False
-            return self._impacts.act(instant)
+            return EventEffect((), leaves_to_impacts=True)
         news = self._pending_change() or self._change_during_step()
         if news is None:
             return None

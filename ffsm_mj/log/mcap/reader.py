@@ -13,7 +13,7 @@ from typing import Any
 from google.protobuf.message import DecodeError
 from mcap.records import Attachment, Channel, Metadata, Schema
 
-from ffsm_mj.contact_models.interface import contact_models
+from ffsm_mj.contact_models.registry import contact_models
 from ffsm_mj.errors import LogError, one_line
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.chunks import MESSAGE_HEAD, Batch, content_of
