@@ -13,7 +13,7 @@ from filelock import FileLock
 
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.contact_models import interface as contact_models
+from ffsm_mj.contact_models import registry as contact_models
 from ffsm_mj.model.system import System
 from ffsm_mj.records import kinds
 from ffsm_mj.scenario.shipped import scenarios_dir

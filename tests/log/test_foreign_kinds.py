@@ -12,7 +12,7 @@ from mcap.records import Channel, Message, Schema
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
-from ffsm_mj.contact_models import interface as contact_models
+from ffsm_mj.contact_models import registry as contact_models
 from ffsm_mj.errors import LogError
 from ffsm_mj.log.mcap.record_format import decode_record, encode_record
 from ffsm_mj.records import kinds as register_of_kinds
