@@ -39,7 +39,8 @@ def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
     """Whether a line says where a fault is, and what it is."""
     if re.search(r"', line 0\b", line):
         return False
-    if re.match(r"(/\S+:\d+:\d+|\.): \S|log \S+\.mcap has \S", line):  # the target of a link, or the folder that the command names
+    # The target of a link, the folder that the command names, or a log.
+    if re.match(r"(/\S+:\d+:\d+|\.): \S|log \S+\.mcap has \S", line):
         return True
     if re.match(r"-s |--\w+[: ]|'': |ffsm[: ]|new: |new-law: |logs/\S+: |workers: |run \d+: |\S+: no such run\b", line):
         return ": " in line or "--" in line
