@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 import time
 from collections import Counter
@@ -12,7 +13,7 @@ from pathlib import Path
 from tests.hostile.drawing import drawn
 from tests.hostile.series import run_series
 from tests.hostile.strangers import STRANGERS
-from tests.hostile.worker import Result, logs_of_runs, run_case
+from tests.hostile.worker import logs_of_runs, run_case
 
 
 def main() -> int:
@@ -29,7 +30,8 @@ def main() -> int:
         if options.only is not None:
             hostile = drawn(options.seed, options.only, logs_of_runs(Path(folder), with_campaign=options.seed == STRANGERS))
             place = options.keep or Path(folder) / "case"
-            _print(run_case(hostile, options.only, place.resolve()), hostile.commands)
+            with os.fdopen(os.dup(1), "w") as shown:  # a case redirects the output of the process
+                print(*hostile.commands, run_case(hostile, options.only, place.resolve()), sep="\n", file=shown)
             return 0
         started = time.perf_counter()
         results = run_series(options.seed, options.first, options.cases, Path(folder))
@@ -44,11 +46,6 @@ def main() -> int:
         codes = Counter(result.codes[-1] for result in results if result.kind == kind)
         print(f"  {kind}: {count}, exit codes {dict(sorted(codes.items()))}")
     return int(bool(bad))
-
-
-def _print(result: Result, commands: tuple[tuple[str, ...], ...]) -> None:
-    with open("/dev/tty" if Path("/dev/tty").is_char_device() else "/dev/stdout", "w") as stream:
-        print(*commands, result, sep="\n", file=stream)
 
 
 if __name__ == "__main__":

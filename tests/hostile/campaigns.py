@@ -1,4 +1,4 @@
-"""Campaign files and folders of campaigns, mutated: what is written by hand, and what a stranger may send."""
+"""Mutated campaign files (trusted, possibly wrong) and campaign folders (possibly hostile)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a command may answer to hostile input: an exit code of the contract, and lines that say where and what."""
+"""Judges the answer of a command by the threat model: a documented exit code, and lines that name place and fault."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
+from zstandard import ZstdError
 
 from tests.hostile.mjcf_mutations import mutate_model, xml
 from tests.hostile.values import YAML_NUMBERS
@@ -91,7 +92,7 @@ def mutate_log(rng: Random, data: bytes) -> bytes:
         return mutate_bytes(rng, data)
     try:
         found = records(data)
-    except (McapError, ValueError, struct.error):  # bytes of it were mutated before
+    except (McapError, ValueError, ZstdError, struct.error):  # an earlier mutation has damaged its bytes
         return mutate_bytes(rng, data)
     for _ in range(rng.choice((1, 1, 2, 3, 4))):
         rng.choice(_MUTATIONS)(rng, found)

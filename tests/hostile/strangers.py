@@ -1,6 +1,6 @@
-"""A series of its own of what strangers send: logs, run folders with links, robots, campaigns; every command is given one.
+"""Series of possibly hostile files (logs, run folders with links, robot files, campaign folders) for every command.
 
-What the others leave out is here too: words that no command knows, and folders for ``reproduce`` and ``new-law``.
+Unknown words on the command line, and folders for ``reproduce`` and ``new-law``, are cases of this series too.
 """
 
 from __future__ import annotations

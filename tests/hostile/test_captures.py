@@ -1,4 +1,4 @@
-"""Hostile cases of captures: no traceback, no hang, exit codes of the contract, every complaint with its file and place."""
+"""Mistakes in scenarios with grasps, and mutated logs of a capture: a documented exit code, every fault with its place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hostile cases of friction at impacts: no traceback, no hang, exit codes of the contract, complaints with their place."""
+"""Mistakes in scenarios with friction at impacts, and mutated logs: a documented exit code, every fault with its place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs whose checksums hold and whose content somebody has changed: one line with the file, or an honest verdict."""
+"""Possibly hostile logs with valid checksums and changed content: one line with the file, or a correct verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers out of all proportion that pass every check: the run ends by itself, with an outcome."""
+"""Extreme numbers that pass ``check``: the run ends by itself, with an outcome."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A series of hostile cases: no traceback, no hang, exit codes of the contract, every complaint with its file and place.
+"""Own files with mistakes, and mutated logs: no traceback, no hang, a documented exit code, every fault with its file and line.
 
 ``uv run python -m tests.hostile --cases 20000`` runs a long one by hand; ``--only N --keep DIR`` one case, its files kept.
 """
