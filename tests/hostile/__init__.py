@@ -2,9 +2,10 @@
 
 The threat model is a section of ``docs/user-guide.md``. Series by its classes of input:
 
-- trusted, possibly wrong: ``test_series`` (scenarios, models, overrides, paths), ``test_captures``, ``test_friction``, ``test_numbers``;
-- possibly hostile: ``test_strangers`` (logs, run folders, campaign folders, robot files), ``test_logs``, and the mutated logs of the other series.
+- trusted, possibly wrong: scenarios, models, overrides and paths of ``test_series``, ``test_captures``, ``test_friction``
+  and ``test_numbers``;
+- possibly hostile: logs, run and campaign folders, robot files of ``test_strangers``, and mutated logs of all series.
 
-No command may print a traceback, run without end, write anything but the requested output or print a control character; a fault
-is one line with its file. A plain run of pytest takes a share of each series, ``--long`` all of it.
+No command may print a traceback, run without end, write anything but the requested output or print a control character; a
+fault is one line with its file. A plain run of pytest takes a share of each series, ``--long`` all of it.
 """

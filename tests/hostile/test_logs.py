@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import struct
 from dataclasses import replace
+from random import Random
 
 import pytest
 from mcap.records import Attachment, Channel, Message
+from zstandard import ZstdError
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.log.mcap.record_format import decode_record, encode_record
-from tests.hostile.log_mutations import log, records
+from tests.hostile.log_mutations import log, mutate_log, records
 from tests.scenes import two_balls
 
 
@@ -56,6 +58,15 @@ def test_an_impact_without_its_totals(hit, tmp_path, capsys, field):
     )
     assert main(["analyze", path]) == 2
     assert f"{field}.total of impact has 0 values" in capsys.readouterr().err
+
+
+def test_a_log_with_a_damaged_chunk_can_be_mutated_again(hit):
+    data = bytearray(hit.path.read_bytes())
+    at = data.index(b"\x28\xb5\x2f\xfd") + 4  # behind the magic number of Zstandard
+    data[at : at + 8] = bytes(8)
+    with pytest.raises(ZstdError):
+        records(bytes(data))
+    assert all(isinstance(mutate_log(Random(seed), bytes(data)), bytes) for seed in range(8))
 
 
 def test_a_scenario_that_is_no_text(hit, tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""Own files with mistakes, and mutated logs: no traceback, no hang, a documented exit code, every fault with its file and line.
+"""Own files with mistakes, and mutated logs: no traceback, no hang, a documented exit code, faults with file and line.
 
 ``uv run python -m tests.hostile --cases 20000`` runs a long one by hand; ``--only N --keep DIR`` one case, its files kept.
 """

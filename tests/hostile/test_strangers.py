@@ -1,4 +1,4 @@
-"""Possibly hostile files for every command: no traceback, no hang, no write outside the requested output, only printable text.
+"""Possibly hostile files for every command: no traceback, no hang, no write outside the output, only printable text.
 
 ``uv run python -m tests.hostile --seed 27 --cases 8000`` runs a long series by hand.
 """
