@@ -6,10 +6,10 @@ from typing import Any
 
 from ffsm_mj.actuation.step_error import StepError
 from ffsm_mj.balance.balance import Balance
-from ffsm_mj.contact.step_control import StepControl
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.simulation.step_control import StepControl
 from ffsm_mj.verification.residuals import STRETCH_STEPS
 
 _SHARE = 0.5

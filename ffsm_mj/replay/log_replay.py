@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.step_control import StepLimitError
 from ffsm_mj.contact_models.interface import EventEffect, LoggedEvent
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.log.recorder import BLOCK_ROWS
@@ -19,6 +18,7 @@ from ffsm_mj.replay.event_check import EventCheck
 from ffsm_mj.replay.logged_events import LoggedEvents
 from ffsm_mj.replay.replayed_rows import LoggedRows, ReplayedRows
 from ffsm_mj.replay.scene import LogScene
+from ffsm_mj.simulation.step_control import StepLimitError
 from ffsm_mj.verification.agreement import Agreement, impossible
 
 _NO_TIME = 1e-15

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact.step_control import StepControl
 from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventSource, EventTime, ForceSource, Replayable
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.simulation.step_control import StepControl
 
 
 class EventDrivenIntegrator:

@@ -16,7 +16,6 @@ from typing import Any
 
 import mujoco
 
-from ffsm_mj.contact.step_control import StepLimitError
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime
 from ffsm_mj.controller_protocol import Command, Observation, TaskController
@@ -27,6 +26,7 @@ from ffsm_mj.records.events import ControllerReport, Outcome, OutcomeRecord, Run
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.rows import RowWriter
+from ffsm_mj.simulation.step_control import StepLimitError
 
 MOST_EVENTS_PER_STEP = 1000
 
