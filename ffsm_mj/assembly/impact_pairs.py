@@ -10,7 +10,8 @@ from ffsm_mj.contact.features.search import persistence_fault
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import ImpactPairConfig, Scenario
+from ffsm_mj.scenario.impact_config import ImpactPairConfig
+from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.tolerances import CONTACT_GAP_M
 
 

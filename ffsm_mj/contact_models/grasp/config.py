@@ -6,9 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, PositiveFloat, model_validator
 
-from ffsm_mj.config import StrictModel
-
-_Name = Annotated[str, Field(min_length=1)]
+from ffsm_mj.config import Name, StrictModel
 
 
 class WithinConfig(StrictModel):
@@ -41,7 +39,7 @@ class WhenConfig(StrictModel):
 
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["touch"]}, {"required": ["within"]}]})
 
-    touch: Annotated[tuple[_Name, ...], Field(min_length=1)] | None = None
+    touch: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
     """Names of impact pairs: the grasp closes at the first impact of one of them."""
     within: WithinConfig | None = None
     """The grasp closes as soon as all of these bounds hold."""
@@ -56,9 +54,9 @@ class WhenConfig(StrictModel):
 class CaptureConfig(StrictModel):
     """A grasp: attaches a floating object to a link of the robot at the relative pose they have when it closes."""
 
-    robot_site: _Name
+    robot_site: Name
     """Site of the robot, on the grasping link."""
-    object_site: _Name
+    object_site: Name
     """Site of a floating object, on its base; impulse and loads are given at this site."""
     when: WhenConfig
     """Closing condition while a phase arms it."""

@@ -12,58 +12,24 @@ from collections.abc import Sequence
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.grasp.columns import EVENT_LOADS, LOADS, POINT
+from ffsm_mj.contact_models.grasp.closing import as_tuple, close_grasp, state_fields
+from ffsm_mj.contact_models.grasp.columns import SIGNALS
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
-from ffsm_mj.contact_models.grasp.impulse import plastic_impulse
 from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.load import LoadBuffer
 from ffsm_mj.contact_models.grasp.nearness import Nearness
 from ffsm_mj.contact_models.grasp.record import KINDS, ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, Replayable, Scene
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.dynamics.rigid_body import cross, momentum_matrix
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ImpactRecord, Outcome, RunEnded
-from ffsm_mj.records.signals import SUBSYSTEMS, Signal
 
 ARM, DISARM, RELEASE = "arm", "disarm", "release"
 """Requests of a grasp, after its name and a dot."""
-
-_LOADS = ("force on the grasped object", "torque on the grasped object about its site")
-_BETWEEN = "right after an event since the previous sample"
-_AT_EVENTS = (
-    f"largest force on the grasped object {_BETWEEN}, under the efforts set there; 0 if there was no event",
-    f"largest torque on the grasped object about its site {_BETWEEN}; 0 if there was no event",
-    f"time of the largest force {_BETWEEN}; NaN if there was no event",
-)
-_SIGNALS = (
-    Signal(
-        "contact", "capture_grasp", "", "number of the closed grasp among the captures of the scenario, from 1; 0 if none"
-    ),
-    *(
-        Signal("contact", key.partition(".")[2], unit, f"{_LOADS[i // 3]}, world axes, under the efforts of this row")
-        for i, (key, unit) in enumerate(LOADS.items())
-    ),
-    *(
-        Signal(
-            "contact",
-            key.partition(".")[2],
-            "m",
-            "site of the grasped object, where the load acts; NaN if no grasp is closed",
-        )
-        for key in POINT
-    ),
-    *(
-        Signal("contact", key.partition(".")[2], unit, meaning)
-        for (key, unit), meaning in zip(EVENT_LOADS.items(), _AT_EVENTS, strict=True)
-    ),
-)
 
 
 class GraspModel(EventSource, Replayable):
@@ -97,7 +63,7 @@ class GraspModel(EventSource, Replayable):
         self.requests = tuple(f"{name}.{what}" for name in self._latches for what in (ARM, DISARM, RELEASE))
         self._loads, self._logged_grasp = LoadBuffer(), 0.0
         self.columns = (
-            Columns(_SIGNALS, table=self._loads.table, on_sample=self._write_values, resume=self._restore_values),
+            Columns(SIGNALS, table=self._loads.table, on_sample=self._write_values, resume=self._restore_values),
         )
 
     @property
@@ -175,7 +141,7 @@ class GraspModel(EventSource, Replayable):
         """
         if not self._requests:
             latch, self._closing = self._closing, None
-            return self._capture(latch, instant) if latch is not None else None
+            return self._close(latch, instant) if latch is not None else None
         asked, closed_latch, self._requests = self._requests, self._closed_latch, set()
         records: list[Any] = []
         if closed_latch is not None and f"{closed_latch.grasp.name}.{RELEASE}" in asked:
@@ -199,7 +165,7 @@ class GraspModel(EventSource, Replayable):
             return []
         latch.arm(instant.time_s)
         who = self.scene.numbers.next_number(), latch.grasp.name
-        return [ArmingRecord(*who, instant.time_s, instant.step, **self._state(self.scene.data.qvel))]
+        return [ArmingRecord(*who, instant.time_s, instant.step, **state_fields(self.scene, self.scene.data.qvel))]
 
     def finish(self, instant: EventTime) -> Sequence[Any]:
         """Disarm all grasps at the end of the run; those still armed produce near-miss records."""
@@ -211,54 +177,20 @@ class GraspModel(EventSource, Replayable):
             message = f"grasp {name!r} {does} at t = {time_s:.6g} s while {by.name!r} holds {by.tree!r}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, f"{message}: only one grasp can be closed at a time; release it first")
 
-    def _capture(self, latch: Latch, instant: EventTime) -> EventEffect:
+    def _close(self, latch: Latch, instant: EventTime) -> EventEffect:
         self._refuse_second(latch.grasp.name, "would close", instant.time_s)
-        system, data, held = self.scene.system, self.scene.data, latch.held
-        sites, near, point = latch.sites, latch.near(), latch.sites.point(data)
-        # Closing leaves no relative motion of the two bodies: a plastic impact in all relative directions at once.
-        found = plastic_impulse(system.mj, data, sites.link, sites.root, point)
-        before, energies, momentum = np.array(data.qvel), self._energies(), self._momentum()
-        data.qvel[:] += found.change
-        mujoco.mj_forward(system.mj, data)
-        held.hold()
-        energies_after, momentum_after = self._energies(), self._momentum()
-        gained, change = energies_after - energies, momentum_after - momentum
+        record, exchange = close_grasp(self.scene, latch, instant)
         self._closed_latch = latch
         latch.disarm()
-        force, moment = found.impulse[:3], found.impulse[3:]
-        record = CaptureRecord(
-            event=self.scene.numbers.next_number(),
-            grasp=latch.grasp.name,
-            time_s=instant.time_s,
-            step=instant.step,
-            robot_site=latch.grasp.robot_site,
-            object_site=latch.grasp.object_site,
-            point_m=_as_tuple(point),
-            **near._asdict(),
-            held_position_m=_as_tuple(held.model.body_pos[held.root]),
-            held_quaternion=_as_tuple(held.model.body_quat[held.root]),
-            rank=found.rank,
-            impulse_N_s=_as_tuple(force),
-            angular_impulse_N_m_s=_as_tuple(moment),
-            loss_J=found.loss_J,
-            energy_before_J=_by_subsystem(energies),
-            energy_after_J=_by_subsystem(energies_after),
-            momentum_before={"total": _as_tuple(momentum)},
-            momentum_after={"total": _as_tuple(momentum_after)},
-            energy_change_J=float(gained[0]),
-            linear_momentum_change_N_s=float(np.linalg.norm(change[:3])),
-            angular_momentum_change_N_m_s=float(np.linalg.norm(change[3:])),
-            **self._state(before),
-        )
-        return EventEffect((record,), Exchange(gained, np.concatenate((force, moment + cross(point, force)))), held)
+        return EventEffect((record,), exchange, latch.held)
 
     def _release(self, latch: Latch, instant: EventTime) -> ReleaseRecord:
         """Release the object; its velocity is continuous, as no impulse acts."""
         self._closed_latch = None
         mujoco.mj_forward(self.scene.system.mj, self.scene.data)
-        point = _as_tuple(latch.sites.point(self.scene.data))
+        point = as_tuple(latch.sites.point(self.scene.data))
         who = self.scene.numbers.next_number(), latch.grasp.name
-        return ReleaseRecord(*who, instant.time_s, instant.step, point, **self._state(self.scene.data.qvel))
+        return ReleaseRecord(*who, instant.time_s, instant.step, point, **state_fields(self.scene, self.scene.data.qvel))
 
     def _disarm(self, latch: Latch, instant: EventTime) -> list[Any]:
         """Disarm the latch; record a near miss if it was armed with bounds and never closed."""
@@ -283,28 +215,9 @@ class GraspModel(EventSource, Replayable):
                 failed=failed,
                 failed_value=getattr(near, failed),
                 failed_bound=bounds[failed],
-                **self._state(self.scene.data.qvel),
+                **state_fields(self.scene, self.scene.data.qvel),
             )
         ]
-
-    def _state(self, before: FloatArray) -> dict[str, Any]:
-        """State fields of a record; the state after the event is that in ``data``."""
-        system, data = self.scene.system, self.scene.data
-        return {
-            "qpos": _as_tuple(data.qpos),
-            "qvel_before": system.by_joint(before),
-            "qvel_after": system.by_joint(data.qvel),
-        }
-
-    def _energies(self) -> FloatArray:
-        """Kinetic energy of (total, robot, objects), J."""
-        system, data, h = self.scene.system, self.scene.data, np.empty(self.scene.system.mj.nv)
-        mujoco.mj_mulM(system.mj, data, h, data.qvel)
-        total, robot = 0.5 * float(h @ data.qvel), 0.5 * float(h[system.robot.dofs] @ data.qvel[system.robot.dofs])
-        return np.array((total, robot, total - robot))
-
-    def _momentum(self) -> FloatArray:
-        return np.asarray(momentum_matrix(self.scene.system.mj, self.scene.data, 0) @ self.scene.data.qvel)
 
     def after_event(self, time_s: float) -> None:
         """Record the load on a grasped object after an event, since it may change discontinuously."""
@@ -354,11 +267,3 @@ class GraspModel(EventSource, Replayable):
                     near = Nearness(record.position_m, record.angle_rad, record.speed_m_s, record.rate_rad_s)
                     latch.armed, latch.least = True, (near, record.least_s)
                 self._requests.add(f"{record.grasp}.{DISARM}")
-
-
-def _by_subsystem(energies: FloatArray) -> dict[str, tuple[float, ...]]:
-    return {subsystem: (energy,) for subsystem, energy in zip(SUBSYSTEMS, energies.tolist(), strict=True)}
-
-
-def _as_tuple(values: Any) -> tuple[float, ...]:
-    return tuple(np.asarray(values).tolist())

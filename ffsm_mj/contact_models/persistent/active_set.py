@@ -25,20 +25,13 @@ from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.tolerances import (
-    CLOSED_RATE,
-    CONTACT_GAP_M,
     DRIFT_M,
     FEATURE_BOUND_M,
     LIFT_OFF_M,
     OTHER_POINT_M,
     PARALLEL,
-    RATE,
 )
 
-_REST_SHARE = 1e-9
-"""Post-impact normal velocities below this share of the approach velocity are rounding: the contact is at rest."""
-_LEAST_RADIUS_M = 1e-4
-"""Smallest radius of curvature assumed where a rounded geom slides over an edge, m."""
 _SLOW_M_S = 1e-3
 """Only contacts that separate below this speed may stay closed for their small lift-off."""
 _TILT_SHARE = 0.2
@@ -74,6 +67,11 @@ class ActiveContactSet:
         self._problem_cache: tuple[tuple[Any, ...], ContactAcceleration] | None = None
         self._decision_cache: Decision | None = None
         self._gap_cache: tuple[tuple[Any, ...], float] | None = None
+
+    @property
+    def data(self) -> Any:
+        """MuJoCo data of the logged system."""
+        return self._scene.data
 
     def bind(self, motion: Motion) -> None:
         """Use another motion, with all caches cleared."""
@@ -307,23 +305,3 @@ class ActiveContactSet:
 def may_touch_at_several_points(pair: ContactPair) -> bool:
     """Whether a pair may touch at several points."""
     return not any(pair.is_of(kind) for kind in _ONE_POINT)
-
-
-def rate_tolerance(near: Proximity, approach: float) -> float:
-    """Gap rates below this are rounding after an impact with a given approach speed, m/s."""
-    return near.rate_tolerance + _REST_SHARE * approach
-
-
-def held_rate_tolerance(near: Proximity) -> float:
-    """The same for a closed pair: its gap rate drifts by the truncation error of a step until the next projection."""
-    return CLOSED_RATE / RATE * near.rate_tolerance
-
-
-def switched_rate_tolerance(near: Proximity) -> float:
-    """The same for a pair that left a feature by FEATURE_BOUND_M: on a round geom the normal has turned by that / radius."""
-    return FEATURE_BOUND_M / _LEAST_RADIUS_M / RATE * near.rate_tolerance
-
-
-def closed_and_still(near: Proximity, still: float) -> bool:
-    """Whether a pair is in contact and one of its points neither approaches nor separates."""
-    return near.gap <= CONTACT_GAP_M and bool(np.abs(near.rates).min() <= still)

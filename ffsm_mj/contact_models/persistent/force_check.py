@@ -25,7 +25,8 @@ from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet, closed_and_still, held_rate_tolerance
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.closure import closed_and_still, held_rate_tolerance
 from ffsm_mj.contact_models.persistent.report import force_keys, mode_key
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 from ffsm_mj.dynamics.motion import Motion

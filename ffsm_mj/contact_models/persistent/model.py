@@ -22,8 +22,8 @@ from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, Replayable, Scene
-from ffsm_mj.contact_models.persistent.active_set import (
-    ActiveContactSet,
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.closure import (
     closed_and_still,
     held_rate_tolerance,
     rate_tolerance,
@@ -32,23 +32,21 @@ from ffsm_mj.contact_models.persistent.active_set import (
 from ffsm_mj.contact_models.persistent.drift import DriftProjection, sum_exchanges
 from ffsm_mj.contact_models.persistent.exchange import Shares, exchanged, robot_dofs
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck
+from ffsm_mj.contact_models.persistent.localisation import first_change
 from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
-from ffsm_mj.contact_models.persistent.refusals import friction_fault, pressing_pairs, refusal
+from ffsm_mj.contact_models.persistent.refusals import refusal, refuse_friction
 from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.contact_models.persistent.sharing import pieces
 from ffsm_mj.dynamics.forced_stepper import WEIGHTS
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
-from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
-from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M, EVENT_TIME, EVENT_TIME_S
+from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M
 
 _OTHER_MODEL = "the motion uses another model than the scenario's, and no grasp of the scenario is closed in it"
-_START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
-"""Fractions of a step at which a positive gap is looked for: a point that lands may start the step at a gap of rounding."""
 
 
 class PersistentContactModel(EventSource, ForceSource, Replayable):
@@ -177,31 +175,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """
         self._projection_exchange = self._drift.remove_drift()
         self._active_set.update_pressing()
-        self._refuse_friction()
+        refuse_friction(self._active_set)
         self._active_set.stages.clear()
-
-    def _refuse_friction(self) -> None:
-        """End the run if a pair with friction carries a force.
-
-        This is checked at the start of a step, not when the pair closes: a grasp may take over the pair at the same instant.
-
-        Raises:
-            RunEnded: There is such a pair.
-        """
-        if not any(pair.mu > 0.0 for pair in self._active_set.by_pair) or not self._active_set.contact_points:
-            return
-        decision, data = self._active_set.decide(), self.scene.data
-        for pair, force in pressing_pairs(decision).items():
-            if pair.mu > 0.0:
-                held = [
-                    at
-                    for contact, at in zip(decision.contact_points, decision.rows.states, strict=True)
-                    if contact.pair is pair
-                ]
-                why = friction_fault(pair, force, [pair.slip(data, at.normal, at.point) for at in held])
-                raise RunEnded(
-                    Outcome.UNSUPPORTED_CONTACT, f"{pair} would stay in contact from t = {data.time:.6g} s, {why}"
-                )
 
     def is_clear(self) -> bool:
         """Whether the active set and the features of the step's start are still valid at its end."""
@@ -209,51 +184,11 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def first_event(self, duration_s: float) -> float | None:
         """Time at which the active set or a feature ceased to be valid, located just after the zero crossing."""
-        path = self.motion.path
-
-        def slack(time_s: float) -> float:
-            if time_s <= 0.0:
-                return 1.0  # the active set was chosen at this state, so it is valid there whatever the rounding
-            path.move_to(time_s)
-            return self._active_set.witness_value()
-
-        if slack(duration_s) >= 0.0:
+        located = first_change(self._active_set, duration_s)
+        if located is None:
             return None
-        changed = self._just_after(slack, 0.0, duration_s)
-        path.move_to(changed)
-        self._landing = self._active_set.touches_elsewhere()
-        return self._landing_time(changed) if self._landing else changed
-
-    def _landing_time(self, seen_s: float) -> float:
-        """Time at which the overlapping points of closed pairs touched.
-
-        The detection threshold is a depth; an impact at that depth instead of at gap zero would change the energy.
-        """
-        overlapping_features, data, path = self._active_set.overlapping_features(), self.scene.data, self.motion.path
-
-        def gap(time_s: float) -> float:
-            path.move_to(time_s)
-            return min(feature.at(data).gap for feature in overlapping_features)
-
-        if not overlapping_features:
-            return seen_s
-        # brentq needs a sign change. A point that rocks may have lifted off only after the start of the step.
-        above = next((part * seen_s for part in (0.0, *_START_FRACTIONS) if gap(part * seen_s) > 0.0), seen_s)
-        return self._just_after(gap, above, seen_s) if above < seen_s else seen_s
-
-    @staticmethod
-    def _just_after(f: Callable[[float], float], start_s: float, end_s: float) -> float:
-        """First time between two times at which a function becomes negative, rounded up until it is negative there.
-
-        A log replay evaluates the same state with slightly different rounding: it must reach the same decision.
-        """
-        from scipy.optimize import brentq  # takes a second to import: only runs with persistent contact pay
-
-        root, late = float(brentq(f, start_s, end_s, xtol=EVENT_TIME_S, rtol=EVENT_TIME)), EVENT_TIME_S
-        while True:
-            root, late = min(root + late, end_s), 2.0 * late
-            if root >= end_s or f(root) < 0.0:
-                return root
+        at_s, self._landing = located
+        return at_s
 
     def names(self) -> str:
         """The closed pairs."""

@@ -12,7 +12,9 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.search import persistence_fault
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.decision import Decision
+from ffsm_mj.records.events import Outcome, RunEnded
 
 FRICTION = "friction in persistent contact is not modelled"
 """Why a pair with mu > 0 cannot carry a force in persistent contact."""
@@ -60,3 +62,23 @@ def _soft_forces(model: Any) -> Iterator[str]:
         yield "equality constraints"
     if np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss):
         yield "friction loss"
+
+
+def refuse_friction(active_set: ActiveContactSet) -> None:
+    """End the run if a pair with friction carries a force.
+
+    This is checked at the start of a step, not when the pair closes: a grasp may take over the pair at the same instant.
+
+    Raises:
+        RunEnded: There is such a pair.
+    """
+    if not any(pair.mu > 0.0 for pair in active_set.by_pair) or not active_set.contact_points:
+        return
+    decision, data = active_set.decide(), active_set.data
+    for pair, force in pressing_pairs(decision).items():
+        if pair.mu > 0.0:
+            held = [
+                at for contact, at in zip(decision.contact_points, decision.rows.states, strict=True) if contact.pair is pair
+            ]
+            why = friction_fault(pair, force, [pair.slip(data, at.normal, at.point) for at in held])
+            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{pair} would stay in contact from t = {data.time:.6g} s, {why}")
