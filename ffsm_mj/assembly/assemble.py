@@ -47,8 +47,8 @@ class Assembly:
     Attributes:
         scenario: Scenario of the run.
         plant: The simulated system at its initial state, all derived quantities current.
-        seen: What the control laws are shown of it: the same, or the data of the model that they believe in.
-        believed: The scene that the control laws take it for; None: they know it.
+        controller_data: MuJoCo data that control laws see: that of the plant or of the controller model.
+        controller_system: System of the controller model; None: control laws know the plant.
         pairs: Impact pairs.
         known_pairs: Geom pairs that need no watching: those of the contact models, and ignored ones.
         controller: The phase machine.
@@ -58,8 +58,8 @@ class Assembly:
 
     scenario: Scenario
     plant: Plant
-    seen: Any
-    believed: System | None
+    controller_data: Any
+    controller_system: System | None
     pairs: tuple[ContactPair, ...]
     known_pairs: frozenset[frozenset[int]]
     controller: PhaseMachine
@@ -84,7 +84,7 @@ class Assembly:
     @property
     def changes(self) -> tuple[PropertyChange, ...]:
         """Properties of bodies and geoms that the scenario sets, then those of its controller models."""
-        return changes_of(self.system, self.believed)
+        return changes_of(self.system, self.controller_system)
 
 
 def assemble(
@@ -92,7 +92,7 @@ def assemble(
     source: YamlSource,
     system: System,
     laws: Mapping[str, Any],
-    believed: System | None = None,
+    controller_system: System | None = None,
     held: Mapping[str, GraspedSystem] = MappingProxyType({}),
 ) -> Assembly:
     """Build the components of one run.
@@ -102,7 +102,7 @@ def assemble(
         source: Where each of its keys stands.
         system: Robot and objects, with a model that is the run's own: the run writes its time step.
         laws: Control laws of a script, classes by kind, beside those that are installed.
-        believed: The scene that the control laws take it for, likewise the run's own; None: they know it.
+        controller_system: System of the controller model, likewise the run's own; None: control laws know the plant.
         held: The systems in which captures hold, likewise the run's own, by the names of these.
 
     Raises:
@@ -116,12 +116,14 @@ def assemble(
         task = task_of(scenario, system)
         plant = build_plant(scenario, system, data, pairs, held, task)
         plant.integrator.restore_state(plant.integrator.motion)
-        phases = _phases(scenario, _context(scenario, believed or system, task), laws, held)
-        belief = ControllerModel(believed.mj, data) if believed is not None else None
+        phases = _phases(scenario, _context(scenario, controller_system or system, task), laws, held)
+        controller_model = ControllerModel(controller_system.mj, data) if controller_system is not None else None
         controller = (
             PhaseMachine(phases)
-            if belief is None
-            else ControllerModelPhaseMachine(phases, belief, _beliefs(plant.integrator.contact_models, held))
+            if controller_model is None
+            else ControllerModelPhaseMachine(
+                phases, controller_model, _grasped_models(plant.integrator.contact_models, held)
+            )
         )
         columns = [*plant.columns, *controller.columns]
         refuse_same_names(columns, system)
@@ -131,8 +133,8 @@ def assemble(
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
     known = ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
-    seen = data if belief is None else belief.data
-    return Assembly(scenario, plant, seen, believed, pairs, known, controller, task, row)
+    controller_data = data if controller_model is None else controller_model.data
+    return Assembly(scenario, plant, controller_data, controller_system, pairs, known, controller, task, row)
 
 
 def task_of(scenario: Scenario, system: System) -> Task | None:
@@ -155,14 +157,14 @@ def _context(scenario: Scenario, system: System, task: Task | None) -> Controlle
     return ControllerContext(system, task, scenario.control_period_s)
 
 
-def _beliefs(contact_models: Sequence[ContactModel], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
+def _grasped_models(contact_models: Sequence[ContactModel], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
     """Controller models while an object is grasped, by the name of the grasp."""
     return {
-        name: ControllerModel(each.believed.mj, contact_model.data_of(name), each.system.mj)
+        name: ControllerModel(each.controller_system.mj, contact_model.data_of(name), each.system.mj)
         for contact_model in contact_models
         if isinstance(contact_model, GraspModel)
         for name, each in held.items()
-        if each.believed is not None
+        if each.controller_system is not None
     }
 
 
@@ -177,7 +179,7 @@ def _phases(
     classes = {**kinds().classes, **laws}
     contexts = {"": context}
     for name, each in held.items():
-        system = each.believed or each.system
+        system = each.controller_system or each.system
         contexts[name] = _context(scenario, system, task_of(scenario, system))
     phases, faults = [], []
     for i, config in enumerate(scenario.phases):

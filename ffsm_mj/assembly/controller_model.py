@@ -19,21 +19,21 @@ class ControllerModel:
         data: MuJoCo data of that model; always the same object.
     """
 
-    def __init__(self, model: Any, truth: Any, held: Any = None) -> None:
+    def __init__(self, model: Any, truth: Any, grasped: Any = None) -> None:
         """Bind to the model, and copy the state of the plant.
 
         Args:
             model: The controller model, with the degrees of freedom and the actuators of the plant.
             truth: The plant's data.
-            held: Model of the plant with a grasped object, if there is one.
+            grasped: Model of the plant with a grasped object, if there is one.
         """
-        self._model, self.data, self._truth = model, mujoco.MjData(model), held
+        self._model, self.data, self._truth = model, mujoco.MjData(model), grasped
         self.follow(truth)
 
     def follow(self, truth: Any) -> None:
         """Copy time, coordinates, rates and forces from the plant's data; derived quantities are those of this model."""
         mujoco.mj_copyState(self._model, truth, self.data, WHOLE_STATE)
-        if self._truth is not None:  # where an object is held is written at its capture
+        if self._truth is not None:  # the pose of a grasped object is written as the grasp closes
             self._model.body_pos[:], self._model.body_quat[:] = self._truth.body_pos, self._truth.body_quat
         mujoco.mj_forward(self._model, self.data)
 
@@ -41,25 +41,34 @@ class ControllerModel:
 class ControllerModelPhaseMachine(PhaseMachine):
     """Phase machine whose control laws see the data of a controller model."""
 
-    def __init__(self, phases: Sequence[Phase], belief: ControllerModel, held: Mapping[str, ControllerModel]) -> None:
-        """Know the laws, made for the models that are believed in, and their data.
+    def __init__(
+        self, phases: Sequence[Phase], controller_model: ControllerModel, grasped: Mapping[str, ControllerModel]
+    ) -> None:
+        """Bind the control laws to their models.
 
         Args:
-            phases: The phases with these laws.
-            belief: In the scene as it begins.
-            held: In the systems in which an object is held, by the name of the capture.
+            phases: The phases, with control laws constructed for these models.
+            controller_model: Controller model of the scene without a grasp.
+            grasped: Controller models with a grasped object, by the name of the grasp.
         """
         super().__init__(phases)
-        self._belief, self._held = belief, held
+        self._model, self._grasped = controller_model, grasped
 
     def control(self, observation: Observation, command: Command) -> None:
         """Change the phase if it has ended, then evaluate its control law."""
-        self._belief.follow(observation.free)
-        seen = self._belief
+        self._model.follow(observation.free)
+        current = self._model
         if observation.grasp:
-            seen = self._held[observation.grasp]
-            seen.follow(observation.data)
-        told, free = observation, self._belief.data
+            current = self._grasped[observation.grasp]
+            current.follow(observation.data)
         # NamedTuple._replace would take twice as long, at every tick.
-        shown = Observation(told.time_s, seen.data, told.events, told.at_tick, told.contacts, free, told.grasp)
-        super().control(shown, command)
+        of_model = Observation(
+            observation.time_s,
+            current.data,
+            observation.events,
+            observation.at_tick,
+            observation.contacts,
+            self._model.data,
+            observation.grasp,
+        )
+        super().control(of_model, command)

@@ -28,7 +28,7 @@ def unstable_damping(assembly: Assembly) -> Iterator[str]:
         if not isinstance(phase.controller, Damps):
             continue
         try:
-            damping = phase.controller.damping_at(assembly.seen)
+            damping = phase.controller.damping_at(assembly.controller_data)
             message = (
                 _instability(assembly.system, assembly.data, assembly.scenario.control_period_s, damping) if damping else ""
             )

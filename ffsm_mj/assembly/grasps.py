@@ -22,16 +22,17 @@ class GraspedSystem:
     Attributes:
         grasp: The grasp: link and object.
         system: Robot and objects, the grasped one as a part of the robot.
-        believed: What the control laws take it for; None: they know it.
+        controller_system: The same of the controller model; None: control laws know the plant.
     """
 
     grasp: Grasp
     system: System
-    believed: System | None = None
+    controller_system: System | None = None
 
     def copy(self) -> GraspedSystem:
         """Copy with separate models."""
-        return GraspedSystem(self.grasp, self.system.copy(), self.believed.copy() if self.believed is not None else None)
+        controller_system = self.controller_system.copy() if self.controller_system is not None else None
+        return GraspedSystem(self.grasp, self.system.copy(), controller_system)
 
 
 def grasps_of(scenario: Scenario, system: System) -> tuple[Grasp, ...]:
@@ -116,8 +117,8 @@ def held_systems(
             check_grasped_system(system, held, grasp)
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("captures", grasp.name, "object_site")))
-        believed = compiled(grasp, True) if any(scenario.controller_model.values()) else None
-        found[grasp.name] = GraspedSystem(grasp, held, believed)
+        controller_system = compiled(grasp, True) if any(scenario.controller_model.values()) else None
+        found[grasp.name] = GraspedSystem(grasp, held, controller_system)
     if faults:
         raise ScenarioFaults(faults)
     return found

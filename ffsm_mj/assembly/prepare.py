@@ -112,8 +112,8 @@ def recipe(
     Raises:
         InputError: A model is wrong.
     """
-    system, believed, held = compile_scenario(config, source, read)
-    return PreparedRun(config, source, system, dict(controllers), believed, held)
+    system, controller_system, held = compile_scenario(config, source, read)
+    return PreparedRun(config, source, system, dict(controllers), controller_system, held)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ class PreparedRun:
         source: Where each of its keys stands.
         system: Robot and objects; its model is copied, never run.
         laws: Control laws of a script, classes by kind.
-        believed: The scene that the control laws take it for, likewise copied; None: they know it.
+        controller_system: System of the controller model, likewise copied; None: control laws know the plant.
         held: The systems in which captures hold, likewise copied, by the names of these.
     """
 
@@ -136,13 +136,13 @@ class PreparedRun:
     source: YamlSource
     system: System
     laws: Mapping[str, Any]
-    believed: System | None = None
+    controller_system: System | None = None
     held: Mapping[str, GraspedSystem] = field(default_factory=dict)
 
     @property
     def changes(self) -> tuple[PropertyChange, ...]:
         """Properties of bodies and geoms that the scenario gives, as compiled, then those that its laws believe in."""
-        return changes_of(self.system, self.believed)
+        return changes_of(self.system, self.controller_system)
 
     @property
     def scenario_yaml(self) -> str:
@@ -155,9 +155,9 @@ class PreparedRun:
         Raises:
             InputError: One line per fault, with the place in the scenario or the model.
         """
-        believed = self.believed.copy() if self.believed is not None else None
+        controller_system = self.controller_system.copy() if self.controller_system is not None else None
         held = {name: each.copy() for name, each in self.held.items()}
-        return assemble(self.scenario, self.source, self.system.copy(), self.laws, believed, held)
+        return assemble(self.scenario, self.source, self.system.copy(), self.laws, controller_system, held)
 
     def run(
         self,

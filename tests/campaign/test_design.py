@@ -295,7 +295,7 @@ def test_properties_of_models(tmp_path):
     assert told["controller_model.robot.ball.mass_kg"] == 0.75
     run = prepare(tmp_path / "scene.yaml", told)
     assert property_value(run.system.mj, "model.rock.rock.mass_kg") == 1.5
-    assert property_value(run.believed.mj, "controller_model.robot.ball.mass_kg") == 0.75
+    assert property_value(run.controller_system.mj, "controller_model.robot.ball.mass_kg") == 0.75
 
 
 def test_wildcards_in_models(tmp_path):

@@ -57,7 +57,7 @@ class Targets:
     def __init__(self, prepared: PreparedRun) -> None:
         """Bind to a prepared scenario."""
         self._scenario, self._system = prepared.scenario, prepared.system
-        self._models = {"model": prepared.system, "controller_model": prepared.believed or prepared.system}
+        self._models = {"model": prepared.system, "controller_model": prepared.controller_system or prepared.system}
 
     def find(self, key: str) -> list[Target]:
         """Find the values of a dotted key; ``*`` matches every item of a list and every entry of a mapping.

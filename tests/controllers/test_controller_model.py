@@ -50,8 +50,8 @@ def test_a_belief_that_is_true_changes_no_bit(tmp_path):
     path = reaching(tmp_path)
     true = ffsm_mj.run(path)
     assert len(true.impacts) > 0
-    believed = {"robot": {"lower": {"mass_kg": 0.8}, "upper": {}}, "rock": {"rock": {"geoms": {"rock": {"size_m": [0.1]}}}}}
-    assert_same_rows(ffsm_mj.run(path, {"controller_model": believed}), true)
+    model = {"robot": {"lower": {"mass_kg": 0.8}, "upper": {}}, "rock": {"rock": {"geoms": {"rock": {"size_m": [0.1]}}}}}
+    assert_same_rows(ffsm_mj.run(path, {"controller_model": model}), true)
 
 
 @pytest.mark.parametrize(
@@ -123,14 +123,14 @@ def test_a_law_sees_the_true_state_and_the_model_it_believes_in(tmp_path):
 
 
 def test_a_belief_starts_from_the_true_model(tmp_path):
-    """A mass that is believed scales the inertia that the scenario gives."""
+    """A mass of the controller model scales the inertia that the scenario gives."""
     path = self_hit(tmp_path)
     given = {"model.robot.base.inertia_kg_m2": [0.4, 0.5, 0.6], "controller_model.robot.base.mass_kg": 10.0}
     prepared = ffsm_mj.prepare(path, given)
     base = prepared.system.mj.body("robot/base").id
     assert prepared.system.mj.body_mass[base] == 5.0
-    assert prepared.believed.mj.body_mass[base] == 10.0
-    assert prepared.believed.mj.body_inertia[base].tolist() == [0.8, 1.0, 1.2]
+    assert prepared.controller_system.mj.body_mass[base] == 10.0
+    assert prepared.controller_system.mj.body_inertia[base].tolist() == [0.8, 1.0, 1.2]
     assert [change.path[0] for change in prepared.changes] == ["model", "controller_model"]
 
 
