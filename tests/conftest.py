@@ -85,7 +85,8 @@ def plain(monkeypatch) -> None:
 def example_contact_models(monkeypatch) -> None:
     """The contact models that exist in tests only are known, registered like any other."""
     monkeypatch.setattr(contact_models, "_REGISTERED", dict(contact_models._REGISTERED))
-    monkeypatch.setattr(kinds, "_KINDS", dict(kinds._KINDS))
+    known = dict(kinds._known())
+    monkeypatch.setattr(kinds, "_known", lambda: known)
     for contact_model in (Spring, Weld):
         contact_models.register(contact_model)
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-import ffsm_mj.analysis.every_run  # noqa: F401 (registers the kinds of records of every run)
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import Digest, digest

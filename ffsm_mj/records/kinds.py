@@ -10,6 +10,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
+from importlib import import_module
 from typing import Any, get_args, get_origin, get_type_hints
 
 from ffsm_mj.errors import unknown_name
@@ -118,7 +120,16 @@ class RecordKind:
         return "ffsm." + "".join(word.capitalize() for word in self.name.split("_"))
 
 
-_KINDS: dict[str, RecordKind] = {}
+@cache
+def _known() -> dict[str, RecordKind]:
+    """All kinds by name: the built-in ones, then those that :func:`register` adds.
+
+    The built-in ones are listed in a room that knows all contact models, far above this one, so it is imported at run time.
+    """
+    known: dict[str, RecordKind] = {}
+    for kind in import_module("ffsm_mj.analysis.built_in_kinds").BUILT_IN:
+        _add(known, kind)
+    return known
 
 
 def register(kind: RecordKind) -> None:
@@ -127,21 +138,25 @@ def register(kind: RecordKind) -> None:
     Raises:
         ValueError: Its name, plural or class belongs to another kind, or the kind is inconsistent.
     """
-    if _KINDS.get(kind.name) == kind:
+    _add(_known(), kind)
+
+
+def _add(known: dict[str, RecordKind], kind: RecordKind) -> None:
+    if known.get(kind.name) == kind:
         return
-    for other in _KINDS.values():
+    for other in known.values():
         if kind.name == other.name or kind.record is other.record or (kind.plural and kind.plural == other.plural):
             raise ValueError(f"the kind {kind.name} ({kind.plural}) of {kind.record.__name__} is {other.name} already")
     if kind.name == "sample" or kind.plural in _TAKEN:
         raise ValueError(f"the kind {kind.name} ({kind.plural}): the name is reserved")
     for fault in _faults(kind):
         raise ValueError(f"the kind {kind.name}: {fault}")
-    _KINDS[kind.name] = kind
+    known[kind.name] = kind
 
 
 def kinds() -> tuple[RecordKind, ...]:
     """All kinds in the order of registration: impacts first."""
-    return tuple(_KINDS.values())
+    return tuple(_known().values())
 
 
 def kinds_of(names: Sequence[str]) -> tuple[RecordKind, ...]:
@@ -150,7 +165,7 @@ def kinds_of(names: Sequence[str]) -> tuple[RecordKind, ...]:
     Raises:
         KeyError: No such kind.
     """
-    every = (name for name, kind in _KINDS.items() if kind.in_every_run)
+    every = (name for name, kind in _known().items() if kind.in_every_run)
     return tuple(map(kind_named, dict.fromkeys((*every, *names))))
 
 
@@ -160,9 +175,10 @@ def kind_named(name: str) -> RecordKind:
     Raises:
         KeyError: No such kind.
     """
-    if name not in _KINDS:
-        raise KeyError(unknown_name("kind of record", name, _KINDS))
-    return _KINDS[name]
+    known = _known()
+    if name not in known:
+        raise KeyError(unknown_name("kind of record", name, known))
+    return known[name]
 
 
 def kind_of(record: Any) -> RecordKind:
@@ -171,10 +187,10 @@ def kind_of(record: Any) -> RecordKind:
     Raises:
         TypeError: Its class is not registered.
     """
-    for kind in _KINDS.values():
+    for kind in _known().values():
         if kind.record is type(record):
             return kind
-    raise TypeError(f"{type(record).__name__} is not a kind of record; there are {', '.join(_KINDS)}")
+    raise TypeError(f"{type(record).__name__} is not a kind of record; there are {', '.join(_known())}")
 
 
 def field_of(column: str) -> tuple[str, str]:

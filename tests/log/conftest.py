@@ -14,7 +14,8 @@ from tests.scenes import two_balls
 @pytest.fixture
 def grips(monkeypatch):
     """The kind of record of grips, registered for one test."""
-    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(register_of_kinds._KINDS))
+    known = dict(register_of_kinds._known())
+    monkeypatch.setattr(register_of_kinds, "_known", lambda: known)
     register(GRIP)
 
 

@@ -22,11 +22,11 @@ from tests.log.grips import FIRST, GRIP, LAST, recorded
 
 
 def test_a_log_with_an_unknown_kind_of_record_is_read_with_a_note(plain_run, tmp_path, capsys, monkeypatch):
-    known = dict(register_of_kinds._KINDS)
-    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    known = dict(register_of_kinds._known())
+    monkeypatch.setattr(register_of_kinds, "_known", lambda known=dict(known): known)
     register(GRIP)
     recorded(plain_run, tmp_path / "out", FIRST, LAST)
-    monkeypatch.setattr(register_of_kinds, "_KINDS", known)
+    monkeypatch.setattr(register_of_kinds, "_known", lambda known=known: known)
     read = ffsm_mj.load_run(tmp_path / "out")
     assert read.note == "/ffsm/grip: not read, no such kind of record is known here"
     assert (read.impacts, read.damage, "grips" in read.records) == (plain_run.impacts, "", False)
@@ -42,11 +42,11 @@ def test_a_log_with_an_unknown_kind_of_record_is_read_with_a_note(plain_run, tmp
 @pytest.mark.parametrize("broken", [False, True])
 def test_kinds_of_installed_packages_are_loaded(plain_run, tmp_path, monkeypatch, broken):
     """In a process that reads a log without a run; a package that cannot be imported is ignored."""
-    known = dict(register_of_kinds._KINDS)
-    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    known = dict(register_of_kinds._known())
+    monkeypatch.setattr(register_of_kinds, "_known", lambda known=dict(known): known)
     register(GRIP)
     recorded(plain_run, tmp_path / "out", FIRST, LAST)
-    monkeypatch.setattr(register_of_kinds, "_KINDS", known)
+    monkeypatch.setattr(register_of_kinds, "_known", lambda known=known: known)
     monkeypatch.setattr(contact_models, "_REGISTERED", {})
     package = tmp_path / "package"
     (package / "grips-1.0.dist-info").mkdir(parents=True)
@@ -67,8 +67,8 @@ def test_kinds_of_installed_packages_are_loaded(plain_run, tmp_path, monkeypatch
 
 def test_a_kind_of_the_same_name_with_other_fields_is_unknown(plain_run, tmp_path, monkeypatch):
     """Another version of a contact model, or another model: its values would be misinterpreted."""
-    known = dict(register_of_kinds._KINDS)
-    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    known = dict(register_of_kinds._known())
+    monkeypatch.setattr(register_of_kinds, "_known", lambda known=dict(known): known)
     register(GRIP)
     recorded(plain_run, tmp_path / "out", FIRST, LAST)
 
@@ -77,7 +77,7 @@ def test_a_kind_of_the_same_name_with_other_fields_is_unknown(plain_run, tmp_pat
         time_s: float
         force_N: float
 
-    monkeypatch.setattr(register_of_kinds, "_KINDS", dict(known))
+    monkeypatch.setattr(register_of_kinds, "_known", lambda known=dict(known): known)
     register(replace(GRIP, record=Grip, columns={"force_N": ("N", "force")}, lengths={}))
     read = ffsm_mj.load_run(tmp_path / "out")
     assert read.note == "/ffsm/grip: not read, no such kind of record is known here"

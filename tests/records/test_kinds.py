@@ -35,7 +35,7 @@ KIND = RecordKind(
 
 @pytest.fixture(autouse=True)
 def _registered_for_one_test(monkeypatch):
-    monkeypatch.setattr(register_of_kinds, "_KINDS", {})
+    monkeypatch.setattr(register_of_kinds, "_known", lambda known={}: known)
     register(KIND)
 
 
@@ -98,7 +98,7 @@ def test_reserved_names_and_names_of_other_kinds_are_refused(changed, words):
     ],
 )
 def test_an_inconsistent_kind_is_refused(monkeypatch, changed, words):
-    monkeypatch.setattr(register_of_kinds, "_KINDS", {})
+    monkeypatch.setattr(register_of_kinds, "_known", lambda known={}: known)
     with pytest.raises(ValueError, match=words):
         register(replace(KIND, **changed))
 

@@ -1,7 +1,4 @@
-"""Registers the kinds of records of every run and of grasps, in the order of ``summary.json``, on import.
-
-:mod:`.run` imports it, so that every run and every log that is read has them.
-"""
+"""Kinds of the records of every run and of grasps, in the order of ``summary.json``."""
 
 from __future__ import annotations
 
@@ -9,13 +6,9 @@ from ffsm_mj.contact.unhandled_record import UNHANDLED_CONTACT
 from ffsm_mj.contact_models.grasp.record import KINDS as CAPTURES
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
-from ffsm_mj.records.kinds import register
 from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE
 
 IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, INTERNAL_ERROR, OUTCOME)
 
-DECLARED = CAPTURES
-"""Kinds of runs whose scenario declares grasps."""
-
-for kind in (*IN_EVERY_RUN, *DECLARED):
-    register(kind)
+BUILT_IN = (*IN_EVERY_RUN, *CAPTURES)
+"""The last ones belong to runs whose scenario declares grasps."""
