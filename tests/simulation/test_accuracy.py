@@ -86,11 +86,16 @@ def test_under_pressing_contacts_and_across_events(tmp_path, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", ["capture-planar", "free-flying-hardware", "free-flying"])
-def test_while_an_object_is_grasped_and_with_thrusters_and_ideal_motors(scenario):
-    overrides = {"accuracy": 1e-9, "duration_s": 14.0, "time_step_s": 0.02, "control_period_s": 0.02, "log.rerun": False}
+@pytest.mark.parametrize(
+    ("scenario", "period_s"),
+    # The gains of the ideal thrusters are unstable at 20 ms: the run would consist of their oscillation.
+    [("capture-planar", 0.02), ("free-flying-hardware", 0.02), ("free-flying", 0.005)],
+)
+def test_while_an_object_is_grasped_and_with_thrusters_and_ideal_motors(scenario, period_s):
+    overrides = {"accuracy": 1e-9, "duration_s": 14.0, "time_step_s": period_s, "control_period_s": period_s}
     run = ffsm_mj.run(scenario, overrides)
     again = replay_log(run.log)
+    assert run.outcome == "completed"
     assert all(check.passes for check in run.checks())
     assert again.agrees
     assert run.summary()["sub_steps"] > run.summary()["steps"]
