@@ -145,7 +145,7 @@ def test_every_printed_number_is_on_the_page():
 def test_a_place_that_cannot_be_used_is_refused_before_the_runs(arguments, message, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").touch()
-    monkeypatch.setattr("ffsm_mj.reproduction.reproduce", lambda _: pytest.fail("it ran"))
+    monkeypatch.setattr("ffsm_mj.cli.reproduce.reproduced", lambda _: pytest.fail("it ran"))
     assert main(["reproduce", *arguments]) == 2
     assert capsys.readouterr().err.strip() == message
 
@@ -168,7 +168,7 @@ def test_pages_are_written_and_checked(tmp_path, capsys, monkeypatch):
     """The command around the runs; what is written is current, what is changed is named, what is missing is said."""
     pages = {"reproduction.md": "impulse 1.2224\n", "appendix-a.md": "A\n"}
     report = Report((ComparedNumber(number("1.23"), 1.23, None, 0.0),), {}, {}, (), {})
-    monkeypatch.setattr("ffsm_mj.reproduction.reproduce", lambda _: Reproduction(report, pages, 1, 0.1))
+    monkeypatch.setattr("ffsm_mj.cli.reproduce.reproduced", lambda _: Reproduction(report, pages, 1, 0.1))
     arguments = ["reproduce", "--check", "--long", "--out", str(tmp_path)]
     for name, text in pages.items():
         (tmp_path / name).write_text(text)

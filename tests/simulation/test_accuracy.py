@@ -88,7 +88,7 @@ def test_under_pressing_contacts_and_across_events(tmp_path, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "period_s"),
-    # The gains of the ideal thrusters are unstable at 20 ms: the run would consist of their oscillation.
+    # At 20 ms one pulse of the 50 N thrusters exceeds the momentum that is left: they would fire at every tick.
     [("capture-planar", 0.02), ("free-flying-hardware", 0.02), ("free-flying", 0.005)],
 )
 def test_while_an_object_is_grasped_and_with_thrusters_and_ideal_motors(scenario, period_s):

@@ -112,7 +112,7 @@ def test_an_exception_of_the_caller_is_the_callers(tmp_path):
 
 def test_a_failing_command_does_not_claim_that_a_check_fails(monkeypatch, capsys):
     """Exit code 1 is a failed check; Python's own for an exception is the same."""
-    monkeypatch.setattr("ffsm_mj.scenario.schema.scenario_schema", lambda: {}[1])
+    monkeypatch.setattr("ffsm_mj.cli.check.scenario_schema", lambda: {}[1])
     assert main(["schema"]) == 3
     line = test_a_failing_command_does_not_claim_that_a_check_fails.__code__.co_firstlineno + 2
     told = f"internal_error: KeyError: 1 (test_internal_errors.py:{line}); FFSM_TRACEBACK=1 shows the traceback\n"
