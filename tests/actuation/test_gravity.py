@@ -145,7 +145,7 @@ def test_one_gravity_acts_on_a_scene(tmp_path):
     with pytest.raises(InputError) as refused:
         ffsm_mj.prepare(path)
     (line,) = refused.value.lines
-    assert line == f"{target}: gravity is 0 0 -1.62, and 1 -2 -9 in {robot}; one gravity acts on all models of a scene"
+    assert line == f"{target}: gravity is 0 0 -1.62, and 1 -2 -9 in {robot}; all models of a scene have one gravity"
     silent = FILES["otto.urdf"]
     (tmp_path / "otto.urdf").write_text(silent)
     assert not compile_paths(tmp_path / "otto.urdf", conservative=False).mj.opt.gravity.any()
