@@ -81,7 +81,10 @@ def test_every_cell_runs_and_shows_what_it_should(tmp_path, baseline, monkeypatc
     assert all(line.endswith(" passes") for line in checks)
     assert printed(cells["restitutions"]).endswith(": True\n")  # the closed forms
     drawn = [
-        picture for name in ("motion", "accounts") for html in shown(cells[name], "text/html") for picture in pictures(html)
+        picture
+        for name in ("motion", "balance-figures")
+        for html in shown(cells[name], "text/html")
+        for picture in pictures(html)
     ]
     drawn += [Image.open(io.BytesIO(base64.b64decode(png))) for png in shown(cells["closed-forms"], "image/png")]
     assert [np.asarray(picture.convert("L")).std() > 5 for picture in drawn] == [True] * 4

@@ -203,7 +203,7 @@ def _phases(
 
 
 def _where(capture: str) -> str:
-    return f"while {capture!r} holds: " if capture else ""
+    return f"while {capture!r} is closed: " if capture else ""
 
 
 def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, held: Mapping[str, Any]) -> Phase:
@@ -244,8 +244,8 @@ def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
                 found = [pair.name for pair in assembly.pairs if pair.geom_ids in pairs]
                 others = len(pairs) - len(found)
                 yield (
-                    f"while {name!r} holds, {len(pairs)} pairs of geoms are on one rigid body and cannot meet: "
-                    f"{', '.join([*found, *([f'{others} that are no impact pairs'] if others else [])]) or 'none'}"
+                    f"while {name!r} is closed, {len(pairs)} pairs of geoms are on one rigid body and cannot meet: "
+                    f"{', '.join([*found, *([f'{others} that are not impact pairs'] if others else [])]) or 'none'}"
                 )
 
 

@@ -61,7 +61,7 @@ def refuse_telemetry(phases: Sequence[Phase]) -> None:
         fault = _signals_fault(phase.controller.telemetry_signals)
         for name, law in () if fault else phase.held.items():
             if tuple(law.telemetry_signals) != tuple(phase.controller.telemetry_signals):
-                fault = f"it reports other signals while {name!r} holds than before"
+                fault = f"it reports other signals while {name!r} is closed than before"
         for signal in () if fault else phase.controller.telemetry_signals:
             other, where = known.setdefault(signal.key, (signal, phase.name))
             if other != signal:

@@ -50,5 +50,5 @@ def new_law(options: argparse.Namespace, output: Output) -> int:
     written = write_law(options.name, Path(options.out), controller_kinds())
     home = Path(options.out) / options.name
     output.say(f"files in {home}: {', '.join(written)}")
-    output.say(f"try it: cd {home} && pip install -e . && ffsm run {options.name}.yaml && pytest")
+    output.say(f"next: cd {home} && pip install -e . && ffsm run {options.name}.yaml && pytest")
     return OK

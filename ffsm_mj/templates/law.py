@@ -29,9 +29,9 @@ def write_law(name: str, folder: Path, taken: tuple[str, ...]) -> list[str]:
         InputError: A name that cannot be one of a module, is taken, or is that of something that stands there.
     """
     if not _NAME.fullmatch(name):
-        raise InputError(f"new-law: {name!r} is no name of a module: lower-case letters, digits and single underscores")
+        raise InputError(f"new-law: {name!r} is not a module name: use lower-case letters, digits and single underscores")
     if name in taken:
-        raise InputError(f"new-law: {name!r} is a kind that there is already ({', '.join(taken)})")
+        raise InputError(f"new-law: {name!r} is already the name of a control law ({', '.join(taken)})")
     home = folder / name
     if home.exists():
         raise InputError(f"new-law: {home} exists; nothing is written over it")

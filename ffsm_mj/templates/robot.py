@@ -106,8 +106,8 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
         f"files in {asked.out}: {scenario.name}, {model.name}, {ball.name}",
         f"base: {base.description}" if base else "base: none is added, the robot floats already",
         f"tip: {hit.description}",
-        f"taken out of the robot: {', '.join(files.strip) or 'nothing'}",
-        f"use it: ffsm check {scenario} && ffsm run {scenario}",
+        f"removed from the robot: {', '.join(files.strip) or 'nothing'}",
+        f"next: ffsm check {scenario} && ffsm run {scenario}",
     ]
 
 

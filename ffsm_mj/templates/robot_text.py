@@ -141,7 +141,7 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], hit: Hit, places:
     Args:
         name: Its name.
         robot: Name of the robot's file, for people.
-        strip: What is taken out of the robot.
+        strip: Elements removed from the robot.
         hit: How robot and ball meet.
         places: Folders of the robot's files, and of the packages it names, relative to the scenario.
     """

@@ -83,7 +83,7 @@ def test_what_is_written_runs_as_it_stands(vendor, name, text, stripped, capfd):
     assert main(["new", "my", "--robot", path]) == 0
     said = capfd.readouterr().out
     assert "files in .: my.yaml, my.xml, my_ball.xml" in said
-    assert f"taken out of the robot: {', '.join(stripped) or 'nothing'}\n" in said
+    assert f"removed from the robot: {', '.join(stripped) or 'nothing'}\n" in said
     assert main(["check", "my.yaml"]) == 0
     told = capfd.readouterr().out
     assert "conservative: nothing in the models breaks it" in told
@@ -250,7 +250,7 @@ def test_another_folder_may_be_written_to(vendor, capfd):
     """Paths in the files are relative to it."""
     path = vendor("servos.xml", SERVO_ARM)
     assert main(["new", "my", "--robot", path, "--out", "deep/er"]) == 0
-    assert "use it: ffsm check deep/er/my.yaml && ffsm run deep/er/my.yaml\n" in capfd.readouterr().out
+    assert "next: ffsm check deep/er/my.yaml && ffsm run deep/er/my.yaml\n" in capfd.readouterr().out
     assert ffsm_mj.prepare("deep/er/my.yaml").scenario.robot.asset_folders == ("../../../vendor",)
 
 

@@ -75,11 +75,11 @@ def test_a_new_law_passes_its_own_test(tmp_path, capfd):
 @pytest.mark.parametrize(
     ("name", "fault"),
     [
-        ("My", "no name of a module"),
-        ("9x", "no name of a module"),
-        ("a/b", "no name of a module"),
-        ("", "no name of a module"),
-        ("pd", "a kind that there is already"),
+        ("My", "not a module name"),
+        ("9x", "not a module name"),
+        ("a/b", "not a module name"),
+        ("", "not a module name"),
+        ("pd", "already the name of a control law"),
     ],
 )
 def test_names_that_cannot_be(tmp_path, name, fault):

@@ -138,7 +138,7 @@ def test_a_number_that_is_not_finite_is_null_in_json(hit, tmp_path, capsys):
     assert found.err == ""
 
 
-EVIL = "\x1b]0;owned\x07\x1b[31m\u202e\u2066$script ${x} $$\nall 99 laws hold\r"
+EVIL = "\x1b]0;owned\x07\x1b[31m\u202e\u2066$script ${x} $$\nall 99 checks pass\r"
 
 
 def test_what_a_log_says_does_not_steer_the_terminal(hit, tmp_path, capsys):

@@ -21,6 +21,7 @@ from ffsm_mj.log.marks import DrawnMark
 from ffsm_mj.records.kinds import Mark
 from ffsm_mj.records.signals import Layout, Signal, coordinate_keys
 from ffsm_mj.report.page import scene, write_page
+from ffsm_mj.report.page.document import _check
 from ffsm_mj.report.page.moving import plumes
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.solids import arrow_solid, triangles
@@ -162,6 +163,15 @@ def test_a_page_lists_the_checks(hit, page):
     assert f"all {len(hit.checks())} checks pass" in text
     assert text.count("<figure>") == 1
     assert "http:" not in re.sub(r'xmlns(:xlink)?="[^"]*"', "", text)  # but for what K3D's own code names, packed
+
+
+def test_checks_that_pass_and_fail_have_styles_of_their_own(hit, page):
+    """The rows of both kinds name classes that the style sheet of the page contains."""
+    (check, *_) = hit.checks()
+    rows = [_check(check), _check(replace(check, residual=1.0))]
+    classes = [re.search('<tr class="([a-z]+)">', row)[1] for row in rows]
+    assert len(set(classes)) == 2
+    assert all(f".{name} td" in page.read_text() for name in classes)
 
 
 def test_the_same_run_gives_the_same_page(hit, page, tmp_path):

@@ -73,12 +73,13 @@ def _against_parameters(results: Results, metric: str) -> Figure:
     rows = results.rows[:_MOST_POINTS]
     good = np.array([is_good(row) for row in rows], dtype=np.bool_)
     y = numbers(rows, metric)
+    size = 3.0 if len(rows) > 100 else 9.0
     with publication():
         figure, panels = _grid(len(results.parameters), 1.6)
         for axes, name in zip(panels, results.parameters, strict=True):
             x, ticks = _axis(rows, name)
-            for side, colour, label, size in ((good, BLUE, "good", 3.0), (~good, VERMILLION, "not good", 6.0)):
-                axes.scatter(x[side], y[side], s=size, color=colour, alpha=0.6, linewidths=0.0, label=label)
+            for side, colour, label, area in ((good, BLUE, "success", size), (~good, VERMILLION, "no success", 2 * size)):
+                axes.scatter(x[side], y[side], s=area, color=colour, alpha=0.6, linewidths=0.0, label=label)
             lacking = x[~good & ~np.isfinite(y)]
             axes.plot(lacking, np.zeros(len(lacking)), "|", color=VERMILLION, transform=axes.get_xaxis_transform())
             axes.set_xlabel(_in_two_lines(name), fontsize=7.0)
@@ -86,7 +87,7 @@ def _against_parameters(results: Results, metric: str) -> Figure:
             if ticks:
                 axes.set_xticks(range(len(ticks)), labels=[plain(tick) for tick in ticks])
         for axes in panels[::_COLUMNS]:
-            axes.set_ylabel(plain(metric), fontsize=7.5)
+            axes.set_ylabel(_in_two_lines(metric), fontsize=7.5)
         if (~good).any():
             handles, labels = panels[0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside upper center", ncols=2)
@@ -147,7 +148,7 @@ def _trajectories(rerun_runs: Sequence[tuple[TableRow, Run]]) -> Figure:
             grid[1].set_xlabel("time, s")
             grid[1].set_ylabel("tip error, m")
         what = "the tip and the objects" if tipped else "robot and objects"
-        grid[0].set_title(f"{len(rerun_runs)} runs: paths of {what}; dashed: not good")
+        grid[0].set_title(f"{len(rerun_runs)} runs: paths of {what}; dashed: no success")
     return figure
 
 

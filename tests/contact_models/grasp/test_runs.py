@@ -479,7 +479,7 @@ def test_an_object_that_cannot_follow_and_a_law_that_cannot_drive_are_refused_wh
 
     phases = [{"name": "all", "until": "end", "controller": {"kind": "free"}}]
     with pytest.raises(
-        InputError, match=r"while 'grasp' holds: the controller cannot be made .*unknown joint 'target/free'"
+        InputError, match=r"while 'grasp' is closed: the controller cannot be made .*unknown joint 'target/free'"
     ):
         ffsm_mj.prepare(grasping(tmp_path / "law", phases=phases), controllers={"free": Free})
 
@@ -488,7 +488,7 @@ def test_check_lists_what_is_disarmed_and_the_watch_leaves_it_out(tmp_path, capf
     """Hand and target overlap by what was taken there; nobody tells of it while they are one body."""
     path = grasping(tmp_path, BOUNDS, impact_pairs=[], duration_s=1.0)
     assert main(["check", str(path)]) == 0
-    assert "note: while 'grasp' holds, 1 pairs of geoms are on one rigid body and cannot meet" in capfd.readouterr().out
+    assert "note: while 'grasp' is closed, 1 pairs of geoms are on one rigid body and cannot meet" in capfd.readouterr().out
     assert ffsm_mj.run(path).unhandled_contacts == ()
 
 

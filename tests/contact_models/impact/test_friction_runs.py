@@ -177,6 +177,8 @@ def test_records_of_friction(one):
     head = impact_table(one.impacts).splitlines()[0]
     assert "mu" in head
     assert "friction N s" in head
+    closed = impact_table([replace(hit, approach_speed_m_s=-1e-18)]).splitlines()[1]
+    assert "  0.000000  " in closed  # and no minus sign
     table = one.table("impacts")
     assert table.columns["tangential_impulse_z_N_s"][0] == hit.tangential_impulse_N_s[2]
 
