@@ -95,8 +95,8 @@ def closed() -> float:
     return 30.0 * (time.process_time() - start)
 
 
-def recounting() -> float:
-    """What `analyze` does with the baseline's log: every step flown again, every number compared."""
+def log_replay() -> float:
+    """What `analyze` does with the baseline's log: every step repeated, every number compared."""
     log = logged()
     start = time.process_time()
     assert replay_log(log).agrees
@@ -182,7 +182,7 @@ ROWS: dict[str, Row] = {
     "baseline, MCAP, compiled": Row(partial(compiled, MCAP), BARE, 3.5),
     "writing the MCAP alone": Row(writing, BARE, 0.9),
     "baseline, MCAP and Rerun": Row(partial(plain, partial(on_disk, rerun=True)), BARE),
-    "recount of the log": Row(partial(plain, recounting), BARE),
+    "log replay": Row(partial(plain, log_replay), BARE),
     **against_bare("spatial", partial(prepare, "spatial"), (3.5, 2.0)),
     **against_bare("free-flying-hardware", partial(prepare, "free-flying-hardware"), (4.0, 2.0)),
     **against_bare("OSDRE, p = 3, 7 joints, 1 kHz", partial(scenes.regulated, 7), (8.0, 3.0), stirred=False),

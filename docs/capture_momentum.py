@@ -1,4 +1,4 @@
-"""The table of ``docs/capture.md``: where the angular momentum of the scenario ``capture`` is, and what turns how fast."""
+"""The table of ``docs/capture.md``: angular momentum of the scenario ``capture`` by carrier, and rates of rotation."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 import ffsm_mj
 
 
-def _told(system: Any, run: Any, row: int) -> tuple[float, float, float, float]:
-    """|L| of all about their centre of mass, that of the wheels' own spin, rates of the base and the fastest joint."""
+def _angular_momentum(system: Any, run: Any, row: int) -> tuple[float, float, float, float]:
+    """|L| of the system about its centre of mass, |L| of the spin of the wheels, rates of the base and the fastest joint."""
     model, data = system.mj, mujoco.MjData(system.mj)
     data.qpos[:], data.qvel[:] = run.qpos[row], run.qvel[row]
     mujoco.mj_forward(model, data)
@@ -32,17 +32,17 @@ def _told(system: Any, run: Any, row: int) -> tuple[float, float, float, float]:
 
 if __name__ == "__main__":
     run = ffsm_mj.run("capture")
-    system, (held,) = ffsm_mj.prepare("capture").system, run.captures
+    system, (capture,) = ffsm_mj.prepare("capture").system, run.captures
     times = {
         "start": 0.0,
-        "capture": held.time_s,
+        "capture": capture.time_s,
         "arm stopped": run.phases[3].start_s,
-        "let go": held.release_s,
+        "release": capture.release_s,
         "end": run.time[-1],
     }
-    print("| | t, s | total L, N m s | of it in the wheels, N m s | base, rad/s | fastest joint, rad/s |")
+    print("| | t, s | total L, N m s | L in the wheels, N m s | base, rad/s | fastest joint, rad/s |")
     print("|---|---|---|---|---|---|")
     for name, time_s in times.items():
-        told = _told(system, run, int(np.searchsorted(run.time, time_s - 1e-9)))
-        print(f"| {name} | {time_s:.2f} | {told[0]:.9f} | {told[1]:.3f} | {told[2]:.1e} | {told[3]:.1e} |")
-    print(f"\nloss {held.loss_J:.2e} J, peak {held.peak_force_N:.1f} N, {held.peak_torque_N_m:.1f} N m")
+        found = _angular_momentum(system, run, int(np.searchsorted(run.time, time_s - 1e-9)))
+        print(f"| {name} | {time_s:.2f} | {found[0]:.9f} | {found[1]:.3f} | {found[2]:.1e} | {found[3]:.1e} |")
+    print(f"\nloss {capture.loss_J:.2e} J, peak {capture.peak_force_N:.1f} N, {capture.peak_torque_N_m:.1f} N m")
