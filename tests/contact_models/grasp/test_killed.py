@@ -21,7 +21,7 @@ CAPTURE_S, RELEASE_S = 0.904, 1.804
 # When, and how many captures and releases the log has by then: one that happens is written before anything else does.
 PARTS = {
     "before": (0.5, 0, 0),
-    "in the capture": ("_capture", 0, 0),
+    "in the capture": ("_close", 0, 0),
     "held": (1.2, 1, 0),
     "in the release": ("_release", 1, 0),
     "after": (1.9, 1, 1),
