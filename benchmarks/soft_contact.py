@@ -220,7 +220,7 @@ def in_mm(length_m: float) -> str:
 def results_table(outcomes: list[Outcome], reference: Outcome) -> str:
     """One row per run."""
     head = [
-        *("recipe", "step, ms", "contact at, s", "steps in it", "depth, mm", "impulse, N s", "dT/T"),
+        *("settings", "step, ms", "contact at, s", "steps in it", "depth, mm", "impulse, N s", "dT/T"),
         *("P at 30 s, N s", "L at 30 s, N m s", "tip off, mm", "object off, mm", "wall, s"),
     ]
     rows = (

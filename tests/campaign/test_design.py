@@ -227,8 +227,8 @@ def test_an_extended_design_keeps_its_runs(tmp_path):
     [
         ("lhs", 16, "a design of kind lhs cannot be extended: a larger one has other samples; allowed: random, sobol"),
         ("saltelli", 16, "a design of kind saltelli cannot be extended"),
-        ("sobol", 12, "12 samples: needs a power of 2 above 8, the present number"),
-        ("random", 8, "8 samples: needs a number above 8, the present number"),
+        ("sobol", 12, "cannot be extended to 12: a power of 2 above the present 8 is required"),
+        ("random", 8, "cannot be extended to 8: a number above the present 8 is required"),
     ],
 )
 def test_what_cannot_be_extended(tmp_path, kind, n, message):

@@ -86,8 +86,8 @@ class Plan:
                 f"a design of kind {design.kind} cannot be extended: a larger one has other samples; allowed: {allowed}"
             )
         if n <= design.n or (design.kind == "sobol" and n & (n - 1)):
-            power = "a power of 2 " if design.kind == "sobol" else ""
-            raise self._refusal(f"{n} samples: needs {power or 'a number '}above {design.n}, the present number")
+            form = "a power of 2" if design.kind == "sobol" else "a number"
+            raise self._refusal(f"cannot be extended to {n}: {form} above the present {design.n} is required")
         longer = self._sampled(design.kind, n, design.seed)
         if longer.rows[: len(design.rows)] != design.rows or longer.bindings != design.bindings:
             raise self._refusal(
