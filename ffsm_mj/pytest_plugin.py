@@ -67,7 +67,7 @@ def ffsm_run(tmp_path_factory: pytest.TempPathFactory) -> RunFactory:
 
 
 def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, checks: Sequence[str] = ()) -> None:
-    """Assert that a run obeys the conservation laws, by the energies, momenta and accounts in its log.
+    """Assert that a run obeys the conservation laws, by the energies, momenta and balance in its log.
 
     Args:
         run: A run of :func:`ffsm_mj.run`, :func:`ffsm_mj.load_run` or the fixture ``ffsm_run``.

@@ -35,7 +35,7 @@ class Base:
 
 @dataclass(frozen=True)
 class Hit:
-    """What the scenario says of the encounter.
+    """Keys of the scenario that describe the approach and the impact.
 
     Attributes:
         pose: Coordinates of the joints at the start, rad or m.

@@ -11,7 +11,7 @@ SCENARIO = Path(__file__).with_name("my_law.yaml")
 
 
 def test_joints_come_to_rest() -> None:
-    """The fastest joint has lost four fifths of its rate after 2 s; energy and momenta are accounted for."""
+    """The fastest joint has lost four fifths of its rate after 2 s; the checks of energy and momenta pass."""
     run = ffsm_mj.run(SCENARIO)
     fastest = run["controller.my_law_fastest_rad_s"]
     assert run.outcome == "completed"

@@ -40,7 +40,7 @@ class MyLaw:
         """Resolve names.
 
         Raises:
-            ScenarioFaults: There is no such actuator; the user is told file, line and column.
+            ScenarioFaults: No actuator has this name; the message contains file, line and column.
         """
         system, faults = context.system, []
         for i, name in enumerate(config.actuators):
