@@ -6,7 +6,11 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from threading import Lock
 from typing import Any
+
+_REDIRECTED = Lock()
+"""Descriptors belong to the process: of two threads that redirect one, the second would keep and restore the null device."""
 
 
 def compile_spec(spec: Any, vfs: Any) -> Any:
@@ -22,7 +26,7 @@ def compile_spec(spec: Any, vfs: Any) -> Any:
     Raises:
         ValueError: The spec does not compile; the other exceptions of ``MjSpec.compile`` likewise.
     """
-    with _standard_error_discarded():
+    with _REDIRECTED, _standard_error_discarded():
         return spec.compile(vfs=vfs)
 
 
