@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 import ffsm_mj
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import OFF, grasping
@@ -25,7 +27,9 @@ def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
     )
     run = ffsm_mj.run(path)
     first, second = run.impacts
-    assert first.time_s == second.time_s == run.log.records["capture_impulses"][0].time_s
+    assert first.time_s == run.log.records["capture_impulses"][0].time_s
+    # Rounding of the transferred velocities decides whether the second is due at once or a root within the rounding of time.
+    assert second.time_s == pytest.approx(first.time_s, abs=1e-14)
     again = replay_log(run.log)
     assert [str(check) for check in (*run.checks(), *again.checks()) if not check.passes] == []
     assert again.agrees, again.worst

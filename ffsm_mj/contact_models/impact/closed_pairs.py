@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.tolerances import CONTACT_GAP_M, DISTANCE_QUERY_M
+from ffsm_mj.tolerances import CONTACT_GAP_M
 
-_NEAR_LIMIT_M = 1e-3
-"""Limit of distance queries that look for near pairs only: a small limit ends a query early."""
 ClosedPairs = Sequence[tuple[ContactPair, Proximity]]
 """Pairs in contact at one instant, each with its proximity."""
 
@@ -23,17 +22,12 @@ def contact_points(closed: ClosedPairs) -> list[tuple[ContactPair, Proximity, Fl
     return [(pair, near, point) for pair, near in closed for point in near.points]
 
 
-def closed_pairs(pairs: Sequence[ContactPair], scene: Scene, motion: Motion) -> ClosedPairs:
+def closed_pairs(broad_phase: BroadPhase, scene: Scene, motion: Motion) -> ClosedPairs:
     """The pairs in contact at the state in ``data``, without those on one rigid body of a motion."""
-    model, data, rigid = scene.system.mj, scene.data, motion.rigid
-    close = [pair for pair in pairs if pair.geom_ids not in rigid and is_near(pair, scene)]
+    model, data, pairs = scene.system.mj, scene.data, broad_phase.pairs
+    close = [pairs[i] for i in broad_phase.near(data) if pairs[i].geom_ids not in motion.rigid]
     near = [(pair, pair.proximity(model, data)) for pair in close]
     return [(pair, proximity) for pair, proximity in near if proximity.gap <= CONTACT_GAP_M]
-
-
-def is_near(pair: ContactPair, scene: Scene) -> bool:
-    """Whether a pair is so close that its gap must be evaluated on the support functions."""
-    return pair.gap(scene.system.mj, scene.data, _NEAR_LIMIT_M) <= DISTANCE_QUERY_M
 
 
 class PersistentContacts(Protocol):

@@ -1,7 +1,7 @@
 """Event detection of impacts: the first time within a step at which a pair touches.
 
-Most steps evaluate no distance: the kinetic energy bounds how fast any gap can close, so a pair that was far apart is
-evaluated again only after a motion that could have closed it. Otherwise the step is a smooth path that can be evaluated at
+Most steps evaluate no distance: a pair that was far apart is evaluated again only after a motion that could have closed it
+(:mod:`.clearances`). Otherwise the step is a smooth path that can be evaluated at
 any time of it. A bound on the closing speed excludes most intervals; the others are bisected until each gap has at most one
 extremum on them, and there the first root is bracketed. A fast body therefore cannot pass through a thin plate between two
 samples, and a graze is neither missed nor invented.
@@ -9,20 +9,15 @@ samples, and a graze is neither missed nor invented.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.impact.closed_pairs import (
-    ClosedPairs,
-    NoPersistentContacts,
-    PersistentContacts,
-    closed_pairs,
-    is_near,
-)
+from ffsm_mj.contact_models.impact.clearances import Clearances
+from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, NoPersistentContacts, PersistentContacts, closed_pairs
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.first_touch import first_touch
 from ffsm_mj.contact_models.interface import EventSource, Replayable, Scene
@@ -40,7 +35,7 @@ _MAX_EVALUATIONS = 2_000
 
 @dataclass(frozen=True)
 class _Sample:
-    """All pairs at one time since the start of the step: distances in m and closing speed bounds in m/s."""
+    """The suspects at one time since the start of the step: distances in m and closing speed bounds in m/s."""
 
     time: float
     gaps: tuple[float, ...]
@@ -71,54 +66,37 @@ class Detector(EventSource, Replayable):
             overlap: Deepest overlap, shared with ``persistent``; None: an own one.
         """
         super().__init__(None, scene)
-        model, data = self._model, self._data = scene.system.mj, scene.data
+        self._model, self._data = scene.system.mj, scene.data
         self.pairs = tuple(pairs)
         self._persistent: PersistentContacts = persistent or NoPersistentContacts()
         self._overlap = overlap or DeepestOverlap()
         self.columns: tuple[Columns, ...] = self._overlap.columns
-        self._speeds = [pair.speed_bound_per_root_energy(model, data) for pair in self.pairs]
+        self._broad_phase, self._clearances = BroadPhase(self._model, self.pairs), Clearances(scene, self.pairs)
         self.watched = frozenset(pair.geom_ids for pair in self.pairs)
+        self._suspects: tuple[int, ...] = ()
         # Evaluations of this step by pair and time; those at its end are kept as the start of the next step.
         self._evaluated: dict[tuple[int, float], Proximity] = {}
 
     def restart(self) -> None:
         """Discard all evaluations, because the state or the efforts changed discontinuously."""
         self._evaluated = {}
-        self._bound_all()
+        self._measure_clearances()
 
-    def _bound_all(self) -> None:
-        """Motion bound at which each pair may be in contact; infinite for pairs that are not detected."""
-        self._safe = [
-            math.inf if self._is_skipped(pair) else self._clearance(pair) / speed
-            for pair, speed in zip(self.pairs, self._speeds, strict=True)
-        ]
-        self.event_bound = min(self._safe, default=math.inf)
-
-    def _clearance(self, pair: ContactPair) -> float:
-        """Distance in m that a pair can certainly close before it is near contact."""
-        return pair.gap(self._model, self._data, DISTANCE_LIMIT_M) - DISTANCE_QUERY_M
+    def _measure_clearances(self) -> None:
+        self._clearances.restart(self.motion, self._is_skipped)
+        self.event_bound = self._clearances.energy_reach
 
     def _is_skipped(self, pair: ContactPair) -> bool:
         """Whether a pair has no impacts now: persistent contact holds it, or both geoms are on one rigid body."""
         return self._persistent.holds(pair) or pair.geom_ids in self.motion.rigid
 
     def is_clear(self) -> bool:
-        """Whether the motion bound excludes contact of all pairs in the last step; evaluates distances where needed."""
-        flight = self.motion.flight
-        before = flight.motion_bound - flight.last_increment
-        if before > 0.0:
+        """Whether the bounds on the motion exclude contact of all pairs in the last step."""
+        if self.motion.flight.motion_bound > self.motion.flight.last_increment:
             self._evaluated.clear()  # of an earlier step
-        for i, (pair, speed) in enumerate(zip(self.pairs, self._speeds, strict=True)):
-            if flight.motion_bound < self._safe[i]:
-                continue
-            apart = self._clearance(pair)
-            # The pair is at least ``speed * (safe - before)`` apart at the start of the step and ``apart`` at its end:
-            # contact in between needs a motion of at least the sum of both.
-            if apart <= 0.0 or speed * (self._safe[i] - before) + apart <= speed * flight.last_increment:
-                return False
-            self._safe[i] = flight.motion_bound + apart / speed
-        self.event_bound = min(self._safe, default=math.inf)
-        return True
+        self._suspects = tuple(self._clearances.after_step().tolist())
+        self.event_bound = self._clearances.energy_reach
+        return not self._suspects
 
     def first_event(self, duration_s: float) -> float | None:
         """First time in the first ``duration_s`` of the last step at which a pair touches: approaching, or pressed at rest.
@@ -138,11 +116,11 @@ class Detector(EventSource, Replayable):
         """Update the deepest overlap, and start new motion bounds from here."""
         self.update_overlap(time_s)
         self._evaluated = {(i, 0.0): near for (i, time), near in self._evaluated.items() if time == time_s}
-        self._bound_all()
+        self._measure_clearances()
 
     def closed_pairs(self) -> ClosedPairs:
         """All pairs in contact at the state in ``data``."""
-        return closed_pairs(self.pairs, self.scene, self.motion)
+        return closed_pairs(self._broad_phase, self.scene, self.motion)
 
     def update_overlap(self, time: float | None = None) -> None:
         """Update the deepest overlap with that of the pairs at the state in ``data``.
@@ -150,8 +128,8 @@ class Detector(EventSource, Replayable):
         Args:
             time: Time since the start of the step, if evaluations of this step may be used.
         """
-        for i, pair in enumerate(self.pairs):
-            if not self._is_skipped(pair) and is_near(pair, self.scene):
+        for i in self._broad_phase.near(self._data):
+            if not self._is_skipped(self.pairs[i]):
                 self._overlap.add(-self._proximity(i, time).gap)
 
     def _proximity(self, i: int, time: float | None) -> Proximity:
@@ -168,21 +146,17 @@ class Detector(EventSource, Replayable):
 
     def _sample(self, time: float) -> _Sample:
         model, data = self._model, self._data
-        bounds = tuple(pair.closing_speed_bound(data) for pair in self.pairs)
-        gaps = tuple(pair.gap(model, data, DISTANCE_LIMIT_M) for pair in self.pairs)
+        pairs = [self.pairs[i] for i in self._suspects]
+        bounds = tuple(pair.closing_speed_bound(data) for pair in pairs)
+        gaps = tuple(pair.gap(model, data, DISTANCE_LIMIT_M) for pair in pairs)
         return _Sample(time, gaps, bounds)
 
     def due(self) -> bool:
         """Whether a pair touches and approaches at the state in ``data``."""
-        flight = self.motion.flight
-        if flight.motion_bound > 0.0:
+        if self.motion.flight.motion_bound > 0.0:
             self._evaluated.clear()  # of an earlier step
-        for i, safe in enumerate(self._safe):
-            if safe <= flight.motion_bound:
-                near = self._proximity(i, 0.0)
-                if near.gap <= 0.0 and near.approaches:
-                    return True
-        return False
+        near = (self._proximity(i, 0.0) for i in self._clearances.near().tolist())
+        return any(pair.gap <= 0.0 and pair.approaches for pair in near)
 
     def _touch_of(self, i: int, start: float, end: float) -> float | None:
         """First touch of one pair in an interval where its gap has at most one extremum."""
@@ -199,16 +173,15 @@ class Detector(EventSource, Replayable):
         span = b.time - a.time
         # The gap cannot fall faster than the bound from either end, so contact needs bound * span >= the sum of both gaps.
         candidates = [
-            i
-            for i, pair in enumerate(self.pairs)
-            if a.gaps[i] + b.gaps[i] - 2.0 * DISTANCE_QUERY_M <= max(a.bounds[i], b.bounds[i]) * span
-            and not self._is_skipped(pair)
+            (i, max(a.bounds[k], b.bounds[k]) * span)
+            for k, i in enumerate(self._suspects)
+            if a.gaps[k] + b.gaps[k] - 2.0 * DISTANCE_QUERY_M <= max(a.bounds[k], b.bounds[k]) * span
         ]
         if not candidates:
             return None
-        simple = all(max(a.bounds[i], b.bounds[i]) * span <= self.pairs[i].size for i in candidates)
+        simple = all(motion <= self.pairs[i].size for i, motion in candidates)
         if simple or depth >= _MAX_DEPTH:
-            touches = [t for t in (self._touch_of(i, a.time, b.time) for i in candidates) if t is not None]
+            touches = [t for t in (self._touch_of(i, a.time, b.time) for i, _ in candidates) if t is not None]
             return min(touches, default=None)
         self._bisections += 1
         if self._bisections > _MAX_BISECTIONS:

@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
@@ -43,6 +44,7 @@ class ForceCheck:
         self._scene, self._pairs, self._closed_set = scene, tuple(pairs), closed
         self._forces = layout.places(key for pair in pairs for key in force_keys(pair))
         self._modes = layout.places(mode_key(pair) for pair in pairs)
+        self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
         self._scratch = mujoco.MjData(scene.system.mj)
 
     def residual(self, row: FloatArray) -> float:
@@ -50,9 +52,10 @@ class ForceCheck:
         motion = self._closed_set.motion
         logged = row[self._forces].reshape(-1, 3)
         logged_pairs = row[self._modes] > 0.0
+        candidates = ((self._pairs[i], logged_pairs[i]) for i in self._broad_phase.within(self._scene.data, CLEARLY_APART_M))
         touching = [
             (pair, near)
-            for pair, lasts in zip(self._pairs, logged_pairs, strict=True)
+            for pair, lasts in candidates
             if pair.geom_ids not in motion.rigid and (near := self._closed(pair, lasts))
         ]
         if not touching and not np.any(logged):

@@ -17,6 +17,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
@@ -66,6 +67,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """
         super().__init__(None, scene)
         self._pairs, self._overlap, self._active_set = tuple(pairs), overlap, ActiveContactSet(scene)
+        self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
         self._logged_pairs: list[ContactPair] = []
         self._report = ContactReport(scene, self._pairs, self._active_set)
         self._drift = DriftProjection(scene, self._active_set)
@@ -94,7 +96,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def _update_pairs(self, held: Sequence[ContactPair]) -> None:
         """Update all pairs near contact after a change of motion; pairs in ``held`` were closed in the previous one."""
-        for pair, near in closed_pairs(self._pairs, self.scene, self.motion):
+        for pair, near in closed_pairs(self._broad_phase, self.scene, self.motion):
             # A deeper overlap at release is not a closed contact: the impact model resolves it.
             if abs(near.gap) <= CONTACT_GAP_M:
                 self._update_pair(pair, near, held_rate_tolerance(near) if pair in held else near.rate_tolerance)
@@ -121,7 +123,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
         if {record.pair for record in records} - {pair.name for pair in self._active_set.by_pair}:
-            self.close(closed_pairs(self._pairs, self.scene, self.motion))
+            self.close(closed_pairs(self._broad_phase, self.scene, self.motion))
 
     def refusal(self, pair: ContactPair) -> str:
         """Why a pair cannot stay in contact; empty if it can."""
@@ -155,7 +157,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         for pair in tuple(self._active_set.by_pair):
             self._active_set.remove(pair)
         self._logged_pairs = self._report.logged_pairs()
-        for pair in self._pairs:
+        for pair in (self._pairs[i] for i in self._broad_phase.within(data, CLEARLY_APART_M)):
             if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
                 near = pair.proximity(model, data)
                 self._update_pair(

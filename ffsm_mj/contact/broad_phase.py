@@ -1,0 +1,52 @@
+"""Broad phase: which of many pairs may be close, by the bounding spheres of their geoms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.tolerances import DISTANCE_QUERY_M
+
+FEW = 16
+"""Up to so many pairs are queried one by one: that takes less time than arrays of spheres."""
+_NEAR_LIMIT_M = 1e-3
+"""Limit of distance queries that look for near pairs only: a small limit ends a query early."""
+
+
+class BroadPhase:
+    """Lower bounds on the gaps of many pairs.
+
+    Attributes:
+        pairs: The pairs.
+        radii: Sum of the radii of the bounding spheres of both geoms of each pair, m, (n,).
+    """
+
+    def __init__(self, model: Any, pairs: Sequence[ContactPair]) -> None:
+        """Look up the geoms."""
+        self.pairs, self._model = tuple(pairs), model
+        ids = np.array([pair.ids for pair in self.pairs], dtype=np.intp).reshape(-1, 2)
+        self._a, self._b = np.ascontiguousarray(ids.T)
+        self.radii: FloatArray = model.geom_rbound[ids].sum(axis=1)
+
+    def gaps(self, data: Any) -> FloatArray:
+        """Distances between the spheres at the state in ``data``, m, (n,): no gap is smaller."""
+        apart = data.geom_xpos[self._a] - data.geom_xpos[self._b]
+        return np.asarray(np.sqrt(np.einsum("ij,ij->i", apart, apart)) - self.radii)
+
+    def within(self, data: Any, distance: float) -> Sequence[int]:
+        """Indices of the pairs whose gap may be at most a distance in m."""
+        if len(self.pairs) <= FEW:
+            return range(len(self.pairs))
+        found: list[int] = np.flatnonzero(self.gaps(data) <= distance).tolist()
+        return found
+
+    def near(self, data: Any) -> list[int]:
+        """Indices of the pairs that are so close that their gap must be evaluated on the support functions."""
+        model = self._model
+        return [
+            i for i in self.within(data, _NEAR_LIMIT_M) if self.pairs[i].gap(model, data, _NEAR_LIMIT_M) <= DISTANCE_QUERY_M
+        ]

@@ -1,0 +1,144 @@
+"""Clearances: how far each pair can certainly still close before it is near contact.
+
+A gap is evaluated only when the motion since its last evaluation may have closed it. Two bounds on that motion are used.
+The kinetic energy bounds the speed of every body; its integral is accumulated by the stepper, so most steps cost nothing.
+The bound is poor for a light link of a heavy system, which could be fast with all that energy. Once it is used up, the
+generalised velocities bound the motion of each pair by the joints between its geoms, at the cost of a sum in each step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.broad_phase import FEW, BroadPhase
+from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.travel_bound import TravelBound
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.dynamics.free_stepper import BOUND_MARGIN
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.tolerances import DISTANCE_QUERY_M
+
+Indices = npt.NDArray[np.intp]
+_NONE: Indices = np.zeros(0, dtype=np.intp)
+
+
+class Clearances:
+    """Certified clearances of some pairs, from step to step.
+
+    Attributes:
+        energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj.dynamics.free_stepper.FreeStepper`) below which no
+            pair can be near contact.
+    """
+
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
+        """Bind to the state of a scene; :meth:`restart` must follow."""
+        self._model, self._data, self._pairs = scene.system.mj, scene.data, pairs
+        self._spheres = BroadPhase(self._model, pairs)
+        self._per_root_energy = np.array([pair.speed_bound_per_root_energy(self._model, self._data) for pair in pairs])
+        self._clearance, self._skipped = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=bool)
+        self._travelled, self._rates = np.zeros(self._model.nv), np.zeros(self._model.nv)
+        self._since_s, self._start, self._length, self._reach, self.energy_reach = math.nan, 0.0, 0.0, 0.0, 0.0
+        self._bind_travel()
+
+    def _bind_travel(self) -> None:
+        """Compute the bounds by joints for the present displacements of slide joints."""
+        self._travel = TravelBound(self._model, self._data.qpos, [pair.ids for pair in self._pairs])
+        rows = np.concatenate((self._travel.rows, np.eye(self._model.nv)[self._travel.slides]))
+        # One number accumulates the largest weighted motion of all degrees of freedom, instead of a sum for each pair.
+        self._weights = rows.max(axis=0, initial=0.0)
+        self._per_length = (rows / np.where(self._weights > 0.0, self._weights, 1.0)).sum(axis=1)
+
+    def restart(self, motion: Motion, is_skipped: Callable[[ContactPair], bool]) -> None:
+        """Start at the state in ``data``, which has changed discontinuously, or the pairs to be detected have.
+
+        Args:
+            motion: The motion that follows.
+            is_skipped: Whether a pair is not detected now.
+        """
+        self._motion = motion
+        self._skipped[:] = [is_skipped(pair) for pair in self._pairs]
+        self._measure(np.flatnonzero(~self._skipped))
+        self._begin(0.0)
+
+    def near(self) -> Indices:
+        """Indices of the pairs that may be in contact at the state in ``data``."""
+        if self._motion.flight.motion_bound < self.energy_reach or self._length < self._reach:
+            return _NONE
+        return np.flatnonzero(~(self._clearance > 0.0))
+
+    def after_step(self) -> Indices:
+        """Indices of the pairs that may have been in contact during the last step."""
+        flight = self._motion.flight
+        if flight.motion_bound < self.energy_reach:
+            return _NONE
+        if float(self._motion.path.start[0]) != self._since_s:
+            # The energy bound covered earlier steps, so the velocities at the start of this one are unknown.
+            closed, last = (self._by_energy(part) for part in (flight.motion_bound - self._start, flight.last_increment))
+            return self._exhausted(closed, last, flight.motion_bound)
+        end_s, rates = float(self._motion.data.time), np.abs(self._data.qvel)
+        step = BOUND_MARGIN * (end_s - self._since_s) * np.maximum(rates, self._rates)
+        self._travelled += step
+        self._length += float((step * self._weights).max(initial=0.0))
+        self._rates, self._since_s = rates, end_s
+        if self._length < self._reach:
+            return _NONE
+        rows = self._travel.rows
+        return self._exhausted(rows @ self._travelled, rows @ step, flight.motion_bound)
+
+    def _by_energy(self, motion_bound: float) -> FloatArray:
+        """Largest closing of each pair in a motion, m."""
+        return self._per_root_energy * motion_bound if motion_bound > 0.0 else np.zeros(len(self._pairs))
+
+    def _exhausted(self, closed: FloatArray, last: FloatArray, motion_bound: float) -> Indices:
+        """Evaluate the pairs that may be near contact after closing by at most these lengths; return the suspects.
+
+        Args:
+            closed: Largest closing of each pair since its evaluation, m.
+            last: That of the last step, m.
+            motion_bound: Motion bound at the state in ``data``.
+        """
+        left = np.where(self._skipped, math.inf, self._clearance - closed)
+        spent = np.flatnonzero(~(left > 0.0))
+        before = left[spent] + last[spent]
+        self._clearance = left
+        self._measure(spent)
+        # A pair is at least ``before`` apart at the start of the step and ``apart`` at its end: contact in between needs a
+        # motion of at least the sum of both.
+        apart = self._clearance[spent]
+        suspects = spent[~((apart > 0.0) & (before + apart > last[spent]))]
+        self._begin(motion_bound)
+        return suspects
+
+    def _measure(self, indices: Indices) -> None:
+        """Set the clearances of some pairs to those at the state in ``data``, m."""
+        model, data = self._model, self._data
+        if len(self._pairs) > FEW and len(indices):
+            spheres = self._spheres.gaps(data)[indices]
+            self._clearance[indices] = spheres - DISTANCE_QUERY_M
+            indices = indices[spheres < self._spheres.radii[indices]]
+        for i in indices.tolist():
+            self._clearance[i] = self._pairs[i].gap(model, data, DISTANCE_LIMIT_M) - DISTANCE_QUERY_M
+
+    def _begin(self, motion_bound: float) -> None:
+        """Begin new bounds on the motion at the state in ``data``, for which the clearances hold."""
+        data, slides = self._data, self._travel.slide_allowance(self._data.qpos)
+        if (slides <= 0.0).any():
+            self._bind_travel()
+            slides = self._travel.slide_allowance(data.qpos)
+        self._clearance[self._skipped] = math.inf
+        self._start, self._since_s, self._rates = motion_bound, float(self._motion.data.time), np.abs(data.qvel)
+        self._travelled[:], self._length = 0.0, 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._reach = _least(np.concatenate((self._clearance, slides)) / self._per_length)
+            self.energy_reach = motion_bound + _least(self._clearance / self._per_root_energy)
+
+
+def _least(lengths: FloatArray) -> float:
+    """Least of some lengths; infinite ones over infinite bounds, which are not numbers, do not count."""
+    return float(np.fmin.reduce(lengths, initial=math.inf))

@@ -1,0 +1,80 @@
+"""Bounds on the closing of two geoms by joint motion: valid for every configuration and velocity, and attained."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from ffsm_mj.contact.travel_bound import TravelBound
+
+CHAIN = """<mujoco><compiler angle="radian"/><worldbody>
+<body name="base"><freejoint name="free"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+  <geom name="base" type="box" size="0.2 0.1 0.3" pos="0.1 0 0"/>
+  <body name="arm" pos="0.3 0.1 0"><joint name="turn" axis="1 2 3" pos="0.05 0.1 0"/>
+    <geom name="arm" type="capsule" fromto="0 0 0 0.4 0 0.1" size="0.03"/>
+    <body name="rail" pos="0.2 0 0.4" quat="1 0.4 0 0.2"><joint name="rail" type="slide" axis="0 1 1" pos="0.1 0 0"/>
+      <joint name="roll" axis="1 0 0" pos="0 0.2 0.1"/><geom name="rail" size="0.05" pos="0 0 0.1"/>
+      <body name="wrist" pos="0.1 0.1 0.1"><joint name="wrist" type="ball" pos="0.02 0 0.03"/>
+        <geom name="hand" type="ellipsoid" size="0.05 0.1 0.02" pos="0.1 0 0"/></body></body></body></body>
+<body name="rock" pos="2 0 0"><freejoint name="rock"/><geom name="rock" type="cylinder" size="0.2 0.1" pos="0 0.3 0"/></body>
+</worldbody></mujoco>"""
+PAIRS = (("hand", "rock"), ("base", "rock"), ("base", "hand"), ("arm", "rail"), ("arm", "hand"))
+
+
+def relative_speed(model, data, geoms, rng):
+    """Fastest closing of points of two geoms, m/s: points on their bounding spheres, fixed to their bodies."""
+    velocities, points = [], []
+    for geom in geoms:
+        body, twist = int(model.geom_bodyid[geom]), np.empty(6)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
+        outward = rng.normal(size=(40, 3))
+        at = data.geom_xpos[geom] + model.geom_rbound[geom] * outward / np.linalg.norm(outward, axis=1, keepdims=True)
+        points.append(at)
+        velocities.append(twist[3:] + np.cross(twist[:3], at - data.xpos[body]))
+    apart = points[1][None] - points[0][:, None]
+    apart /= np.linalg.norm(apart, axis=2, keepdims=True)
+    return float(np.abs(np.einsum("ijk,ijk->ij", apart, velocities[1][None] - velocities[0][:, None])).max())
+
+
+def test_no_point_of_a_pair_closes_faster_than_its_bound(rng):
+    model = mujoco.MjModel.from_xml_string(CHAIN)
+    data, slide = mujoco.MjData(model), int(model.joint("rail").qposadr[0])
+    ids = [tuple(model.geom(name).id for name in pair) for pair in PAIRS]
+    bound = TravelBound(model, data.qpos, ids)
+    assert bound.slides.tolist() == [int(model.joint("rail").dofadr[0])]
+    largest = np.zeros(len(PAIRS))
+    for _ in range(400):
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_integratePos(model, data.qpos, rng.uniform(-3, 3, model.nv), 1.0)
+        data.qpos[slide] = rng.uniform(-0.5, 0.5)  # as far as the bounds hold
+        one = np.zeros(model.nv)  # one degree of freedom at a time comes nearer to its bound than all together
+        one[rng.integers(model.nv)] = 1.0
+        data.qvel[:] = one if rng.random() < 0.5 else rng.normal(size=model.nv)
+        mujoco.mj_forward(model, data)
+        allowed = bound.rows @ np.abs(data.qvel)
+        for i, pair in enumerate(ids):
+            speed = relative_speed(model, data, pair, rng)
+            assert speed <= allowed[i] * (1.0 + 1e-12) + 1e-14, PAIRS[i]
+            largest[i] = max(largest[i], speed / allowed[i] if allowed[i] else 0.0)
+    assert largest.min() > 0.3, "the bounds say nothing"
+
+
+def test_the_bound_of_a_slide_beyond_a_hinge_ends_and_is_computed_again():
+    model = mujoco.MjModel.from_xml_string(CHAIN)
+    data, hand = mujoco.MjData(model), [(model.geom("hand").id, model.geom("rock").id)]
+    turn = int(model.joint("turn").dofadr[0])
+    near = TravelBound(model, data.qpos, hand)
+    data.qpos[model.joint("rail").qposadr[0]] = 2.0
+    assert near.slide_allowance(data.qpos) == pytest.approx([-1.5])
+    far = TravelBound(model, data.qpos, hand)
+    assert far.slide_allowance(data.qpos) == pytest.approx([0.5])
+    assert far.rows[0, turn] == pytest.approx(near.rows[0, turn] + 2.0)
+
+
+def test_joints_that_move_both_geoms_do_not_count():
+    model = mujoco.MjModel.from_xml_string(CHAIN)
+    bound = TravelBound(model, np.zeros(model.nq), [(model.geom("arm").id, model.geom("hand").id)])
+    moving = np.flatnonzero(bound.rows[0])
+    first = int(model.joint("rail").dofadr[0])
+    assert moving.tolist() == list(range(first, first + 5))  # rail, roll and the ball of the wrist
