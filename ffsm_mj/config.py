@@ -8,6 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Name = Annotated[str, Field(min_length=1)]
 """A name that is not empty."""
+PartName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+"""Name of a part of a phase; columns and reports of its control law begin with it."""
 
 
 class StrictModel(BaseModel):

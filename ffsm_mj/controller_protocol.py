@@ -51,6 +51,8 @@ __all__ = [
     "Damping",
     "Damps",
     "DrivenJoints",
+    "Drives",
+    "EffortLimits",
     "Fault",
     "FloatArray",
     "ImpactRecord",
@@ -95,6 +97,13 @@ class Task:
     target_m: FloatArray
 
 
+class EffortLimits(Protocol):
+    """Limits of the actuators, as the plant applies them to powered ones."""
+
+    def bounds(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest effort of each actuator, N or N m, (nu,) each, at actuator velocities (nu,)."""
+
+
 @dataclass(frozen=True)
 class ControllerContext:
     """What a controller is built for.
@@ -104,11 +113,16 @@ class ControllerContext:
             ``system.grasp`` says which object is held in it, if one is.
         task: The tip's task, or None where the scenario has none.
         control_period_s: Time between two regular calls in s.
+        reserved: Ids of the actuators that other parts of the phase drive; a law whose ``joints`` are left out leaves their
+            joints alone.
+        limits: Limits of the actuators; None: all are ideal.
     """
 
     system: System
     task: Task | None
     control_period_s: float
+    reserved: frozenset[int] = frozenset()
+    limits: EffortLimits | None = None
 
 
 class Observation(NamedTuple):
@@ -143,16 +157,18 @@ class Command:
         effort: Force in N or torque in N m at the joint or site that the actuator drives, (nu,).
         powered: False where the actuator is off: exactly zero effort, whatever its limits, (nu,).
         requests: Names of what contact models are asked to do now; each says which it hears.
+        others: Efforts that other parts of the phase have already commanded at this call, to be read only, (nu,).
     """
 
     effort: FloatArray
     powered: npt.NDArray[np.bool_]
     requests: set[str] = field(default_factory=set)
+    others: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def off(cls, count: int) -> Command:
         """Everything unpowered."""
-        return cls(np.zeros(count), np.zeros(count, dtype=np.bool_))
+        return cls(np.zeros(count), np.zeros(count, dtype=np.bool_), others=np.zeros(count))
 
     def clear(self) -> None:
         """Switch everything off."""
@@ -189,6 +205,18 @@ class Summarises(Protocol):
 
     def summary(self) -> ControllerReport:
         """What it came to since it was made, finite numbers and texts by name; asked once, at the end of the run."""
+
+
+@runtime_checkable
+class Drives(Protocol):
+    """A control law that states its actuators, so that a second part that drives one of them is refused at load.
+
+    May be left out: the run then ends where two parts drive one actuator.
+    """
+
+    @property
+    def driven_actuators(self) -> Sequence[int] | IntArray:
+        """Ids of all actuators that it may power."""
 
 
 class Damping(NamedTuple):

@@ -12,6 +12,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
+from ffsm_controllers.base_pd import BasePd
 from ffsm_controllers.free_flying import FreeFlying
 from ffsm_controllers.off import Off
 from ffsm_controllers.osdre.law import Osdre
@@ -20,7 +21,7 @@ from ffsm_controllers.track.law import Track
 from ffsm_mj.controller_protocol import StrictModel
 
 GROUP = "ffsm_mj.controllers"
-_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying, Track)
+_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying, Track, BasePd)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation, actuators_by_name
-from ffsm_mj.controller_protocol import Command, Fault, FloatArray, Observation, ScenarioFaults, System
+from ffsm_mj.controller_protocol import Command, Fault, FloatArray, IntArray, Observation, ScenarioFaults, System
 
 _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 
@@ -65,6 +65,11 @@ class BaseControl:
         self._by_wheels = WheelAllocation(system, self.wheels)
         self._twist, self._turn = np.empty(6), np.empty(3)
         self.error = (0.0, 0.0)
+
+    @property
+    def driven_actuators(self) -> IntArray:
+        """Thrusters and wheels."""
+        return np.concatenate((self.thrusters, self.wheels))
 
     def start(self, observation: Observation) -> None:
         """Take the base's pose as the reference."""

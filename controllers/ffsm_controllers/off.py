@@ -23,6 +23,11 @@ class Off:
     def __init__(self, config: OffConfig, context: ControllerContext) -> None:
         """Nothing to set up."""
 
+    @property
+    def driven_actuators(self) -> Sequence[int]:
+        """None."""
+        return ()
+
     def start(self, observation: Observation) -> None:
         """Nothing to remember."""
 

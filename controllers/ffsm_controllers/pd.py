@@ -15,6 +15,7 @@ from ffsm_mj.controller_protocol import (
     DrivenJoints,
     Fault,
     FloatArray,
+    IntArray,
     Observation,
     ScenarioFaults,
     Signal,
@@ -30,7 +31,7 @@ class PdConfig(StrictModel):
 
     kind: Literal["pd"]
     joints: tuple[str, ...] | None = None
-    """Joints to drive; left out: every motor-driven joint of the robot but those of the base."""
+    """Joints to drive; left out: every motor-driven joint of the robot but those of the base and of other parts."""
     kp: tuple[Gain, ...] | Gain
     """Proportional gain, N m/rad (N/m for slides): one for all joints or one each."""
     kd: tuple[Gain, ...] | Gain
@@ -51,7 +52,7 @@ class Pd:
         Raises:
             ScenarioFaults: An unknown joint, or a list of another length than the joints.
         """
-        self._joints: DrivenJoints = driven_joints(context.system, config.joints)
+        self._joints: DrivenJoints = driven_joints(context.system, config.joints, reserved=context.reserved)
         count = len(self._joints.names)
         self._kp, self._kd = per_joint(config.kp, count, "kp"), per_joint(config.kd, count, "kd")
         self._fixed = None if config.target == "hold" else per_joint(config.target, count, "target")
@@ -67,6 +68,11 @@ class Pd:
         joints, data = self._joints, observation.data
         error = data.qpos[joints.qpos] - self._reference
         command.drive(joints.actuators, -self._kp * error - self._kd * data.qvel[joints.dofs])
+
+    @property
+    def driven_actuators(self) -> IntArray:
+        """Motors of the joints."""
+        return self._joints.actuators
 
     def damping_at(self, data: Any) -> Damping:  # noqa: ARG002
         """The gains, the same at any state."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_controllers.indices import compact
+from ffsm_controllers.parts import Parts
 from ffsm_controllers.settled import TIME_TOLERANCE_S, SettlingMonitor
 from ffsm_mj.controller_protocol import (
     Columns,
@@ -31,7 +32,7 @@ class Phase:
 
     Attributes:
         name: Name in the scenario.
-        kind: Kind of its controller.
+        kind: Kind of its controller; with several parts ``name: kind`` of each.
         controller: What drives the robot in it.
         until: What ends it after its start, for people: ``impact``, a record of another contact model, ``settled``; empty:
             nothing.
@@ -90,9 +91,10 @@ class PhaseMachine:
 
     @property
     def in_charge(self) -> str:
-        """Name of the phase and kind of its controller."""
+        """Name of the phase and kind of its controller, or its part that is being evaluated."""
         phase = self.phases[max(self.phase_index, 0)]
-        return f"phase {phase.name!r} ({phase.kind})"
+        part = law.in_charge if isinstance(law := phase.law(self._grasp), Parts) else ""
+        return f"phase {phase.name!r}, {part}" if part else f"phase {phase.name!r} ({phase.kind})"
 
     def control(self, observation: Observation, command: Command) -> None:
         """Change phase where it is due, then ask its controller."""

@@ -65,6 +65,7 @@ class Actuation:
         table: By actuator: command, applied effort, least and greatest possible effort, (nu, 4).
         applied: Currently applied efforts, (nu,).
         gear: Effort per ctrl, (nu,).
+        envelope: Limits of the actuators.
         counts: On-time in s and unsigned impulse in N s of each on-off actuator, (number of on-off actuators, 2).
         columns: Columns of the table and the counts.
         keys: Columns of ``command``, ``applied``, ``lower`` and ``upper`` by actuator.
@@ -87,7 +88,7 @@ class Actuation:
                 faults.append(Fault(str(error.args[0]), ("actuators", name)))
         if faults:
             raise ScenarioFaults(faults)
-        self._envelope = Envelope(
+        self.envelope = Envelope(
             low=np.array([one.low for one in actuators]),
             high=np.array([one.high for one in actuators]),
             stall=np.array([one.stall for one in actuators]),
@@ -122,7 +123,7 @@ class Actuation:
         if data is not self._data or command is not self._command:
             self._data, self._command, self._ctrl = data, command, data.ctrl
             held = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
-            self._limits = fastest(Limits)(self._envelope, *held)
+            self._limits = fastest(Limits)(self.envelope, *held)
         if not self._limits.apply():
             names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
             raise ControllerError(f"the controller commands a non-finite effort for {names}")

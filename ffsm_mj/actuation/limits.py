@@ -31,6 +31,11 @@ class Envelope:
     saturation: FloatArray
     gear: FloatArray
 
+    def bounds(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest effort of each actuator, (nu,) each, at actuator velocities (nu,); wheels not saturated."""
+        drag = velocity * self.slope
+        return np.maximum(-self.stall - drag, self.low), np.minimum(self.stall - drag, self.high)
+
 
 class Limits:
     """Converts a command to efforts within their envelope, and to ``ctrl``."""

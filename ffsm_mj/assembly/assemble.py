@@ -8,12 +8,11 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from ffsm_controllers import kinds
-from ffsm_controllers.phases import Phase, PhaseMachine
-from ffsm_controllers.settled import SettlingMonitor
+from ffsm_controllers.phases import PhaseMachine
 
 from ffsm_mj.actuation.actuation import Actuation
-from ffsm_mj.assembly.column_faults import refuse_same_names, refuse_telemetry
+from ffsm_mj.assembly.column_faults import refuse_same_names
+from ffsm_mj.assembly.control_laws import build_phases
 from ffsm_mj.assembly.controller_model import ControllerModel, ControllerModelPhaseMachine
 from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
@@ -27,13 +26,11 @@ from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import ContactModel
 from ffsm_mj.contact_models.persistent.refusals import FRICTION, refusal
 from ffsm_mj.controller_protocol import ControllerContext, Task
-from ffsm_mj.errors import Fault, ScenarioFaults, described
+from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Row
-from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.records.kinds import kind_named
-from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, located
+from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.simulation.plant import Plant
 
@@ -116,7 +113,8 @@ def assemble(
         task = task_of(scenario, system)
         plant = build_plant(scenario, system, data, pairs, held, task)
         plant.integrator.restore_state(plant.integrator.motion)
-        phases = _phases(scenario, _context(scenario, controller_system or system, task), laws, held)
+        contexts = _contexts(scenario, controller_system or system, plant, held)
+        phases = build_phases(scenario, contexts.pop(""), laws, contexts)
         controller_model = ControllerModel(controller_system.mj, data) if controller_system is not None else None
         controller = (
             PhaseMachine(phases)
@@ -153,8 +151,15 @@ def task_of(scenario: Scenario, system: System) -> Task | None:
     return Task(site, tuple(_AXES[axis] for axis in config.axes), np.array(config.target_m, dtype=np.float64))
 
 
-def _context(scenario: Scenario, system: System, task: Task | None) -> ControllerContext:
-    return ControllerContext(system, task, scenario.control_period_s)
+def _contexts(
+    scenario: Scenario, system: System, plant: Plant, held: Mapping[str, GraspedSystem]
+) -> dict[str, ControllerContext]:
+    """What control laws are made for: in the scene (empty name), and while an object is grasped, by the grasp's name."""
+    systems = {"": system} | {name: each.controller_system or each.system for name, each in held.items()}
+    return {
+        name: ControllerContext(each, task_of(scenario, each), scenario.control_period_s, limits=plant.actuation.envelope)
+        for name, each in systems.items()
+    }
 
 
 def _grasped_models(contact_models: Sequence[ContactModel], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
@@ -166,66 +171,6 @@ def _grasped_models(contact_models: Sequence[ContactModel], held: Mapping[str, G
         for name, each in held.items()
         if each.controller_system is not None
     }
-
-
-def _phases(
-    scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any], held: Mapping[str, GraspedSystem]
-) -> list[Phase]:
-    """The phases with their control laws, in order: each law is created for the scene and for each grasped system.
-
-    Raises:
-        ScenarioFaults: A control law cannot be made.
-    """
-    classes = {**kinds().classes, **laws}
-    contexts = {"": context}
-    for name, each in held.items():
-        system = each.controller_system or each.system
-        contexts[name] = _context(scenario, system, task_of(scenario, system))
-    phases, faults = [], []
-    for i, config in enumerate(scenario.phases):
-        made: dict[str, Any] = {}
-        for name, of_system in contexts.items():
-            try:
-                made[name] = classes[config.controller.kind](config.controller, of_system)
-            except ScenarioFaults as error:
-                faults += [Fault(f"{_where(name)}{f.message}", ("phases", i, "controller", *f.path)) for f in error.faults]
-            except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is a fault of this phase)
-                message = f"{_where(name)}the controller cannot be made ({described(error)})"
-                faults.append(Fault(message, ("phases", i, "controller", "kind")))
-            if name not in made:
-                break
-        else:
-            phases.append(_phase(config, made.pop(""), context, made))
-    if faults:
-        raise ScenarioFaults(faults)
-    refuse_telemetry(phases)
-    return phases
-
-
-def _where(capture: str) -> str:
-    return f"while {capture!r} is closed: " if capture else ""
-
-
-def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, held: Mapping[str, Any]) -> Phase:
-    """A phase with its end condition."""
-    until = config.until if config.until not in (None, "end") else ""
-    ending, settled = None, None
-    if config.settled is not None and context.task is not None:
-        settled = SettlingMonitor(config.settled, context.system, context.task)
-    elif until:
-        ending = ImpactRecord if until == "impact" else kind_named(until).record
-    return Phase(
-        name=config.name,
-        kind=config.controller.kind,
-        controller=controller,
-        until=until,
-        ending=ending,
-        settled=settled,
-        duration_s=config.for_s,
-        arm=config.arm,
-        release=config.release,
-        held=held,
-    )
 
 
 def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:

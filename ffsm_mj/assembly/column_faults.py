@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
+from ffsm_controllers.parts import Parts
 from ffsm_controllers.phases import Phase
 
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
@@ -58,7 +59,7 @@ def refuse_telemetry(phases: Sequence[Phase]) -> None:
     faults = []
     known: dict[str, tuple[Signal, str]] = {}
     for i, phase in enumerate(phases):
-        fault = _signals_fault(phase.controller.telemetry_signals)
+        fault = signals_fault(phase.controller.telemetry_signals)
         for name, law in () if fault else phase.held.items():
             if tuple(law.telemetry_signals) != tuple(phase.controller.telemetry_signals):
                 fault = f"it reports other signals while {name!r} is closed than before"
@@ -67,12 +68,13 @@ def refuse_telemetry(phases: Sequence[Phase]) -> None:
             if other != signal:
                 fault = f"{signal.key} is {signal.description!r} here and {other.description!r} in phase {where!r}"
         if fault:
-            faults.append(Fault(f"telemetry of kind {phase.kind!r}: {fault}", ("phases", i, "controller", "kind")))
+            key = ("controllers",) if isinstance(phase.controller, Parts) else ("controller", "kind")
+            faults.append(Fault(f"telemetry of kind {phase.kind!r}: {fault}", ("phases", i, *key)))
     if faults:
         raise ScenarioFaults(faults)
 
 
-def _signals_fault(signals: object) -> str:
+def signals_fault(signals: object) -> str:
     """What is wrong with the signals of one law; empty if they are valid."""
     if not isinstance(signals, Sequence) or not all(isinstance(signal, Signal) for signal in signals):
         return "telemetry_signals is no sequence of Signal"

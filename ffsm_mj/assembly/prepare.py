@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ffsm_mj.assembly.assemble import Assembly, assemble, disarmed_pairs, refused_rest, unwatched_overlaps
+from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.models import Reader, changes_of, compile_scenario
@@ -178,7 +179,7 @@ class PreparedRun:
             ", ".join(f"{p.name} (e = {p.restitution:g}{f', mu = {p.mu:g}' if p.mu else ''}: {p})" for p in assembly.pairs)
             or "none"
         )
-        phases = ", ".join(f"{p.name} ({p.controller.kind})" for p in self.scenario.phases)
+        phases = ", ".join(f"{p.name} ({p.kind})" for p in self.scenario.phases)
         lines = [
             f"{self.scenario.name}: valid",
             *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
@@ -202,6 +203,7 @@ class PreparedRun:
             f"note: {note}"
             for note in (
                 *unstable_damping(assembly),
+                *undriven_actuators(assembly.system, assembly.controller.phases),
                 *refused_rest(assembly),
                 *disarmed_pairs(assembly),
                 *never_armed(self.scenario),

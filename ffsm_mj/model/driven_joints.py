@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -30,13 +30,16 @@ class DrivenJoints:
     actuators: IntArray
 
 
-def driven_joints(system: System, names: Sequence[str] | None, key: str = "joints") -> DrivenJoints:
+def driven_joints(
+    system: System, names: Sequence[str] | None, key: str = "joints", reserved: Collection[int] = ()
+) -> DrivenJoints:
     """Resolve joints by name; ``None`` means every motor-driven joint of the robot that is not a base joint.
 
     Args:
         system: The system.
         names: Full or unambiguous names, or None.
         key: Name of the list in the section of the controller.
+        reserved: Ids of actuators whose joints are left out where no names are given.
 
     Raises:
         ScenarioFaults: A joint is unknown, does not belong to the robot, or has no motor.
@@ -45,7 +48,10 @@ def driven_joints(system: System, names: Sequence[str] | None, key: str = "joint
     key_given = names is not None
     base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
     if names is None:
-        names = [joint.name for joint in system.robot.joints if joint.name in motors and joint.dofs.start not in base]
+        own = [joint.name for joint in system.robot.joints if joint.name in motors and joint.dofs.start not in base]
+        names = [name for name in own if motors[name] not in reserved]
+        if own and not names:
+            raise ScenarioFaults([Fault("no joint is left to drive: other parts of the phase drive them all", (key,))])
     robot = [joint.name for joint in system.robot.joints]
     faults, found = [], []
     for i, name in enumerate(names):

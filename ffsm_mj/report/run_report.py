@@ -42,6 +42,7 @@ def details(run: Run) -> list[str]:
         *record_lines(run),
         _models(run),
         _missed_phases(run),
+        _notes_of_laws(run),
         _tip(run),
         unhandled_table(run.unhandled_contacts),
     ]
@@ -74,6 +75,17 @@ def _missed_phases(run: Run) -> str:
     missed = [name for name in run.log.header.metadata.get("phases", "").split("\n") if name and name not in reached]
     lost = "" if not run.damage else ", or lost with the damage"
     return f"phases not reached{lost}: {', '.join(missed)}" if missed else ""
+
+
+def _notes_of_laws(run: Run) -> str:
+    """Notes in the reports of control laws; empty without any."""
+    phases = run.summary(checks=False)["controller"]["phases"]
+    notes = ((each, name, text) for each in phases for name, text in each["reports"].items())
+    return "\n".join(
+        one_line(f"phase {each['name']!r} ({each['kind']}): {text}")
+        for each, name, text in notes
+        if name == "note" or name.endswith("_note")
+    )
 
 
 def _tip(run: Run) -> str:

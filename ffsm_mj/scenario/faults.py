@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -71,9 +72,7 @@ def _fault(item: Any, names: KindNames) -> Fault:
         context = item["ctx"]
         return Fault(_unknown_kind(context["tag"], context["expected_tags"], path, names), (*path, "kind"))
     if kind == "union_tag_not_found":
-        return Fault(
-            "needs a 'kind'; allowed: " + ", ".join(sorted(names.controllers)) if "controller" in path else message, path
-        )
+        return Fault("needs a 'kind'; allowed: " + ", ".join(sorted(names.controllers)) if _is_law(path) else message, path)
     if kind == "missing":
         return Fault("is missing", path)
     for technical, plain in _PLAIN_WORDS:
@@ -81,6 +80,11 @@ def _fault(item: Any, names: KindNames) -> Fault:
     value = item["input"]
     shown = f", got {json.dumps(value)}" if isinstance(value, str | int | float | bool) else ""
     return Fault(f"{message}{shown}", path)
+
+
+def _is_law(path: KeyPath) -> bool:
+    """Whether a path of the file leads to a control law or into one."""
+    return "controller" in path or "controllers" in path
 
 
 def _without_other_members(error: ValidationError) -> list[Any]:
@@ -111,7 +115,9 @@ def _file_path(location: KeyPath, names: KindNames) -> KeyPath:
     known = {*names.controllers, *names.actuators}
     out: list[str | int] = []
     for i, part in enumerate(location):
-        after_union = i > 0 and (location[i - 1] == "controller" or (len(out) >= 2 and out[-2] == "actuators"))
+        after_union = i > 0 and (
+            location[i - 1] == "controller" or (len(out) >= 2 and out[-2] in ("actuators", "controllers"))
+        )
         if isinstance(part, str) and ((after_union and part in known) or _is_union_member(part)):
             continue
         out.append(part)
@@ -120,7 +126,7 @@ def _file_path(location: KeyPath, names: KindNames) -> KeyPath:
 
 def _is_union_member(part: str | int) -> bool:
     """Whether a step of a pydantic location names a member of a plain union rather than a key."""
-    return part in ("float", "str") or str(part).startswith(("constrained-", "literal[", "tuple["))
+    return part in ("float", "str", "[key]") or str(part).startswith(("constrained-", "literal[", "tuple["))
 
 
 def _unknown_key(model: Any, location: KeyPath) -> str:
@@ -136,7 +142,7 @@ def _member(node: Any, part: str | int) -> Any:
     """Model or annotation of one element of a pydantic location: a field, a list position, a key, or a union's tag."""
     if _is_model(node):
         return _unwrap(node.model_fields[part].annotation) if part in node.model_fields else None
-    members = [arg for arg in getattr(node, "__args__", ()) if arg is not type(None)]
+    members = [_unwrap(arg) for arg in getattr(node, "__args__", ()) if arg is not type(None)]
     tagged = {m.model_fields["kind"].annotation.__args__[0]: m for m in members if _is_model(m) and "kind" in m.model_fields}
     if part in tagged:
         return tagged[part]
@@ -148,8 +154,8 @@ def _unwrap(annotation: Any) -> Any:
     """An annotation without its metadata and without None."""
     while getattr(annotation, "__metadata__", None):
         annotation = annotation.__origin__
-    members = [arg for arg in getattr(annotation, "__args__", ()) if arg is not type(None)]
-    return _unwrap(members[0]) if len(members) == 1 and _is_model(members[0]) else annotation
+    members = [arg for arg in get_args(annotation) if arg is not type(None)]
+    return _unwrap(members[0]) if len(members) == 1 and get_origin(annotation) in (Union, UnionType) else annotation
 
 
 def _is_model(node: Any) -> bool:
@@ -158,10 +164,10 @@ def _is_model(node: Any) -> bool:
 
 def _unknown_kind(tag: str, expected: str, path: KeyPath, names: KindNames) -> str:
     usable = [kind.strip("' ") for kind in expected.split(",")]
-    broken = names.broken.get(tag) if "controller" in path else None
+    broken = names.broken.get(tag) if _is_law(path) else None
     if broken:
         return f"the plugin for kind {tag!r} cannot be used ({broken}); usable: {', '.join(usable)}"
-    if tag in names.of_scripts and "controller" in path:
+    if tag in names.of_scripts and _is_law(path):
         return (
             f"the control law of kind {tag!r} was passed by a script and is not in the file: run it from Python again, "
             f"ffsm_mj.run(..., controllers={{{tag!r}: ...}}); usable without: {', '.join(usable)}"

@@ -65,6 +65,6 @@ def _second_grasps(scenario: Scenario) -> Iterator[Fault]:
 
 
 def _asks_for_nothing(phase: PhaseConfig) -> bool:
-    """Whether the phase's control law certainly requests no grasp or release: built-in ones do not, others may."""
-    law = kinds().classes.get(phase.controller.kind)
-    return law is not None and law.__module__.partition(".")[0] == _OWN
+    """Whether the phase's control laws certainly request no grasp or release: built-in ones do not, others may."""
+    classes = [kinds().classes.get(law.kind) for law in phase.laws.values()]
+    return all(law is not None and law.__module__.partition(".")[0] == _OWN for law in classes)

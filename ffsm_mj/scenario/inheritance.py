@@ -3,6 +3,7 @@
 Keys of the scenario override those of the parent; mappings are merged key by key. ``null`` removes a key of the parent.
 A mapping with another ``kind`` replaces the parent's mapping, since its keys differ in meaning. A list replaces the
 parent's list, but an item with the ``name`` of one of the parent's items (a phase, an impact pair) is merged with it.
+``controllers`` of a phase replace the parent's ``controller``, and the other way round.
 ``name`` and ``description`` are not inherited.
 """
 
@@ -20,6 +21,7 @@ from ffsm_mj.yaml.parser import read_node
 EXTENDS = "extends"
 MAX_DEPTH = 8
 _OWN = ("name", "description")
+_ALTERNATIVES = ("controller", "controllers")
 
 
 def read_inherited(path: Path) -> Node:
@@ -77,6 +79,9 @@ def _merged(parent: Node, child: Node) -> Node:
 
 
 def _merged_mapping(parent: dict[Any, Node], child: dict[Any, Node]) -> dict[Any, Node]:
+    for one, other in (_ALTERNATIVES, _ALTERNATIVES[::-1]):
+        if one in parent and other in child and one not in child:
+            parent = {key: node for key, node in parent.items() if key != one}
     kinds = [side["kind"].value for side in (parent, child) if "kind" in side]
     if len(kinds) == 2 and kinds[0] != kinds[1]:
         return child

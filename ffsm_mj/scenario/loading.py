@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -89,7 +89,7 @@ def _with_script_laws(scenario: Scenario, laws: Mapping[str, Any]) -> Scenario:
     """Scenario that lists which of these laws its phases use."""
     if not laws:
         return scenario.model_copy(update={"script_laws": None})
-    used = tuple(kind for kind in laws if any(phase.controller.kind == kind for phase in scenario.phases))
+    used = tuple(kind for kind in laws if any(law.kind == kind for phase in scenario.phases for law in phase.laws.values()))
     phases = as_phases(scenario.phases, PhaseConfig, laws)
     return Scenario.model_construct(**dict(scenario) | {"phases": phases, "script_laws": used or None})
 
@@ -117,14 +117,19 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
             faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, "until")))
         if phase.until == "impact" and not scenario.impact_pairs:
             faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
-        if reason := kinds().broken.get(phase.controller.kind):
-            fault = f"the plugin for kind {phase.controller.kind!r} cannot be used ({reason})"
-            faults.append(Fault(fault, ("phases", i, "controller", "kind")))
+        faults += [Fault(fault, ("phases", i, *keys)) for keys, fault in _broken_plugins(phase)]
     faults += capture_faults(scenario)
     for i, phase in enumerate(scenario.phases[:-1]):
         if phase.until == "end":
             faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
     return faults
+
+
+def _broken_plugins(phase: PhaseConfig) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Keys in the phase, and message, for each control law whose plug-in cannot be used."""
+    for keys, law in phase.laws.items():
+        if reason := kinds().broken.get(law.kind):
+            yield (*keys, "kind"), f"the plugin for kind {law.kind!r} cannot be used ({reason})"
 
 
 def _impact_law_faults(scenario: Scenario) -> list[Fault]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 from ffsm_controllers import kinds
 from ffsm_controllers.settled import SettledConfig
 from pydantic import (
+    ConfigDict,
     Field,
     PositiveFloat,
     SerializeAsAny,
@@ -16,7 +17,7 @@ from pydantic import (
 )
 
 from ffsm_mj.actuation.actuator_config import ActuatorConfig
-from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.config import Name, PartName, StrictModel
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.properties import Pose, Trees
@@ -28,11 +29,13 @@ from ffsm_mj.scenario.source import YamlSource
 _KINDS = kinds()
 if TYPE_CHECKING:
     ControllerConfig: TypeAlias = Any
+    OptionalController: TypeAlias = Any
 else:
     ControllerConfig = Annotated[
         Union[tuple(cls.Config for cls in _KINDS.classes.values())],  # noqa: UP007 (a union of unknown length)
         Field(discriminator="kind"),
     ]
+    OptionalController = ControllerConfig | None
 
 # Ratios are compared with integers to a relative 1e-9; beyond this ratio that is half a period, and any would pass.
 _MOST_PERIODS = 5e8
@@ -125,6 +128,8 @@ class TaskConfig(StrictModel):
 class PhaseConfig(StrictModel):
     """A phase of the task; it ends at an event, when the tip has settled, after a time, or with the run."""
 
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["controller"]}, {"required": ["controllers"]}]})
+
     name: Name
     until: Name | None = None
     """``impact``, ``contact_begins``, ``contact_ends``, ``capture``, ``release`` or a record of a contact model: the first
@@ -137,11 +142,17 @@ class PhaseConfig(StrictModel):
     """Grasps that are armed during the phase; their bounds may already be met at its start."""
     release: tuple[Name, ...] = ()
     """Grasps that are released at the start of the phase."""
-    controller: SerializeAsAny[ControllerConfig]
+    controller: SerializeAsAny[OptionalController] = None
     """Control law, chosen by ``kind``."""
+    controllers: Annotated[dict[PartName, SerializeAsAny[ControllerConfig]], Field(min_length=1)] | None = None
+    """In place of ``controller``: several control laws at once by part of the robot, each with actuators of its own."""
 
     @model_validator(mode="after")
-    def _has_an_end(self) -> PhaseConfig:
+    def _is_consistent(self) -> PhaseConfig:
+        if self.controller is None and self.controllers is None:
+            raise ValueError("a phase needs 'controller: {kind: ...}', or 'controllers: {PART: {kind: ...}, ...}'")
+        if self.controller is not None and self.controllers is not None:
+            raise ValueError("has both 'controller' and 'controllers'; leave one of them out (or let it be null)")
         if self.until is None and self.for_s is None:
             raise ValueError("a phase needs 'until' (impact, settled, end, ...) or 'for_s', or an event and 'for_s'")
         if self.until == "settled" and self.settled is None:
@@ -151,6 +162,20 @@ class PhaseConfig(StrictModel):
         if self.until == "end" and self.for_s is not None:
             raise ValueError("'for_s' has no effect with 'until: end'; leave one of them out")
         return self
+
+    @property
+    def laws(self) -> dict[tuple[str, ...], Any]:
+        """Configurations of the control laws by their keys in the phase: ``controller``, or ``controllers`` and a part."""
+        if self.controllers is None:
+            return {("controller",): self.controller}
+        return {("controllers", part): law for part, law in self.controllers.items()}
+
+    @property
+    def kind(self) -> str:
+        """Kind of the control law; with several parts ``name: kind`` of each."""
+        if self.controllers is None:
+            return str(self.controller.kind)
+        return ", ".join(f"{part}: {law.kind}" for part, law in self.controllers.items())
 
 
 class LogConfig(StrictModel):

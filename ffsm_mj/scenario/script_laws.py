@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union
 
 from pydantic import Field, create_model
 
-from ffsm_mj.config import StrictModel
+from ffsm_mj.config import PartName, StrictModel
 from ffsm_mj.errors import InputError
 
 Model = TypeVar("Model", bound=StrictModel)
@@ -67,17 +67,24 @@ def model_with(scenario: type[Model], phase: type[StrictModel], configs: tuple[A
     """Scenario model whose phases accept laws with these configurations."""
     union: Any = Union.__getitem__(configs)
     choice: Any = Annotated[union, Field(discriminator="kind")]
-    phases: Any = create_model(phase.__name__, __base__=phase, controller=(choice, ...))
+    several: Any = dict[PartName, choice]
+    some_parts: Any = Annotated[several, Field(min_length=1)] | None
+    phases: Any = create_model(
+        phase.__name__, __base__=phase, controller=(choice | None, None), controllers=(some_parts, None)
+    )
     some: Any = Annotated[tuple[phases, ...], Field(min_length=1)]
     return create_model(scenario.__name__, __base__=scenario, phases=(some, ...))
 
 
 def as_phases(given: tuple[Any, ...], phase: type[Phase], laws: Mapping[str, Any]) -> tuple[Phase, ...]:
     """The phases as instances of an importable class, so that they can be pickled."""
+
+    def importable(config: Any) -> Any:
+        settled = config is None or config.kind not in laws or hasattr(laws[config.kind], "Config")
+        return config if settled else NoSettings(kind=config.kind)
+
     found = []
     for each in given:
-        controller = each.controller
-        if controller.kind in laws and not hasattr(laws[controller.kind], "Config"):
-            controller = NoSettings(kind=controller.kind)
-        found.append(phase.model_construct(**dict(each) | {"controller": controller}))
+        parts = each.controllers and {name: importable(config) for name, config in each.controllers.items()}
+        found.append(phase.model_construct(**dict(each) | {"controller": importable(each.controller), "controllers": parts}))
     return tuple(found)

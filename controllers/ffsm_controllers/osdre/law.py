@@ -27,6 +27,7 @@ from ffsm_mj.controller_protocol import (
     Damping,
     Fault,
     FloatArray,
+    IntArray,
     Observation,
     ScenarioFaults,
     Signal,
@@ -43,7 +44,7 @@ class OsdreConfig(StrictModel):
 
     kind: Literal["osdre"]
     joints: tuple[str, ...] | None = None
-    """Joints to drive; left out: every motor-driven joint of the robot but those of the base."""
+    """Joints to drive; left out: every motor-driven joint of the robot but those of the base and of other parts."""
     Q: Weight
     """Weight of the output stack [y; ydot], 2p numbers for a diagonal or 2p rows; its position block must be regular."""
     R: Weight
@@ -90,7 +91,7 @@ class Osdre:
             raise ScenarioFaults([Fault("osdre needs a 'task' with tip, axes and target", ("kind",))])
         system, self._task = context.system, context.task
         self._model = system.mj
-        self._joints = driven_joints(system, config.joints)
+        self._joints = driven_joints(system, config.joints, reserved=context.reserved)
         self._actuators = compact(self._joints.actuators)
         p = len(self._task.axes)
         if p > len(self._joints.dofs):
@@ -146,6 +147,11 @@ class Osdre:
             return np.asarray(torque - inputs.dot(torque).dot(inputs))
         B_lower = self._kinematics.W @ self._driven.T  # the planar law works without a basis of these
         return np.asarray(torque - np.linalg.pinv(B_lower) @ (B_lower @ torque))
+
+    @property
+    def driven_actuators(self) -> IntArray:
+        """Motors of the joints."""
+        return self._joints.actuators
 
     def damping_at(self, data: Any) -> Damping:
         """That of motions which the output does not feel: the rest of the law is on the output alone."""

@@ -76,7 +76,8 @@ class TrackConfig(StrictModel):
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where the robot's site is to be, in the frame of the object's site, m."""
     joints: tuple[_Name, ...] | None = None
-    """Joints to drive; left out: every motor-driven joint of the robot but those of the base."""
+    """Joints to drive; left out: the motor-driven joints that move the robot's site, so not its fingers, other than those of
+    the base and of other parts."""
     position: PositionGains
     """Gains of the position."""
     attitude: AttitudeGains | None = None

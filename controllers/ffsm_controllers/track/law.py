@@ -18,7 +18,9 @@ from ffsm_controllers.allocation import moments, unit_moments
 from ffsm_controllers.base_control import BaseControl, Stiffness
 from ffsm_controllers.pd import per_joint
 from ffsm_controllers.track.config import BaseConfig, TrackConfig
+from ffsm_controllers.track.joints import controllable_directions, joints_that_move
 from ffsm_controllers.track.mobility import effective_inertia
+from ffsm_controllers.track.singularity import SingularityMonitor
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
@@ -26,6 +28,7 @@ from ffsm_mj.controller_protocol import (
     Damping,
     Fault,
     FloatArray,
+    IntArray,
     Observation,
     ScenarioFaults,
     Signal,
@@ -56,6 +59,7 @@ class Track:
     """
 
     Config = TrackConfig
+    after_others = True
 
     def __init__(self, config: TrackConfig, context: ControllerContext) -> None:
         """Resolve sites, joints and actuators.
@@ -66,8 +70,13 @@ class Track:
         system, turns = context.system, config.attitude is not None
         self._model, self._config = system.mj, config
         target = _object_site(system, config.object_site)
-        self._task = TaskModel(context, config.joints, (), site=_robot_site(config, context), attitude=turns)
-        count = len(self._task.joints.dofs)
+        site = _robot_site(config, context)
+        joints = config.joints if config.joints is not None else joints_that_move(context, site)
+        self._task = TaskModel(context, joints, (), site=site, attitude=turns)
+        dofs = self._task.joints.dofs
+        count = len(dofs)
+        controllable = controllable_directions(self._model, system.index("site", site), dofs, attitude=turns)
+        self._singularity = SingularityMonitor(controllable, config.singular_mass_kg, context.control_period_s)
         self._target, self._offset = SiteMotion(self._model, target), np.array(config.offset_m)
         held = system.grasp.tree if system.grasp is not None else ""
         self._holds = bool(held) and self._model.site(target).name.startswith(f"{held}/")
@@ -78,6 +87,12 @@ class Track:
         self.telemetry_signals: tuple[Signal, ...] = (*_POSITION, *(_ATTITUDE if turns else ()), *_ARM)
         self._report: tuple[float, ...] = (math.nan,) * len(self.telemetry_signals)
         self._largest, self._least_share = 0.0, 1.0
+
+    @property
+    def driven_actuators(self) -> IntArray:
+        """Motors of the joints, and the actuators that hold the base."""
+        arm = self._task.joints.actuators
+        return arm if self._base is None else np.concatenate((arm, self._base.driven_actuators))
 
     def start(self, observation: Observation) -> None:
         """The base is to stay where it is now."""
@@ -97,13 +112,17 @@ class Track:
             return
         carried, feedback = self._wanted(data)
         carried -= task.drift
-        if self._base is not None:
-            carried -= task.response(data, moments(self._model, data, self._unit).T.dot(command.effort))
-        inertia, largest = effective_inertia(task.B.dot(task.alpha.T), self._config.singular_mass_kg)
+        known = command.effort + command.others
+        if known.any():
+            carried -= task.response(data, moments(self._model, data, self._unit).T.dot(known))
+        inertia, mobilities = effective_inertia(task.B.dot(task.alpha.T), self._config.singular_mass_kg)
         damped = -self._config.joint_damping_N_m_s_rad * task.qd
         needed = damped + inertia.dot(carried - task.B.dot(damped)).dot(task.alpha)
         torque, share = self._bounded(needed, inertia.dot(feedback).dot(task.alpha))
         command.drive(task.joints.actuators, torque)
+        largest = 1.0 / float(mobilities[0]) if mobilities[0] > 0.0 else math.inf
+        if observation.at_tick:
+            self._singularity.look(observation.time_s, mobilities)
         self._report = (*self._errors, largest, share)
         self._largest, self._least_share = max(self._largest, largest), min(self._least_share, share)
 
@@ -165,7 +184,7 @@ class Track:
         if self._holds:
             return {}
         mass = self._largest if math.isfinite(self._largest) else "infinite"
-        return {"largest_mass_kg": mass, "least_share": self._least_share}
+        return {"largest_mass_kg": mass, "least_share": self._least_share, **self._singularity.report()}
 
 
 def _feedback(error: FloatArray, rate: FloatArray, kp: float, kd: float, fastest: float | None) -> FloatArray:

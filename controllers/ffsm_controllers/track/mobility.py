@@ -7,7 +7,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 
 
-def effective_inertia(mobility: FloatArray, largest: float) -> tuple[FloatArray, float]:
+def effective_inertia(mobility: FloatArray, largest: float) -> tuple[FloatArray, FloatArray]:
     """The inverse of alpha M_c^-1 alpha^T, damped along principal directions in which it is above a bound.
 
     Along a direction of mobility a the inertia is 1/a down to a_0 = 1/largest, and below it (2 - a/a_0)/a_0: the same value
@@ -18,12 +18,12 @@ def effective_inertia(mobility: FloatArray, largest: float) -> tuple[FloatArray,
         largest: Inertia above which a direction is damped.
 
     Returns:
-        The inertia (p, p), and the largest along a principal direction, undamped; infinite where the site cannot move.
+        The inertia (p, p), and the mobilities along the principal directions, ascending, (p,).
     """
     values, directions = np.linalg.eigh(mobility)
     smallest = float(values[0])
     if smallest * largest >= 1.0:
-        return (directions / values).dot(directions.T), 1.0 / smallest
+        return (directions / values).dot(directions.T), values
     share = np.minimum(np.maximum(values, 0.0) * largest, 1.0)
     inverse = np.where(share < 1.0, (2.0 - share) * largest, 1.0 / np.maximum(values, 1.0 / largest))
-    return (directions * inverse).dot(directions.T), 1.0 / smallest if smallest > 0.0 else np.inf
+    return (directions * inverse).dot(directions.T), values

@@ -1,0 +1,49 @@
+"""Joints that move a site: those of an arm without its fingers, wheels and other arms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.controller_protocol import ControllerContext, Fault, ScenarioFaults, driven_joints
+
+_TRIALS = 4
+
+
+def joints_that_move(context: ControllerContext, site: str) -> tuple[str, ...]:
+    """Names of the motor-driven joints between the robot's base and a site, without those of other parts of the phase.
+
+    Raises:
+        ScenarioFaults: There is none.
+    """
+    system, model = context.system, context.system.mj
+    driven = driven_joints(system, None, reserved=context.reserved)
+    above = set(_bodies_above(model, int(model.site(site).bodyid[0])))
+    found = tuple(name for name in driven.names if system.joints[name].body in above)
+    if not found:
+        raise ScenarioFaults([Fault(f"no motor-driven joint that is left moves {site}; driven: {', '.join(driven.names)}")])
+    return found
+
+
+def controllable_directions(model: Any, site: int, dofs: Any, *, attitude: bool) -> int:
+    """Number of directions in which some dofs can move a site: the greatest rank of its Jacobian in a few configurations."""
+    data, jacobian = mujoco.MjData(model), np.empty((6, model.nv))
+    rank = 0
+    for k in range(1, _TRIALS + 1):
+        mujoco.mj_integratePos(model, data.qpos, np.sin(k * np.e * np.arange(1.0, model.nv + 1.0)), 1.0)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
+        rank = max(rank, int(np.linalg.matrix_rank(jacobian[: 6 if attitude else 3, dofs], tol=1e-9)))
+    return rank
+
+
+def _bodies_above(model: Any, body: int) -> list[int]:
+    """A body and all that it is mounted on, without the world."""
+    found = []
+    while body:
+        found.append(body)
+        body = int(model.body_parentid[body])
+    return found

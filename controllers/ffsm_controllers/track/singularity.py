@@ -1,0 +1,48 @@
+"""When and how near a law came to a singularity of the free-floating robot."""
+
+from __future__ import annotations
+
+import math
+
+from ffsm_mj.controller_protocol import ControllerReport, FloatArray
+
+
+class SingularityMonitor:
+    """Counts the control ticks at which a direction that the arm can move its site in has too little mobility."""
+
+    def __init__(self, directions: int, largest: float, period_s: float) -> None:
+        """Know the bound.
+
+        Args:
+            directions: Number of directions in which the arm can move the site at all.
+            largest: Effective inertia above which a direction is near a singularity, kg or kg m^2.
+            period_s: Control period.
+        """
+        self._directions, self._largest, self._period_s = directions, largest, period_s
+        self._ticks, self._first_s, self._least = 0, math.nan, math.inf
+
+    def look(self, time_s: float, mobilities: FloatArray) -> None:
+        """Take note of a control tick.
+
+        Args:
+            time_s: Its time.
+            mobilities: Mobilities of the site along its principal directions, ascending, 1/kg or 1/(kg m^2).
+        """
+        least = float(mobilities[len(mobilities) - self._directions]) if self._directions else math.inf
+        if least * self._largest >= 1.0:
+            return
+        self._ticks, self._least = self._ticks + 1, min(self._least, least)
+        if self._ticks == 1:
+            self._first_s = time_s
+
+    def report(self) -> ControllerReport:
+        """Time spent near a singularity, and a note that says so; a time of zero alone if there was none."""
+        spent = self._ticks * self._period_s
+        if not self._ticks:
+            return {"near_singularity_s": spent}
+        inertia = f"{1.0 / self._least:.3g}" if self._least > 0.0 else "infinite"
+        note = (
+            f"near a singularity for {spent:.4g} s, first at t = {self._first_s:.6g} s: effective inertia up to {inertia} "
+            f"(kg or kg m^2; singular_mass_kg {self._largest:g}), where the site does not follow in all directions"
+        )
+        return {"near_singularity_s": spent, "note": note}

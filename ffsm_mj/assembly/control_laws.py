@@ -1,0 +1,191 @@
+"""Builds the phases of a run with their control laws; a phase may have several, each with actuators of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from ffsm_controllers import kinds
+from ffsm_controllers.parts import Parts
+from ffsm_controllers.phases import Phase
+from ffsm_controllers.settled import SettlingMonitor
+
+from ffsm_mj.assembly.column_faults import refuse_telemetry, signals_fault
+from ffsm_mj.config import StrictModel
+from ffsm_mj.controller_protocol import Controller, ControllerContext, Drives
+from ffsm_mj.errors import Fault, ScenarioFaults, described
+from ffsm_mj.model.system import System
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.kinds import kind_named
+from ffsm_mj.scenario.scenario import PhaseConfig, Scenario
+
+
+def build_phases(
+    scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any], grasped: Mapping[str, ControllerContext]
+) -> list[Phase]:
+    """The phases with their control laws, in order: each law is created for the scene and for each grasped system.
+
+    Args:
+        scenario: Scenario of the run.
+        context: What the laws are made for in the scene.
+        laws: Control laws of a script, classes by kind, beside those that are installed.
+        grasped: What they are made for while an object is grasped, by the name of the grasp.
+
+    Raises:
+        ScenarioFaults: A control law cannot be made, or two parts of a phase drive the same actuator.
+    """
+    classes = {**kinds().classes, **laws}
+    phases, faults = [], []
+    for i, config in enumerate(scenario.phases):
+        made: dict[str, Any] = {}
+        for grasp, where in {"": context, **grasped}.items():
+            try:
+                made[grasp] = _law(config, classes, where)
+            except ScenarioFaults as error:
+                prefix = f"while {grasp!r} is closed: " if grasp else ""
+                faults += [Fault(f"{prefix}{f.message}", ("phases", i, *f.path)) for f in error.faults]
+                break
+        else:
+            phases.append(_phase(config, made.pop(""), context, made))
+    if faults:
+        raise ScenarioFaults(faults)
+    refuse_telemetry(phases)
+    return phases
+
+
+def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerContext) -> Controller:
+    """The control law of a phase, or its parts as one law.
+
+    Parts whose ``joints`` are left out are made last, so that they can leave the joints of the others alone.
+
+    Raises:
+        ScenarioFaults: See :func:`build_phases`; paths in the phase.
+    """
+    if config.controllers is None:
+        return _made(classes, config.controller, context, ("controller",))
+    made: dict[str, Any] = {}
+    owners: dict[int, str] = {}
+    for name, part in sorted(config.controllers.items(), key=lambda item: _leaves_joints_out(item[1])):
+        path = ("controllers", name)
+        law = _made(classes, part, replace(context, reserved=frozenset(owners)), path)
+        if fault := signals_fault(law.telemetry_signals):
+            raise ScenarioFaults([Fault(f"telemetry of kind {part.kind!r}: {fault}", (*path, "kind"))])
+        claims = [int(i) for i in law.driven_actuators] if isinstance(law, Drives) else []
+        _refuse_second_claims(context.system, name, claims, owners)
+        owners |= dict.fromkeys(claims, name)
+        made[name] = law
+    laws = {name: (part.kind, made[name]) for name, part in config.controllers.items()}
+    return Parts(laws, context.system.names("actuator"))
+
+
+def _made(classes: Mapping[str, Any], config: Any, context: ControllerContext, path: tuple[str, ...]) -> Controller:
+    """One control law.
+
+    Raises:
+        ScenarioFaults: It cannot be made; paths in the phase.
+    """
+    try:
+        law: Controller = classes[config.kind](config, context)
+    except ScenarioFaults as error:
+        raise ScenarioFaults([Fault(f.message, (*path, *f.path)) for f in error.faults]) from error
+    except Exception as error:  # a plugin's code: whatever it raises is a fault of this phase
+        raise ScenarioFaults([Fault(f"the controller cannot be made ({described(error)})", (*path, "kind"))]) from error
+    return law
+
+
+def _leaves_joints_out(config: Any) -> bool:
+    """Whether the configuration of a law, or a section of it, has ``joints`` that are left out."""
+    return any(
+        (name == "joints" and value is None) or (isinstance(value, StrictModel) and _leaves_joints_out(value))
+        for name, value in config
+    )
+
+
+def _refuse_second_claims(system: System, name: str, claims: list[int], owners: Mapping[int, str]) -> None:
+    """Refuse a part with an actuator of another one, with a fault at each of the two.
+
+    Raises:
+        ScenarioFaults: There is one.
+    """
+    both = {other: [i for i in claims if owners.get(i) == other] for other in dict.fromkeys(owners.values())}
+    faults = []
+    for other, shared in both.items():
+        if shared:
+            actuators = ", ".join(system.names("actuator")[i] for i in shared)
+            for part, second in ((other, name), (name, other)):
+                message = f"drives {actuators}, and so does the part {second!r}; each actuator has one part"
+                faults.append(Fault(message, ("controllers", part)))
+    if faults:
+        raise ScenarioFaults(faults)
+
+
+def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, held: Mapping[str, Any]) -> Phase:
+    """A phase with its end condition."""
+    until = config.until if config.until not in (None, "end") else ""
+    ending, settled = None, None
+    if config.settled is not None and context.task is not None:
+        settled = SettlingMonitor(config.settled, context.system, context.task)
+    elif until:
+        ending = ImpactRecord if until == "impact" else kind_named(until).record
+    return Phase(
+        name=config.name,
+        kind=config.kind,
+        controller=controller,
+        until=until,
+        ending=ending,
+        settled=settled,
+        duration_s=config.for_s,
+        arm=config.arm,
+        release=config.release,
+        held=held,
+    )
+
+
+def undriven_actuators(system: System, phases: tuple[Phase, ...]) -> Iterator[str]:
+    """Messages for actuators that nothing drives in a phase that drives others.
+
+    For a single law only motors of joints are listed, other than those of the base; a law of which it is not known what it
+    drives gives a message if it is one of several.
+    """
+    single: dict[str, list[str]] = {}
+    for phase in phases:
+        if isinstance(phase.controller, Parts):
+            yield from _undriven_by_parts(system, phase, phase.controller)
+            continue
+        claims = phase.controller.driven_actuators if isinstance(phase.controller, Drives) else ()
+        left = sorted(_motors(system) - set(map(int, claims)))
+        if len(claims) and left:
+            single.setdefault(_names(system, left), []).append(f"{phase.name!r} ({phase.kind})")
+    for names, those in single.items():
+        where = f"{'phase' if len(those) == 1 else 'phases'} {', '.join(those)}"
+        yield f"nothing drives {names} in {where}: these joints move freely"
+
+
+def _undriven_by_parts(system: System, phase: Phase, parts: Parts) -> Iterator[str]:
+    silent = [part for part in parts.parts if not isinstance(part.law, Drives)]
+    claims = {int(i) for part in parts.parts if isinstance(part.law, Drives) for i in part.law.driven_actuators}
+    left = [i for i in range(system.mj.nu) if i not in claims]
+    for part in silent:
+        yield (
+            f"part {part.name!r} ({part.kind}) of phase {phase.name!r} does not state which actuators it drives; "
+            "the run ends if it drives one of another part"
+        )
+    if left:
+        verb = "may drive" if silent else "drives"
+        who = " or ".join(repr(part.name) for part in silent)
+        yield f"{f'only part {who}' if silent else 'no part'} of phase {phase.name!r} {verb} {_names(system, left)}"
+
+
+def _motors(system: System) -> set[int]:
+    """Ids of the motors of the robot's joints other than those of its base."""
+    model = system.mj
+    on_joints = np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT))
+    base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
+    return {int(i) for i in on_joints if model.jnt_dofadr[model.actuator_trnid[i, 0]] not in base}
+
+
+def _names(system: System, actuators: list[int]) -> str:
+    return ", ".join(system.names("actuator")[i] for i in actuators)
