@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from traceback import extract_tb
+
+from ffsm_mj.installation import add_extra
+from ffsm_mj.similar_names import did_you_mean
 
 _LONGEST_TEXT = 300
 THE_LOG = "the log"
@@ -25,10 +27,12 @@ class Fault:
     Attributes:
         message: What is wrong and what is allowed.
         path: Keys and list positions that lead to it in the scenario, outermost first.
+        raised: The exception of a plug-in that the message reports.
     """
 
     message: str
     path: tuple[str | int, ...] = ()
+    raised: Exception | None = None
 
 
 class InputError(FfsmError):
@@ -45,6 +49,17 @@ class ScenarioFaults(FfsmError):
     def __init__(self, faults: Sequence[Fault]) -> None:
         self.faults = tuple(faults)
         super().__init__("\n".join(f.message for f in faults))
+
+
+def raised_by_plugin(error: BaseException | None) -> Exception | None:
+    """The exception of a plug-in from which an error follows, with its traceback; None if it follows from none."""
+    while error is not None:
+        faults = error.faults if isinstance(error, ScenarioFaults) else ()
+        found = next((fault.raised for fault in faults if fault.raised is not None), None)
+        if found is not None:
+            return found
+        error = error.__cause__
+    return None
 
 
 class LogError(FfsmError):
@@ -80,14 +95,15 @@ class MissingPackageError(FfsmError):
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
         self.package = package
-        super().__init__(f"{purpose} needs the package {package}: uv sync --extra {extra} (or pip install {package})")
+        super().__init__(f"{purpose} needs the package {package}; install it by: {add_extra(extra, package)}")
 
 
 class TwinsError(FfsmError):
     """The compiled twins that are installed cannot be used; the message says how to go on."""
 
     def __init__(self, reason: str) -> None:
-        super().__init__(f"{reason}: uv sync --extra fast --reinstall-package ffsm-mj-fast, or set FFSM_COMPILED=0")
+        again = add_extra("fast", "ffsm-mj-fast", "--reinstall-package ffsm-mj-fast")
+        super().__init__(f"{reason}; build it again by: {again}; or set FFSM_COMPILED=0")
 
 
 class UnsupportedContactError(FfsmError):
@@ -146,6 +162,5 @@ def raised_at(error: BaseException) -> str:
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:
     """Sentence for a name that is not there: what it was meant to be, and the names that exist."""
     names = sorted(set(valid))
-    close = get_close_matches(name, names, n=1)
-    hint = f" (did you mean {close[0]!r}?)" if close else ""
-    return f"unknown {kind} {name!r}{hint}; allowed: {', '.join(names) if names else f'none, the model has no {kind}'}"
+    allowed = ", ".join(names) if names else f"none, the model has no {kind}"
+    return f"unknown {kind} {name!r}{did_you_mean(name, names)}; allowed: {allowed}"

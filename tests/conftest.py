@@ -36,6 +36,8 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
     # Nothing here renders with MuJoCo, which would look for GLFW in each process, by a process of its own.
     os.environ.setdefault("MUJOCO_GL", "disable")
+    # Commands in messages begin as the user called the program; the suite may or may not run under uv.
+    os.environ.pop("UV_RUN_RECURSION_DEPTH", None)
     # The tests have all processors already: threads of BLAS would wait for each other's.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 

@@ -340,7 +340,7 @@ def test_twins_of_another_version_are_refused(monkeypatch):
     compiled._twins.cache_clear()
     monkeypatch.setattr(compiled, "version", {"ffsm-mj": "2.0", "ffsm-mj-fast": "1.0"}.__getitem__)
     with pytest.raises(
-        TwinsError, match=r"ffsm-mj-fast 1.0 does not fit ffsm-mj 2.0: uv sync --extra fast .* or set FFSM_COMPILED=0"
+        TwinsError, match=r"ffsm-mj-fast 1.0 does not fit ffsm-mj 2.0; build it again by: uv .* or set FFSM_COMPILED=0"
     ):
         fastest(FreeStepper)
     compiled._twins.cache_clear()
@@ -388,8 +388,8 @@ def test_twins_from_other_sources_are_refused(monkeypatch, capsys, stated):
     monkeypatch.setattr(twins, "INTERFACE", stated)
     assert main(["run", "coasting", "-s", "duration_s=0.01", "--no-rerun"]) == 2
     assert capsys.readouterr().err == (
-        f"the installed ffsm-mj-fast {version('ffsm-mj-fast')} is built from other sources than this ffsm-mj: "
-        "uv sync --extra fast --reinstall-package ffsm-mj-fast, or set FFSM_COMPILED=0\n"
+        f"the installed ffsm-mj-fast {version('ffsm-mj-fast')} is built from other sources than this ffsm-mj; "
+        "build it again by: uv sync --inexact --extra fast --reinstall-package ffsm-mj-fast; or set FFSM_COMPILED=0\n"
     )
     compiled._twins.cache_clear()
 
@@ -400,7 +400,7 @@ def test_twins_that_need_a_name_that_is_gone_are_refused(monkeypatch):
 
     compiled._twins.cache_clear()
     monkeypatch.setattr(compiled.importlib, "import_module", import_of_an_old_build)
-    with pytest.raises(TwinsError, match=r"cannot be used \(AttributeError: .* uv sync --extra fast"):
+    with pytest.raises(TwinsError, match=r"cannot be used \(AttributeError: .* uv sync --inexact --extra fast"):
         fastest(FreeStepper)
     compiled._twins.cache_clear()
 
@@ -424,10 +424,11 @@ def test_another_minor_version_of_mujoco_is_refused(tmp_path):
     ]
     refused, gone_on = results
     assert refused.returncode == 2
-    assert refused.stderr == (
-        f"ffsm-mj-fast {version('ffsm-mj-fast')} cannot be used (ImportError: built for MuJoCo 4.0, not 4.1.2): "
-        "uv sync --extra fast --reinstall-package ffsm-mj-fast, or set FFSM_COMPILED=0\n"
+    assert refused.stderr.startswith(
+        f"ffsm-mj-fast {version('ffsm-mj-fast')} cannot be used (ImportError: built for MuJoCo 4.0, not 4.1.2); "
+        "build it again by: "
     )
+    assert refused.stderr.count("\n") == 1
     assert gone_on.returncode == 0
 
 

@@ -46,7 +46,7 @@ def build_phases(
                 made[grasp] = _law(config, classes, where)
             except ScenarioFaults as error:
                 prefix = f"while {grasp!r} is closed: " if grasp else ""
-                faults += [Fault(f"{prefix}{f.message}", ("phases", i, *f.path)) for f in error.faults]
+                faults += [replace(f, message=prefix + f.message, path=("phases", i, *f.path)) for f in error.faults]
                 break
         else:
             phases.append(_phase(config, made.pop(""), context, made))
@@ -90,9 +90,10 @@ def _made(classes: Mapping[str, Any], config: Any, context: ControllerContext, p
     try:
         law: Controller = classes[config.kind](config, context)
     except ScenarioFaults as error:
-        raise ScenarioFaults([Fault(f.message, (*path, *f.path)) for f in error.faults]) from error
+        raise ScenarioFaults([replace(f, path=(*path, *f.path)) for f in error.faults]) from error
     except Exception as error:  # a plugin's code: whatever it raises is a fault of this phase
-        raise ScenarioFaults([Fault(f"the controller cannot be made ({described(error)})", (*path, "kind"))]) from error
+        message = f"the controller cannot be made ({described(error)})"
+        raise ScenarioFaults([Fault(message, (*path, "kind"), error)]) from error
     return law
 
 

@@ -14,8 +14,10 @@ from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.models import Reader, changes_of, compile_scenario
+from ffsm_mj.assembly.override_faults import overrides_named
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
+from ffsm_mj.errors import InputError, raised_by_plugin
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import PropertyChange
@@ -39,6 +41,7 @@ def run(
     rerun: bool | None = None,
     live: str | None = None,
     report: Callable[[float, float], None] | None = None,
+    raise_errors: bool = False,
 ) -> Run:
     """Simulate a scenario.
 
@@ -52,16 +55,22 @@ def run(
         rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
         live: ``host:port`` of a Rerun viewer to stream to; one that is missing or goes away never ends the run.
         report: Told (simulation time, duration) in s as the run goes.
+        raise_errors: Raise an exception of a control law or of a contact model again, with its traceback, when the log is
+            closed; without it such a run ends with the outcome ``controller_failed`` or ``internal_error``.
 
     Returns:
         The run, the same object that :func:`ffsm_mj.load_run` reads from the log.
 
     Raises:
         InputError: The scenario or a model is wrong, or the folder holds a run.
+        Exception: With ``raise_errors``, whatever a control law or a contact model raised.
     """
-    recipe = _recipe(scenario, overrides, controllers)  # the run builds the components once, and reports their faults
     folder = RunFolder(Path(out), force=force) if out is not None else None
-    return recipe.run(folder=folder, rerun=rerun, live=live, report=report)
+    if folder is not None:
+        folder.refuse_earlier_run()
+    return prepare(scenario, overrides, controllers=controllers, raise_errors=raise_errors).run(
+        folder=folder, rerun=rerun, live=live, report=report, raise_errors=raise_errors
+    )
 
 
 def prepare(
@@ -69,6 +78,7 @@ def prepare(
     overrides: Sequence[str] | Mapping[str, Any] = (),
     *,
     controllers: Mapping[str, Any] = MappingProxyType({}),
+    raise_errors: bool = False,
 ) -> PreparedRun:
     """Read, validate and compile a scenario without running it.
 
@@ -76,13 +86,25 @@ def prepare(
         scenario: A path, or the name of a shipped scenario.
         overrides: See :func:`run`.
         controllers: See :func:`run`.
+        raise_errors: Raise an exception in the constructor of a control law again, with its traceback.
 
     Raises:
         InputError: The scenario or a model is wrong.
     """
-    recipe = _recipe(scenario, overrides, controllers)
-    recipe.assemble()  # reports faults of the components
-    return recipe
+    given = as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides)
+
+    def prepared(some: Sequence[str]) -> PreparedRun:
+        recipe = _recipe(scenario, some, controllers)
+        recipe.assemble()  # reports faults of the components
+        return recipe
+
+    try:
+        with overrides_named(given, prepared):
+            return prepared(given)
+    except InputError as error:
+        if raise_errors and (raised := raised_by_plugin(error)) is not None:
+            raise raised from None
+        raise
 
 
 def as_overrides(values: Mapping[str, Any]) -> list[str]:
@@ -90,11 +112,7 @@ def as_overrides(values: Mapping[str, Any]) -> list[str]:
     return [f"{key}={json.dumps(value)}" for key, value in values.items()]
 
 
-def _recipe(
-    scenario: str | Path, overrides: Sequence[str] | Mapping[str, Any], controllers: Mapping[str, Any]
-) -> PreparedRun:
-    if isinstance(overrides, Mapping):
-        overrides = as_overrides(overrides)
+def _recipe(scenario: str | Path, overrides: Sequence[str], controllers: Mapping[str, Any]) -> PreparedRun:
     config, source = load_scenario(scenario_path(scenario), overrides, controllers)
     return recipe(config, source, controllers)
 
@@ -167,10 +185,28 @@ class PreparedRun:
         rerun: bool | None = None,
         live: str | None = None,
         report: Callable[[float, float], None] | None = None,
+        raise_errors: bool = False,
     ) -> Run:
         """Simulate from the start; see :func:`run`."""
         with_rerun = self.scenario.log.rerun if rerun is None else rerun
-        return simulate(self.assemble(), folder, with_rerun=with_rerun, live=live, report=report)
+        return simulate(self.assemble(), folder, with_rerun=with_rerun, live=live, report=report, raise_errors=raise_errors)
+
+    def notes(self) -> list[str]:
+        """What a user should know about the scenario before it runs, one line each."""
+        assembly, system = self.assemble(), self.system
+        return [
+            *(change.sentence for change in self.changes),
+            *system.notes,
+            *(
+                f"{a} and {b} overlap at the start, and no contact force will separate them"
+                for a, b in unwatched_overlaps(assembly)
+            ),
+            *unstable_damping(assembly),
+            *undriven_actuators(assembly.system, assembly.controller.phases),
+            *refused_rest(assembly),
+            *disarmed_pairs(assembly),
+            *never_armed(self.scenario),
+        ]
 
     def describe(self) -> list[str]:
         """Lines of text that describe the run, with notes."""
@@ -193,20 +229,4 @@ class PreparedRun:
         lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
             falls or "conservative: nothing in the models breaks it"
         ]
-        lines += [f"note: {change.sentence}" for change in self.changes]
-        lines += [f"note: {note}" for note in system.notes]
-        lines += [
-            f"note: {a} and {b} overlap at the start, and no contact force will separate them"
-            for a, b in unwatched_overlaps(assembly)
-        ]
-        lines += [
-            f"note: {note}"
-            for note in (
-                *unstable_damping(assembly),
-                *undriven_actuators(assembly.system, assembly.controller.phases),
-                *refused_rest(assembly),
-                *disarmed_pairs(assembly),
-                *never_armed(self.scenario),
-            )
-        ]
-        return lines
+        return lines + [f"note: {note}" for note in self.notes()]

@@ -57,6 +57,7 @@ def simulate(
     report: Callable[[float, float], None] | None = None,
     columns: Collection[str] | None = None,
     watchers: Sequence[Sink] = (),
+    raise_errors: bool = False,
 ) -> Run:
     """Run an assembly once; its components are left at the end of the run.
 
@@ -69,9 +70,11 @@ def simulate(
         columns: What a run in memory keeps of its rows, beside the time; None: all. One that keeps a part of them is no log
             that can be made again, and carries no scenario.
         watchers: Further receivers of rows and events during the run.
+        raise_errors: Raise an exception of a control law or an unexpected one again when the log is closed.
 
     Raises:
         InputError: The folder cannot be used, or there is no room for the run.
+        Exception: With ``raise_errors``, the exception that ended the run.
     """
     config, system, layout = assembly.scenario, assembly.system, assembly.row.layout
     clock = source_date()  # refuse a malformed date before the folder is created
@@ -103,10 +106,13 @@ def simulate(
         # The run is over but a log could not be finished: the summary only needs data in memory.
         memory.close(_unfinished(recorder.outcome, error))
     if folder is None:
-        return Run(memory.log(), digested=digested.digest)
-    log = folder.log.absolute()
-    finished = Run(memory.log(stored_rows(log, layout)), log, digested.digest)
-    folder.write_summary(finished.summary())
+        finished = Run(memory.log(), digested=digested.digest)
+    else:
+        log = folder.log.absolute()
+        finished = Run(memory.log(stored_rows(log, layout)), log, digested.digest)
+        folder.write_summary(finished.summary())
+    if raise_errors and simulation.error is not None:
+        raise simulation.error
     return finished
 
 

@@ -23,6 +23,7 @@ from ffsm_mj.campaign.storage.status import Status
 from ffsm_mj.campaign.storage.store import RunRow, Store
 from ffsm_mj.campaign.stored_campaign import StoredCampaign
 from ffsm_mj.errors import InputError
+from ffsm_mj.invocation import command, on_command_line
 
 
 class Campaign(StoredCampaign):
@@ -88,10 +89,13 @@ class Campaign(StoredCampaign):
                 f"{self.folder.path}: holds a campaign with other settings: {differences(self._settings, other)}"
             )
         if plan.config.samples.n not in (None, self.design.n):
-            how = "extend enlarges it" if plan.config.samples.n > self.design.n else "resume continues it"
+            larger = plan.config.samples.n > self.design.n
+            how = "extend(n) enlarges it" if larger else "Campaign.open continues it"
+            if on_command_line():
+                words = ("extend", self.folder.path, plan.config.samples.n) if larger else ("resume", self.folder.path)
+                how = f"'{command('campaign', *words)}' {'enlarges' if larger else 'continues'} it"
             raise InputError(
-                f"{self.folder.path}: holds a design of {self.design.n} samples, not {plan.config.samples.n};"
-                f" ffsm campaign {how}"
+                f"{self.folder.path}: holds a design of {self.design.n} samples, not {plan.config.samples.n}; {how}"
             )
         self.config = plan.config
         self.folder.write_config(plan.config.model_dump(mode="json", exclude_none=True))

@@ -14,6 +14,7 @@ from ffsm_mj.cli.exit_codes import CHECK_FAILED, DAMAGED, OK, TRUNCATED
 from ffsm_mj.cli.progress import Report
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.errors import InputError, unknown_name, working_on
+from ffsm_mj.invocation import command
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.check_report import fail_by_truncation
 from ffsm_mj.report.comparison_report import comparison_report
@@ -87,7 +88,7 @@ def _analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 def _internal_errors(run: Run, named: Sequence[str], *, shown: bool) -> Iterator[str]:
     """Traceback of each exception that ended a run, or the command that prints it."""
     for record in run.records["internal_errors"]:
-        yield f"\n{record.traceback.rstrip()}" if shown else f"\ntraceback: ffsm analyze {' '.join(named)} --traceback"
+        yield f"\n{record.traceback.rstrip()}" if shown else f"\ntraceback: {command('analyze', *named, '--traceback')}"
 
 
 def _judge(run: Run, again: ReplayResult, tolerance: Tolerance) -> int:

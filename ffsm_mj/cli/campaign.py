@@ -14,6 +14,7 @@ from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, one_line, working_on
+from ffsm_mj.invocation import command
 
 _LINE_EVERY_S = 30.0
 
@@ -35,7 +36,9 @@ def _run(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     if options.list:
         return _list(say)
     if options.campaign is None:
-        raise InputError("ffsm campaign run: name a campaign file; 'ffsm campaign run --list' shows the shipped ones")
+        raise InputError(
+            f"ffsm campaign run: name a campaign file; '{command('campaign', 'run', '--list')}' shows the shipped ones"
+        )
     from ffsm_mj.campaign.plan.loading import load_campaign
 
     stage("sample and validate the runs", "")
@@ -78,16 +81,19 @@ def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) 
         return RUN_FAILED
     except KeyboardInterrupt:
         _say_status(found.status(), say)
-        say(f"continue: ffsm campaign resume {folder}")
+        say(f"continue: {command('campaign', 'resume', folder)}")
         raise
     _say_status(status, say)
     if status.stopped:
-        complain(f"{status.stopped}; to continue anyway, raise the limit: ffsm campaign run -s limits.max_failed=1 ...")
+        complain(
+            f"{status.stopped}; to continue anyway, raise the limit: {command('campaign', 'run')} -s limits.max_failed=1 ..."
+        )
         return RUN_FAILED
     if status.enough:
         say(f"ended early: {status.enough}")
     _keep(found, say, stage)
-    say(f"report: ffsm campaign report {folder}   repeat a run and write its log: ffsm campaign rerun {folder} 0")
+    say(f"report: {command('campaign', 'report', folder)}")
+    say(f"repeat a run and write its log: {command('campaign', 'rerun', folder, 0)}")
     return OK
 
 

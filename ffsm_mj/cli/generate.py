@@ -45,10 +45,12 @@ def new_law(options: argparse.Namespace, output: Output) -> int:
         InputError: The name is invalid, or a file exists.
     """
     from ffsm_mj.scenario.loading import controller_kinds
-    from ffsm_mj.templates.law import write_law
+    from ffsm_mj.templates.law import next_commands, write_law
 
     written = write_law(options.name, Path(options.out), controller_kinds())
     home = Path(options.out) / options.name
     output.say(f"files in {home}: {', '.join(written)}")
-    output.say(f"next: cd {home} && pip install -e . && ffsm run {options.name}.yaml && pytest")
+    output.say("next:")
+    for line in next_commands(home, options.name):
+        output.say(f"  {line}")
     return OK

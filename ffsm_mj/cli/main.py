@@ -14,6 +14,7 @@ from ffsm_mj.cli.command_line import HelpRequest, parse, parser
 from ffsm_mj.cli.exit_codes import BAD_INPUT, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED
 from ffsm_mj.cli.quiet import quiet_libraries
 from ffsm_mj.cli.standard_streams import Output, complain, secure
+from ffsm_mj.invocation import command_line
 
 _COMMANDS = {
     "run": "run:run",
@@ -38,9 +39,14 @@ _READERS = ("analyze", "export", "view", "campaign", "new")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     secure()
+    with command_line():
+        return _main(sys.argv[1:] if arguments is None else arguments)
+
+
+def _main(arguments: Sequence[str]) -> int:
     output = Output()
     try:
-        code = _perform(sys.argv[1:] if arguments is None else arguments, output)
+        code = _perform(arguments, output)
     except Exception as error:
         if os.environ.get(_SHOW_TRACEBACK):
             raise

@@ -11,6 +11,7 @@ from ffsm_mj.cli.exit_codes import BAD_INPUT, CHECK_FAILED, INTERRUPTED, OK, RUN
 from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError
+from ffsm_mj.invocation import command
 
 if TYPE_CHECKING:
     from ffsm_mj.log.run_folder import RunFolder
@@ -28,14 +29,16 @@ def run(options: argparse.Namespace, output: Output) -> int:
     if options.list:
         return _list(output)
     if options.scenario is None:
-        complain("ffsm run: name a scenario; 'ffsm run --list' shows the shipped ones")
+        complain(f"ffsm run: name a scenario; '{command('run', '--list')}' shows the shipped ones")
         return BAD_INPUT
     from ffsm_mj.assembly.prepare import prepare  # slow imports, which --list does not need
     from ffsm_mj.campaign.plan.shipped import is_campaign
     from ffsm_mj.log.run_folder import RunFolder
 
     if is_campaign(options.scenario):
-        raise InputError(f"{options.scenario}: is a campaign, not a scenario; use 'ffsm campaign run {options.scenario}'")
+        raise InputError(
+            f"{options.scenario}: is a campaign, not a scenario; use '{command('campaign', 'run', options.scenario)}'"
+        )
     prepared = prepare(options.scenario, options.overrides)
     scenario = prepared.scenario
     if options.out == "":
@@ -59,7 +62,7 @@ def _summarise(run: Run, folder: RunFolder, options: argparse.Namespace, output:
 
     output.say(run_report(run))
     output.say(f"\nfiles in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
-    output.say(f"view: ffsm view {folder.path}   verify: ffsm analyze {folder.path}")
+    output.say(f"view: {command('view', folder.path)}\nverify: {command('analyze', folder.path)}")
     if run.outcome != "completed":
         complain(f"{run.outcome}: {run.message}")
         return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED

@@ -13,6 +13,7 @@ from mcap.records import Attachment, Chunk
 from mcap.stream_reader import StreamReader
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.invocation import option
 from ffsm_mj.log.mcap.format import is_plain
 
 MODELS = "mjcf"
@@ -51,15 +52,20 @@ def replaceable(folder: Path, taken: Sequence[str], logs: Sequence[str], own: Se
         InputError: The folder is a symbolic link, it contains no run, or one of the names is not a file of a run.
     """
     if folder.is_symlink():
-        raise InputError(f"{folder}: is a symbolic link, which --force does not follow; give the folder itself")
+        raise InputError(
+            f"{folder}: is a symbolic link, which {option('force', 'True')} does not follow; give the folder itself"
+        )
     log = next((name for name in logs if os.path.lexists(folder / name)), None)
     if taken and log is None:
-        raise InputError(f"{folder}: contains {taken[0]} but no run, and --force replaces runs only; choose another --out")
+        only = f"{option('force', 'True')} replaces runs only; choose another {option('out')}"
+        raise InputError(f"{folder}: contains {taken[0]} but no run, and {only}")
     # A folder may contain files of the user: only names that a run writes, or that its log lists, are removed.
     models = _models(folder / log) if log is not None else []
     for name in taken:
         if name not in own and name not in models:
-            raise InputError(f"{folder / name}: does not belong to the run that --force replaces; move it away")
+            raise InputError(
+                f"{folder / name}: does not belong to the run that {option('force', 'True')} replaces; move it away"
+            )
         if (folder / name).is_dir() and not (folder / name).is_symlink():
             raise InputError(f"{folder / name}: is a folder, but a run writes a file of this name; move it away")
     return [*own, *(name for name in models if _blocked(folder, name) is None)]

@@ -12,6 +12,7 @@ from typing import Any
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, LogWriteError
+from ffsm_mj.invocation import command, option
 from ffsm_mj.log.earlier_run import existing, remove, replaceable
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.partial_file import PartialFile, nameless
@@ -20,6 +21,7 @@ from ffsm_mj.log.rerun.viewer import rust_log
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.similar_names import similar_file
 
 LOG = "run.mcap"
 PARTIAL_LOG = "run.mcap.partial"
@@ -57,6 +59,15 @@ class RunFolder:
         """Folder ``logs/<scenario>-<UTC time>`` below the current folder; a number is appended if it exists."""
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
         return cls(Path("logs") / f"{scenario_name}-{stamp}", next_name=True)
+
+    def refuse_earlier_run(self) -> None:
+        """Refuse a folder that holds a run, before any work is done for the new one; its log repeats the check.
+
+        Raises:
+            InputError: It contains files of a run that may not be replaced.
+        """
+        if not self._next_name:
+            self._refuse(existing(self.path, _RUN_FILES))
 
     def sinks(self, header: RunHeader, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
         """Sinks for the log (opening it creates the folder), for the inputs, and optionally for the recording."""
@@ -146,12 +157,13 @@ class RunFolder:
         try:
             return PartialFile(self.path / LOG)
         except BlockingIOError as error:
-            raise InputError(f"{self.path}: another run is being written there; choose another --out") from error
+            raise InputError(f"{self.path}: another run is being written there; choose another {option('out')}") from error
 
     def _refuse(self, taken: Sequence[str]) -> None:
         if taken and not self._force:
             holds = f"a run ({taken[0]})" if taken[0] in _RUN_FILES else f"{taken[0]}, a name that the run needs"
-            raise InputError(f"{self.path}: already contains {holds}; choose another --out, or --force to replace a run")
+            remedy = f"choose another {option('out')}, or {option('force', 'True')} to replace a run"
+            raise InputError(f"{self.path}: already contains {holds}; {remedy}")
         if self._force:
             self._replaced = replaceable(self.path, taken, (LOG, PARTIAL_LOG), _RUN_FILES)
 
@@ -225,8 +237,8 @@ def find_log(run: Path) -> Path:
                 return run / name
         raise InputError(f"{run}: contains no {LOG}")
     if not run.is_file():
-        hint = "; run 'ffsm run baseline' first" if run.name == "latest" else ""
-        raise InputError(f"{run}: no such run{hint}")
+        hint = f"; run '{command('run', 'baseline')}' first" if run.name == "latest" else ""
+        raise InputError(f"{run}: no such run{similar_file(run) or hint}")
     return run
 
 

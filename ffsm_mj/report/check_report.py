@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.invocation import command
 from ffsm_mj.report.text_table import table
 from ffsm_mj.verification.checks import Check, Tolerance
 
 _STEP_HINT = (
     "\n  these checks fail by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario, use a shorter"
-    " time_step_s, or state an acceptable tolerance with 'ffsm analyze --tolerance'"
+    " time_step_s, or state an acceptable tolerance with"
 )
 
 
@@ -44,7 +45,9 @@ def truncation_lines(checks: Sequence[Check]) -> str:
         for check in checks
         if check.truncation
     ]
-    return "".join(shares) + (_STEP_HINT if fail_by_truncation(checks) else "")
+    return "".join(shares) + (
+        f"{_STEP_HINT} '{command('analyze', '--tolerance', '1e-8')}'" if fail_by_truncation(checks) else ""
+    )
 
 
 def verdict(run: Run, checks: Sequence[Check]) -> str:

@@ -37,7 +37,7 @@ class Film:
         """
         target = Path(path)
         if target.suffix.lower() != ".gif":
-            raise InputError(f"{target}: must end in .gif; for .mp4 use 'ffsm export --mp4'")
+            raise InputError(f"{target}: must end in .gif; for .mp4 use 'ffsm export --mp4' on the command line")
         usable_file(target)
         with new_file(target) as place:
             place.write_bytes(self.gif)

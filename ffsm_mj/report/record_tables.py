@@ -9,6 +9,7 @@ from typing import Any
 from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
+from ffsm_mj.invocation import command
 from ffsm_mj.records.events import ImpactRecord, UnhandledContactRecord
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.report.text_table import table
@@ -85,7 +86,9 @@ def contact_table(contacts: Sequence[ContactInterval]) -> str:
         for number, contact in enumerate(contacts[:_MOST_CONTACTS], 1)
     )
     more = len(contacts) - _MOST_CONTACTS
-    return table(head, rows) + (f"\n  and {more} more: ffsm export --csv --table contacts" if more > 0 else "")
+    return table(head, rows) + (
+        f"\n  and {more} more: {command('export', '--csv', '--table', 'contacts')}" if more > 0 else ""
+    )
 
 
 def _has_own_name(record: ImpactRecord | ContactInterval) -> bool:
@@ -118,4 +121,4 @@ def _lines(kind: RecordKind, records: Sequence[Any]) -> Iterator[str]:
     for record in records[:_MOST_LINES]:
         yield f"  {kind.time(record):.6f} s  {one_line(kind.sentence(record))}"
     if len(records) > _MOST_LINES:
-        yield f"  and {len(records) - _MOST_LINES} more: ffsm export --csv --table {kind.plural}"
+        yield f"  and {len(records) - _MOST_LINES} more: {command('export', '--csv', '--table', kind.plural)}"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
+from ffsm_mj.invocation import command
 from ffsm_mj.report.output_place import usable_folder, writing
 from ffsm_mj.report.text_table import table
 from ffsm_mj.reproduction.appendix_page import appendix_page
@@ -109,7 +110,9 @@ def committed_pages(folder: Path) -> dict[str, str]:
             pages[name] = (folder / name).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or error
-            raise InputError(f"{folder / name}: cannot be read ({reason}); 'ffsm reproduce' writes it") from error
+            raise InputError(
+                f"{folder / name}: cannot be read ({reason}); '{command('reproduce', '--out', folder)}' writes it"
+            ) from error
     return pages
 
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 from ffsm_mj.errors import Fault, unknown_name
+from ffsm_mj.scenario.key_paths import nested_key
+
+_ALMOST_EQUAL = 0.85
 
 KeyPath = tuple[str | int, ...]
 
@@ -135,7 +139,11 @@ def _unknown_key(model: Any, location: KeyPath) -> str:
         model = _member(model, part)
     if not _is_model(model):
         return "unknown key"
-    return unknown_name("key", str(location[-1]), model.model_fields).replace(f"key {location[-1]!r}", "key", 1)
+    key = str(location[-1])
+    at_root = len(location) == 1 and not get_close_matches(key, model.model_fields, cutoff=_ALMOST_EQUAL)
+    if at_root and (nested := nested_key(key, model.model_json_schema())):
+        return f"unknown key at this level (did you mean {nested!r}?); allowed: {', '.join(sorted(model.model_fields))}"
+    return unknown_name("key", key, model.model_fields).replace(f"key {key!r}", "key", 1)
 
 
 def _member(node: Any, part: str | int) -> Any:

@@ -15,6 +15,7 @@ from typing import Any
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.shipped import scenario_names, scenarios_dir
+from ffsm_mj.similar_names import similar_file
 from ffsm_mj.yaml.node import Node
 from ffsm_mj.yaml.parser import read_node
 
@@ -59,7 +60,7 @@ def _parent_path(reference: Node) -> Path:
     if text.endswith((".yaml", ".yml")) or "/" in text:
         path = reference.place.path.parent / text
         if not path.is_file():
-            raise _fault(reference, f"no such scenario file: {path}")
+            raise _fault(reference, f"no such scenario file: {path}{similar_file(path)}")
         return path
     if text not in scenario_names():
         raise _fault(reference, unknown_name("shipped scenario", text, scenario_names()))

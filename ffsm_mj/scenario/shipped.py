@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.similar_names import similar_file
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 _OTHERS = {
     ".xml": "a model, not a scenario: name it in one under robot.mjcf or objects.NAME.mjcf",
     ".urdf": "a model, not a scenario: name it in one under robot.mjcf or objects.NAME.mjcf",
-    ".mcap": "the log of a run, not a scenario: 'ffsm analyze' verifies it; its run folder runs again",
+    ".mcap": "the log of a run, not a scenario: its run folder runs again",
     ".rrd": "a recording for the Rerun viewer, not a scenario",
 }
 
@@ -52,7 +53,7 @@ def scenario_path(scenario: str | Path) -> Path:
             raise InputError(f"{text}: is a folder without a {inside.name}; name a scenario file or a run folder")
         return inside
     if path.suffix in (".yaml", ".yml") or "/" in text or path.name != text:
-        raise InputError(f"{text}: no such scenario file")
+        raise InputError(f"{text}: no such scenario file{similar_file(path)}")
     if text not in scenario_names():
         raise InputError(f"{text}: no such file, and {unknown_name('shipped scenario', text, scenario_names())}")
     return scenarios_dir() / f"{text}.yaml"

@@ -13,11 +13,14 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from ffsm_mj.errors import Fault, InputError
+from ffsm_mj.invocation import override
 from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.inheritance import read_inherited
+from ffsm_mj.similar_names import did_you_mean
 from ffsm_mj.yaml.node import KeyPath, Node
 from ffsm_mj.yaml.parser import MAX_DEPTH, YamlFault, plain_value
 
+_KIND = "kind"
 _POSITION = re.compile(r"[0-9]{1,9}")
 
 
@@ -39,10 +42,10 @@ class YamlSource:
         """``file:line:col: path.to.key: what is wrong``; for a key of an override, the override in place of the file."""
         name = ".".join(str(part) for part in fault.path)
         label = f"{name}: " if name else ""
-        for path, text in self._overrides.items():
-            shared = min(len(path), len(fault.path))
-            if shared and path[:shared] == fault.path[:shared]:
-                return f"-s {text}: {label}{fault.message}"
+        found = [path for path in self._overrides if _on_one_line(path, fault.path)]
+        if found:
+            # The override of the key itself rather than that of a mapping around it.
+            return f"{override(self._overrides[max(found, key=len)])}: {label}{fault.message}"
         return f"{self._root.find(fault.path).place}: {label}{fault.message}"
 
     def lines(self, faults: Iterable[Fault]) -> list[str]:
@@ -51,7 +54,7 @@ class YamlSource:
 
     def folder(self, path: KeyPath) -> Path:
         """Folder of the file that sets a key; keys of an override belong to the file given by the user."""
-        if any(path[: len(override)] == override for override in self._overrides):
+        if any(path[: len(known)] == known for known in self._overrides):
             return self.path.parent
         return self._root.find(path).place.path.parent
 
@@ -62,8 +65,9 @@ class YamlSource:
             InputError: An override does not match the data.
         """
         source = YamlSource(self.path, self.data, self._root, dict(self._overrides))
-        for override in overrides:
-            _apply(source, override)
+        # A new kind removes the keys of the former one, so it comes before keys of its own.
+        for text in sorted(overrides, key=lambda text: not _sets_kind(text)):
+            _apply(source, text)
         return source
 
 
@@ -94,34 +98,47 @@ def write_yaml(data: Any) -> str:
     return out.getvalue()
 
 
-def _apply(source: YamlSource, override: str) -> None:
-    key, equals, text = override.partition("=")
+def _on_one_line(a: KeyPath, b: KeyPath) -> bool:
+    """Whether one of two keys is the other one or contains it."""
+    shared = min(len(a), len(b))
+    return shared > 0 and a[:shared] == b[:shared]
+
+
+def _sets_kind(text: str) -> bool:
+    return text.partition("=")[0].strip().rpartition(".")[2] == _KIND
+
+
+def _apply(source: YamlSource, given: str) -> None:
+    key, equals, text = given.partition("=")
     if not equals or not key.strip():
-        raise InputError(f"-s {override}: an override is written key=value, e.g. -s task.target_m='[3, 0]'")
+        raise InputError(f"{override(given)}: an override is written key=value, e.g. task.target_m='[3, 0]'")
     try:
         value = plain_value(text)
     except YamlFault as fault:
-        raise InputError(f"-s {override}: in the value: {fault.problem}") from fault
+        raise InputError(f"{override(given)}: in the value: {fault.problem}") from fault
     parts = key.strip().split(".")
     if len(parts) > MAX_DEPTH:
-        raise InputError(f"-s {override}: the key has {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
+        raise InputError(f"{override(given)}: the key has {len(parts)} parts; a scenario is at most {MAX_DEPTH} deep")
     path: tuple[str | int, ...] = ()
     below: Any
     # Only what contains the key is copied: a campaign makes thousands of sources from the same data.
     node, done = copy(source.data), 0
     source.data = node
     while done < len(parts):
-        part, used = _step(node, parts, done, override)
+        part, used = _step(node, parts, done, given)
         path, done = (*path, part), done + used
         if done == len(parts):
+            if part == _KIND and isinstance(node, dict) and node.get(part, value) != value:
+                node.clear()  # as for 'extends': the keys of another kind differ in meaning
+                source._overrides[path[:-1]] = given
             node[part] = value
         else:
             below = copy(node.get(part, {}) if isinstance(node, dict) else node[part])
             node[part], node = below, below
-    source._overrides[path] = override
+    source._overrides[path] = given
 
 
-def _step(node: Any, parts: Sequence[str], done: int, override: str) -> tuple[str | int, int]:
+def _step(node: Any, parts: Sequence[str], done: int, given: str) -> tuple[str | int, int]:
     """Next key or list position along the path of an override, and the number of its parts that it consumes.
 
     Raises:
@@ -131,7 +148,7 @@ def _step(node: Any, parts: Sequence[str], done: int, override: str) -> tuple[st
     if isinstance(node, dict):
         return parts[done], 1
     if not isinstance(node, list):
-        raise InputError(f"-s {override}: {where} is a scalar and has no {parts[done]!r}")
+        raise InputError(f"{override(given)}: {where} is a scalar and has no {parts[done]!r}")
     if _POSITION.fullmatch(parts[done]) and int(parts[done]) < len(node):
         return int(parts[done]), 1
     names = [element_name(element) for element in node]
@@ -142,4 +159,7 @@ def _step(node: Any, parts: Sequence[str], done: int, override: str) -> tuple[st
             return names.index(name), used
     positions = f"its positions are 0 to {len(node) - 1}" if node else "it has no positions"
     known = ", ".join(name for name in names if name)
-    raise InputError(f"-s {override}: {where} is a list of {len(node)}: {positions}{known and f', its names {known}'}")
+    meant = did_you_mean(parts[done], filter(None, names))
+    raise InputError(
+        f"{override(given)}: {where} is a list of {len(node)}{meant}: {positions}{known and f', its names {known}'}"
+    )

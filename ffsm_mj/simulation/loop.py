@@ -48,7 +48,11 @@ class _Progress:
 
 
 class Simulation:
-    """Simulates a plant under a controller; an instance serves one run."""
+    """Simulates a plant under a controller; an instance serves one run.
+
+    Attributes:
+        error: Exception of a control law or an unexpected one that ended the run, with its traceback; None otherwise.
+    """
 
     def __init__(
         self,
@@ -67,6 +71,7 @@ class Simulation:
         self._warnings: list[str] = []
         self._pending_records: tuple[Any, ...] = ()
         self._callback_error: Exception | None = None
+        self.error: Exception | None = None
 
     def run(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> OutcomeRecord:
         """Simulate to the end of the run.
@@ -115,6 +120,8 @@ class Simulation:
         try:
             part()
         except RunEnded as end:
+            if end.outcome == Outcome.CONTROLLER_FAILED and isinstance(end.__cause__, Exception):
+                self.error = end.__cause__
             return end.outcome, end.message if end.outcome != Outcome.COMPLETED else ""
         except KeyboardInterrupt:
             return Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence
@@ -130,6 +137,7 @@ class Simulation:
 
     def _failed(self, error: Exception) -> tuple[Outcome, str]:
         """Log an unexpected exception with its traceback."""
+        self.error = self.error or error
         record = internal_error(error, self._done.time_s, self._done.steps)
         with suppress(Exception):  # the log itself may have raised it; the outcome reports it in any case
             self._recorder.event(record)
@@ -142,6 +150,7 @@ class Simulation:
         except Exception as error:  # noqa: BLE001 (a plugin's code)
             if outcome != Outcome.COMPLETED:
                 return outcome, message, {}
+            self.error = error
             reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
             return Outcome.CONTROLLER_FAILED, f"{self._controller.in_charge} at its end: {reason}", {}
 

@@ -9,6 +9,8 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.installation import add, has_pytest, run_tests
+from ffsm_mj.invocation import command
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 _TEMPLATE = "my_law"
@@ -42,6 +44,20 @@ def write_law(name: str, folder: Path, taken: tuple[str, ...]) -> list[str]:
         (home / place).parent.mkdir(exist_ok=True)
         (home / place).write_text(text, encoding="utf-8")
     return sorted(texts)
+
+
+def next_commands(home: Path, name: str) -> list[str]:
+    """Commands that install the package, run its scenario and test it, valid where the present command was typed.
+
+    Args:
+        home: Folder of the package.
+        name: Name of the control law.
+    """
+    return [
+        add(*([] if has_pytest() else ["pytest"]), "-e", str(home)),
+        command("run", home / f"{name}.yaml"),
+        run_tests(home),
+    ]
 
 
 def _texts(folder: Traversable, above: str) -> Iterator[tuple[str, str]]:

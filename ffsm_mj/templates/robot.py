@@ -18,6 +18,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError, ScenarioFaults, one_line
+from ffsm_mj.invocation import command
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.driven_joints import driven_joints
 from ffsm_mj.model.files import ModelFiles, read_model
@@ -107,7 +108,7 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
         f"base: {base.description}" if base else "base: none is added, the robot floats already",
         f"tip: {hit.description}",
         f"removed from the robot: {', '.join(files.strip) or 'nothing'}",
-        f"next: ffsm check {scenario} && ffsm run {scenario}",
+        f"next: {command('check', scenario)} && {command('run', scenario)}",
     ]
 
 

@@ -61,7 +61,7 @@ def test_a_missing_package_is_named(hit, monkeypatch):
         raise ImportError(name)
 
     monkeypatch.setattr(tables, "import_module", nothing)
-    with pytest.raises(MissingPackageError, match=r"uv sync --extra tables \(or pip install pandas\)"):
+    with pytest.raises(MissingPackageError, match=r"install it by: uv sync --inexact --extra tables"):
         hit.to_pandas()
 
 

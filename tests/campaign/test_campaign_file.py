@@ -277,7 +277,7 @@ def test_overrides_of_the_campaign_file(tmp_path):
     two_rocks(tmp_path)
     path = campaign_file(tmp_path, GOOD)
     assert len(load_campaign(path, ["samples.n=3"]).design().rows) == 3
-    with pytest.raises(InputError, match=r"^-s samples\.n=no: samples\.n: should be a valid integer, got \"no\""):
+    with pytest.raises(InputError, match=r"^overrides: samples\.n=no: samples\.n: should be a valid integer, got \"no\""):
         load_campaign(path, ["samples.n=no"])
 
 
@@ -368,7 +368,7 @@ def test_a_campaign_is_told_from_a_scenario(tmp_path, capsys):
     assert main(["campaign", "run", str(scenario), "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.splitlines() == [
         f"{campaign}: is a campaign, not a scenario; use 'ffsm campaign run {campaign}'",
-        f"{scenario}: is a scenario, not a campaign; use 'ffsm run'",
+        f"{scenario}: is a scenario, not a campaign; use 'ffsm run {scenario}'",
     ]
     assert is_campaign(campaign_file(tmp_path, GOOD))
     assert not any(map(is_campaign, (scenario, tmp_path, "baseline", "nothing", tmp_path / "nothing.yaml")))

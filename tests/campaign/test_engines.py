@@ -113,7 +113,7 @@ def test_dask_workers_with_several_threads_are_refused(tmp_path: Path, monkeypat
     ):
         campaign.run(dask=cluster.scheduler_address)
     monkeypatch.setattr(engines, "_ANSWER_S", 1)
-    with pytest.raises(InputError, match=r"--dask tcp://127\.0\.0\.1:1: no scheduler answers there"):
+    with pytest.raises(InputError, match=r"dask='tcp://127\.0\.0\.1:1': no scheduler answers there"):
         campaign.run(dask="tcp://127.0.0.1:1")
 
 

@@ -46,7 +46,8 @@ def test_a_run_shows_how_far_it_is_and_leaves_its_report_alone(tmp_path, monkeyp
     assert shown.code == 0, shown.written
     monkeypatch.setattr("ffsm_mj.report.text_table.terminal_width", lambda: columns if columns > 20 else None)
     expected = run_report(load_run("a"))
-    rest = "files in a: mjcf, run.mcap, scenario.yaml, summary.json view: ffsm view a verify: ffsm analyze a"
+    called = "python -m ffsm_mj.cli.main"
+    rest = f"files in a: mjcf, run.mcap, scenario.yaml, summary.json view: {called} view a verify: {called} analyze a"
     assert squeezed("".join(shown.screen)) == squeezed(expected + rest)
     assert shown.cursor
     if painted:

@@ -157,3 +157,28 @@ def test_a_law_of_a_script_that_fails_ends_the_run_with_its_line(tmp_path):
     assert run.outcome == "controller_failed"
     assert "mine" in run.message
     assert "nothing to divide by" in run.message
+
+
+@pytest.mark.parametrize("method", ["__init__", "start", "control", "telemetry", "summary"])
+def test_an_error_of_a_law_is_raised_again_with_its_traceback(tmp_path, method):
+    """Wherever the law raises; the log of a run that had begun is kept and complete."""
+
+    def wrong(*_):
+        raise ZeroDivisionError("in the law")
+
+    law = type("Wrong", (Damp,), {method: wrong})
+    arguments = {"controllers": {"wrong": law}, "out": tmp_path / "a", "raise_errors": True}
+    with pytest.raises(ZeroDivisionError, match="in the law") as caught:
+        ffsm_mj.run("coasting", settle(kind="wrong"), **arguments)
+    assert caught.traceback[-1].name == "wrong"
+    if method == "__init__":
+        assert not (tmp_path / "a").exists()
+    else:
+        assert ffsm_mj.load_run(tmp_path / "a").outcome == "controller_failed"
+
+
+def test_a_folder_that_holds_a_run_is_refused_before_the_scenario_is_read(tmp_path):
+    """In the words of Python."""
+    ffsm_mj.run("coasting", {"duration_s": 0.01}, out=tmp_path / "a")
+    with pytest.raises(InputError, match=r"choose another out=\.\.\., or force=True to replace a run"):
+        ffsm_mj.run("no such scenario", out=tmp_path / "a")

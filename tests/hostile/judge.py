@@ -42,7 +42,8 @@ def _located(case: Case, command: tuple[str, ...], line: str) -> bool:
     # The target of a link, the folder that the command names, or a log.
     if re.match(r"(/\S+:\d+:\d+|\.): \S|log \S+\.mcap has \S", line):
         return True
-    if re.match(r"-s |--\w+[: ]|'': |ffsm[: ]|new: |new-law: |logs/\S+: |workers: |run \d+: |\S+: no such run\b", line):
+    begins = r"-s |overrides: |--\w+[: ]|'': |ffsm[: ]|new: |new-law: |logs/\S+: |workers: |run \d+: |\S+: no such run\b"
+    if re.match(begins, line):
         return ": " in line or "--" in line
     names = sorted(
         {

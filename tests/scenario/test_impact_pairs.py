@@ -44,7 +44,10 @@ def refused(path, *overrides):
         ({"geoms": ["tip", "finger"]}, "impact_pairs.0: geoms 'robot/tip' and 'robot/finger' are on one rigid body"),
         ({"geoms": ["tip", "tip"]}, "impact_pairs.0: geoms 'robot/tip' and 'robot/tip' are on one rigid body"),
         ({"geoms": ["tip", "wall"]}, "impact_pairs.0: geom 'robot/wall' is fixed to the world"),
-        ({"geoms": ["tip", "hul"]}, "impact_pairs.0.geoms.1: unknown geom 'hul'; allowed: robot/finger, robot/hull"),
+        (
+            {"geoms": ["tip", "hul"]},
+            "impact_pairs.0.geoms.1: unknown geom 'hul' (did you mean 'robot/hull'?); allowed: robot/finger, ",
+        ),
         ({"geoms": ["tip"]}, "impact_pairs.0.geoms: "),
         ({"geoms": ["tip", "hull", "rock"]}, "impact_pairs.0.geoms: "),
         ({"geoms": ["tip", "hull"], "robot_geom": "tip"}, "a pair needs 'geoms: [a, b]', or 'robot_geom' and 'object_geom'"),
@@ -85,11 +88,13 @@ def test_overrides_by_name(tmp_path):
     assert renamed.impact_pairs[0].name == "ball-right/right"
     for wrong in ("impact_pairs.nobody.restitution=0.5", "impact_pairs.2.restitution=0.5", "impact_pairs.far=1"):
         (line,) = refused(path, wrong)
+        meant = " (did you mean 'far.behind'?)" * wrong.startswith("impact_pairs.far")
         assert line == (
-            f"-s {wrong}: impact_pairs is a list of 2: its positions are 0 to 1, its names ball-left/left, far.behind"
+            f"overrides: {wrong}: impact_pairs is a list of 2{meant}: "
+            "its positions are 0 to 1, its names ball-left/left, far.behind"
         )
     (line,) = refused(path, "impact_pairs.far.behind.restitution=-1")
-    assert line.startswith("-s impact_pairs.far.behind.restitution=-1: impact_pairs.1.restitution: ")
+    assert line.startswith("overrides: impact_pairs.far.behind.restitution=-1: impact_pairs.1.restitution: ")
 
 
 def test_a_child_changes_a_pair_by_its_name(tmp_path):

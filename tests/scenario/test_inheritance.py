@@ -130,7 +130,7 @@ def test_models_lie_beside_the_file_that_states_them(folder):
         f"{folder}/target.xml",
     ]
     (line,) = faults(folder / "child.yaml", "robot.mjcf=robot.xml")
-    assert line == f"-s robot.mjcf=robot.xml: robot.mjcf: no such model file {folder}/robot.xml"
+    assert line == f"overrides: robot.mjcf=robot.xml: robot.mjcf: no such model file {folder}/robot.xml"
     (folder / "parent" / "robot.xml").unlink()
     (line,) = faults(folder / "child.yaml")
     assert line == f"{folder}/parent/parent.yaml:4:9: robot.mjcf: no such model file {folder}/parent/robot.xml"
@@ -173,7 +173,7 @@ def test_a_parent_that_is_no_yaml_is_named(folder):
 
 def test_extends_cannot_be_overridden(folder):
     (line,) = faults(child(folder, ""), "extends=baseline")
-    assert line == "-s extends=baseline: extends: can only stand in a scenario file"
+    assert line == "overrides: extends=baseline: extends: can only stand in a scenario file"
 
 
 def test_the_run_folder_needs_no_parent(folder, tmp_path):
@@ -213,3 +213,21 @@ def test_the_example_of_the_user_guide(tmp_path):
     assert [phase.name for phase in scenario.phases] == ["approach", "safety_pause", "regulate"]
     assert scenario.phases[1].for_s == 4.0
     assert "thruster_x" not in scenario.actuators
+
+
+def test_another_kind_by_an_override_replaces_the_mapping(folder):
+    """As in a file: the keys of the former kind are gone, and overrides of the new one apply in any order."""
+    file = child(folder, "")
+    kind, gain = "phases.hold.controller.kind=off", "phases.hold.controller.kp=5.0"
+    assert load_scenario(file, [kind])[0].phases[2].controller.kind == "off"
+    same = load_scenario(file, ["phases.hold.controller.kind=pd", gain])[0].phases[2].controller
+    assert (same.kp, same.kd) == (5.0, 4.0)
+    for order in ([kind, gain], [gain, kind]):
+        (line,) = faults(file, *order)
+        assert line.startswith(f"overrides: {gain}: phases.2.controller.kp: unknown key")
+
+
+def test_what_another_kind_misses_is_a_fault_of_its_override(folder):
+    lines = faults(child(folder, OFF), "phases.0.controller.kind=pd")
+    assert lines
+    assert all(line.startswith("overrides: phases.0.controller.kind=pd: phases.0.controller.") for line in lines)

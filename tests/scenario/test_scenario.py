@@ -50,7 +50,7 @@ def faults(*overrides, path=BASELINE):
         ("initial.joints.joint_9=1", "unknown joint 'joint_9' (did you mean 'robot/joint_3'?); allowed: object/x"),
         ("initial.joints.base_x=[1, 2]", "slide joint robot/base_x takes 1 number, got 2"),
         ("initial.joints.base_x=abc", 'initial.joints.base_x: should be a valid number, got "abc"'),
-        ("task.tip=tup", "unknown site 'tup'; allowed: robot/tip"),
+        ("task.tip=tup", "unknown site 'tup' (did you mean 'robot/tip'?); allowed: robot/tip"),
         ("task.axes=[x, x]", "axes must be different"),
         ("impact_pairs.0.robot_geom=gripper_1", "unknown geom of the robot 'gripper_1' (did you mean 'robot/gripper'?)"),
         ("impact_pairs.0.robot_geom=box", "object/box is not a geom of the robot; allowed: robot/"),
@@ -121,14 +121,14 @@ def faults(*overrides, path=BASELINE):
 )
 def test_one_clear_line(override, expected):
     (line,) = faults(override)
-    assert line.startswith(("-s " + override, str(BASELINE)))
+    assert line.startswith(("overrides: " + override, str(BASELINE)))
     assert expected in line
 
 
 def test_an_override_is_shown_on_one_line():
     """Line ends, colours of a terminal and bytes that are no UTF-8 are escaped."""
     (line,) = faults("dura\ntion_s=\x1b[31m\udcff")
-    assert line.startswith(r"-s dura\ntion_s=\x1b[31m\udcff: ")
+    assert line.startswith(r"overrides: dura\ntion_s=\x1b[31m\udcff: ")
 
 
 def test_faults_of_a_file_name_line_and_column(tmp_path):

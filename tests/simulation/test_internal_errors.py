@@ -117,3 +117,12 @@ def test_a_failing_command_does_not_claim_that_a_check_fails(monkeypatch, capsys
     line = test_a_failing_command_does_not_claim_that_a_check_fails.__code__.co_firstlineno + 2
     told = f"internal_error: KeyError: 1 (test_internal_errors.py:{line}); FFSM_TRACEBACK=1 shows the traceback\n"
     assert capsys.readouterr().err == told
+
+
+def test_errors_are_raised_again_in_python_if_asked_for(tmp_path, monkeypatch):
+    """With the frames of the code that raised; the log is complete as without."""
+    breaks(monkeypatch, *PLACES["the integrator"])
+    with pytest.raises(ZeroDivisionError, match="purpose") as caught:
+        ffsm_mj.run(two_balls(tmp_path), out=tmp_path / "a", raise_errors=True)
+    assert caught.traceback[-1].name == "broken"
+    assert ffsm_mj.load_run(tmp_path / "a").outcome == "internal_error"

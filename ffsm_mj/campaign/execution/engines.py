@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from ffsm_mj.errors import InputError, MissingPackageError
+from ffsm_mj.invocation import on_command_line
 
 Result = TypeVar("Result")
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -144,6 +145,7 @@ def dask(address: str) -> Engine:
         MissingPackageError: ``distributed`` is not installed.
         InputError: The scheduler does not answer, it has no workers, or a worker has several threads.
     """
+    where = f"--dask {address}" if on_command_line() else f"dask={address!r}"
     try:
         import distributed
     except ImportError as error:
@@ -154,7 +156,7 @@ def dask(address: str) -> Engine:
             client_of: Any = distributed.Client
             return client_of(address, timeout=_ANSWER_S, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise InputError(f"--dask {address}: no scheduler answers there ({error})") from error
+            raise InputError(f"{where}: no scheduler answers there ({error})") from error
 
     @contextmanager
     def connected() -> Iterator[Executor]:
@@ -165,12 +167,10 @@ def dask(address: str) -> Engine:
     with client() as connection:
         threads = connection.nthreads()
     if not threads:
-        raise InputError(f"--dask {address}: the scheduler has no workers; start some: dask worker {address} --nthreads 1")
+        raise InputError(f"{where}: the scheduler has no workers; start some: dask worker {address} --nthreads 1")
     several = [name for name, count in threads.items() if count != 1]
     if several:
-        raise InputError(
-            f"--dask {address}: worker {several[0]} has {threads[several[0]]} threads; start it with --nthreads 1"
-        )
+        raise InputError(f"{where}: worker {several[0]} has {threads[several[0]]} threads; start it with --nthreads 1")
     return Engine(f"{len(threads)} Dask workers", len(threads), connected)
 
 

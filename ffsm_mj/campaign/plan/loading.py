@@ -23,6 +23,7 @@ from ffsm_mj.campaign.plan.sampler import EXTENDABLE
 from ffsm_mj.campaign.plan.shipped import campaign_path
 from ffsm_mj.campaign.plan.targets import Targets
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
+from ffsm_mj.invocation import command, on_command_line, override
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.scenario import located
 from ffsm_mj.scenario.shipped import scenario_path
@@ -127,7 +128,7 @@ def make_plan(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyT
         InputError: One line per fault, with file, line and column.
     """
     if "campaign" not in source.data and "phases" in source.data:
-        raise InputError(f"{source.path}: is a scenario, not a campaign; use 'ffsm run'")
+        raise InputError(f"{source.path}: is a scenario, not a campaign; use {_to_run(source.path)}")
     try:
         config = CampaignFile.model_validate(source.data)
     except ValidationError as error:
@@ -145,6 +146,10 @@ def make_plan(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyT
     return Plan(config, source, scenario, tuple(changes.values()), base, scalars, bindings)
 
 
+def _to_run(scenario: Path) -> str:
+    return f"'{command('run', scenario)}'" if on_command_line() else "ffsm_mj.run"
+
+
 def _base_path(config: CampaignFile, source: YamlSource) -> Path:
     text = config.scenario
     relative = text.endswith((".yaml", ".yml")) or "/" in text
@@ -160,7 +165,7 @@ def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, contro
     except InputError as error:
         lines = []
         for line in error.lines:
-            begins = {key: one_line(f"-s {change}: ") for key, change in changes.items()}
+            begins = {key: one_line(f"{override(change)}: ") for key, change in changes.items()}
             key = next((key for key, begin in begins.items() if line.startswith(begin)), None)
             lines.append(line if key is None else source.line(Fault(line.removeprefix(begins[key]), ("overrides", key))))
         raise InputError(lines) from error

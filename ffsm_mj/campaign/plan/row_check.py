@@ -13,6 +13,7 @@ from ffsm_mj.campaign.plan.design import Design
 from ffsm_mj.campaign.plan.dispersions import SampledScalar
 from ffsm_mj.campaign.plan.targets import Targets
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
+from ffsm_mj.invocation import override
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource
 
@@ -61,7 +62,7 @@ def extreme_rows(design: Design) -> list[int]:
 def _message(line: str, run: int, changes: Mapping[str, str], owners: Mapping[str, str], source: YamlSource) -> str:
     """Fault of the scenario of a run, located in the campaign file."""
     for key, change in changes.items():
-        if line.startswith(prefix := one_line(f"-s {change}: ")):
+        if line.startswith(prefix := one_line(f"{override(change)}: ")):
             return source.line(Fault(f"run {run}: {line.removeprefix(prefix)}", ("dispersions", owners[key])))
     return source.line(Fault(f"run {run}: {line}", ("dispersions",)))
 

@@ -13,6 +13,7 @@ from filelock import FileLock, Timeout
 
 from ffsm_mj.campaign.plan.design import Design
 from ffsm_mj.errors import InputError, LogWriteError
+from ffsm_mj.invocation import option
 from ffsm_mj.log.run_folder import SUMMARY
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.output_place import refuse_link
@@ -113,9 +114,9 @@ class CampaignFolder:
             each.name for each in self.path.iterdir() if each.name not in ours and not each.name.startswith(unfinished)
         ]
         if others:
-            raise InputError(f"{self.path}: holds {sorted(others)[0]} but no campaign; choose another --out")
+            raise InputError(f"{self.path}: holds {sorted(others)[0]} but no campaign; choose another {option('out')}")
         if (self.path / CAMPAIGN).is_file() and (self.path / CAMPAIGN).read_bytes() != _file_content(config):
-            raise InputError(f"{self.path}: holds {CAMPAIGN}, which would be overwritten; choose another --out")
+            raise InputError(f"{self.path}: holds {CAMPAIGN}, which would be overwritten; choose another {option('out')}")
         models = {f"scenario/{name}": data for name, data in files.items()}
         for name, data in {SCENARIO: scenario_yaml.encode(), **models}.items():
             self._put(name, data)

@@ -1,0 +1,10 @@
+"""``python -m ffsm_mj`` is the command line."""
+
+from __future__ import annotations
+
+import sys
+
+from ffsm_mj.cli.main import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,51 @@
+"""Names and files that a user probably meant by one that does not exist."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+
+_SHORT = 4
+_SEPARATORS = re.compile(r"[._/ -]")
+
+
+def did_you_mean(name: str, valid: Iterable[str]) -> str:
+    """`` (did you mean 'NAME'?)`` with the most similar of the valid names; empty if none is similar."""
+    close = similar_name(name, sorted(set(valid)))
+    return f" (did you mean {close!r}?)" if close else ""
+
+
+def similar_name(name: str, names: Sequence[str]) -> str:
+    """The name that was probably meant: equal but for case, similar as a whole, or with one part as it was written."""
+    asked = name.lower()
+    lower = {each.lower(): each for each in reversed(names)}
+    close = get_close_matches(asked, lower, n=1) if asked not in lower else [asked]
+    own = {each.rpartition("/")[2]: each for each in lower}  # without the prefix of a model
+    close = close or [own[each] for each in get_close_matches(asked, own, n=1)]
+    # Similarity is relative to the length: of a short name one wrong letter is too much for it.
+    close = close or [each for each in lower if len(each) <= _SHORT and _one_letter_apart(asked, each)]
+    close = close or [each for each in lower if len(asked) > 1 and asked in _SEPARATORS.split(each)]
+    close = close or [each for each in lower if len(asked) > 2 and each.startswith(asked)]
+    return lower[close[0]] if close else ""
+
+
+def _one_letter_apart(a: str, b: str) -> bool:
+    """Whether one letter added, removed, replaced, or exchanged with its neighbour, turns one word into the other."""
+    if len(a) == len(b):
+        wrong = [i for i in range(len(a)) if a[i] != b[i]]
+        exchanged = len(wrong) == 2 and a[wrong[0]] + a[wrong[1]] == b[wrong[1]] + b[wrong[0]]
+        return exchanged or (len(wrong) == 1 and len(a) > 1)
+    short, long = sorted((a, b), key=len)
+    return len(short) > 0 and any(long[:i] + long[i + 1 :] == short for i in range(len(long)))
+
+
+def similar_file(path: Path) -> str:
+    """`` (did you mean 'PATH'?)`` with the most similar name in the folder of a file that does not exist, or empty."""
+    try:
+        names = [each.name for each in path.parent.iterdir()]
+    except OSError:
+        return ""
+    found = similar_name(path.name, sorted(names))
+    return f" (did you mean {str(path.with_name(found))!r}?)" if found else ""
