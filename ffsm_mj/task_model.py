@@ -1,4 +1,4 @@
-"""The robot as a control law of the task space sees it: its driven joints, with everything else of it floating.
+"""The robot as a control law sees it: its driven joints, with everything else of it floating, and an output of them.
 
 In the words of the paper: M qdd + c is u on the driven joints a and zero on all other dofs b. G = M_b^-1 M_ba,
 M_c = M_a - M_ba^T G, c_c = c_a - M_ba^T M_b^-1 c_b. The output's rates are alpha qd_a + v_h, with alpha = J_a - J_b G, the
@@ -17,30 +17,72 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.controller_protocol import ControllerContext, Fault, ScenarioFaults, SiteMotion, driven_joints
 
 
-class TaskModel:
-    """Dynamics of an output and of the driven joints at the state of the last ``update``, exact for any momentum.
+class JointModel:
+    """Dynamics of the driven joints at the state of the last ``update``, exact for any momentum.
+
+    Attributes:
+        joints: Names, dofs and actuators of the driven joints (:class:`~ffsm_mj.controller_protocol.DrivenJoints`).
+        qd: Their rates, rad/s or m/s, (n,).
+        M_c: Reduced mass matrix in kg m^2 (hinges), (n, n): M_c qdd_a + c_c = u.
+        c_c: Reduced bias in N m, (n,).
+        mobility: Accelerations of all dofs per unit effort at each driven joint, (n, nv).
+        coasting: Accelerations of all dofs where nothing pushes, also of floating objects, (nv,).
+    """
+
+    def __init__(self, context: ControllerContext, joints: Sequence[str] | None = None) -> None:
+        """Bind to the system of a control law.
+
+        Args:
+            context: What the law is made for.
+            joints: Names of the driven joints; None: every motor-driven joint of the robot but those of the base and of
+                other parts of the phase.
+
+        Raises:
+            ScenarioFaults: A joint that there is not; path ``joints``.
+        """
+        self.joints = driven_joints(context.system, joints, reserved=context.reserved)
+        self._model = context.system.mj
+        n, nv = len(self.joints.dofs), self._model.nv
+        # One solve by the factors of M: for unit efforts at the driven joints, and for what acts without any.
+        self._forces, self._answers = np.zeros((n + 1, nv)), np.zeros((n + 1, nv))
+        self._forces[range(n), self.joints.dofs] = 1.0
+        self._pushed = np.empty((1, nv))
+
+    def update(self, data: Any) -> None:
+        """Work everything out at the state in ``data``, whose derived quantities must be current."""
+        dofs = self.joints.dofs
+        np.subtract(data.qfrc_passive, data.qfrc_bias, out=self._forces[-1])
+        mujoco.mj_solveM(self._model, data, self._answers, self._forces)
+        self.mobility, self.coasting = self._answers[:-1], self._answers[-1]
+        self.qd = data.qvel[dofs]
+        self.M_c = np.linalg.inv(self.mobility[:, dofs])
+        self.c_c = -self.M_c.dot(self.coasting[dofs])
+
+    def accelerations(self, data: Any, force: FloatArray) -> FloatArray:
+        """Accelerations of all dofs that a generalised force on them adds, (nv,), at the state last updated."""
+        mujoco.mj_solveM(self._model, data, self._pushed, force[None, :])
+        return np.asarray(self._pushed[0])
+
+
+class TaskModel(JointModel):
+    """A :class:`JointModel` with an output.
 
     The output is the position of a site along some world axes, by default the task's, and with ``attitude`` its attitude:
     p rows in m, then three of them in rad, rates and accelerations likewise, all in world axes. n joints are driven.
 
     Attributes:
-        joints: Names, dofs and actuators of the driven joints (:class:`~ffsm_mj.controller_protocol.DrivenJoints`).
         site: The output's :class:`~ffsm_mj.controller_protocol.SiteMotion`: point, frame, Jacobian over all dofs.
         target_m: Where the site is to be along its axes, m; that of the task at first, to be written to, (number of axes,).
         target_frame: The attitude it is to have, axes as columns in world axes, to be written to; first the world's, (3, 3).
         y: Place of the site along its axes, m, (number of axes,).
         e: y - target_m in m; with ``attitude`` then the rotation vector from ``target_frame`` to the site's in rad, (p,).
         yd: Rates of the output in m/s and rad/s, (p,).
-        qd: Rates of the driven joints, rad/s or m/s, (n,).
-        M_c: Reduced mass matrix in kg m^2 (hinges), (n, n): M_c qdd_a + c_c = u.
-        c_c: Reduced bias in N m, (n,).
         alpha: Generalised Jacobian, (p, n): yd = alpha qd + v_h.
         B: alpha M_c^-1, accelerations of the output per effort, (p, n): ydd = drift + B u.
         drift: Accelerations of the output where the driven joints are without effort and nothing else pushes, (p,).
         v_h: Rates of the output that the momentum alone gives it, (p,); zero without momentum.
         W: Angular velocity of the base per rate of the driven joints where there is no momentum, rad/s in world axes,
             (number of base axes, n).
-        coasting: Accelerations of all dofs where nothing pushes, also of floating objects, (nv,).
     """
 
     def __init__(
@@ -57,7 +99,7 @@ class TaskModel:
 
         Args:
             context: What the law is made for.
-            joints: Names of the driven joints; None: every motor-driven joint of the robot but those of the base.
+            joints: Names of the driven joints; see :class:`JointModel`.
             base_axes: World axes of the base's angular velocity that ``W`` has, of 0, 1, 2.
             site: Name of the site that is the output; None: the task's.
             axes: World axes of its position; None: those of the task, all three where a site is named.
@@ -66,8 +108,8 @@ class TaskModel:
         Raises:
             ScenarioFaults: A joint or site that there is not, or neither a site nor a task; paths ``joints`` and ``site``.
         """
+        super().__init__(context, joints)
         system, task = context.system, context.task
-        self.joints = driven_joints(system, joints)
         if site is None and task is None:
             raise ScenarioFaults([Fault("a 'task' with tip, axes and target is needed", ("kind",))])
         try:
@@ -76,34 +118,26 @@ class TaskModel:
             raise ScenarioFaults([Fault(str(error.args[0]), ("site",))]) from error
         if axes is None:
             axes = task.axes if site is None and task is not None else (0, 1, 2)
-        self._model, self._root = system.mj, system.robot.root
+        self._root = system.robot.root
         self._axes, self._base_axes, self._attitude = list(axes), list(base_axes), attitude
         self.site = SiteMotion(self._model, index, axes, attitude)
         self.target_m = task.target_m.copy() if site is None and task is not None else np.zeros(len(self._axes))
         self.target_frame = np.eye(3)
-        n, nv = len(self.joints.dofs), self._model.nv
-        # One solve by the factors of M: for unit efforts at the driven joints, and for what acts without any.
-        self._forces, self._answers = np.zeros((n + 1, nv)), np.zeros((n + 1, nv))
-        self._forces[range(n), self.joints.dofs] = 1.0
-        self._base_rates = np.empty((3, nv))
-        self._quaternion, self._turn, self._pushed = np.empty(4), np.empty(3), np.empty((1, nv))
+        self._base_rates = np.empty((3, self._model.nv))
+        self._quaternion, self._turn = np.empty(4), np.empty(3)
 
     def update(self, data: Any) -> None:
         """Work everything out at the state in ``data``, whose derived quantities must be current."""
-        model, dofs, site = self._model, self.joints.dofs, self.site
+        site = self.site
         site.update(data)
-        np.subtract(data.qfrc_passive, data.qfrc_bias, out=self._forces[-1])
-        mujoco.mj_solveM(model, data, self._answers, self._forces)
-        mobility, self.coasting = self._answers[:-1], self._answers[-1]
-        mujoco.mj_jacBody(model, data, None, self._base_rates, self._root)
-        self.qd, self.yd = data.qvel[dofs], site.rates
-        self.M_c = np.linalg.inv(mobility[:, dofs])
-        self.c_c = -self.M_c.dot(self.coasting[dofs])
-        self.B = site.J.dot(mobility.T)
+        super().update(data)
+        mujoco.mj_jacBody(self._model, data, None, self._base_rates, self._root)
+        self.yd = site.rates
+        self.B = site.J.dot(self.mobility.T)
         self.alpha = self.B.dot(self.M_c)
         self.drift = site.acceleration(self.coasting)
         self.v_h = self.yd - self.alpha.dot(self.qd)
-        self.W = self._base_rates[self._base_axes].dot(mobility.T).dot(self.M_c)
+        self.W = self._base_rates[self._base_axes].dot(self.mobility.T).dot(self.M_c)
         self.y = site.point[self._axes]
         self.e = self.y - self.target_m
         if self._attitude:
@@ -118,5 +152,4 @@ class TaskModel:
 
     def response(self, data: Any, force: FloatArray) -> FloatArray:
         """Accelerations (p,) that a generalised force on all dofs (nv,) adds to the output, at the state last updated."""
-        mujoco.mj_solveM(self._model, data, self._pushed, force[None, :])
-        return np.asarray(self.site.J.dot(self._pushed[0]))
+        return np.asarray(self.site.J.dot(self.accelerations(data, force)))

@@ -1,0 +1,99 @@
+"""Holds joints where they are, or at given positions, with a stated bandwidth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from ffsm_controllers.joint_servo import JointServo, ServoConfig, refuse_outside_range
+from ffsm_mj.controller_protocol import (
+    Command,
+    ControllerContext,
+    ControllerReport,
+    Damping,
+    Fault,
+    FloatArray,
+    IntArray,
+    Observation,
+    ScenarioFaults,
+    Signal,
+)
+
+_UNITS = {"hinge": "rad", "slide": "m"}
+
+
+class HoldConfig(ServoConfig):
+    """u = -M_c (w^2 e + 2 zeta w ed) with the reduced mass matrix M_c at the held positions, constant through the phase."""
+
+    kind: Literal["hold"]
+    positions: tuple[float, ...] | None = None
+    """Position of each joint, rad or m; left out: those at the start of the phase."""
+
+
+class Hold:
+    """Joint PD whose constant gains give a stated bandwidth where it holds.
+
+    Stiffness and damping are symmetric and positive, so that energy and stiffness bound the motion whatever its size.
+    """
+
+    Config = HoldConfig
+
+    def __init__(self, config: HoldConfig, context: ControllerContext) -> None:
+        """Resolve the joints.
+
+        Raises:
+            ScenarioFaults: An unknown joint, positions that do not fit them, or a bandwidth beyond the control period's.
+        """
+        self._servo = JointServo(config, context)
+        self._joints, system = self._servo.model.joints, context.system
+        names = self._joints.names
+        self._fixed: FloatArray | None = None
+        if config.positions is not None:
+            if len(config.positions) != len(names):
+                message = f"{len(config.positions)} values for {len(names)} joints; write one each: {', '.join(names)}"
+                raise ScenarioFaults([Fault(message, ("positions",))])
+            refuse_outside_range(system, names, config.positions, ("positions",))
+            self._fixed = np.array(config.positions)
+        kinds = np.array([system.joints[name].kind for name in names])
+        self._of_kind = {unit: np.flatnonzero(kinds == kind) for kind, unit in _UNITS.items() if kind in kinds}
+        self.telemetry_signals = tuple(
+            Signal("controller", f"hold_error_{unit}", unit, "largest distance of a joint from where it is held")
+            for unit in self._of_kind
+        )
+        self._error = np.zeros(len(names))
+        self._largest = dict.fromkeys(self._of_kind, 0.0)
+
+    @property
+    def driven_actuators(self) -> IntArray:
+        """Motors of the joints."""
+        return self._joints.actuators
+
+    def start(self, observation: Observation) -> None:
+        """Take the reference, and the gains there."""
+        data = observation.data
+        self._reference = data.qpos[self._joints.qpos] if self._fixed is None else self._fixed
+        mass = self._servo.reduced_mass(data, self._reference)
+        self._stiffness, self._damping = self._servo.stiffness * mass, self._servo.damping * mass
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Drive the joints towards the reference."""
+        data, joints = observation.data, self._joints
+        self._error = data.qpos[joints.qpos] - self._reference
+        effort = -self._stiffness.dot(self._error) - self._damping.dot(data.qvel[joints.dofs])
+        command.drive(joints.actuators, effort)
+        for unit, error in zip(self._of_kind, self.telemetry(), strict=True):
+            self._largest[unit] = max(self._largest[unit], error)
+
+    def damping_at(self, data: Any) -> Damping:
+        """That of the feedback; its gains are for the positions in ``data``."""
+        return self._servo.damping_at(data)
+
+    def telemetry(self) -> Sequence[float]:
+        """Largest distance from the reference, of hinges in rad and of slides in m."""
+        return [float(np.abs(self._error[which]).max()) for which in self._of_kind.values()]
+
+    def summary(self) -> ControllerReport:
+        """Largest distances from the reference."""
+        return {f"largest_error_{unit}": error for unit, error in self._largest.items()}
