@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ffsm_controllers.joint_errors import JointErrors
 from ffsm_controllers.joint_servo import JointServo, ServoConfig, refuse_outside_range
 from ffsm_mj.controller_protocol import (
     Command,
@@ -18,10 +19,7 @@ from ffsm_mj.controller_protocol import (
     IntArray,
     Observation,
     ScenarioFaults,
-    Signal,
 )
-
-_UNITS = {"hinge": "rad", "slide": "m"}
 
 
 class HoldConfig(ServoConfig):
@@ -56,14 +54,8 @@ class Hold:
                 raise ScenarioFaults([Fault(message, ("positions",))])
             refuse_outside_range(system, names, config.positions, ("positions",))
             self._fixed = np.array(config.positions)
-        kinds = np.array([system.joints[name].kind for name in names])
-        self._of_kind = {unit: np.flatnonzero(kinds == kind) for kind, unit in _UNITS.items() if kind in kinds}
-        self.telemetry_signals = tuple(
-            Signal("controller", f"hold_error_{unit}", unit, "largest distance of a joint from where it is held")
-            for unit in self._of_kind
-        )
-        self._error = np.zeros(len(names))
-        self._largest = dict.fromkeys(self._of_kind, 0.0)
+        self._errors = JointErrors(system, names, "hold", "largest distance of a joint from where it is held")
+        self.telemetry_signals = self._errors.signals
 
     @property
     def driven_actuators(self) -> IntArray:
@@ -80,11 +72,10 @@ class Hold:
     def control(self, observation: Observation, command: Command) -> None:
         """Drive the joints towards the reference."""
         data, joints = observation.data, self._joints
-        self._error = data.qpos[joints.qpos] - self._reference
-        effort = -self._stiffness.dot(self._error) - self._damping.dot(data.qvel[joints.dofs])
+        error = data.qpos[joints.qpos] - self._reference
+        effort = -self._stiffness.dot(error) - self._damping.dot(data.qvel[joints.dofs])
         command.drive(joints.actuators, effort)
-        for unit, error in zip(self._of_kind, self.telemetry(), strict=True):
-            self._largest[unit] = max(self._largest[unit], error)
+        self._errors.look(error)
 
     def damping_at(self, data: Any) -> Damping:
         """That of the feedback; its gains are for the positions in ``data``."""
@@ -92,8 +83,8 @@ class Hold:
 
     def telemetry(self) -> Sequence[float]:
         """Largest distance from the reference, of hinges in rad and of slides in m."""
-        return [float(np.abs(self._error[which]).max()) for which in self._of_kind.values()]
+        return self._errors.values
 
     def summary(self) -> ControllerReport:
         """Largest distances from the reference."""
-        return {f"largest_error_{unit}": error for unit, error in self._largest.items()}
+        return self._errors.report()

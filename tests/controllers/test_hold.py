@@ -138,7 +138,7 @@ SLIDER = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freej
 def slider(folder, law, **changes):
     initial = {"joints": {"rock/free": [9, 0, 0, 1, 0, 0, 0], "slide": 0.02}}
     phases = [{"name": "all", "until": "end", "controller": {"kind": "hold", **law}}]
-    return scene(folder, SLIDER, {"rock": ball("rock")}, initial=initial, phases=phases, **changes)
+    return scene(folder, SLIDER, {"rock": ball("rock")}, **{"initial": initial, "phases": phases, **changes})
 
 
 def test_a_slide_is_held_against_the_mass_of_its_base(tmp_path):

@@ -1,0 +1,1 @@
+"""Motion of joints through waypoints."""

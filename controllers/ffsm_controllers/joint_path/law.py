@@ -1,0 +1,144 @@
+"""Moves joints through waypoints on the path of least jerk, by computed torque on the reduced dynamics.
+
+u = M_c (qdd_d - 2 zeta w ed - w^2 e) + c_c: the error from the path obeys edd + 2 zeta w ed + w^2 e = 0, whatever base and
+momentum do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ffsm_controllers.allocation import moments, unit_moments
+from ffsm_controllers.joint_errors import JointErrors
+from ffsm_controllers.joint_path.config import JointPathConfig
+from ffsm_controllers.joint_path.limits import Bounds, PathLimits
+from ffsm_controllers.joint_path.minimum_jerk import MinimumJerk
+from ffsm_controllers.joint_servo import JointServo, joint_range, refuse_outside_range
+from ffsm_controllers.pd import per_joint
+from ffsm_mj.controller_protocol import (
+    Command,
+    ControllerContext,
+    ControllerError,
+    ControllerReport,
+    Damping,
+    Fault,
+    FloatArray,
+    IntArray,
+    Observation,
+    ScenarioFaults,
+)
+
+
+class JointPath:
+    """Joints through waypoints."""
+
+    Config = JointPathConfig
+    after_others = True
+
+    def __init__(self, config: JointPathConfig, context: ControllerContext) -> None:
+        """Resolve the joints, and check what is known of the path before it begins.
+
+        Raises:
+            ScenarioFaults: An unknown joint, a waypoint beyond the joints' ranges or too soon for their speed, or a
+                bandwidth that the control period cannot serve.
+        """
+        self._servo = JointServo(config, context)
+        self._model, names = self._servo.model, self._servo.model.joints.names
+        bounds = _bounds(config, context, names)
+        _refuse_waypoints(config, context, names, bounds.speed)
+        self._waypoints = np.array([waypoint.positions for waypoint in config.waypoints])
+        self._times = [waypoint.at_s for waypoint in config.waypoints]
+        self._limits = PathLimits(context, self._model, bounds)
+        self._mj, self._unit = context.system.mj, unit_moments(context.system.mj)
+        self._errors = JointErrors(context.system, names, "path", "largest distance of a joint from its path")
+        self.telemetry_signals = self._errors.signals
+
+    @property
+    def driven_actuators(self) -> IntArray:
+        """Motors of the joints."""
+        return self._model.joints.actuators
+
+    def start(self, observation: Observation) -> None:
+        """Lay the path from here.
+
+        Raises:
+            ControllerError: It exceeds a limit.
+        """
+        data, joints = observation.data, self._model.joints
+        self._start_s = observation.time_s
+        positions = np.vstack((data.qpos[joints.qpos], self._waypoints))
+        self._path = MinimumJerk([0.0, *self._times], positions, data.qvel[joints.dofs])
+        faults = self._limits.faults(self._path, data)
+        if faults:
+            raise ControllerError(f"the path exceeds limits ({'; '.join(faults)}); allow it more time, or other waypoints")
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Drive the joints along the path."""
+        data, model, servo = observation.data, self._model, self._servo
+        positions, rates, accelerations = self._path.at(observation.time_s - self._start_s)
+        model.update(data)
+        error = data.qpos[model.joints.qpos] - positions
+        wanted = accelerations - servo.damping * (model.qd - rates) - servo.stiffness * error
+        if command.others.any():
+            pushed = moments(self._mj, data, self._unit).T.dot(command.others)
+            wanted = wanted - model.accelerations(data, pushed)[model.joints.dofs]
+        command.drive(model.joints.actuators, model.M_c.dot(wanted) + model.c_c)
+        self._errors.look(error)
+
+    def damping_at(self, data: Any) -> Damping:
+        """That of the feedback."""
+        return self._servo.damping_at(data)
+
+    def telemetry(self) -> Sequence[float]:
+        """Largest distance from the path, of hinges in rad and of slides in m."""
+        return self._errors.values
+
+    def summary(self) -> ControllerReport:
+        """Largest distances from the path."""
+        return self._errors.report()
+
+
+def _bounds(config: JointPathConfig, context: ControllerContext, names: Sequence[str]) -> Bounds:
+    """Limits of the joints; infinite where there are none.
+
+    Raises:
+        ScenarioFaults: Lists of another length than the joints.
+    """
+    low, high = np.array([joint_range(context.system, name) for name in names]).T
+
+    def most(given: tuple[float, ...] | float | None, key: str) -> FloatArray:
+        return np.full(len(names), np.inf) if given is None else per_joint(given, len(names), key)
+
+    return Bounds(low, high, most(config.max_speed, "max_speed"), most(config.max_effort, "max_effort"))
+
+
+def _refuse_waypoints(config: JointPathConfig, context: ControllerContext, names: Sequence[str], speed: FloatArray) -> None:
+    """Refuse waypoints of another length than the joints, beyond their ranges, or too soon after the one before.
+
+    Raises:
+        ScenarioFaults: There is one.
+    """
+    faults: list[Fault] = []
+    for k, waypoint in enumerate(config.waypoints):
+        path = ("waypoints", k, "positions")
+        if len(waypoint.positions) != len(names):
+            message = f"{len(waypoint.positions)} values for {len(names)} joints; write one each: {', '.join(names)}"
+            faults.append(Fault(message, path))
+            continue
+        try:
+            refuse_outside_range(context.system, names, waypoint.positions, path)
+        except ScenarioFaults as error:
+            faults += error.faults
+    if faults:
+        raise ScenarioFaults(faults)
+    for k, (one, other) in enumerate(pairwise(config.waypoints)):
+        mean = np.abs(np.subtract(other.positions, one.positions)) / (other.at_s - one.at_s)
+        for i in np.flatnonzero(mean > speed).tolist():
+            message = f"{names[i]} needs a mean speed of {mean[i]:.4g} from the waypoint before, max_speed is {speed[i]:g}"
+            faults.append(Fault(message, ("waypoints", k + 1, "at_s")))
+    if faults:
+        raise ScenarioFaults(faults)

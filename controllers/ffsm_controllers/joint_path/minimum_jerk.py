@@ -1,0 +1,92 @@
+"""The path of least jerk through waypoints: a quintic spline.
+
+Among all paths through given positions at given times, with given position, rate and acceleration at both ends, the integral
+of the squared jerk is least for the spline of polynomials of degree 5 whose first four derivatives are continuous (Flash &
+Hogan 1985). From rest to rest in one segment it is 10 s^3 - 15 s^4 + 6 s^5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import perm
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+
+_DEGREE = 5
+_REAL = 1e-6
+
+
+class MinimumJerk:
+    """Positions over time, from some rates at the start, without acceleration there, to rest at the end.
+
+    Attributes:
+        times: Times of the waypoints, (m + 1,), s.
+    """
+
+    def __init__(self, times: Sequence[float], positions: FloatArray, rates: FloatArray) -> None:
+        """Solve for the spline.
+
+        Args:
+            times: Times of start and waypoints, ascending, (m + 1,), s.
+            positions: Positions there, (m + 1, n).
+            rates: Rates at the start, (n,).
+        """
+        self.times = np.asarray(times, dtype=np.float64)
+        lengths, count = np.diff(self.times), len(times) - 1
+        size = _DEGREE + 1
+        matrix, right = np.zeros((size * count, size * count)), np.zeros((size * count, positions.shape[1]))
+        row = 0
+
+        def require(value: FloatArray | float, *terms: tuple[int, FloatArray]) -> None:
+            nonlocal row
+            for segment, coefficients in terms:
+                matrix[row, size * segment : size * (segment + 1)] += coefficients
+            right[row], row = value, row + 1
+
+        for k in range(count):
+            require(positions[k], (k, _row(0.0, 0)))
+            require(positions[k + 1], (k, _row(1.0, 0)))
+        for order, value in ((1, rates * lengths[0]), (2, 0.0)):
+            require(value, (0, _row(0.0, order)))
+            require(0.0, (count - 1, _row(1.0, order)))
+        for k in range(count - 1):
+            for order in range(1, _DEGREE):
+                scale = (lengths[k] / lengths[k + 1]) ** order
+                require(0.0, (k, _row(1.0, order)), (k + 1, -scale * _row(0.0, order)))
+        self._lengths = lengths
+        self._coefficients = np.linalg.solve(matrix, right).reshape(count, size, -1)
+
+    def at(self, time_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, rate and acceleration at a time, (n,) each; at rest after the last waypoint."""
+        k = min(max(int(np.searchsorted(self.times, time_s, side="right")) - 1, 0), len(self._lengths) - 1)
+        length = self._lengths[k]
+        s = min(max((time_s - self.times[k]) / length, 0.0), 1.0)
+        rows = np.array([_row(s, order) / length**order for order in range(3)])
+        position, rate, acceleration = rows @ self._coefficients[k]
+        if time_s >= self.times[-1]:
+            rate, acceleration = np.zeros_like(rate), np.zeros_like(acceleration)
+        return position, rate, acceleration
+
+    def extremes(self, order: int) -> list[tuple[float, FloatArray]]:
+        """Times and values, (n,) each, that contain the least and the greatest of a derivative of every joint.
+
+        Args:
+            order: 0 for positions, 1 for rates.
+        """
+        found = []
+        for k, (length, coefficients) in enumerate(zip(self._lengths, self._coefficients, strict=True)):
+            ends = {0.0, 1.0}
+            for joint in coefficients.T:
+                roots = np.roots(np.polynomial.polynomial.polyder(joint, order + 1)[::-1])
+                # A double root, as where a path rests on its way, may come with an imaginary part of rounding.
+                ends |= {float(root.real) for root in roots if abs(root.imag) < _REAL and 0.0 < root.real < 1.0}
+            for s in sorted(ends):
+                found.append((float(self.times[k] + s * length), _row(s, order) @ coefficients / length**order))
+        return found
+
+
+def _row(s: float, order: int) -> FloatArray:
+    """Derivatives of 1, s, ..., s^5 of some order, (6,)."""
+    return np.array([perm(i, order) * s ** (i - order) if i >= order else 0.0 for i in range(_DEGREE + 1)])
