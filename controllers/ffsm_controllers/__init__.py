@@ -14,6 +14,7 @@ from typing import Any
 
 from ffsm_controllers.base_pd import BasePd
 from ffsm_controllers.free_flying import FreeFlying
+from ffsm_controllers.gripper import Gripper
 from ffsm_controllers.hold import Hold
 from ffsm_controllers.joint_path.law import JointPath
 from ffsm_controllers.off import Off
@@ -23,7 +24,7 @@ from ffsm_controllers.track.law import Track
 from ffsm_mj.controller_protocol import StrictModel
 
 GROUP = "ffsm_mj.controllers"
-_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying, Track, BasePd, Hold, JointPath)
+_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying, Track, BasePd, Hold, Gripper, JointPath)
 
 
 @dataclass(frozen=True)

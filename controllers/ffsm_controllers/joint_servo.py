@@ -42,9 +42,14 @@ class ServoConfig(StrictModel):
 
     @model_validator(mode="after")
     def _has_one_bandwidth(self) -> ServoConfig:
-        if (self.bandwidth_rad_s is None) == (self.bandwidth_Hz is None):
+        given = (self.bandwidth_rad_s is not None) + (self.bandwidth_Hz is not None)
+        if given > 1 or (given == 0 and self._needs_bandwidth()):
             raise ValueError("write 'bandwidth_rad_s' or 'bandwidth_Hz', one of the two")
         return self
+
+    def _needs_bandwidth(self) -> bool:
+        """Whether there is feedback."""
+        return True
 
     @property
     def bandwidth(self) -> tuple[str, float]:
