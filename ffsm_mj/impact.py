@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
+from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_jacobian
 from ffsm_mj.contact_models.impact.installed_laws import register as register_law
 from ffsm_mj.contact_models.impact.law import Coverage, ImpactLaw, ImpactProblem, ImpactSolution
 from ffsm_mj.contact_models.impact.laws import reflect
@@ -24,6 +24,7 @@ __all__ = [
     "ImpactRecord",
     "ImpactSolution",
     "ImpactState",
+    "LimitContact",
     "PaperSolution",
     "compare_laws",
     "contact_jacobian",

@@ -114,6 +114,7 @@ def test_the_log_reference_is_current():
         "docs/log-reference.md",
         "docs/friction.md",
         "docs/persistent-contact.md",
+        "docs/joint-limits.md",
         "docs/contact-models.md",
         "docs/capture.md",
         "docs/campaigns.md",

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from ffsm_mj.contact.unhandled_record import UNHANDLED_CONTACT
 from ffsm_mj.contact_models.grasp.record import KINDS as CAPTURES
+from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
+from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
 from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE
 
 IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, INTERNAL_ERROR, OUTCOME)
 
-BUILT_IN = (*IN_EVERY_RUN, *CAPTURES)
+LIMITS = (LIMIT_IMPACT, *LIMIT_KINDS)
+"""Kinds of runs with joint limits."""
+
+BUILT_IN = (*IN_EVERY_RUN, *LIMITS, *CAPTURES)
 """The last ones belong to runs whose scenario declares grasps."""

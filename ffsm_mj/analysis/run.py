@@ -193,7 +193,7 @@ class Run:
         If a check of energy or momenta fails, the run is replayed with shorter steps: ``check.truncation`` is the residual
         that remains, ``check.fails_by_truncation`` whether the step alone makes it fail.
         """
-        checks = self.digest.check_accumulator.checks(self.log.impacts, tolerance, self._friction)
+        checks = self.digest.check_accumulator.checks(self.log.impact_records, tolerance, self._friction)
         return explained(checks, tolerance, lambda: self._refined)
 
     @cached_property

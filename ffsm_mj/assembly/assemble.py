@@ -17,9 +17,11 @@ from ffsm_mj.assembly.controller_model import ControllerModel, ControllerModelPh
 from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
+from ffsm_mj.assembly.joint_limits import joint_limits, refuse_outside
 from ffsm_mj.assembly.models import changes_of
 from ffsm_mj.assembly.plant import build_plant
 from ffsm_mj.assembly.run_size import too_large
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.grasp.model import GraspModel
@@ -47,6 +49,7 @@ class Assembly:
         controller_data: MuJoCo data that control laws see: that of the plant or of the controller model.
         controller_system: System of the controller model; None: control laws know the plant.
         pairs: Impact pairs.
+        limits: Joint limits.
         known_pairs: Geom pairs that need no watching: those of the contact models, and ignored ones.
         controller: The phase machine.
         task: The tip's task, if any.
@@ -58,6 +61,7 @@ class Assembly:
     controller_data: Any
     controller_system: System | None
     pairs: tuple[ContactPair, ...]
+    limits: tuple[JointLimit, ...]
     known_pairs: frozenset[frozenset[int]]
     controller: PhaseMachine
     task: Task | None
@@ -110,8 +114,10 @@ def assemble(
         pairs = impact_pairs(scenario, system)
         ignored = ignored_pairs(scenario, system, pairs)
         refuse_undetectable(system, data, pairs)
+        limits = joint_limits(scenario, system)
+        refuse_outside(scenario, system, data, limits)
         task = task_of(scenario, system)
-        plant = build_plant(scenario, system, data, pairs, held, task)
+        plant = build_plant(scenario, system, data, pairs, limits, held, task)
         plant.integrator.restore_state(plant.integrator.motion)
         contexts = _contexts(scenario, controller_system or system, plant, held)
         phases = build_phases(scenario, contexts.pop(""), laws, contexts)
@@ -132,7 +138,7 @@ def assemble(
         raise located(faults, source) from faults
     known = ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
     controller_data = data if controller_model is None else controller_model.data
-    return Assembly(scenario, plant, controller_data, controller_system, pairs, known, controller, task, row)
+    return Assembly(scenario, plant, controller_data, controller_system, pairs, limits, known, controller, task, row)
 
 
 def task_of(scenario: Scenario, system: System) -> Task | None:

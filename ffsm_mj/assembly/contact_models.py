@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+from ffsm_mj.analysis.built_in_kinds import LIMITS
 from ffsm_mj.assembly.grasps import GraspedSystem, grasp_models_of
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.record import KINDS
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
@@ -19,7 +21,12 @@ from ffsm_mj.scenario.scenario import Scenario
 
 
 def contact_models_of(
-    scenario: Scenario, scene: Scene, motion: Motion, pairs: tuple[ContactPair, ...], held: Mapping[str, GraspedSystem]
+    scenario: Scenario,
+    scene: Scene,
+    motion: Motion,
+    pairs: tuple[ContactPair, ...],
+    limits: tuple[JointLimit, ...],
+    held: Mapping[str, GraspedSystem],
 ) -> tuple[ContactModel, ...]:
     """All contact models of a scenario, in the order in which simultaneous events are applied.
 
@@ -28,14 +35,15 @@ def contact_models_of(
         scene: The logged system and its data.
         motion: Its motion.
         pairs: Impact pairs.
+        limits: Joint limits.
         held: Systems with grasped objects, by the name of the grasp.
 
     Raises:
         ScenarioFaults: A declared model cannot be created from its configuration.
     """
-    overlap = DeepestOverlap()
-    persistent = PersistentContactModel(scene, pairs, overlap)
-    impacts = ImpactModel(scene, pairs, _rules(scenario), persistent, overlap)
+    overlap = DeepestOverlap(limits)
+    persistent = PersistentContactModel(scene, (*pairs, *limits), overlap)
+    impacts = ImpactModel(scene, (*pairs, *limits), _rules(scenario), persistent, overlap)
     declared = _declared(scenario, scene)
     others = [each for each in (persistent, *declared) if isinstance(each, ForceSource)]
     return (impacts, persistent, *grasp_models_of(scenario, scene, motion, held, others), *declared)
@@ -71,9 +79,10 @@ def _declared(scenario: Scenario, scene: Scene) -> tuple[ContactModel, ...]:
     return tuple(made)
 
 
-def record_kinds(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the kinds of records of grasps and declared contact models."""
+def record_kinds(scenario: Scenario, limits: Sequence[JointLimit]) -> tuple[str, ...]:
+    """Names of the kinds of records of joint limits, grasps and declared contact models."""
     kinds = [
+        *(LIMITS if limits else ()),
         *(KINDS if scenario.captures else ()),
         *(kind for each in scenario.contact_models for kind in record_kinds_of(each.kind)),
     ]

@@ -14,6 +14,7 @@ from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import Overrides, PropertyChange
 from ffsm_mj.model.sites import AddedSite
+from ffsm_mj.model.strip import to_strip
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
@@ -108,7 +109,10 @@ def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[s
         raise located(ScenarioFaults(faults), source)
     parts = {keys[-1]: part for keys, part in models.items()}
     poses = {name: part.fixed_at for name, part in scenario.objects.items()}
-    files = {name: replace(read(*given), strip=parts[name].strip, pose=poses.get(name)) for name, given in paths.items()}
+    files = {
+        name: replace(read(*given), strip=to_strip(parts[name].strip, parts[name].limits), pose=poses.get(name))
+        for name, given in paths.items()
+    }
     sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
     return files | {"robot": replace(files["robot"], sites=sites)}
 

@@ -10,6 +10,7 @@ from ffsm_mj.assembly.contact_models import contact_models_of
 from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.step_control import step_control
 from ffsm_mj.balance.balance import Balance
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.controller_protocol import Task
@@ -27,6 +28,7 @@ def build_plant(
     system: System,
     data: Any,
     pairs: tuple[ContactPair, ...],
+    limits: tuple[JointLimit, ...],
     held: Mapping[str, GraspedSystem],
     task: Task | None,
 ) -> Plant:
@@ -37,6 +39,7 @@ def build_plant(
         system: Robot and objects; the plant writes the time step of its model.
         data: Their state, derived quantities current.
         pairs: Impact pairs.
+        limits: Joint limits.
         held: Systems with grasped objects, by the name of the grasp.
         task: Task of the scenario; None if it has none.
 
@@ -44,7 +47,7 @@ def build_plant(
         ScenarioFaults: A contact model or an actuator does not fit the system, or no accuracy can be measured.
     """
     scene, motion = Scene(system, data), Motion(system.mj, data)
-    integrator = EventDrivenIntegrator(motion, contact_models_of(scenario, scene, motion, pairs, held))
+    integrator = EventDrivenIntegrator(motion, contact_models_of(scenario, scene, motion, pairs, limits, held))
     balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS)
     integrator.control = step_control(scenario, system, data, balance)
     state = StateSignals(system, data, task.tip_site if task is not None else None)

@@ -17,6 +17,7 @@ from ffsm_mj.assembly.models import Reader, changes_of, compile_scenario
 from ffsm_mj.assembly.override_faults import overrides_named
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.errors import InputError, raised_by_plugin
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.files import read_model
@@ -221,6 +222,7 @@ class PreparedRun:
             *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
             *(f"  {each.name}: fixed, bodies {len(each.bodies)}" for each in system.fixed),
             f"  impact pairs: {pairs}",
+            *_limited_joints(assembly.limits),
             f"  phases: {phases}",
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
             f" steps of {self.scenario.time_step_s:g} s",
@@ -230,3 +232,10 @@ class PreparedRun:
             falls or "conservative: nothing in the models breaks it"
         ]
         return lines + [f"note: {note}" for note in self.notes()]
+
+
+def _limited_joints(limits: Sequence[JointLimit]) -> list[str]:
+    """A line on the joints that stop at limits; none if there are no such joints."""
+    ends = zip(limits[::2], limits[1::2], strict=True)
+    joints = [f"{low.joint} ({low.limit:.4g} to {high.limit:.4g} {low.unit}, e = {low.restitution:g})" for low, high in ends]
+    return [f"  joints that stop at their limits: {', '.join(joints)}"] if joints else []

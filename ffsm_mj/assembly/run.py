@@ -81,7 +81,9 @@ def simulate(
     kept = len(layout.signals) if columns is None else 1 + len(columns)
     refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
     text = resolved_yaml(config, system) if columns is None else ""
-    header = RunHeader(config.name, text, layout, system.logged_files, _metadata(assembly), record_kinds(config))
+    header = RunHeader(
+        config.name, text, layout, system.logged_files, _metadata(assembly), record_kinds(config, assembly.limits)
+    )
     memory, digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
     sinks: list[Sink] = [memory, digested, *watchers]
     if folder is not None:

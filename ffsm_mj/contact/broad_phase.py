@@ -1,4 +1,4 @@
-"""Broad phase: which of many pairs may be close, by the bounding spheres of their geoms."""
+"""Broad phase: which of many pairs may be close, by the bounding spheres of their geoms; joint limits are exact."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 FEW = 16
@@ -18,24 +19,34 @@ _NEAR_LIMIT_M = 1e-3
 
 
 class BroadPhase:
-    """Lower bounds on the gaps of many pairs.
+    """Lower bounds on the gaps of many pairs, and the gaps of joint limits.
 
     Attributes:
-        pairs: The pairs.
-        radii: Sum of the radii of the bounding spheres of both geoms of each pair, m, (n,).
+        pairs: Pairs, then joint limits.
+        radii: Sum of the radii of the bounding spheres of both geoms of each pair, m, (n,); -inf for joint limits, whose
+            gaps are exact.
     """
 
-    def __init__(self, model: Any, pairs: Sequence[ContactPair]) -> None:
-        """Look up the geoms."""
+    def __init__(self, model: Any, pairs: Sequence[UnilateralConstraint]) -> None:
+        """Look up the geoms and joints.
+
+        Args:
+            model: MuJoCo model.
+            pairs: Pairs, then joint limits.
+        """
         self.pairs, self._model = tuple(pairs), model
-        ids = np.array([pair.ids for pair in self.pairs], dtype=np.intp).reshape(-1, 2)
+        ids = np.array([pair.ids for pair in pairs if not isinstance(pair, JointLimit)], dtype=np.intp).reshape(-1, 2)
         self._a, self._b = np.ascontiguousarray(ids.T)
-        self.radii: FloatArray = model.geom_rbound[ids].sum(axis=1)
+        limits = [pair for pair in pairs if isinstance(pair, JointLimit)]
+        self._qpos = np.array([limit.qpos for limit in limits], dtype=np.intp)
+        self._signs, self._limits = np.array([(limit.sign, limit.limit) for limit in limits]).reshape(-1, 2).T
+        self.radii: FloatArray = np.concatenate((model.geom_rbound[ids].sum(axis=1), np.full(len(limits), -np.inf)))
 
     def gaps(self, data: Any) -> FloatArray:
-        """Distances between the spheres at the state in ``data``, m, (n,): no gap is smaller."""
+        """Distances between the spheres and from the limits at the state in ``data``, m or rad, (n,): no gap is smaller."""
         apart = data.geom_xpos[self._a] - data.geom_xpos[self._b]
-        return np.asarray(np.sqrt(np.einsum("ij,ij->i", apart, apart)) - self.radii)
+        spheres = np.sqrt(np.einsum("ij,ij->i", apart, apart)) - self.radii[: len(self._a)]
+        return np.concatenate((spheres, self._signs * (data.qpos[self._qpos] - self._limits)))
 
     def within(self, data: Any, distance: float) -> Sequence[int]:
         """Indices of the pairs whose gap may be at most a distance in m."""

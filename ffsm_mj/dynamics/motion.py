@@ -27,6 +27,7 @@ class Motion:
         path: The last step as a path.
         flight: Stepper in use; it accumulates the motion bound.
         bodies: Id in this model of each body of the logged system.
+        dofs: Index in this model of each degree of freedom of the logged system; -1 for one that it does not have.
         pushes: Applied forces in its stages that depend on the state alone.
         grasp: Name of the closed grasp; empty for the motion of the logged system itself.
         grasped_object: The grasped object, as a tree of the logged system; None if there is none.
@@ -43,6 +44,7 @@ class Motion:
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
         self.jacobian_buffers = tuple(np.empty((4, 3, model.nv)))
         self.bodies: Sequence[int] = range(model.nbody)
+        self.dofs: Sequence[int] = range(model.nv)
         self.pushes: Sequence[Push] = ()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self._unpushed = self.flight = fastest(FreeStepper)(model, data, self.path.start, self.momentum)

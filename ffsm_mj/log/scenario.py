@@ -16,7 +16,7 @@ from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import BodyProperties, Overrides, Pose
 from ffsm_mj.model.sites import AddedSite
-from ffsm_mj.model.strip import STRIPPABLE
+from ffsm_mj.model.strip import STRIPPABLE, to_strip
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.yaml.parser import YamlFault, plain_value
@@ -83,7 +83,10 @@ def logged_scenario(log: RunLog, place: str = THE_LOG) -> LoggedScenario:
         return LoggedScenario(
             robot=_text(data["robot"]["mjcf"]),
             objects={_text(name): _text(part["mjcf"]) for name, part in objects.items()},
-            strip={_text(name): tuple(map(_strippable, part.get("strip") or ())) for name, part in parts.items()},
+            strip={
+                _text(name): tuple(map(_strippable, to_strip(part.get("strip"), part.get("limits"))))
+                for name, part in parts.items()
+            },
             sites=tuple(_site(_text(name), site) for name, site in (data["robot"].get("sites") or {}).items()),
             overrides={_text(name): _overrides(found) for name, found in model.items()},
             poses={name: _pose(part.get("pose")) for name, part in objects.items() if part.get("fixed") is True},

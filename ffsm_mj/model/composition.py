@@ -14,6 +14,7 @@ from ffsm_mj.model.conservative import gravity_faults, gravity_of, model_faults,
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.fixed import fixed_model, moving_parts, place
 from ffsm_mj.model.grasp import Grasp, join
+from ffsm_mj.model.joint_limits import unsupported_limits
 from ffsm_mj.model.mujoco_warnings import collected_warnings, warning_lines
 from ffsm_mj.model.part import Part, part
 from ffsm_mj.model.scene import compile_scene, empty_scene, take_options
@@ -65,7 +66,7 @@ def compile_system(
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
     grasped = grasp.tree if grasp is not None else ""
     trees = [_tree(model, name, each.place) for name, each in files.items() if each.pose is None and name != grasped]
-    notes = [note for each in parts for note in each.notes] + (_ignored_limits(model) if conservative else [])
+    notes = [note for each in parts for note in each.notes]
     return System(
         mj=model,
         robot=trees[0],
@@ -92,7 +93,8 @@ def _attach(
     """Attach all models to a scene; returns the prepared models, and the faults of their options.
 
     Raises:
-        InputError: MuJoCo refuses a model, a fixed model has moving parts, or models have different gravity.
+        InputError: MuJoCo refuses a model, a fixed model has moving parts, models have different gravity, or limits are no
+            stops of a joint.
         ScenarioFaults: A site or a property is impossible.
     """
     parts: list[Part] = []
@@ -110,7 +112,11 @@ def _attach(
                 join(scene, spec, grasp)
             else:
                 scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
-    refused = [*moving_parts(scene, files), *([] if conservative else gravity_faults(gravity, files))]
+    refused = [
+        *moving_parts(scene, files),
+        *unsupported_limits(scene, files),
+        *([] if conservative else gravity_faults(gravity, files)),
+    ]
     if refused:
         raise InputError(refused)
     return parts, faults
@@ -157,8 +163,3 @@ def _joint(model: Any, j: int) -> Joint:
     return Joint(
         model.joint(j).name, kind, slice(q, q + _QPOS_SIZE[kind]), slice(v, v + _DOF_SIZE[kind]), int(model.jnt_bodyid[j])
     )
-
-
-def _ignored_limits(model: Any) -> list[str]:
-    names = ", ".join(model.joint(j).name for j in range(model.njnt) if model.jnt_limited[j])
-    return [f"joint limits are not enforced: {names}"] if names else []

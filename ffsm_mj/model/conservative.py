@@ -118,8 +118,6 @@ def _elements(model: Any, *, conservative: bool) -> Iterator[tuple[str, str, str
             yield "joint", joint.name, f"frictionloss {np.max(model.dof_frictionloss[dofs]):g}"
         if np.any(model.jnt_stiffness[j]):
             yield "joint", joint.name, f"stiffness {np.max(model.jnt_stiffness[j]):g} (a spring)"
-        if model.jnt_limited[j] and not conservative:  # conservative scenarios disable them
-            yield "joint", joint.name, "limits (a soft constraint force)"
     for t in range(model.ntendon):
         for attribute in ("stiffness", "damping", "frictionloss"):
             if np.any(getattr(model, f"tendon_{attribute}")[t]):

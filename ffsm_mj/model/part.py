@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ffsm_mj.errors import InputError
 from ffsm_mj.model.alone import warnings_alone
 from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.joint_limits import empty_ranges
 from ffsm_mj.model.overrides import ModelOverrides, override
 from ffsm_mj.model.sites import add_sites
 from ffsm_mj.model.source import load_spec
@@ -39,7 +41,7 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
         vfs: MuJoCo's virtual files; those of the model are added. They are needed until the scene is compiled.
 
     Raises:
-        InputError: MuJoCo refuses the model.
+        InputError: MuJoCo refuses the model, or a joint has an empty range.
         ScenarioFaults: A site or a property is impossible.
     """
     spec = load_spec(files, vfs)
@@ -48,6 +50,8 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
         notes.append(
             f"{files.place}: <compiler settotalmass> has no effect on a model in a scene; give masses under 'model'"
         )
+    if faults := empty_ranges(spec, name, files):
+        raise InputError(faults)
     overridden = override(spec, name, files, vfs) if files.overrides else None
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
     add_sites(spec, files.sites)

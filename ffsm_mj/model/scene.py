@@ -37,8 +37,8 @@ def empty_scene(time_step_s: float) -> Any:
     scene.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     scene.option.ccd_tolerance = _CCD_TOLERANCE
     scene.option.ccd_iterations = _CCD_ITERATIONS
-    # Contact models replace MuJoCo's contact forces, joint limits would be soft springs, and an automatic reset would hide
-    # that a run diverges.
+    # Contact models replace MuJoCo's contact forces and its joint limits, which are soft springs; an automatic reset would
+    # hide that a run diverges.
     for flag in ("CONTACT", "LIMIT", "AUTORESET"):
         scene.option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     return scene
@@ -94,6 +94,5 @@ def take_options(scene: Any, spec: Any, gravity: tuple[float, ...], *, conservat
                 setattr(scene.option, name, getattr(spec.option, name))
         if authored_integrator(spec) is not None:
             scene.option.integrator = spec.option.integrator
-        scene.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     for name in _SHARED_OPTIONS:
         setattr(spec.option, name, getattr(scene.option, name))

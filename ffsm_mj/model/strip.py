@@ -12,7 +12,15 @@ import mujoco
 
 Strippable = Literal["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons", "servos", "gravcomp"]
 STRIPPABLE: tuple[str, ...] = get_args(Strippable)
+LimitsMode = Literal["stop", "ignore"]
+"""``stop``: a joint cannot move past the limits of its model; ``ignore``: they are removed."""
 _SHOWN = 6
+
+
+def to_strip(words: Iterable[str] | None, limits: str | None) -> tuple[str, ...]:
+    """Elements to remove from a model by the keys ``strip`` and ``limits`` of a scenario; None: not given."""
+    given = tuple(words or ())
+    return (*given, "limits") if limits == "ignore" and "limits" not in given else given
 
 
 def strip(spec: Any, what: Iterable[str]) -> list[str]:

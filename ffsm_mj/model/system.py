@@ -65,7 +65,7 @@ class System:
         fixed: Objects that are fixed to the world, in the order of the scenario.
         files: Files of each model by tree name.
         faults: Elements that break the balance of energy or momentum, as text. Gravity is none: it enters the balance.
-        notes: Elements removed from models, settings of the MJCF that are ignored (joint limits), and MuJoCo's warnings.
+        notes: Elements removed from models, settings of the MJCF that are ignored, and MuJoCo's warnings.
         changes: Properties of bodies and geoms given in the scenario, with their compiled values.
         grasp: The closed grasp, which makes an object part of the robot's tree; None in the initial scene.
     """

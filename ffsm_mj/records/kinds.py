@@ -90,6 +90,8 @@ class RecordKind:
         warning: Whether to show it as a warning.
         in_every_run: Whether every log has its topic; otherwise those whose header names it.
         own_numbers: Whether its events are numbered by themselves, not with those of the other contact models.
+        event_group: Name of a group of kinds, of one contact model, whose records with one number are one event; empty: the
+            kind alone.
     """
 
     record: type
@@ -108,6 +110,7 @@ class RecordKind:
     warning: Callable[[Any], bool] = _never
     in_every_run: bool = False
     own_numbers: bool = False
+    event_group: str = ""
 
     @property
     def topic(self) -> str:

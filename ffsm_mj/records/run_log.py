@@ -64,6 +64,12 @@ class RunLog:
         return self.records.get("impacts", ())
 
     @property
+    def impact_records(self) -> tuple[Any, ...]:
+        """Records of all impacts in order, of contacts and of joints at their limits; those of one impact are adjacent."""
+        both = (*self.impacts, *self.records.get("limit_impacts", ()))
+        return tuple(sorted(both, key=lambda record: record.event)) if len(both) > len(self.impacts) else both
+
+    @property
     def phases(self) -> tuple[PhaseRecord, ...]:
         """Beginnings of phases in order."""
         return self.records.get("phases", ())

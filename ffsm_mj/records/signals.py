@@ -41,8 +41,12 @@ TIP_RATE = ("state.tip_vx_m_s", "state.tip_vy_m_s", "state.tip_vz_m_s")
 """Columns of its velocity."""
 OVERLAP = "deepest_overlap_m"
 """Signal of the deepest penetration."""
+LIMIT_OVERRUN = {"rad": "joint_limit_overrun_rad", "m": "joint_limit_overrun_m"}
+"""Signals of the largest travel past a joint limit, by the unit of the joint's coordinate."""
 FORCE_RESIDUAL = "contact_force_residual_N"
 """Signal of the residual of the complementarity conditions of contact forces."""
+LIMIT_FORCES = ("_limit_torque_N_m", "_limit_force_N")
+"""Ends of the names of the signals of the forces of joint limits: of hinges, and of slides."""
 
 _COORDINATES = {
     "free": ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"),
@@ -120,6 +124,11 @@ class Layout:
 def identifier(name: str) -> str:
     """A name of a model as a field name: other characters than letters, digits and underscores become underscores."""
     return re.sub(r"\W", "_", name, flags=re.ASCII)
+
+
+def limit_force_name(joint: str, unit: str) -> str:
+    """Name of the signal of the force of a joint's limits, by the unit of its coordinate, ``rad`` or ``m``."""
+    return identifier(joint) + LIMIT_FORCES[unit == "m"]
 
 
 def coordinate_names(joint: Joint) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ def replay_log(
         scene = log_scene(log)
         replay = LogReplay(scene, log)
     except InputError as error:
-        return ReplayResult({}, 0, 0, "", error.lines[0], accumulate_checks(log), log.impacts, FrictionCheck(log))
+        return ReplayResult({}, 0, 0, "", error.lines[0], accumulate_checks(log), log.impact_records, FrictionCheck(log))
     seen = CheckAccumulator(log.header.layout, dict(log.header.metadata) | state_metadata(scene))
     sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
     with collected_warnings([]):
@@ -60,4 +60,5 @@ def replay_log(
     worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
     refine = cache(lambda: refined(log))  # computed only if a check fails
     numbers = sum(agreement.numbers for agreement in found.values())
-    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", seen, log.impacts, FrictionCheck(log), refine)
+    impacts, friction = log.impact_records, FrictionCheck(log)
+    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", seen, impacts, friction, refine)

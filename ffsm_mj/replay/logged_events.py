@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import groupby, product
 from typing import Any
@@ -67,6 +68,14 @@ def _jump(event: LoggedEvent, after: LoggedEvent) -> float:
     return float(np.linalg.norm(after.state - event.state_after))
 
 
+def _by_group(kinds: Sequence[RecordKind]) -> list[list[RecordKind]]:
+    """Kinds whose records with one number are one event, together; the others alone."""
+    groups: dict[str, list[RecordKind]] = {}
+    for kind in kinds:
+        groups.setdefault(kind.event_group or f"{kind.name} alone", []).append(kind)
+    return [*groups.values()]
+
+
 class LoggedEvents:
     """The events of a log.
 
@@ -92,14 +101,21 @@ class LoggedEvents:
             fault_of: Returns why records of one event do not fit the models, in one word; empty if they do.
         """
         self._system, self._step_s, self._found, self._fault_of = system, step_s, found, fault_of
-        met = [event for kind in log.event_kinds for event in self._of_kind(kind, log)]
+        met = [event for kinds in _by_group(log.event_kinds) for event in self._of_group(kinds, log)]
         self.pending = _in_order(met, {kind.name for kind in log.event_kinds if kind.own_numbers})
 
-    def _of_kind(self, kind: RecordKind, log: RunLog) -> Iterator[LoggedEvent]:
-        records = log.records.get(kind.plural, ())
-        groups = groupby(enumerate(records), key=lambda pair: getattr(pair[1], "event", pair[0]))
-        for number, (_, group) in enumerate(groups):
-            event = self._event_of(kind, number, tuple(record for _, record in group))
+    def _of_group(self, kinds: Sequence[RecordKind], log: RunLog) -> Iterator[LoggedEvent]:
+        """The events of kinds that share events: the records of one number, kind by kind."""
+        logged = [(kind, i, record) for kind in kinds for i, record in enumerate(log.records.get(kind.plural, ()))]
+        if len(kinds) > 1:
+            logged.sort(key=lambda each: each[2].event)  # a stable sort keeps the order of kinds and of records
+        counts = Counter[str]()
+        for _, group in groupby(logged, key=lambda each: getattr(each[2], "event", each[1])):
+            found = list(group)
+            kind, records = found[0][0], tuple(record for *_, record in found)
+            series = kind.event_group if kind.own_numbers else kind.name
+            number, counts[series] = counts[series], counts[series] + 1
+            event = self._event_of(kind, number, records)
             fault = self._fault_of(kind, event.records) if event is not None else "state"
             if event is None or fault:
                 self.refuse(f"{kind.name} {number + 1} {fault}", float(records[0].time_s))

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from ffsm_mj.assembly.assemble import task_of
 from ffsm_mj.assembly.grasps import held_systems
 from ffsm_mj.assembly.impact_pairs import impact_pairs
+from ffsm_mj.assembly.joint_limits import joint_limits
 from ffsm_mj.assembly.plant import build_plant
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import compile_log, scenario_data
@@ -40,9 +41,9 @@ def log_scene(log: RunLog) -> LogScene:
     data = mujoco.MjData(system.mj)
     mujoco.mj_forward(system.mj, data)
     try:
-        pairs = impact_pairs(scenario, system)
+        pairs, limits = impact_pairs(scenario, system), joint_limits(scenario, system)
         held = held_systems(scenario, system, lambda grasp, _: compile_log(log, grasp=grasp))
-        return LogScene(scenario, build_plant(scenario, system, data, pairs, held, task_of(scenario, system)))
+        return LogScene(scenario, build_plant(scenario, system, data, pairs, limits, held, task_of(scenario, system)))
     except ScenarioFaults as error:
         raise InputError([f"{'.'.join(map(str, fault.path))}: {fault.message}" for fault in error.faults]) from error
 

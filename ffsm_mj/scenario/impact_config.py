@@ -75,4 +75,4 @@ class ImpactConfig(StrictModel):
     rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 0.0
     """A pressed contact with e < 1 becomes persistent if it would separate more slowly than this, m/s."""
     max_impacts: PositiveInt = 10_000
-    """The run ends after this many impacts."""
+    """The run ends after this many impacts, those at joint limits included."""

@@ -21,9 +21,10 @@ from ffsm_mj.config import Name, PartName, StrictModel
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.properties import Pose, Trees
-from ffsm_mj.model.strip import Strippable
+from ffsm_mj.model.strip import LimitsMode, Strippable
 from ffsm_mj.scenario.contact_models import REGIME_SCHEMA, validated_contact_models
 from ffsm_mj.scenario.impact_config import IgnoredPairConfig, ImpactConfig, ImpactPairConfig
+from ffsm_mj.scenario.joint_limits import JointLimitConfig
 from ffsm_mj.scenario.source import YamlSource
 
 _KINDS = kinds()
@@ -66,6 +67,8 @@ class RobotConfig(StrictModel):
     """Elements to remove from the model, which would break conservation; the file itself is not changed."""
     sites: dict[Name, SiteConfig] = {}
     """Sites to add to the model by name; the file itself is not changed."""
+    limits: LimitsMode = "stop"
+    """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
 
 
 class ObjectConfig(StrictModel):
@@ -79,6 +82,8 @@ class ObjectConfig(StrictModel):
     """Folders to search for packages of a URDF (``package://NAME/...``), after its parents; relative to the scenario."""
     strip: tuple[Strippable, ...] = ()
     """Elements to remove from the model, which would break conservation; the file itself is not changed."""
+    limits: LimitsMode = "stop"
+    """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
     fixed: bool = False
     """Fixed to the world: a wall, a docking port, a test rig. Its model has no joint; its impulses are external."""
     pose: Pose | None = None
@@ -132,8 +137,9 @@ class PhaseConfig(StrictModel):
 
     name: Name
     until: Name | None = None
-    """``impact``, ``contact_begins``, ``contact_ends``, ``capture``, ``release`` or a record of a contact model: the first
-    such event after the start of the phase; ``settled``: see that key; ``end``: the end of the run."""
+    """``impact``, ``contact_begins``, ``contact_ends``, ``limit_impact``, ``limit_begins``, ``limit_ends`` (of a joint at a
+    limit), ``capture``, ``release`` or a record of a contact model: the first such event after the start of the phase;
+    ``settled``: see that key; ``end``: the end of the run."""
     settled: SettledConfig | None = None
     """With ``until: settled``: the phase ends when the tip has been near its target and slow for a time."""
     for_s: PositiveFloat | None = None
@@ -222,6 +228,8 @@ class Scenario(StrictModel):
     actuators: dict[Name, ActuatorConfig] = {}
     """Limits of the robot's actuators by name; an actuator that is not named is ideal."""
     task: TaskConfig | None = None
+    joint_limits: dict[Name, JointLimitConfig] = {}
+    """Restitution of joints that stop at limits, by joint; default: 0."""
     impact_pairs: tuple[ImpactPairConfig, ...] = ()
     ignored_pairs: tuple[IgnoredPairConfig, ...] = ()
     captures: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")], CaptureConfig] = {}

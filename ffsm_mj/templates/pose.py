@@ -54,7 +54,7 @@ class Encounter:
 
 
 def starting_pose(system: System) -> dict[str, float]:
-    """Coordinate of each hinge and slide above the base: of the file's first keyframe, or within the joint's range."""
+    """Coordinate of each hinge and slide above the base, within its limits: of the first keyframe, or bent a little."""
     model, base = system.mj, system.robot.base_dofs
     pose = {}
     for joint in system.robot.joints:
@@ -69,7 +69,8 @@ def starting_pose(system: System) -> dict[str, float]:
             value = _BEND
         else:
             value = 0.0 if inside or np.isinf(low) else float(low + high) / 2
-        pose[joint.name.split("/", 1)[1]] = round(value, 4)
+        # A keyframe may be past a limit by rounding, and so is one that is rounded itself.
+        pose[joint.name.split("/", 1)[1]] = min(max(round(value, 4), float(low)), float(high))
     return pose
 
 

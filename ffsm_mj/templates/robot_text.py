@@ -162,7 +162,7 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], hit: Hit, places:
         "",
         "initial:",
         "  joints: # rad or m; the ball: x, y, z in m and a quaternion w, x, y, z",
-        *(f"    {_word(joint)}: {value:g}" for joint, value in hit.pose.items()),
+        *(f"    {_word(joint)}: {value:.10g}" for joint, value in hit.pose.items()),
         f"    ball/free: {_flow([*hit.ball, 1, 0, 0, 0])}",
         "  rates: # the ball: m/s in world axes, rad/s in its own",
         f"    ball/free: {_flow([*hit.velocity, 0, 0, 0])}",

@@ -14,6 +14,7 @@ import mujoco
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model.compilation import compile_spec
 from ffsm_mj.model.files import ModelFiles, read_model
+from ffsm_mj.model.joint_limits import is_limited
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.source import load_spec, parse_spec
 from ffsm_mj.model.strip import strip
@@ -76,7 +77,9 @@ def needed_strips(files: ModelFiles) -> list[str]:
     """What must be taken out of a model for a conservative scenario, as the scenario's ``strip`` has it."""
     with mujoco.MjVfs() as vfs, collected_warnings([]), catch_warnings(action="ignore"):
         spec = load_spec(files, vfs)
-        return [word for word in _NEEDED if strip(spec, [word])]
+        limited_tendons = any(map(is_limited, spec.tendons))
+        needed = [word for word in _NEEDED if strip(spec, [word])]
+        return [*needed, "tendons"] if limited_tendons else needed
 
 
 def _root(spec: Any, place: str, wanted: str) -> Any:

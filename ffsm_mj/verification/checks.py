@@ -25,10 +25,12 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.installed_laws import law_of_record
+from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
+from ffsm_mj.contact_models.impact.replayed_impact import along_row
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.metadata import free_components, is_conservative
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import FORCE_RESIDUAL, OVERLAP, SUBSYSTEMS, Layout, momentum_keys
+from ffsm_mj.records.signals import FORCE_RESIDUAL, LIMIT_FORCES, LIMIT_OVERRUN, OVERLAP, SUBSYSTEMS, Layout, momentum_keys
 from ffsm_mj.tolerances import CHECK_TOLERANCE, CONTACT_GAP_M
 from ffsm_mj.verification.friction_check import EnergyDeviation, FrictionCheck
 from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, stretch_s
@@ -37,7 +39,7 @@ from ffsm_mj.verification.truncation import Truncation
 DEFAULT_TOLERANCE = CHECK_TOLERANCE
 """A check passes if its residual is at most this times (1 + scale), in SI units."""
 DEEPEST_M = CONTACT_GAP_M
-"""Greatest allowed penetration of an impact pair, m."""
+"""Greatest allowed penetration of an impact pair, m, and travel of a joint past its limit, rad or m."""
 FORCE_TOLERANCE = 1e-8
 """Tolerance of the complementarity residual of contact forces, times (1 N + force)."""
 
@@ -46,8 +48,9 @@ RELATIVE_CHECKS = (
     *("impact energy", "impact restitution"),
 )
 """Checks with a tolerance relative to a scale; those of impacts only in runs with impacts."""
-CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "contact complementarity")
-"""All checks. ``no penetration``, with a tolerance in m, if the log has the depth; the last one with persistent contact."""
+CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "no joint past its limit", "contact complementarity")
+"""All checks. ``no penetration``, with a tolerance in m, if the log has the depth; ``no joint past its limit``, in rad or m,
+in runs with joint limits; the last one with persistent contact."""
 
 TRUNCATION_CHECKS = CHECK_NAMES[:3]
 """Checks that may fail by the truncation of the step."""
@@ -56,8 +59,10 @@ Tolerance = float | Mapping[str, float]
 """One tolerance for all relative checks, or tolerances by check; other checks keep the default."""
 
 _OVERLAP, _RESIDUAL = f"balance.{OVERLAP}", f"balance.{FORCE_RESIDUAL}"
-_OWN = {"no penetration": DEEPEST_M, "contact complementarity": FORCE_TOLERANCE}
+_OVERRUN = {unit: f"balance.{name}" for unit, name in LIMIT_OVERRUN.items()}
+_OWN = {"no penetration": DEEPEST_M, "no joint past its limit": DEEPEST_M, "contact complementarity": FORCE_TOLERANCE}
 """Tolerances of checks that are not relative."""
+_Record = ImpactRecord | LimitImpactRecord
 _AXES = ("P_x", "P_y", "P_z", "L_x", "L_y", "L_z")
 _MEASURES = {
     "energy": ("J", ("T",)),
@@ -65,6 +70,7 @@ _MEASURES = {
     "angular momentum": ("N m s", _AXES[3:]),
     "momentum two ways": ("SI", _AXES),
     "no penetration": ("m", ("gap",)),
+    "no joint past its limit": ("rad or m", ("joint",)),
     "contact complementarity": ("N", ("force",)),
 }
 
@@ -123,8 +129,11 @@ class CheckAccumulator:
         self._bodies, self._matrix = (layout.places(momentum_keys(way)) for way in ("robot", "robot_by_mass_matrix"))
         self._free, self._two_ways = free_components(metadata, "robot"), Peak()
         self._overlap, self._deepest = layout.index.get(_OVERLAP), Peak()
+        self._overruns, self._past = [layout.index[key] for key in _OVERRUN.values() if key in layout.index], Peak()
         self._residual, self._complementarity = layout.index.get(_RESIDUAL), Peak()
-        self._forces = layout.places(key.removesuffix("_mode") + "_force_N" for key in layout.keys if key.endswith("_mode"))
+        of_pairs = [key.removesuffix("_mode") + "_force_N" for key in layout.keys if key.endswith("_mode")]
+        of_limits = [key for key in layout.keys if key.endswith(LIMIT_FORCES) and key.startswith("contact.")]
+        self._forces = layout.places((*of_pairs, *of_limits))
         self._grasp = layout.index.get("contact.capture_grasp")
         self._time, self.samples = layout.time, 0
 
@@ -153,20 +162,22 @@ class CheckAccumulator:
         self._two_ways.add(times, difference, own.linear_scale(block) + own.angular_scale(block))
         if self._overlap is not None:
             self._deepest.add(times, block[:, [self._overlap]], np.zeros(len(block)))
+        if self._overruns:
+            self._past.add(times, block[:, self._overruns].max(axis=1, keepdims=True), np.zeros(len(block)))
         if self._residual is not None and len(self._forces):
-            forces = block[:, self._forces].max(axis=1)
+            forces = np.abs(block[:, self._forces]).max(axis=1)
             self._complementarity.add(times, block[:, [self._residual]], forces)
 
     def checks(
         self,
-        impacts: Sequence[ImpactRecord],
+        impacts: Sequence[ImpactRecord | LimitImpactRecord],
         tolerance: Tolerance = DEFAULT_TOLERANCE,
         friction: FrictionCheck | None = None,
     ) -> tuple[Check, ...]:
         """Results of all checks of the run, with the worst residual of each; empty without rows.
 
         Args:
-            impacts: The contacts of the run.
+            impacts: Records of the impacts of the run, in order: contacts and joints at their limits.
             tolerance: See :func:`evaluate_checks`.
             friction: Checks impacts with friction; required if there are any.
 
@@ -185,6 +196,8 @@ class CheckAccumulator:
             checks.append(_check("momentum two ways", "robot", self._two_ways, allowed))
         if self._overlap is not None:
             checks.append(_check("no penetration", "total", self._deepest, allowed))
+        if self._overruns:
+            checks.append(_check("no joint past its limit", "total", self._past, allowed))
         if self._complementarity.scale > 0.0 or self._complementarity.size > 0.0:
             checks.append(_check("contact complementarity", "total", self._complementarity, allowed))
         return (*checks, *_impact_checks(impacts, allowed, friction))
@@ -202,7 +215,7 @@ def evaluate_checks(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tu
     Raises:
         KeyError: A tolerance for an unknown check.
     """
-    return accumulate_checks(log).checks(log.impacts, tolerance, FrictionCheck(log))
+    return accumulate_checks(log).checks(log.impact_records, tolerance, FrictionCheck(log))
 
 
 def accumulate_checks(log: RunLog) -> CheckAccumulator:
@@ -229,12 +242,10 @@ def _check(name: str, subsystem: str, worst: Peak, allowed: Mapping[str, float],
     return Check(name, subsystem, components[worst.component], worst.size, worst.time_s, limit, unit, drift)
 
 
-def _impact_checks(
-    impacts: Sequence[ImpactRecord], allowed: Mapping[str, float], friction: FrictionCheck | None
-) -> list[Check]:
+def _impact_checks(impacts: Sequence[_Record], allowed: Mapping[str, float], friction: FrictionCheck | None) -> list[Check]:
     """Checks of impacts, independent of the impact law."""
     events = [list(contacts) for _, contacts in groupby(impacts, key=lambda record: record.event)]
-    rough = [any(contact.mu > 0.0 for contact in event) for event in events]
+    rough = [any(isinstance(c, ImpactRecord) and c.mu > 0.0 for c in event) for event in events]
     checks = _frictionless_checks([event for event, rubs in zip(events, rough, strict=True) if not rubs], allowed)
     if not any(rough):
         return checks
@@ -245,14 +256,14 @@ def _impact_checks(
     return [energy, *checks[1:]]
 
 
-def _check_with_friction(event: Sequence[ImpactRecord], friction: FrictionCheck, allowed: Mapping[str, float]) -> Check:
+def _check_with_friction(event: Sequence[_Record], friction: FrictionCheck, allowed: Mapping[str, float]) -> Check:
     """Energy check of an impact with friction; the tolerance is relative to its kinetic energy."""
     miss, record = friction.worst(event, allowed["impact energy"]), event[0]
     place = f"impact {record.event + 1}"
     return Check("impact energy", "total", place, miss.size, record.time_s, miss.allowed, "J", miss.size)
 
 
-def _frictionless_checks(events: Sequence[Sequence[ImpactRecord]], allowed: Mapping[str, float]) -> list[Check]:
+def _frictionless_checks(events: Sequence[Sequence[_Record]], allowed: Mapping[str, float]) -> list[Check]:
     """Checks of impacts without friction.
 
     The work of frictionless impulses is the sum of impulse (separation - approach) / 2, exactly; the energy balance takes
@@ -260,7 +271,7 @@ def _frictionless_checks(events: Sequence[Sequence[ImpactRecord]], allowed: Mapp
     """
     if not events:
         return []
-    works = [sum(c.impulse_N_s * (c.separation_speed_m_s - c.approach_speed_m_s) / 2 for c in event) for event in events]
+    works = [sum(p * (after - before) / 2 for p, before, after in map(along_row, event)) for event in events]
     checks = [
         _worst_impact(
             "impact energy",
@@ -270,16 +281,25 @@ def _frictionless_checks(events: Sequence[Sequence[ImpactRecord]], allowed: Mapp
             allowed,
         )
     ]
-    judged = [(event, law_of_record(event[0].law).restitution_residual(event)) for event in events]
+    judged = [(event, _restitution_residual(event)) for event in events]
     misses = [(event[0], miss) for event, miss in judged if miss is not None]
     if misses:
-        scale = max(c.approach_speed_m_s for event, miss in judged if miss is not None for c in event)
+        scale = max(along_row(record)[1] for event, miss in judged if miss is not None for record in event)
         checks.append(_worst_impact("impact restitution", "m/s", misses, scale, allowed))
     return checks
 
 
+def _restitution_residual(event: Sequence[_Record]) -> float | None:
+    """Residual of the speeds after an impact against its law, m/s or rad/s; None if the law makes no statement."""
+    if len(event) == 1 and isinstance(event[0], LimitImpactRecord):
+        return abs(event[0].separation_rate - event[0].restitution_used * event[0].approach_rate)
+    contacts = [record for record in event if isinstance(record, ImpactRecord)]
+    # Contacts together with a joint limit are an impact of which the law is told only a part.
+    return law_of_record(event[0].law).restitution_residual(contacts) if len(contacts) == len(event) else None
+
+
 def _worst_impact(
-    name: str, unit: str, found: list[tuple[ImpactRecord, float]], scale: float, allowed: Mapping[str, float]
+    name: str, unit: str, found: list[tuple[_Record, float]], scale: float, allowed: Mapping[str, float]
 ) -> Check:
     record, residual = max(found, key=lambda pair: np.inf if np.isnan(pair[1]) else pair[1])
     limit = allowed[name] * (1.0 + scale)

@@ -17,7 +17,10 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.record import CAPTURE, RELEASE
+from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_rows
 from ffsm_mj.contact_models.impact.installed_laws import law_of_record
+from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
+from ffsm_mj.contact_models.impact.replayed_impact import along_row
 from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
@@ -26,6 +29,7 @@ from ffsm_mj.tolerances import RANK
 
 _GAIN = 1e-3
 """For several contacts energy may grow by this fraction of the tolerance: 1e-12 of T for a tolerance of 1e-9."""
+_Record = ImpactRecord | LimitImpactRecord
 _HUGE = 1e10
 """Largest number that MuJoCo accepts in a state."""
 
@@ -77,7 +81,7 @@ class FrictionCheck:
         """Bind to a log."""
         self._log = log
 
-    def worst(self, event: Sequence[ImpactRecord], share: float) -> EnergyDeviation:
+    def worst(self, event: Sequence[_Record], share: float) -> EnergyDeviation:
         """The worst deviation of an impact.
 
         Args:
@@ -90,7 +94,7 @@ class FrictionCheck:
             except (UnsupportedContactError, ValueError, ArithmeticError, np.linalg.LinAlgError):
                 return EnergyDeviation(math.inf, share * abs(event[0].energy_before_J["total"][0]))
 
-    def _worst(self, event: Sequence[ImpactRecord], share: float) -> EnergyDeviation:
+    def _worst(self, event: Sequence[_Record], share: float) -> EnergyDeviation:
         met = self._met(event)
         if met is not None and self._others_hold and met.unexplained > share * 0.5 * float(met.before @ met.before):
             met = None  # the equations of motion are known only to a contact model: check the records alone
@@ -122,7 +126,7 @@ class FrictionCheck:
             return None
         return system, mujoco.MjData(system.mj)
 
-    def _met(self, event: Sequence[ImpactRecord]) -> _CheckedImpact | None:
+    def _met(self, event: Sequence[_Record]) -> _CheckedImpact | None:
         """The impact from its states and models; None without models, or if the states do not match them."""
         import mujoco
 
@@ -134,7 +138,7 @@ class FrictionCheck:
         (system, data), first = self._models, event[0]
         try:
             rates = [np.concatenate([v[joint] for joint in system.joints]) for v in (first.qvel_before, first.qvel_after)]
-            bodies = [[int(system.mj.geom(name).bodyid[0]) for name in record.geoms] for record in event]
+            contacts = [_contact(system, record) for record in event]
             joined = self._joined(system.mj, first)
         except LookupError:
             return None
@@ -145,14 +149,14 @@ class FrictionCheck:
         data.qpos[:] = first.qpos
         mujoco.mj_fwdPosition(system.mj, data)
         L = np.linalg.cholesky(mass_matrix(system.mj, data))
-        J, impulses, speeds = _directions(system.mj, data, event, bodies)
+        J, impulses, speeds = _directions(system.mj, data, event, contacts)
         A = np.linalg.solve(L, J.T).T
         if joined is not None:  # a grasped object moves with its link: combine their columns
             B = np.linalg.solve(L, relative_twist_rows(system.mj, data, *joined, np.array(first.point_m)).T).T
             A = A - A @ np.linalg.pinv(B, rcond=RANK) @ B
         return _CheckedImpact(A, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
 
-    def _joined(self, model: Any, impact: ImpactRecord) -> tuple[int, int] | None:
+    def _joined(self, model: Any, impact: _Record) -> tuple[int, int] | None:
         """Link and object base that a grasp joins at an impact; None without a closed grasp.
 
         Raises:
@@ -168,7 +172,7 @@ class FrictionCheck:
         return link, root
 
 
-def _precedes(event: Any, impact: ImpactRecord) -> bool:
+def _precedes(event: Any, impact: _Record) -> bool:
     """Whether a capture or release precedes an impact; if simultaneous, the order follows from their velocities."""
     place, other = (event.step, event.time_s), (impact.step, impact.time_s)
     if place != other:
@@ -182,17 +186,21 @@ def _apart(rates: Mapping[str, Any], others: Mapping[str, Any]) -> float:
 
 
 def _directions(
-    model: Any, data: Any, event: Sequence[ImpactRecord], bodies: Sequence[Sequence[int]]
+    model: Any, data: Any, event: Sequence[_Record], contacts: Sequence[Contact | LimitContact]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Rows along (normal, t1, t2) of each contact, (3k, nv), and its record along them: see :class:`_CheckedImpact`."""
-    from ffsm_mj.contact_models.impact.contact import Contact, contact_rows
     from ffsm_mj.contact_models.impact.friction import tangents
 
     rows, impulses, speeds = [], [], []
-    for record, (a, b) in zip(event, bodies, strict=True):
+    for record, contact in zip(event, contacts, strict=True):
+        if isinstance(record, LimitImpactRecord):
+            rows.append(contact_rows(model, data, contact, np.zeros((2, 3))))
+            impulses.append(np.array((record.impulse, 0.0, 0.0)))
+            speeds.append(np.array(((-record.approach_rate, 0.0, 0.0), (record.separation_rate, 0.0, 0.0))))
+            continue
         normal = np.array(record.normal)
         across = tangents(normal)
-        rows.append(contact_rows(model, data, Contact(a, b, np.array(record.point_m), normal), across))
+        rows.append(contact_rows(model, data, contact, across))
         axes = np.vstack((normal, across))
         impulses.append(axes @ (record.impulse_N_s * normal + record.tangential_impulse_N_s))
         before = -record.approach_speed_m_s * normal + record.slip_before_m_s
@@ -201,21 +209,36 @@ def _directions(
     return np.concatenate(rows), np.concatenate(impulses), np.concatenate(speeds, axis=1)
 
 
-def _by_records(event: Sequence[ImpactRecord]) -> Iterator[float]:
+def _contact(system: Any, record: _Record) -> Contact | LimitContact:
+    """The contact of a record.
+
+    Raises:
+        LookupError: It names an element that the models do not have.
+    """
+    if isinstance(record, LimitImpactRecord):
+        return LimitContact(system.joint(record.joint).dofs.start, 1.0 if record.side == "lower" else -1.0)
+    a, b = (int(system.mj.geom(name).bodyid[0]) for name in record.geoms)
+    return Contact(a, b, np.array(record.point_m), np.array(record.normal))
+
+
+def _by_records(event: Sequence[_Record]) -> Iterator[float]:
     """Inconsistencies within records, J: impulses at mean speeds, works and energies must give the same change."""
     first = event[0]
     change = first.energy_change_J
     yield abs(first.energy_after_J["total"][0] - first.energy_before_J["total"][0] - change)
-    yield abs(sum(c.normal_work_J + c.friction_work_J for c in event) - change)
+    yield abs(sum(_work(record) for record in event) - change)
     at_mean = 0.0
     for c in event:
+        impulse_along, approach, separation = along_row(c)
+        at_mean += 0.5 * impulse_along * (separation - approach)
+        if isinstance(c, LimitImpactRecord):
+            continue
         slips = zip(c.tangential_impulse_N_s, c.slip_before_m_s, c.slip_after_m_s, strict=True)
-        at_mean += 0.5 * c.impulse_N_s * (c.separation_speed_m_s - c.approach_speed_m_s)
         at_mean += 0.5 * sum(impulse * (before + after) for impulse, before, after in slips)
     yield abs(at_mean - change)
 
 
-def _by_states(event: Sequence[ImpactRecord], met: _CheckedImpact) -> Iterator[float]:
+def _by_states(event: Sequence[_Record], met: _CheckedImpact) -> Iterator[float]:
     """Deviations of records from the states, J; other quantities are multiplied by the conjugate speed or impulse."""
     strength, speed = float(np.abs(met.impulses).max()), float(np.abs(met.A @ met.before).max())
     difference = np.abs(met.speeds - np.stack((met.A @ met.before, met.A @ met.after))).max()
@@ -225,14 +248,27 @@ def _by_states(event: Sequence[ImpactRecord], met: _CheckedImpact) -> Iterator[f
     logged = event[0].energy_before_J["total"][0], event[0].energy_after_J["total"][0]
     yield max(abs(one - other) for one, other in zip(energies, logged, strict=True))
     normal, *across = met.impulses.reshape(-1, 3).T
-    outside = np.hypot(*across) - [record.mu for record in event] * normal
+    outside = np.hypot(*across) - _coefficients(event) * normal
     yield speed * float(max(outside.max(), -normal.min(), 0.0))
 
 
-def _by_law(event: Sequence[ImpactRecord], met: _CheckedImpact) -> Iterator[float]:
+def _by_law(event: Sequence[_Record], met: _CheckedImpact) -> Iterator[float]:
     """What of the records is not what their impact law makes of the state before, J."""
     from ffsm_mj.contact_models.impact.law import ImpactProblem
 
-    e, mu = (np.array([getattr(record, name) for record in event]) for name in ("restitution_used", "mu"))
-    problem = ImpactProblem.mass_weighted(met.A, met.before, e, mu)
-    yield from law_of_record(event[0].law).friction_residuals(event, problem, met.impulses)
+    contacts = [record for record in event if isinstance(record, ImpactRecord)]
+    if len(contacts) < len(event):
+        return  # the law is told of contacts only
+    e = np.array([record.restitution_used for record in event])
+    problem = ImpactProblem.mass_weighted(met.A, met.before, e, _coefficients(event))
+    yield from law_of_record(event[0].law).friction_residuals(contacts, problem, met.impulses)
+
+
+def _work(record: _Record) -> float:
+    """Work of the impulses of a record, J."""
+    return record.work_J if isinstance(record, LimitImpactRecord) else record.normal_work_J + record.friction_work_J
+
+
+def _coefficients(event: Sequence[_Record]) -> FloatArray:
+    """Coefficients of friction; zero at joint limits, (k,)."""
+    return np.array([record.mu if isinstance(record, ImpactRecord) else 0.0 for record in event])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Check, CheckAccumulator, Tolerance
@@ -31,7 +32,7 @@ class ReplayResult:
     gaps: str
     obstacle: str
     accumulator: CheckAccumulator
-    _impacts: tuple[ImpactRecord, ...]
+    _impacts: tuple[ImpactRecord | LimitImpactRecord, ...]
     _friction: FrictionCheck
     _refined: Callable[[], Refined | None] = lambda: None
 

@@ -131,9 +131,6 @@ def test_what_else_is_not_conservative_is_named_and_gravity_is_not(tmp_path):
     run = ffsm_mj.run(path)
     assert "damping 0.3" in run.why_not_conservative
     assert "gravity" not in run.why_not_conservative
-    # MuJoCo's limits are soft springs, which a scenario that need not be conservative switches on.
-    robot.write_text(plain.replace('axis="1 0 0"', 'axis="1 0 0" range="-1 1" limited="true"'))
-    assert "limits" in ffsm_mj.run(path).why_not_conservative
 
 
 def test_one_gravity_acts_on_a_scene(tmp_path):

@@ -57,6 +57,8 @@ class GraspedMotion(Motion):
             _places(shared, "qpos"),
             _places(shared, "dofs"),
         )
+        own = dict(zip(self._dofs.tolist(), self._held_dofs.tolist(), strict=True))
+        self.dofs = [own.get(dof, -1) for dof in range(self._model.nv)]
         self.placing = BaseJointSolver(self._model, scene.data, tree)
         logged, moving = (self._model, scene.data, free.momentum), (self.model, self.data, self.root)
         self.followed = StateTransfer.of(logged, moving, both, self.placing)

@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import FEW, BroadPhase
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
-from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.travel_bound import TravelBound
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.free_stepper import BOUND_MARGIN
@@ -29,14 +30,14 @@ _NONE: Indices = np.zeros(0, dtype=np.intp)
 
 
 class Clearances:
-    """Certified clearances of some pairs, from step to step.
+    """Certified clearances of some pairs, then joint limits, from step to step.
 
     Attributes:
         energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj.dynamics.free_stepper.FreeStepper`) below which no
             pair can be near contact.
     """
 
-    def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
+    def __init__(self, scene: Scene, pairs: Sequence[UnilateralConstraint]) -> None:
         """Bind to the state of a scene; :meth:`restart` must follow."""
         self._model, self._data, self._pairs = scene.system.mj, scene.data, pairs
         self._spheres = BroadPhase(self._model, pairs)
@@ -48,13 +49,16 @@ class Clearances:
 
     def _bind_travel(self) -> None:
         """Compute the bounds by joints for the present displacements of slide joints."""
-        self._travel = TravelBound(self._model, self._data.qpos, [pair.ids for pair in self._pairs])
-        rows = np.concatenate((self._travel.rows, np.eye(self._model.nv)[self._travel.slides]))
+        geoms = [pair.ids for pair in self._pairs if not isinstance(pair, JointLimit)]
+        joints = np.array([pair.dof for pair in self._pairs if isinstance(pair, JointLimit)], dtype=np.intp)
+        self._travel, of_joints = TravelBound(self._model, self._data.qpos, geoms), np.eye(self._model.nv)
+        self._rows = np.concatenate((self._travel.rows, of_joints[joints]))
+        rows = np.concatenate((self._rows, of_joints[self._travel.slides]))
         # One number accumulates the largest weighted motion of all degrees of freedom, instead of a sum for each pair.
         self._weights = rows.max(axis=0, initial=0.0)
         self._per_length = (rows / np.where(self._weights > 0.0, self._weights, 1.0)).sum(axis=1)
 
-    def restart(self, motion: Motion, is_skipped: Callable[[ContactPair], bool]) -> None:
+    def restart(self, motion: Motion, is_skipped: Callable[[UnilateralConstraint], bool]) -> None:
         """Start at the state in ``data``, which has changed discontinuously, or the pairs to be detected have.
 
         Args:
@@ -88,8 +92,7 @@ class Clearances:
         self._rates, self._since_s = rates, end_s
         if self._length < self._reach:
             return _NONE
-        rows = self._travel.rows
-        return self._exhausted(rows @ self._travelled, rows @ step, flight.motion_bound)
+        return self._exhausted(self._rows @ self._travelled, self._rows @ step, flight.motion_bound)
 
     def _by_energy(self, motion_bound: float) -> FloatArray:
         """Largest closing of each pair in a motion, m."""

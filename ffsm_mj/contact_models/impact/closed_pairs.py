@@ -1,4 +1,4 @@
-"""Closed pairs at an impact, their contact points, and the interface through which persistent contact takes them over."""
+"""Closed pairs and joint limits at an impact, and the interface through which persistent contact takes them over."""
 
 from __future__ import annotations
 
@@ -7,17 +7,19 @@ from typing import Protocol
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import BroadPhase
-from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact_models.impact.contact import Contact, LimitContact
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import CONTACT_GAP_M
 
-ClosedPairs = Sequence[tuple[ContactPair, Proximity]]
-"""Pairs in contact at one instant, each with its proximity."""
+ClosedPairs = Sequence[tuple[UnilateralConstraint, Proximity]]
+"""Pairs in contact and joints at a limit at one instant, each with its proximity."""
 
 
-def contact_points(closed: ClosedPairs) -> list[tuple[ContactPair, Proximity, FloatArray]]:
+def contact_points(closed: ClosedPairs) -> list[tuple[UnilateralConstraint, Proximity, FloatArray]]:
     """All contact points with their pairs, world axes, m: the order of resolution, rest rule and records."""
     return [(pair, near, point) for pair, near in closed for point in near.points]
 
@@ -30,13 +32,22 @@ def closed_pairs(broad_phase: BroadPhase, scene: Scene, motion: Motion) -> Close
     return [(pair, proximity) for pair, proximity in near if proximity.gap <= CONTACT_GAP_M]
 
 
+def as_contact(
+    pair: UnilateralConstraint, near: Proximity, point: FloatArray, motion: Motion, restitution: float
+) -> Contact | LimitContact:
+    """A closed pair or joint limit as a contact in the coordinates of a motion."""
+    if isinstance(pair, JointLimit):
+        return LimitContact(motion.dofs[pair.dof], pair.sign, restitution)
+    return Contact(motion.bodies[pair.body_a], motion.bodies[pair.body_b], point, near.normal, restitution, pair.mu)
+
+
 class PersistentContacts(Protocol):
     """Keeps pairs closed after an impact; impact detection skips the pairs that it holds."""
 
-    def holds(self, pair: ContactPair) -> bool:
+    def holds(self, pair: UnilateralConstraint) -> bool:
         """Whether it keeps this pair closed now."""
 
-    def refusal(self, pair: ContactPair) -> str:
+    def refusal(self, pair: UnilateralConstraint) -> str:
         """Why it cannot keep a pair closed; empty if it can."""
 
     def close(self, touching: ClosedPairs) -> None:
@@ -46,11 +57,11 @@ class PersistentContacts(Protocol):
 class NoPersistentContacts:
     """Keeps no pair closed: each contact is an impact or a separation."""
 
-    def holds(self, _: ContactPair) -> bool:
+    def holds(self, _: UnilateralConstraint) -> bool:
         """False."""
         return False
 
-    def refusal(self, _: ContactPair) -> str:
+    def refusal(self, _: UnilateralConstraint) -> str:
         """Always a reason."""
         return "the scenario has no persistent contact"
 

@@ -1,9 +1,9 @@
-"""A contact point of two bodies and its Jacobian rows along the normal and two tangents."""
+"""A contact point of two bodies, or a joint at its limit, and its rows of the contact Jacobian."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -33,18 +33,39 @@ class Contact:
     mu: float = 0.0
 
 
-def contact_jacobian(model: Any, data: Any, contact: Contact) -> FloatArray:
-    """J_n = n^T (J_b(p) - J_a(p)), shape (nv,): the normal velocity of b relative to a.
+@dataclass(frozen=True)
+class LimitContact:
+    """A joint at one end of its range: the impulse acts on the joint alone, without friction.
+
+    Attributes:
+        dof: Degree of freedom of the hinge or slide joint.
+        sign: 1 at the lower limit, -1 at the upper one: the row of the Jacobian is this times the unit vector of the dof.
+        restitution: Coefficient e, 0 to 1.
+    """
+
+    dof: int
+    sign: float
+    restitution: float = 0.0
+    mu: ClassVar[float] = 0.0
+
+
+def contact_jacobian(model: Any, data: Any, contact: Contact | LimitContact) -> FloatArray:
+    """J_n = n^T (J_b(p) - J_a(p)), shape (nv,): the normal velocity of b relative to a; for a limit, the rate of its gap.
 
     Both bodies are evaluated at the one common point, so that the pair of impulses has no moment and L is conserved exactly.
     A row in which the two parts cancel to rounding is zero, as for two links whose hinge axis meets the normal.
     """
+    if isinstance(contact, LimitContact):
+        row: FloatArray = contact.sign * np.eye(1, model.nv, contact.dof)[0]
+        return row
     jac_a, jac_b = _jacobians(model, data, contact)
     return _row(np.asarray(contact.normal, dtype=np.float64), jac_a, jac_b)
 
 
-def contact_rows(model: Any, data: Any, contact: Contact, tangents: FloatArray) -> FloatArray:
+def contact_rows(model: Any, data: Any, contact: Contact | LimitContact, tangents: FloatArray) -> FloatArray:
     """Velocity of b relative to a along the normal and two tangents, as rows of a Jacobian, (3, nv).
+
+    The tangent rows of a joint limit are zero.
 
     Args:
         model: MuJoCo model.
@@ -52,6 +73,8 @@ def contact_rows(model: Any, data: Any, contact: Contact, tangents: FloatArray) 
         contact: The contact; its normal is the first direction.
         tangents: Two unit vectors across the normal in world axes, (2, 3).
     """
+    if isinstance(contact, LimitContact):
+        return np.stack([contact_jacobian(model, data, contact), *np.zeros((2, model.nv))])
     jac_a, jac_b = _jacobians(model, data, contact)
     directions = (np.asarray(contact.normal, dtype=np.float64), *tangents)
     return np.stack([_row(direction, jac_a, jac_b) for direction in directions])

@@ -1,29 +1,55 @@
-"""Deepest overlap of the impact pairs, a column of the log."""
+"""Deepest overlap of the impact pairs, and how far joints moved beyond their limits: columns of the log."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.signals import OVERLAP, Signal
+from ffsm_mj.records.signals import LIMIT_OVERRUN, OVERLAP, Signal
+
+_SINCE = "at the ends of the steps and sub-steps since the sample before"
+_JOINTS = {"rad": "hinge", "m": "slide"}
 
 
 class DeepestOverlap:
-    """Largest overlap of any pair at the ends of (sub-)steps since the sample before.
+    """Largest overlap of any pair, and overrun of any joint limit, at the ends of (sub-)steps since the sample before.
 
     Attributes:
-        columns: Its column.
+        columns: Its columns: the overlap, then the overrun of hinges and of slides where there are limited ones.
     """
 
-    def __init__(self) -> None:
-        """Start without overlap."""
-        self._deepest, self._logged = 0.0, np.zeros(1)
-        meaning = "deepest overlap of an impact pair at the ends of the steps and sub-steps since the sample before"
-        self.columns = (Columns((Signal("balance", OVERLAP, "m", meaning),), live=self._logged, on_sample=self._write),)
+    def __init__(self, limits: Sequence[JointLimit] = ()) -> None:
+        """Start without overlap.
 
-    def add(self, depth: float) -> None:
-        """Update it with a depth in m at the end of a (sub-)step."""
-        self._deepest = max(self._deepest, depth)
+        Args:
+            limits: Limits of the run.
+        """
+        units = sorted({limit.unit for limit in limits}, reverse=True)
+        self._column = {unit: k for k, unit in enumerate(units, start=1)}
+        self._deepest, self._logged = [0.0] * (1 + len(units)), np.zeros(1 + len(units))
+        signals = (
+            Signal("balance", OVERLAP, "m", f"deepest overlap of an impact pair {_SINCE}"),
+            *(
+                Signal(
+                    "balance",
+                    LIMIT_OVERRUN[unit],
+                    unit,
+                    f"largest travel of a {_JOINTS[unit]} joint past its limit {_SINCE}",
+                )
+                for unit in units
+            ),
+        )
+        self.columns = (Columns(signals, live=self._logged, on_sample=self._write),)
+
+    def add(self, constraint: UnilateralConstraint, gap: float) -> None:
+        """Update it with the gap of a pair in m, or of a joint limit in rad or m, at the end of a (sub-)step."""
+        place = self._column[constraint.unit] if isinstance(constraint, JointLimit) else 0
+        self._deepest[place] = max(self._deepest[place], -gap)
 
     def _write(self, _: float) -> None:
-        self._logged[0], self._deepest = self._deepest, 0.0
+        self._logged[:] = self._deepest
+        self._deepest = [0.0] * len(self._deepest)

@@ -1,4 +1,4 @@
-"""Impacts as a contact model: detect contact, resolve the impulses, change the velocities."""
+"""Impacts of pairs and at joint limits as a contact model: detect contact, resolve the impulses, change the velocities."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, PersistentContacts, contact_points
-from ffsm_mj.contact_models.impact.contact import Contact
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, PersistentContacts, as_contact, contact_points
+from ffsm_mj.contact_models.impact.contact import LimitContact
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
+from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT, LimitImpactRecord
 from ffsm_mj.contact_models.impact.record import impact_energies, impact_records, impulses_between
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.contact_models.impact.replayed_impact import impact_fault, logged_impact
@@ -47,16 +48,16 @@ class ImpactRules:
 
 
 class ImpactModel(Detector):
-    """Resolves the impacts of its pairs; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
+    """Resolves impacts of pairs and at joint limits; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
 
     kind = "impact"
-    records = (IMPACT,)
+    records = (IMPACT, LIMIT_IMPACT)
     resolves_impacts = True
 
     def __init__(
         self,
         scene: Scene,
-        pairs: Sequence[ContactPair],
+        pairs: Sequence[UnilateralConstraint],
         rules: ImpactRules,
         persistent: PersistentContacts,
         overlap: DeepestOverlap,
@@ -66,7 +67,7 @@ class ImpactModel(Detector):
         self._rules = rules
         self._impacts = 0
         self._heat = np.zeros(1)
-        self._bodies = {pair.name: (pair.body_a, pair.body_b) for pair in pairs}
+        self._by_name = {pair.name: pair for pair in pairs}
         if any(pair.mu > 0.0 for pair in pairs):
             self.columns = (*self.columns, Columns((_HEAT,), live=self._heat, resume=self._resume_heat))
 
@@ -104,19 +105,21 @@ class ImpactModel(Detector):
         self._persistent.close(touching)
         self._refuse_unmoved(touching, impact, time_s)
         self._impacts += 1
-        return EventEffect(records, self.exchange(energies, impact), end=self._end())
+        of_geoms = any(isinstance(record, ImpactRecord) for record in records)
+        # A joint that hits its limit is no event of the task: the control law learns of it at its next tick.
+        return EventEffect(records, self.exchange(energies, impact), end=self._end(of_geoms), triggers_control=of_geoms)
 
-    def record_fault(self, records: Sequence[ImpactRecord]) -> str:
+    def record_fault(self, records: Sequence[ImpactRecord | LimitImpactRecord]) -> str:
         """Why logged impacts do not fit the pairs, in one word; empty if they do."""
-        return impact_fault(records, self._bodies)
+        return impact_fault(records, self._by_name)
 
     def replay(self, event: LoggedEvent) -> EventEffect:
         """Resolve an impact again at its logged state, for comparison; the exchange is that of the logged impact."""
-        logged = logged_impact(self.scene, event, self._bodies)
+        logged = logged_impact(self.scene, event, self._by_name)
         exchange = self.exchange(impact_energies(self.scene.system, self.scene.data, logged), logged)
         return EventEffect(self._resolved_again(event), exchange)
 
-    def _resolved_again(self, event: LoggedEvent) -> tuple[ImpactRecord, ...]:
+    def _resolved_again(self, event: LoggedEvent) -> tuple[ImpactRecord | LimitImpactRecord, ...]:
         """Records of the impact at the state in ``data``; empty if there is none."""
         system, data = self.scene.system, self.scene.data
         try:
@@ -137,19 +140,16 @@ class ImpactModel(Detector):
 
     def resolve(self, touching: ClosedPairs) -> RestingResult:
         """Resolve an impact in the coordinates of the motion, plastic for contacts that come to rest."""
-        bodies, model, data = self.motion.bodies, self.motion.model, self.motion.data
-        points = contact_points(touching)
+        motion, points = self.motion, contact_points(touching)
 
         def with_restitution(e: FloatArray) -> Impact:
             contacts = [
-                Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal, float(each), pair.mu)
+                as_contact(pair, near, point, motion, float(each))
                 for (pair, near, point), each in zip(points, e, strict=True)
             ]
-            return resolve(model, data, contacts, self._rules.law)
+            return resolve(motion.model, motion.data, contacts, self._rules.law)
 
-        return resolve_resting(
-            self.scene.system.mj, self.scene.data, touching, self._rules.rest, with_restitution, self.motion
-        )
+        return resolve_resting(self.scene.system.mj, self.scene.data, touching, self._rules.rest, with_restitution, motion)
 
     def apply(self, touching: ClosedPairs, impact: Impact) -> Impact:
         """Set the post-impact velocities of the motion; returns the impact in the coordinates of the logged system."""
@@ -164,7 +164,7 @@ class ImpactModel(Detector):
         return replace(
             impact,
             contacts=tuple(
-                replace(contact, body_a=pair.body_a, body_b=pair.body_b)
+                contact if isinstance(contact, LimitContact) else replace(contact, body_a=pair.body_a, body_b=pair.body_b)
                 for contact, pair in zip(impact.contacts, pairs, strict=True)
             ),
             before=replace(impact.before, qvel=before),
@@ -189,8 +189,8 @@ class ImpactModel(Detector):
             self._heat += impact.friction.normal_work.sum() - (energies[1, 0] - energies[0, 0])
         return Exchange(energies[1] - energies[0], on_objects, np.array(outside))
 
-    def _end(self) -> RunEnded | None:
-        if self._rules.stop_on_impact:
+    def _end(self, of_geoms: bool) -> RunEnded | None:
+        if self._rules.stop_on_impact and of_geoms:
             return RunEnded(Outcome.COMPLETED)
         if self._impacts >= self._rules.max_impacts:
             return RunEnded(Outcome.EVENT_LIMIT, f"{self._impacts} impacts; raise impact.max_impacts to continue")

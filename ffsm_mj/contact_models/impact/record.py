@@ -8,8 +8,13 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.manifold import manifold_name
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, contact_points
+from ffsm_mj.contact_models.impact.contact import LimitContact
+from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
 from ffsm_mj.contact_models.impact.resolution import Impact
 from ffsm_mj.contact_models.impact.rest_rule import RestingResult
 from ffsm_mj.contact_models.interface import EventTime
@@ -34,10 +39,12 @@ def impulses_between(system: System, impact: Impact) -> FloatArray:
     """Impulses of the robot on the objects, of fixed bodies on the robot, and of fixed bodies on the objects, (3, 6).
 
     Each row is an impulse in N s and its moment about the world origin in N m s. A contact of two objects, or of the robot
-    with itself, is within one subsystem and contributes nothing.
+    with itself, is within one subsystem and contributes nothing; nor does a joint at its limit.
     """
     impulses = np.zeros((3, 6))
     for contact, vector in zip(impact.contacts, impact.vectors, strict=True):
+        if isinstance(contact, LimitContact):
+            continue
         a, b = (_subsystem(system, body) for body in (contact.body_a, contact.body_b))
         for number, (source, target) in enumerate(_EXCHANGES):
             if {a, b} == {source, target}:
@@ -66,42 +73,74 @@ def impact_records(
     energies: FloatArray,
     event: int,
     instant: EventTime,
-) -> tuple[ImpactRecord, ...]:
-    """Records of an impact, one per contact point."""
+) -> tuple[ImpactRecord | LimitImpactRecord, ...]:
+    """Records of an impact, one per contact point and joint limit."""
     impact, used, vectors = met.impact, met.used.tolist(), met.impact.vectors
     shared = _shared_fields(system, data, impact, energies)
-    stated = [pair.restitution for pair, _, _ in contact_points(touching)]
+    points = contact_points(touching)
+    stated = [pair.restitution for pair, _, _ in points]
     omitted = [_omitted_flights(*each) for each in zip(met.speeds.tolist(), met.pressing.tolist(), stated, strict=True)]
-    records = []
-    for i, (pair, near, point) in enumerate(contact_points(touching)):
-        arm = point - _centre(system, data, pair.body_b)
-        records.append(
-            ImpactRecord(
-                event=event,
-                time_s=instant.time_s,
-                step=instant.step,
-                pair=pair.name,
-                geoms=pair.geoms,
-                robot_geom=pair.geom_a if pair.robot_on_object else "",
-                object_geom=pair.geom_b if pair.robot_on_object else "",
-                point_m=tuple(point.tolist()),
-                normal=tuple(near.normal.tolist()),
-                manifold=manifold_name(len(near.points)),
-                restitution=pair.restitution,
-                restitution_used=used[i],
-                dropped_gap_m=omitted[i][0],
-                dropped_flights_s=omitted[i][1],
-                approach_speed_m_s=float(impact.approach_speeds[i]),
-                separation_speed_m_s=float(impact.separation_speeds[i]),
-                impulse_N_s=float(impact.impulses[i]),
-                angular_impulse_N_m_s=tuple(np.cross(arm, vectors[i]).tolist()),
-                mu=pair.mu,
-                **_friction(impact, i),
-                gap_m=near.gap,
-                **shared,
-            )
-        )
+    records: list[ImpactRecord | LimitImpactRecord] = []
+    for i, (pair, near, point) in enumerate(points):
+        common = {
+            "event": event,
+            "time_s": instant.time_s,
+            "step": instant.step,
+            "restitution": pair.restitution,
+            "restitution_used": used[i],
+            "dropped_flights_s": omitted[i][1],
+            **shared,
+        }
+        if isinstance(pair, JointLimit):
+            records.append(_at_limit(pair, near, pair.value(data), impact, i, dropped_gap=omitted[i][0], **common))
+        else:
+            moment = np.cross(point - _centre(system, data, pair.body_b), vectors[i])
+            records.append(_at_point(pair, near, point, moment, impact, i, dropped_gap_m=omitted[i][0], **common))
     return tuple(records)
+
+
+def _at_point(
+    pair: ContactPair, near: Proximity, point: FloatArray, moment: FloatArray, impact: Impact, i: int, **common: Any
+) -> ImpactRecord:
+    """Record of a contact point with the moment of its impulse, N m s, (3,)."""
+    return ImpactRecord(
+        pair=pair.name,
+        geoms=pair.geoms,
+        robot_geom=pair.geom_a if pair.robot_on_object else "",
+        object_geom=pair.geom_b if pair.robot_on_object else "",
+        point_m=tuple(point.tolist()),
+        normal=tuple(near.normal.tolist()),
+        manifold=manifold_name(len(near.points)),
+        approach_speed_m_s=float(impact.approach_speeds[i]),
+        separation_speed_m_s=float(impact.separation_speeds[i]),
+        impulse_N_s=float(impact.impulses[i]),
+        angular_impulse_N_m_s=tuple(moment.tolist()),
+        mu=pair.mu,
+        gap_m=near.gap,
+        **_friction(impact, i),
+        **common,
+    )
+
+
+def _at_limit(limit: JointLimit, near: Proximity, value: float, impact: Impact, i: int, **common: Any) -> LimitImpactRecord:
+    """Record of a joint at its limit, at a coordinate ``value``."""
+    found = _friction(impact, i)
+    return LimitImpactRecord(
+        joint=limit.joint,
+        side=limit.side,
+        unit=limit.unit,
+        value=value,
+        limit=limit.limit,
+        theta=found.get("theta", 1.0),
+        approach_rate=float(impact.approach_speeds[i]),
+        separation_rate=float(impact.separation_speeds[i]),
+        impulse=float(impact.impulses[i]),
+        work_J=found["normal_work_J"],
+        gap=near.gap,
+        point_m=tuple(near.points[0].tolist()),
+        axis=tuple(near.normal.tolist()),
+        **common,
+    )
 
 
 def _shared_fields(system: System, data: Any, impact: Impact, energies: FloatArray) -> dict[str, Any]:

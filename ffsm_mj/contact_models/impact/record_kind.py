@@ -80,15 +80,16 @@ def _summary(record: ImpactRecord) -> dict[str, Any]:
         "normal_work_J": record.normal_work_J,
         "friction_work_J": record.friction_work_J,
         "compression_work_J": record.compression_work_J,
-        "qvel_before": _by_joint(record.qvel_before),
-        "qvel_after": _by_joint(record.qvel_after),
+        "qvel_before": by_joint(record.qvel_before),
+        "qvel_after": by_joint(record.qvel_after),
         "energy_change_J": record.energy_change_J,
         "linear_momentum_change_N_s": record.linear_momentum_change_N_s,
         "angular_momentum_change_N_m_s": record.angular_momentum_change_N_m_s,
     }
 
 
-def _by_joint(qvel: Mapping[str, tuple[float, ...]]) -> dict[str, float | list[float]]:
+def by_joint(qvel: Mapping[str, tuple[float, ...]]) -> dict[str, float | list[float]]:
+    """Generalised velocities by joint for a summary: a number for a joint with one degree of freedom."""
     return {joint: v[0] if len(v) == 1 else list(v) for joint, v in qvel.items()}
 
 
@@ -156,4 +157,5 @@ IMPACT = RecordKind(
     warning=_warns,
     in_every_run=True,
     own_numbers=True,
+    event_group="impact",
 )

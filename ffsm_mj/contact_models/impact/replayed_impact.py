@@ -3,44 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from ffsm_mj.contact_models.impact.contact import Contact
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact_models.impact.contact import Contact, LimitContact
+from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
 from ffsm_mj.contact_models.impact.resolution import Impact, ImpactState
 from ffsm_mj.contact_models.impact.with_friction import Friction
 from ffsm_mj.contact_models.interface import LoggedEvent, Scene
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix
 from ffsm_mj.records.events import ImpactRecord
 
+_Record = ImpactRecord | LimitImpactRecord
 
-def impact_fault(records: Sequence[ImpactRecord], pairs: Mapping[str, Any]) -> str:
+
+def impact_fault(records: Sequence[_Record], pairs: Mapping[str, UnilateralConstraint]) -> str:
     """Why the records of an impact do not fit the models, in one word; empty if they do."""
-    vectors = (each for c in records for each in (c.point_m, c.normal, c.tangential_impulse_N_s))
+    contacts = [record for record in records if isinstance(record, ImpactRecord)]
+    vectors = (each for c in contacts for each in (c.point_m, c.normal, c.tangential_impulse_N_s))
     if any(len(vector) != 3 for vector in vectors):
         return "state"
-    return "pair" if any(contact.pair not in pairs for contact in records) else ""
+    return "pair" if any(_name(record) not in pairs for record in records) else ""
 
 
-def logged_impact(scene: Scene, event: LoggedEvent, bodies: Mapping[str, tuple[int, int]]) -> Impact:
+def _name(record: _Record) -> str:
+    """Name of the pair or joint limit of a record."""
+    return record.pair if isinstance(record, ImpactRecord) else f"{record.joint} {record.side} limit"
+
+
+def logged_impact(scene: Scene, event: LoggedEvent, pairs: Mapping[str, UnilateralConstraint]) -> Impact:
     """The impact as logged, with energies computed from the logged velocities.
 
     Args:
         scene: The system with the logged state before the impact.
         event: The logged impact.
-        bodies: Bodies of each pair, by its name.
+        pairs: Pairs and joint limits by name.
     """
     model, nq = scene.system.mj, scene.system.mj.nq
     M = mass_matrix(model, scene.data)
     before, after = (ImpactState(v, kinetic_energy(M, v), np.zeros(6)) for v in (event.state[nq:], event.state_after[nq:]))
+    along = np.array([along_row(record) for record in event.records])
     return Impact(
-        contacts=tuple(
-            Contact(*bodies[c.pair], np.array(c.point_m), np.array(c.normal), c.restitution, c.mu) for c in event.records
-        ),
-        impulses=np.array([c.impulse_N_s for c in event.records]),
-        approach_speeds=np.array([c.approach_speed_m_s for c in event.records]),
-        separation_speeds=np.array([c.separation_speed_m_s for c in event.records]),
+        contacts=tuple(_contact(record, pairs[_name(record)]) for record in event.records),
+        impulses=along[:, 0],
+        approach_speeds=along[:, 1],
+        separation_speeds=along[:, 2],
         before=before,
         after=after,
         law=event.records[0].law,
@@ -49,13 +58,33 @@ def logged_impact(scene: Scene, event: LoggedEvent, bodies: Mapping[str, tuple[i
     )
 
 
-def _friction(contacts: Sequence[ImpactRecord]) -> Friction | None:
+def along_row(record: _Record) -> tuple[float, float, float]:
+    """Impulse, approach speed and separation speed of a record along its row of the contact Jacobian."""
+    if isinstance(record, ImpactRecord):
+        return record.impulse_N_s, record.approach_speed_m_s, record.separation_speed_m_s
+    return record.impulse, record.approach_rate, record.separation_rate
+
+
+def _contact(record: _Record, pair: UnilateralConstraint) -> Contact | LimitContact:
+    """Contact of a record."""
+    if isinstance(record, ImpactRecord):
+        point, normal = np.array(record.point_m), np.array(record.normal)
+        return Contact(pair.body_a, pair.body_b, point, normal, record.restitution, record.mu)
+    assert isinstance(pair, JointLimit)  # by its name
+    return LimitContact(pair.dof, pair.sign, record.restitution)
+
+
+def _friction(contacts: Sequence[_Record]) -> Friction | None:
     """Friction data of some records; None if no contact has friction."""
-    if not any(contact.mu > 0.0 for contact in contacts):
+    if not any(isinstance(contact, ImpactRecord) and contact.mu > 0.0 for contact in contacts):
         return None
     vectors = ("tangential_impulse_N_s", "slip_before_m_s", "slip_after_m_s")
-    works = ("normal_work_J", "friction_work_J", "compression_work_J")
-    impulses, before, after = (np.array([getattr(contact, name) for contact in contacts]) for name in vectors)
-    normal, friction, compression = (np.array([getattr(contact, name) for contact in contacts]) for name in works)
-    paths = tuple(contact.path for contact in contacts)
+    works = ("friction_work_J", "compression_work_J")
+    # A joint limit has no friction: its work is that of its impulse.
+    impulses, before, after = (
+        np.array([getattr(contact, name, (0.0, 0.0, 0.0)) for contact in contacts]) for name in vectors
+    )
+    friction, compression = (np.array([getattr(contact, name, 0.0) for contact in contacts]) for name in works)
+    normal = np.array([c.normal_work_J if isinstance(c, ImpactRecord) else c.work_J for c in contacts])
+    paths = tuple(getattr(contact, "path", "") for contact in contacts)
     return Friction(impulses, before, after, paths, contacts[0].theta, 0.0, normal, friction, compression)

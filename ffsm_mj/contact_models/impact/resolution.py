@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
+from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_jacobian
 from ffsm_mj.contact_models.impact.installed_laws import impact_law, impact_laws
 from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, solve_impact
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
@@ -38,8 +38,8 @@ class Impact:
     """A resolved impact.
 
     Attributes:
-        contacts: Contact points.
-        impulses: Normal impulse at each contact in N s, >= 0, along the normal on b.
+        contacts: Contact points, and joints at their limits.
+        impulses: Normal impulse at each contact in N s, >= 0, along the normal on b; of a hinge at its limit in N m s.
         approach_speeds: -u before at each contact in m/s, positive when approaching.
         separation_speeds: u after at each contact in m/s.
         before: Velocities, energy and momentum before the impact.
@@ -50,7 +50,7 @@ class Impact:
         friction: Friction impulses, slip and works; None if no contact has friction.
     """
 
-    contacts: tuple[Contact, ...]
+    contacts: tuple[Contact | LimitContact, ...]
     impulses: FloatArray
     approach_speeds: FloatArray
     separation_speeds: FloatArray
@@ -62,8 +62,9 @@ class Impact:
 
     @property
     def vectors(self) -> FloatArray:
-        """Impulse on b at each contact in world axes, friction included, N s, (k, 3)."""
-        along = np.array([impulse * contact.normal for impulse, contact in zip(self.impulses, self.contacts, strict=True)])
+        """Impulse on b at each contact in world axes, friction included, N s, (k, 3); zero for a joint at its limit."""
+        normals = [np.zeros(3) if isinstance(contact, LimitContact) else contact.normal for contact in self.contacts]
+        along = np.array([impulse * normal for impulse, normal in zip(self.impulses, normals, strict=True)])
         return along if self.friction is None else along + self.friction.impulses
 
     @property
@@ -77,7 +78,7 @@ class Impact:
         return self.after.momentum - self.before.momentum
 
 
-def resolve(model: Any, data: Any, contacts: Sequence[Contact], law: str = "blend") -> Impact:
+def resolve(model: Any, data: Any, contacts: Sequence[Contact | LimitContact], law: str = "blend") -> Impact:
     """Resolve an impact at the configuration and velocity in ``data``, which keeps its velocity.
 
     Derived quantities in ``data`` are updated. Contacts that do not approach get an impulse only if others push them.
@@ -85,7 +86,7 @@ def resolve(model: Any, data: Any, contacts: Sequence[Contact], law: str = "blen
     Args:
         model: Any MuJoCo model.
         data: Its state at the time of impact.
-        contacts: All contact points.
+        contacts: All contact points, and joints at their limits.
         law: Name of the impact law: ``blend``, ``poisson``, ``newton`` or an installed one. The built-in laws agree for one
             contact without friction. With friction, one contact is solved by ``stronge``; several contacts, for ``blend``,
             by ``coulomb``.
@@ -144,7 +145,7 @@ def _frictionless(M: FloatArray, J: FloatArray, qvel: FloatArray, e: FloatArray,
     return ImpactOutcome(qvel + change, solution.impulses, solution.rule or law.name, solution.status, None)
 
 
-def compare_laws(model: Any, data: Any, contacts: Sequence[Contact]) -> dict[str, Impact | str]:
+def compare_laws(model: Any, data: Any, contacts: Sequence[Contact | LimitContact]) -> dict[str, Impact | str]:
     """Resolve one impact by every known law; the value is a message if the law does not cover it.
 
     Where the results differ, the outcome is a modelling choice.

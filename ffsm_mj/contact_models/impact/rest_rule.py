@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, contact_points
 from ffsm_mj.contact_models.impact.contact import contact_jacobian
@@ -105,7 +105,7 @@ def resolve_resting(
 def _pressing(
     model: Any,
     data: Any,
-    points: Sequence[tuple[ContactPair, Proximity, FloatArray]],
+    points: Sequence[tuple[UnilateralConstraint, Proximity, FloatArray]],
     impact: Impact,
     motion: Motion,
 ) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Event detection of impacts: the first time within a step at which a pair touches.
+"""Event detection of impacts: the first time within a step at which a pair touches or a joint reaches its limit.
 
 Most steps evaluate no distance: a pair that was far apart is evaluated again only after a motion that could have closed it
 (:mod:`.clearances`). Otherwise the step is a smooth path that can be evaluated at
@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ffsm_mj.contact.broad_phase import BroadPhase
+from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
-from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.clearances import Clearances
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, NoPersistentContacts, PersistentContacts, closed_pairs
@@ -46,14 +46,15 @@ class Detector(EventSource, Replayable):
     """Detects impacts of pairs: evaluates them along the motion and locates the first touch within a step.
 
     Attributes:
-        pairs: Contact pairs.
-        columns: Deepest overlap of any pair at the ends of (sub-)steps since the sample before.
+        pairs: Contact pairs, then joint limits.
+        columns: Deepest overlap of any pair, and overrun of any joint limit; see
+            :class:`~ffsm_mj.contact_models.impact.deepest_overlap.DeepestOverlap`.
     """
 
     def __init__(
         self,
         scene: Scene,
-        pairs: Sequence[ContactPair],
+        pairs: Sequence[UnilateralConstraint],
         persistent: PersistentContacts | None = None,
         overlap: DeepestOverlap | None = None,
     ) -> None:
@@ -61,7 +62,7 @@ class Detector(EventSource, Replayable):
 
         Args:
             scene: The logged system and its data.
-            pairs: Pairs to detect.
+            pairs: Pairs and joint limits to detect.
             persistent: Persistent contact, which takes over the pairs that stay closed; None: there is none.
             overlap: Deepest overlap, shared with ``persistent``; None: an own one.
         """
@@ -86,7 +87,7 @@ class Detector(EventSource, Replayable):
         self._clearances.restart(self.motion, self._is_skipped)
         self.event_bound = self._clearances.energy_reach
 
-    def _is_skipped(self, pair: ContactPair) -> bool:
+    def _is_skipped(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair has no impacts now: persistent contact holds it, or both geoms are on one rigid body."""
         return self._persistent.holds(pair) or pair.geom_ids in self.motion.rigid
 
@@ -130,7 +131,7 @@ class Detector(EventSource, Replayable):
         """
         for i in self._broad_phase.near(self._data):
             if not self._is_skipped(self.pairs[i]):
-                self._overlap.add(-self._proximity(i, time).gap)
+                self._overlap.add(self.pairs[i], self._proximity(i, time).gap)
 
     def _proximity(self, i: int, time: float | None) -> Proximity:
         """Proximity of a pair at the state in ``data``; evaluated once per time since the start of the step, if given."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.contact import Contact, contact_rows
+from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_rows
 from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, friction_of, solve_impact
 
 
@@ -51,7 +52,7 @@ class ImpactOutcome(NamedTuple):
 
 
 def resolve_with_friction(
-    model: Any, data: Any, M: FloatArray, contacts: Sequence[Contact], qvel: FloatArray, law: ImpactLaw
+    model: Any, data: Any, M: FloatArray, contacts: Sequence[Contact | LimitContact], qvel: FloatArray, law: ImpactLaw
 ) -> ImpactOutcome:
     """Velocities and impulses of an impact in which at least one contact has mu > 0.
 
@@ -70,12 +71,10 @@ def resolve_with_friction(
         UnsupportedContactError: The law does not cover friction, or a restitution is above 1.
         ValueError: A contact between bodies that cannot move along its normal.
     """
-    from ffsm_mj.contact_models.impact.friction import tangents  # its solvers take time to load
-
     order = sorted(range(len(contacts)), key=lambda i: _sort_key(contacts[i]))
     placed = [contacts[i] for i in order]
     e, mu = (np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu"))
-    axes = np.array([tangents(np.asarray(contact.normal)) for contact in placed])
+    axes = np.array([_tangents(contact) for contact in placed])
     J = np.concatenate([contact_rows(model, data, each, across) for each, across in zip(placed, axes, strict=True)])
     problem = ImpactProblem(M, J, qvel, e, mu)
     solution = solve_impact(law, problem)
@@ -102,7 +101,16 @@ def resolve_with_friction(
     return ImpactOutcome(after, found.impulses[back, 0], solution.rule or law.name, solution.status, friction)
 
 
-def _sort_key(contact: Contact) -> tuple[float, ...]:
-    """Sort key of a contact."""
+def _tangents(contact: Contact | LimitContact) -> FloatArray:
+    """Two unit vectors across the normal, (2, 3); zero for a joint limit, which has none."""
+    from ffsm_mj.contact_models.impact.friction import tangents  # its solvers take time to load
+
+    return np.zeros((2, 3)) if isinstance(contact, LimitContact) else tangents(np.asarray(contact.normal))
+
+
+def _sort_key(contact: Contact | LimitContact) -> tuple[float, ...]:
+    """Sort key of a contact: joint limits come last."""
+    if isinstance(contact, LimitContact):
+        return math.inf, contact.dof, contact.sign, contact.restitution
     where = np.concatenate((contact.point, contact.normal)).tolist()
     return contact.body_a, contact.body_b, *where, contact.mu, contact.restitution

@@ -11,9 +11,11 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.search import features
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.interface import Scene
@@ -42,11 +44,11 @@ _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 
 
 class ActiveContactSet:
-    """Closed contacts of a motion, and the active set among them.
+    """Closed contacts and joints at limits of a motion, and the active set among them.
 
     Attributes:
         motion: The current motion.
-        by_pair: Contact points of each closed pair; changed by :meth:`set_points` and :meth:`remove`.
+        by_pair: Contact points of each closed pair or joint limit; changed by :meth:`set_points` and :meth:`remove`.
         contact_points: All of them, pair by pair.
         pressing: The active set: contact points constrained in the stages of a step.
         stages: Contact forces of the stages since the start of the step.
@@ -56,7 +58,7 @@ class ActiveContactSet:
         """Initialise with no closed contacts."""
         self._scene, self._model = scene, scene.system.mj
         self.motion: Motion
-        self.by_pair: dict[ContactPair, tuple[ContactPoint, ...]] = {}
+        self.by_pair: dict[UnilateralConstraint, tuple[ContactPoint, ...]] = {}
         self.contact_points: tuple[ContactPoint, ...] = ()
         self.pressing: tuple[ContactPoint, ...] = ()
         self.stages: list[Stage] = []
@@ -84,25 +86,27 @@ class ActiveContactSet:
         """Discard the stages of the last step: the state or the efforts changed discontinuously."""
         self.stages.clear()
 
-    def set_points(self, pair: ContactPair, contact_points: Sequence[ContactPoint]) -> None:
+    def set_points(self, pair: UnilateralConstraint, contact_points: Sequence[ContactPoint]) -> None:
         """Set the contact points of a pair; none if it is about to open."""
         self.by_pair[pair] = tuple(contact_points)
         self._count()
 
-    def remove(self, pair: ContactPair) -> None:
+    def remove(self, pair: UnilateralConstraint) -> None:
         """Remove a pair."""
         del self.by_pair[pair]
         self._count()
 
     def _count(self) -> None:
         self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
-        self._multi_point_pairs = [pair for pair in self.by_pair if may_touch_at_several_points(pair)]
+        self._multi_point_pairs = [
+            pair for pair in self.by_pair if isinstance(pair, ContactPair) and may_touch_at_several_points(pair)
+        ]
 
-    def add_closed(self, pair: ContactPair, near: Proximity, still: float) -> None:
+    def add_closed(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
         """Set the contact points of a pair to those found at the current state; see :meth:`found`."""
         self.set_points(pair, self.found(pair, near, still))
 
-    def found(self, pair: ContactPair, near: Proximity, still: float) -> tuple[ContactPoint, ...]:
+    def found(self, pair: UnilateralConstraint, near: Proximity, still: float) -> tuple[ContactPoint, ...]:
         """Features of a pair with gap 0 and a gap rate of at most ``still`` in m/s.
 
         Args:
@@ -111,6 +115,8 @@ class ActiveContactSet:
             still: Gap rates within this of zero are rounding.
         """
         data = self._scene.data
+        if isinstance(pair, JointLimit):
+            return (ContactPoint(pair, pair.feature),) if abs(near.rate) <= still else ()
 
         def is_still(at: FeatureState) -> bool:
             if abs(at.rate) <= still:
@@ -123,17 +129,21 @@ class ActiveContactSet:
         found = (feature for feature in features(pair, self._model, data, near) if is_still(feature.at(data)))
         return tuple(ContactPoint(pair, feature) for feature in found)
 
-    def keep_slow_points(self, pairs: Sequence[tuple[ContactPair, Proximity]]) -> None:
+    def keep_slow_points(self, pairs: Sequence[tuple[UnilateralConstraint, Proximity]]) -> None:
         """Also close contact points that separate so slowly that the pressing forces would stop them below ``LIFT_OFF_M``.
 
         Otherwise a block that rocks from corner to corner would do so for ever, at heights below rounding (Zeno behaviour).
         """
         model, data, held = self._model, self._scene.data, self.contact_points
-        found = [ContactPoint(pair, feature) for pair, near in pairs for feature in features(pair, model, data, near)]
+        found = [
+            ContactPoint(pair, feature)
+            for pair, near in pairs
+            for feature in ((pair.feature,) if isinstance(pair, JointLimit) else features(pair, model, data, near))
+        ]
         slow = [
             (contact, at)
             for contact in found
-            if 0.0 < (at := contact.feature.at(data)).rate <= _SLOW_M_S and not self._has_point_at(at)
+            if 0.0 < (at := contact.feature.at(data)).rate <= _SLOW_M_S and not self._has_point(contact, at)
         ]
         if not slow:
             return
@@ -144,9 +154,11 @@ class ActiveContactSet:
             if at.rate**2 <= 2.0 * b * LIFT_OFF_M:
                 self.set_points(contact.pair, (*self.by_pair.get(contact.pair, ()), contact))
 
-    def _has_point_at(self, at: FeatureState) -> bool:
-        """Whether the set already has a contact point at this position."""
+    def _has_point(self, new: ContactPoint, at: FeatureState) -> bool:
+        """Whether the set already has a contact point at this position, or this joint limit."""
         data = self._scene.data
+        if isinstance(new.pair, JointLimit):
+            return bool(self.by_pair.get(new.pair))
         return any(math.dist(contact.feature.at(data).point, at.point) < FEATURE_BOUND_M for contact in self.contact_points)
 
     def push(self, data: Any) -> None:
@@ -274,7 +286,7 @@ class ActiveContactSet:
         near = pair.proximity(self._model, data)
         return near.gap if near.approaches else max(near.gap, 0.0)
 
-    def places(self) -> dict[ContactPair, list[FloatArray]]:
+    def places(self) -> dict[UnilateralConstraint, list[FloatArray]]:
         """Positions of the contact points of each closed pair at the state in ``data``, m, world axes."""
         data = self._scene.data
         return {
@@ -282,19 +294,19 @@ class ActiveContactSet:
             for pair, contact_points in self.by_pair.items()
         }
 
-    def pairs_outside_feature(self) -> list[ContactPair]:
+    def pairs_outside_feature(self) -> list[UnilateralConstraint]:
         """Pairs with a contact point outside its feature."""
         return self._pairs_where(lambda at: at.inside < -FEATURE_BOUND_M)
 
-    def pairs_with_drift(self) -> list[ContactPair]:
+    def pairs_with_drift(self) -> list[UnilateralConstraint]:
         """Pairs with a gap that has drifted to the limit of a step."""
         return self._pairs_where(lambda at: abs(at.gap) > 0.99 * DRIFT_M)
 
-    def pairs_with_tilt(self) -> list[ContactPair]:
+    def pairs_with_tilt(self) -> list[UnilateralConstraint]:
         """Pairs with a rim whose tilt has changed to the limit of a step."""
         return [contact.pair for contact, left, most in self._tilts_left() if left < 0.01 * most]
 
-    def _pairs_where(self, holds: Callable[[FeatureState], bool]) -> list[ContactPair]:
+    def _pairs_where(self, holds: Callable[[FeatureState], bool]) -> list[UnilateralConstraint]:
         if not self.contact_points:
             return []
         here = self.decide()

@@ -15,7 +15,8 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
@@ -49,7 +50,7 @@ class Shares(NamedTuple):
 
     from_robot: FloatArray
     outside: FloatArray
-    of_pairs: dict[ContactPair, list[int]]
+    of_pairs: dict[UnilateralConstraint, list[int]]
 
     @classmethod
     def of(cls, system: System, contact_points: Sequence[ContactPoint], grasped_bodies: frozenset[int]) -> Shares:
@@ -57,7 +58,7 @@ class Shares(NamedTuple):
         robot = grasped_bodies.union(system.robot.bodies)
         objects = {body for tree in system.objects for body in tree.bodies} - grasped_bodies
         from_robot, outside = np.zeros(len(contact_points)), np.zeros((2, len(contact_points)))
-        of_pairs: dict[ContactPair, list[int]] = {}
+        of_pairs: dict[UnilateralConstraint, list[int]] = {}
         for i, contact in enumerate(contact_points):
             of_pairs.setdefault(contact.pair, []).append(i)
             a, b = contact.pair.body_a, contact.pair.body_b
@@ -86,8 +87,10 @@ def robot_dofs(system: System, motion: Motion) -> slice:
 
 def exchanged(
     stages: Sequence[Stage], parts: FloatArray, shares: Shares, robot: slice
-) -> tuple[Exchange, dict[ContactPair, float]]:
+) -> tuple[Exchange, dict[UnilateralConstraint, float]]:
     """Energy and momentum exchanged in a step, and the time integral of the force magnitude of each pair, N s.
+
+    A joint limit exchanges no momentum; its integral is in N m s for a hinge.
 
     Args:
         stages: Contact forces by stage.
@@ -99,9 +102,10 @@ def exchanged(
     work = parts.dot(np.array([stage.power for stage in stages])).tolist()
     total, own = sum(work), sum(work[robot])
     weights, sizes = parts.tolist(), dict.fromkeys(shares.of_pairs, 0.0)
-    for part, pushed in zip(weights, on_b, strict=True):
+    for part, stage, pushed in zip(weights, stages, on_b, strict=True):
         for pair, mine in shares.of_pairs.items():
-            sizes[pair] += part * _size([pushed[i] for i in mine])
+            at_limit = isinstance(pair, JointLimit)
+            sizes[pair] += part * (stage.forces.item(mine[0]) if at_limit else _size([pushed[i] for i in mine]))
     # Plain Python sums: for a few numbers, numpy's call overhead costs more.
     columns = [zip(*of_contact, strict=True) for of_contact in zip(*on_b, strict=True)]
     impulses = np.array([[sum(map(mul, weights, column)) for column in six] for six in columns])

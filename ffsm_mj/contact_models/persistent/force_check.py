@@ -19,15 +19,18 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.broad_phase import BroadPhase
-from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
+from ffsm_mj.contact_models.impact.closed_pairs import as_contact
+from ffsm_mj.contact_models.impact.contact import contact_jacobian
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import closed_and_still, held_rate_tolerance
+from ffsm_mj.contact_models.persistent.limit_report import force_key, state_key
 from ffsm_mj.contact_models.persistent.report import force_keys, mode_key
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 from ffsm_mj.dynamics.motion import Motion
@@ -35,23 +38,34 @@ from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.tolerances import CLEARLY_APART_M, LANDING_DEPTH_M, SAME_POINT_M
 
+_FIRST = np.array((1.0, 0.0, 0.0))
+
 
 class ForceCheck:
     """Compares the logged contact forces of rows with those recomputed from the state of the row."""
 
-    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], closed: ActiveContactSet, layout: Layout) -> None:
+    def __init__(
+        self, scene: Scene, pairs: Sequence[UnilateralConstraint], closed: ActiveContactSet, layout: Layout
+    ) -> None:
         """Bind to the data, which holds the state of the row at each call, and to the closed contacts of the replay."""
         self._scene, self._pairs, self._closed_set = scene, tuple(pairs), closed
-        self._forces = layout.places(key for pair in pairs for key in force_keys(pair))
-        self._modes = layout.places(mode_key(pair) for pair in pairs)
+        limits = self._limits = [pair for pair in pairs if isinstance(pair, JointLimit)]
+        geoms = [pair for pair in pairs if not isinstance(pair, JointLimit)]
+        self._forces = layout.places(key for pair in geoms for key in force_keys(pair))
+        self._modes = layout.places(mode_key(pair) for pair in geoms)
+        self._limit_forces = layout.places(map(force_key, limits))
+        self._limit_states = layout.places(map(state_key, limits))
+        self._signs = np.array([limit.sign for limit in limits])
         self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
         self._scratch = mujoco.MjData(scene.system.mj)
 
     def residual(self, row: FloatArray) -> float:
-        """Largest difference between recomputed and logged resultant forces in a row, N; 0 if no pair is closed."""
+        """Largest difference between recomputed and logged resultant forces in a row, N; 0 if no pair is closed.
+
+        It includes the forces of joint limits, in N m for a hinge.
+        """
         motion = self._closed_set.motion
-        logged = row[self._forces].reshape(-1, 3)
-        logged_pairs = row[self._modes] > 0.0
+        logged, logged_pairs = self._logged(row)
         candidates = ((self._pairs[i], logged_pairs[i]) for i in self._broad_phase.within(self._scene.data, CLEARLY_APART_M))
         touching = [
             (pair, near)
@@ -63,7 +77,15 @@ class ForceCheck:
         found = dict.fromkeys(self._pairs, np.zeros(3)) | self._resultants(touching, motion)
         return float(max(np.linalg.norm(force - found[pair]) for pair, force in zip(self._pairs, logged, strict=True)))
 
-    def _closed(self, pair: ContactPair, lasts: bool) -> Proximity | None:
+    def _logged(self, row: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Logged force of each pair and joint limit, as in :meth:`_resultants`, (n, 3), and whether it is closed, (n,)."""
+        at_limits = np.zeros((len(self._limits), 3))
+        # One column holds the force of both limits of a joint, positive at the lower one.
+        at_limits[:, 0] = np.maximum(self._signs * row[self._limit_forces], 0.0)
+        closed = np.concatenate((row[self._modes] > 0.0, self._signs * row[self._limit_states] < 0.0))
+        return np.concatenate((row[self._forces].reshape(-1, 3), at_limits)), closed
+
+    def _closed(self, pair: UnilateralConstraint, lasts: bool) -> Proximity | None:
         model, data = self._scene.system.mj, self._scene.data
         if pair.gap(model, data, 1.0) > CLEARLY_APART_M:
             return None
@@ -73,24 +95,24 @@ class ForceCheck:
         return near if closed_and_still(seen, held_rate_tolerance(near) if lasts else near.rate_tolerance) else None
 
     def _resultants(
-        self, touching: Sequence[tuple[ContactPair, Proximity]], motion: Motion
-    ) -> dict[ContactPair, FloatArray]:
-        """Resultant force on geom b of each pair, N."""
+        self, touching: Sequence[tuple[UnilateralConstraint, Proximity]], motion: Motion
+    ) -> dict[UnilateralConstraint, FloatArray]:
+        """Resultant force on geom b of each pair, N; the first component for a joint limit, N or N m."""
         held = self._closed_set.places()
         points = [(pair, near, point) for pair, near in touching for point in _closed_points(near, held.get(pair, []))]
         if not points:
             return {}
-        bodies = motion.bodies
-        contacts = [Contact(bodies[pair.body_a], bodies[pair.body_b], point, near.normal) for pair, near, point in points]
+        contacts = [as_contact(pair, near, point, motion, 0.0) for pair, near, point in points]
         with self._free_motion(motion) as (seen, moving):
             model = self._scene.system.mj
             rates = np.array([pair.second_rate(model, seen, near, point).value for pair, near, point in points])
             J = np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts])
             A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, moving)), J.T).T
         forces = least_norm(A, project(A, np.linalg.lstsq(A, rates, rcond=None)[0]))
-        found: dict[ContactPair, Any] = {}
+        found: dict[UnilateralConstraint, Any] = {}
         for (pair, near, _), force in zip(points, forces.tolist(), strict=True):
-            found[pair] = found.get(pair, np.zeros(3)) + force * near.normal
+            along = _FIRST if isinstance(pair, JointLimit) else near.normal
+            found[pair] = found.get(pair, np.zeros(3)) + force * along
         return found
 
     @contextmanager

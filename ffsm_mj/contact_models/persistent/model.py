@@ -18,6 +18,8 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.broad_phase import BroadPhase
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
@@ -33,8 +35,10 @@ from ffsm_mj.contact_models.persistent.closure import (
 from ffsm_mj.contact_models.persistent.drift import DriftProjection, sum_exchanges
 from ffsm_mj.contact_models.persistent.exchange import Shares, exchanged, robot_dofs
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck
+from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
+from ffsm_mj.contact_models.persistent.limit_report import LimitReport
 from ffsm_mj.contact_models.persistent.localisation import first_change
-from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
+from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS, ContactRecord
 from ffsm_mj.contact_models.persistent.refusals import refusal, refuse_friction
 from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
@@ -50,28 +54,35 @@ from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M
 _OTHER_MODEL = "the motion uses another model than the scenario's, and no grasp of the scenario is closed in it"
 
 
+_KINDS = (CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES)
+"""Kinds of records of pairs, in the order of ``LIMIT_KINDS``."""
+
+
 class PersistentContactModel(EventSource, ForceSource, Replayable):
     """Constrains the pairs that impacts leave closed; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
 
     kind = "contact"
-    records = (CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES)
+    records = (*_KINDS, *LIMIT_KINDS)
     is_reactive = True
 
-    def __init__(self, scene: Scene, pairs: Sequence[ContactPair], overlap: DeepestOverlap) -> None:
+    def __init__(self, scene: Scene, pairs: Sequence[UnilateralConstraint], overlap: DeepestOverlap) -> None:
         """Initialise with no closed contacts.
 
         Args:
             scene: The logged system and its data.
-            pairs: Impact pairs; the impact model passes on those that an impact leaves closed, see :meth:`close`.
+            pairs: Impact pairs, then joint limits; the impact model passes on those that an impact leaves closed, see
+                :meth:`close`.
             overlap: Deepest overlap, shared with the impact model.
         """
         super().__init__(None, scene)
         self._pairs, self._overlap, self._active_set = tuple(pairs), overlap, ActiveContactSet(scene)
         self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
-        self._logged_pairs: list[ContactPair] = []
-        self._report = ContactReport(scene, self._pairs, self._active_set)
+        self._logged_pairs: list[UnilateralConstraint] = []
+        geoms, limits = _by_kind(self._pairs)
+        self._report = ContactReport(scene, geoms, self._active_set)
+        self._limits = LimitReport(scene, limits, self._active_set)
         self._drift = DriftProjection(scene, self._active_set)
-        self.columns = self._report.columns
+        self.columns = (*self._report.columns, *self._limits.columns)
         self._previous_motion: Motion | None = None
         self._landing = False
         self._projection_exchange: Exchange | None = None
@@ -94,7 +105,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._update_activity()
         self._active_set.update_pressing()  # a pair of the previous active set may be on one rigid body in this motion
 
-    def _update_pairs(self, held: Sequence[ContactPair]) -> None:
+    def _update_pairs(self, held: Sequence[UnilateralConstraint]) -> None:
         """Update all pairs near contact after a change of motion; pairs in ``held`` were closed in the previous one."""
         for pair, near in closed_pairs(self._broad_phase, self.scene, self.motion):
             # A deeper overlap at release is not a closed contact: the impact model resolves it.
@@ -105,7 +116,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Discard the forces of the last step: the state or the efforts changed discontinuously."""
         self._active_set.clear_stages()
 
-    def holds(self, pair: ContactPair) -> bool:
+    def holds(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair is closed; see ``PersistentContacts`` in ``contact_models/impact``."""
         return pair in self._active_set.by_pair
 
@@ -122,16 +133,16 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def prepare_replay(self, records: Sequence[Any]) -> None:
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
-        if {record.pair for record in records} - {pair.name for pair in self._active_set.by_pair}:
+        if set(map(_name, records)) - {pair.name for pair in self._active_set.by_pair}:
             self.close(closed_pairs(self._broad_phase, self.scene, self.motion))
 
-    def refusal(self, pair: ContactPair) -> str:
+    def refusal(self, pair: UnilateralConstraint) -> str:
         """Why a pair cannot stay in contact; empty if it can."""
         if self.motion.data is not self.scene.data and not self.motion.grasp:
             return _OTHER_MODEL
         return refusal(self.scene.system.mj, pair)
 
-    def _update_pair(self, pair: ContactPair, near: Proximity, still: float) -> None:
+    def _update_pair(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
         if closed_and_still(near, still) and not self.refusal(pair):
             self._active_set.add_closed(pair, near, still)
         elif self.holds(pair):
@@ -156,7 +167,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         data, model = self.scene.data, self.scene.system.mj
         for pair in tuple(self._active_set.by_pair):
             self._active_set.remove(pair)
-        self._logged_pairs = self._report.logged_pairs()
+        self._logged_pairs = [*self._report.logged_pairs(), *self._limits.logged_limits()]
         for pair in (self._pairs[i] for i in self._broad_phase.within(data, CLEARLY_APART_M)):
             if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
                 near = pair.proximity(model, data)
@@ -208,14 +219,17 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Energy and momentum exchanged by the contact forces, and by the drift projection at the start of the step."""
         done, impulses = self._exchanged(duration_s)
         self._report.add_impulses(impulses)
-        self._overlap.add(-min([at.gap for at in self._active_set.decide().rows.states], default=0.0))
+        self._limits.add_impulses(impulses)
+        decision = self._active_set.decide()
+        for contact, at in zip(decision.contact_points, decision.rows.states, strict=True):
+            self._overlap.add(contact.pair, at.gap)
         return done
 
     def exchanged(self, duration_s: float) -> Exchange | None:
         """The same for a trial step that may be rejected."""
         return self._exchanged(duration_s)[0]
 
-    def _exchanged(self, duration_s: float) -> tuple[Exchange | None, Mapping[ContactPair, float]]:
+    def _exchanged(self, duration_s: float) -> tuple[Exchange | None, Mapping[UnilateralConstraint, float]]:
         """Energy and momentum exchanged in the last step, and the impulse of each pair in N s."""
         closed, system = self._active_set, self.scene.system
         if not closed.pressing:
@@ -254,7 +268,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if news is None:
             return None
         (kind, pairs), qvel = news, self.scene.system.by_joint(self.scene.data.qvel)
-        before, places = self._report.forces_before(pairs), self._report.places(pairs)
+        geoms, limits = _by_kind(pairs)
+        before, places = self._report.forces_before(geoms), self._report.places(geoms)
+        at_limits = self._limits.forces_before(limits)
         if kind is CONTACT_BEGINS:
             self._logged_pairs += pairs
         elif kind is CONTACT_ENDS:
@@ -264,11 +280,15 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         else:
             self._apply_change(pairs)
         self._update_activity()
-        places |= self._report.places([pair for pair in pairs if self.holds(pair)])
-        records = self._report.records(kind, places, before, instant, self.scene.numbers.next_number(), qvel)
+        places |= self._report.places([pair for pair in geoms if self.holds(pair)])
+        number, limit_kind = self.scene.numbers.next_number(), LIMIT_KINDS[_KINDS.index(kind)]
+        records = (
+            *self._report.records(kind, places, before, instant, number, qvel),
+            *self._limits.records(limit_kind, at_limits, instant, number, qvel),
+        )
         return EventEffect(records, triggers_control=False)
 
-    def _pending_change(self) -> tuple[RecordKind, list[ContactPair]] | None:
+    def _pending_change(self) -> tuple[RecordKind, list[UnilateralConstraint]] | None:
         """The next change at the state in ``data`` under its efforts: one record kind at a time, and the pairs concerned."""
         closed = self._active_set
         begins = [pair for pair in closed.by_pair if pair not in self._logged_pairs]
@@ -284,7 +304,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         changes = [*beyond, *(contact.pair for contact in leaving)]
         return (CONTACT_CHANGES, list(dict.fromkeys(changes))) if changes else None
 
-    def _change_during_step(self) -> tuple[RecordKind, list[ContactPair]] | None:
+    def _change_during_step(self) -> tuple[RecordKind, list[UnilateralConstraint]] | None:
         """Pairs that ended a step early without opening: they entered the active set, or drifted or tilted to the limit."""
         closed = self._active_set
         decision = closed.decide() if closed.contact_points else None
@@ -296,7 +316,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
         return (CONTACT_CHANGES, pairs) if pairs else None
 
-    def _apply_change(self, pairs: Sequence[ContactPair]) -> None:
+    def _apply_change(self, pairs: Sequence[UnilateralConstraint]) -> None:
         """Remove the contact points that open, and redetermine the features of pairs that left one."""
         closed, leaving, beyond = self._active_set, self._active_set.leaving(), self._active_set.pairs_outside_feature()
         for pair in pairs:
@@ -305,7 +325,18 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             else:
                 closed.set_points(pair, [contact for contact in closed.by_pair[pair] if contact not in leaving])
 
-    def _features_now(self, pair: ContactPair) -> tuple[ContactPoint, ...]:
+    def _features_now(self, pair: UnilateralConstraint) -> tuple[ContactPoint, ...]:
         """Contact points of a pair that left a feature: none if, for example, a corner slid off a face."""
         near = pair.proximity(self.scene.system.mj, self.scene.data)
         return self._active_set.found(pair, near, switched_rate_tolerance(near))
+
+
+def _by_kind(pairs: Sequence[UnilateralConstraint]) -> tuple[list[ContactPair], list[JointLimit]]:
+    """Pairs of geoms, and joint limits."""
+    geoms = [pair for pair in pairs if isinstance(pair, ContactPair)]
+    return geoms, [pair for pair in pairs if isinstance(pair, JointLimit)]
+
+
+def _name(record: Any) -> str:
+    """Name of the pair or joint limit of a record."""
+    return str(record.pair) if isinstance(record, ContactRecord) else f"{record.joint} {record.side} limit"

@@ -129,6 +129,7 @@ def _kind(
         marks=_marks,
         arrows=arrows,
         in_every_run=True,
+        event_group="contact",
     )
 
 

@@ -6,11 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.search import persistence_fault
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.decision import Decision
@@ -22,18 +23,18 @@ _STICKS_M_S = 1e-9
 """Slip below this speed counts as sticking."""
 
 
-def refusal(model: Any, pair: ContactPair) -> str:
+def refusal(model: Any, pair: UnilateralConstraint) -> str:
     """Why a pair cannot stay in contact; empty if it can."""
-    shapes = persistence_fault(model, *pair.ids)
+    shapes = "" if isinstance(pair, JointLimit) else persistence_fault(model, *pair.ids)
     if shapes:
         return shapes
     forces = ", ".join(_soft_forces(model))
     return f"persistent contact does not support {forces}, which MuJoCo models as soft constraints" if forces else ""
 
 
-def pressing_pairs(decision: Decision) -> dict[ContactPair, float]:
+def pressing_pairs(decision: Decision) -> dict[UnilateralConstraint, float]:
     """Pairs that carry a force in the complementarity problem, and the sum of its normal forces in N."""
-    found: dict[ContactPair, float] = {}
+    found: dict[UnilateralConstraint, float] = {}
     for i in decision.pressing:
         pair = decision.contact_points[i].pair
         found[pair] = found.get(pair, 0.0) + decision.forces.item(i)
@@ -55,9 +56,6 @@ def friction_fault(pair: ContactPair, force: float, slips: Sequence[FloatArray])
 
 def _soft_forces(model: Any) -> Iterator[str]:
     """Soft constraints of MuJoCo in a model: their forces depend on the accelerations, which the contact problem needs."""
-    disabled = int(model.opt.disableflags)
-    if not disabled & int(mujoco.mjtDisableBit.mjDSBL_LIMIT) and (np.any(model.jnt_limited) or np.any(model.tendon_limited)):
-        yield "joint limits"
     if model.neq:
         yield "equality constraints"
     if np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss):
@@ -76,7 +74,7 @@ def refuse_friction(active_set: ActiveContactSet) -> None:
         return
     decision, data = active_set.decide(), active_set.data
     for pair, force in pressing_pairs(decision).items():
-        if pair.mu > 0.0:
+        if isinstance(pair, ContactPair) and pair.mu > 0.0:
             held = [
                 at for contact, at in zip(decision.contact_points, decision.rows.states, strict=True) if contact.pair is pair
             ]

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import EventTime, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
@@ -137,7 +139,10 @@ class ContactReport:
         held = decision.problem.bilateral_forces(decision.pressing)
         differ = held.tolist() != forces.tolist()
         for pair, own in closed.by_pair.items():
-            if own:
+            if isinstance(pair, JointLimit):
+                here = [i for i, contact in enumerate(contact_points) if contact.pair is pair]
+                self._residual[0] = max(self._residual[0], *np.abs(held[here] - forces[here]).tolist(), 0.0)
+            elif own:
                 found = resultant(contact_points, decision.rows, forces, pair)
                 mode, centre = (PRESSING, found.centre.tolist()) if pair in pressing else (CLOSED, _NOWHERE)
                 row = mode, found.points, found.size, *found.force.tolist(), *centre
@@ -148,7 +153,8 @@ class ContactReport:
 
     def active(self) -> tuple[ActiveContact, ...]:
         """The closed pairs and their forces at the state in ``data`` under its efforts, for control laws."""
-        found = self.places([pair for pair, contact_points in self._active_set.by_pair.items() if contact_points])
+        closed = self._active_set.by_pair.items()
+        found = self.places([pair for pair, points in closed if points and isinstance(pair, ContactPair)])
         return tuple(ActiveContact(pair.name, at.force, at.centre.copy(), at.normal.copy()) for pair, at in found.items())
 
     def wrenches(self) -> list[Wrench]:
@@ -158,15 +164,16 @@ class ContactReport:
             return []
         decision, out = closed.decide(), []
         for contact, here, size in zip(decision.contact_points, decision.rows.states, decision.forces.tolist(), strict=True):
-            if size:
+            if size and not isinstance(contact.pair, JointLimit):
                 force = size * here.normal
                 out += [Wrench(contact.pair.body_a, here.point, -force), Wrench(contact.pair.body_b, here.point, force)]
         return out
 
-    def add_impulses(self, impulses: Mapping[ContactPair, float]) -> None:
+    def add_impulses(self, impulses: Mapping[UnilateralConstraint, float]) -> None:
         """Add the impulses of pairs in a step, N s."""
         for pair, impulse in impulses.items():
-            self._values[self._row[pair], _IMPULSE] += impulse
+            if isinstance(pair, ContactPair):
+                self._values[self._row[pair], _IMPULSE] += impulse
 
     def forces_before(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, float]:
         """Resultant forces at the end of the last step, N; 0 if there was no step since the last event."""

@@ -1,4 +1,4 @@
-"""Contact Jacobians: gap' = J qdot and gap'' = J qddot + gamma for each contact point, at one state."""
+"""Contact Jacobians: gap' = J qdot and gap'' = J qddot + gamma for each contact point and joint limit, at one state."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
-from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.dynamics.motion import Motion
 
 
 @dataclass(frozen=True, eq=False)
 class ContactPoint:
-    """One contact feature of a pair."""
+    """One contact feature of a pair, or a joint limit."""
 
-    pair: ContactPair
+    pair: UnilateralConstraint
     feature: Feature
 
 
@@ -55,6 +56,10 @@ def rows(motion: Motion, data: Any, contact_points: Sequence[ContactPoint]) -> C
     of_b, of_a, rate_b, rate_a = motion.jacobian_buffers
     states = tuple([contact.feature.at(data) for contact in contact_points])
     for i, (contact, here) in enumerate(zip(contact_points, states, strict=True)):
+        if isinstance(contact.pair, JointLimit):
+            J[i], gamma[i] = 0.0, 0.0
+            J[i, motion.dofs[contact.pair.dof]] = contact.pair.sign
+            continue
         a, b = bodies[contact.pair.body_a], bodies[contact.pair.body_b]
         mujoco.mj_jac(model, moving, of_b, None, here.point, b)
         mujoco.mj_jac(model, moving, of_a, None, here.point, a)

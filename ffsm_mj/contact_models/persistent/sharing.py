@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
@@ -23,6 +24,8 @@ from ffsm_mj.dynamics.motion import Motion
 
 _SHARE_CHANGE = 1e-9
 """Relative change of a force at the end of a step below which its kink came so late that the impulse error is rounding."""
+_ALONG_JOINT = np.array((1.0, 0.0, 0.0))
+"""Direction that stands for the joint of a limit, whose force has none in space."""
 _SHARP = 1e-6
 """Accuracy of a kink as a fraction of the step; the error of the impulse is of the order of its square."""
 
@@ -80,7 +83,8 @@ def _shares_change(closed: ActiveContactSet) -> bool:
     for contact, here, change in zip(
         decision.contact_points, decision.rows.states, (decision.forces - held).tolist(), strict=True
     ):
-        changes[contact.pair] = changes.get(contact.pair, np.zeros(3)) + change * here.normal
+        along = _ALONG_JOINT if isinstance(contact.pair, JointLimit) else here.normal
+        changes[contact.pair] = changes.get(contact.pair, np.zeros(3)) + change * along
     return any(math.hypot(*change.tolist()) > allowed for change in changes.values())
 
 

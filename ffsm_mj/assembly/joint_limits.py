@@ -1,0 +1,62 @@
+"""Joint limits of a scenario, from the ranges in its models, validated against the initial state."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.model.system import System
+from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.tolerances import CONTACT_GAP_M
+
+
+def joint_limits(scenario: Scenario, system: System) -> tuple[JointLimit, ...]:
+    """Both ends of the range of every limited joint, in the order of the joints.
+
+    Models whose limits are ignored are compiled without them.
+
+    Raises:
+        ScenarioFaults: ``joint_limits`` names an unknown joint, one without limits, or one joint twice.
+    """
+    restitution, faults = {}, []
+    for name, config in scenario.joint_limits.items():
+        try:
+            joint = system.resolve("joint", name)
+        except LookupError as error:
+            faults.append(Fault(str(error.args[0]), ("joint_limits", name)))
+            continue
+        if not system.mj.jnt_limited[system.mj.joint(joint).id]:
+            why = "the joint has no limits in its model, or they are ignored (limits: ignore)"
+            faults.append(Fault(why, ("joint_limits", name)))
+        elif joint in restitution:
+            faults.append(Fault(f"the joint {joint} is listed twice", ("joint_limits", name)))
+        else:
+            restitution[joint] = config.restitution
+    if faults:
+        raise ScenarioFaults(faults)
+    return tuple(
+        JointLimit(system.mj, joint, side, restitution.get(system.mj.joint(joint).name, 0.0))
+        for joint in np.flatnonzero(system.mj.jnt_limited).tolist()
+        for side in ("lower", "upper")
+    )
+
+
+def refuse_outside(scenario: Scenario, system: System, data: Any, limits: tuple[JointLimit, ...]) -> None:
+    """Refuse joints that start past a limit.
+
+    Raises:
+        ScenarioFaults: There is such a joint.
+    """
+    given = {system.joint(name).name: name for name in scenario.initial.joints}
+    faults = []
+    for limit in limits:
+        if limit.gap(system.mj, data, 0.0) < -CONTACT_GAP_M:
+            low, high = system.mj.jnt_range[system.mj.joint(limit.joint).id]
+            message = f"joint {limit.joint} starts at {limit.value(data):.6g} {limit.unit}"
+            path = ("initial", "joints", given[limit.joint]) if limit.joint in given else ("initial",)
+            faults.append(Fault(f"{message}, outside its limits of {low:.6g} to {high:.6g} {limit.unit}", path))
+    if faults:
+        raise ScenarioFaults(faults)

@@ -1,0 +1,153 @@
+"""Joint limits as unilateral constraints: one end of the range of a hinge or slide joint stops the joint like a contact.
+
+The gap is q - lower or upper - q, its rate and second rate are plus or minus those of the joint, and the constraint acts
+along the row of the joint: no point, no normal and no friction. All of it is exact. The interface is that of
+:class:`~ffsm_mj.contact.pairs.ContactPair`; for a hinge its lengths are angles in rad, and its forces are torques.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.features.body_motion import Vector
+from ffsm_mj.contact.features.gap_function import FeatureState
+from ffsm_mj.contact.joint_rate_bound import rate_per_root_energy
+from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact.second_rate import SecondRate
+from ffsm_mj.tolerances import EPSILON, RATE
+
+Side = Literal["lower", "upper"]
+
+_MARGIN = 1.1
+"""Safety factor: the rate within a step may exceed that at its ends."""
+_MOST_TRAVEL = 0.5
+"""Travel in rad or m over which a coordinate has at most one extremum in a step: longer motions are bisected."""
+_NOWHERE = np.zeros(3)
+_NOWHERE.flags.writeable = False
+
+
+class JointLimit:
+    """One end of the range of a hinge or slide joint.
+
+    Attributes:
+        name: Name for messages, unique in a run.
+        joint: Full name of the joint.
+        side: ``lower`` or ``upper``.
+        unit: Unit of the coordinate: ``rad`` for a hinge, ``m`` for a slide.
+        limit: Value of the coordinate at this end, rad or m.
+        sign: Sign of the gap rate along the joint's rate: 1 at the lower end, -1 at the upper end.
+        qpos: Index of its coordinate in the logged system.
+        dof: Its degree of freedom in the logged system.
+        restitution: Coefficient of restitution e.
+        mu: Zero: a limit has no friction.
+        body_a: Id of the body that the joint is mounted on.
+        body_b: Id of the body that it moves.
+        geom_ids: Empty: no geoms touch.
+        position_tolerance: Zero: the gap is exact.
+        size: Travel in rad or m over which the gap has at most one extremum.
+    """
+
+    mu = 0.0
+    geom_ids: frozenset[int] = frozenset()
+    position_tolerance = 0.0
+
+    def __init__(self, model: Any, joint: int, side: Side, restitution: float) -> None:
+        """Take over the range of a joint of a model.
+
+        Args:
+            model: MuJoCo model of the logged system.
+            joint: Id of a limited hinge or slide joint.
+            side: Which end of its range.
+            restitution: Coefficient of restitution, 0 to 1.
+        """
+        low, high = map(float, model.jnt_range[joint])
+        self.joint, self.side, self.restitution = str(model.joint(joint).name), side, restitution
+        self.name = f"{self.joint} {side} limit"
+        self.unit = "rad" if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE else "m"
+        self.limit, self.sign = (low, 1.0) if side == "lower" else (high, -1.0)
+        self.dof = int(model.jnt_dofadr[joint])
+        self.body_b = int(model.jnt_bodyid[joint])
+        self.body_a = int(model.body_parentid[self.body_b])
+        self.size = min(0.5 * (high - low), _MOST_TRAVEL)
+        self.feature = LimitFeature(self)
+        self.qpos, self._id = int(model.jnt_qposadr[joint]), joint
+
+    def __str__(self) -> str:
+        """Joint and side, for messages."""
+        return self.name
+
+    def value(self, data: Any) -> float:
+        """Coordinate of the joint, rad or m."""
+        return float(data.qpos[self.qpos])
+
+    def gap(self, model: Any, data: Any, limit: float) -> float:  # noqa: ARG002
+        """Distance of the joint from this limit, rad or m, negative beyond it; ``limit`` if it is larger."""
+        return min(self.sign * (self.value(data) - self.limit), limit)
+
+    def rate(self, data: Any) -> float:
+        """Rate of the gap, rad/s or m/s."""
+        return self.sign * float(data.qvel[self.dof])
+
+    def closing_speed_bound(self, data: Any) -> float:
+        """Bound on the closing rate for the velocities in ``data``, rad/s or m/s."""
+        return _MARGIN * abs(float(data.qvel[self.dof]))
+
+    def speed_bound_per_root_energy(self, model: Any, data: Any) -> float:
+        """Bound on the closing rate over sqrt(2 T) in any configuration; infinite if there is none."""
+        return rate_per_root_energy(model, data, self._id)
+
+    def proximity(self, model: Any, data: Any) -> Proximity:  # noqa: ARG002
+        """Gap and rate at the state in ``data``; normal and point are the axis and the anchor of the joint."""
+        value = self.value(data)
+        near = Proximity(
+            gap=self.sign * (value - self.limit),
+            normal=self.sign * data.xaxis[self._id],
+            points=data.xanchor[self._id][None].copy(),
+            rates=np.zeros(1),
+            rate_tolerance=0.0,
+            rounding=EPSILON * (abs(value) + abs(self.limit)) + EPSILON,
+        )
+        return self.at_velocities(data, near)
+
+    def at_velocities(self, data: Any, near: Proximity) -> Proximity:
+        """The proximity with the gap rate of the velocities in ``data``, after these changed at one instant."""
+        rate = self.rate(data)
+        return replace(near, rates=np.array([rate]), rate_tolerance=RATE * (1.0 + abs(rate)))
+
+    def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:  # noqa: ARG002
+        """Second rate of the gap; accelerations in ``data`` must be current."""
+        # The acceleration of the joint is a difference of terms of the size of the other accelerations.
+        return SecondRate(self.sign * float(data.qacc[self.dof]), float(np.abs(data.qacc).max()))
+
+    def is_pressed(self, model: Any, data: Any, near: Proximity) -> bool:
+        """Whether the joint, at rest at this limit, begins to move beyond it under the efforts in ``data``."""
+        rate = self.second_rate(model, data, near, _NOWHERE)
+        return near.rate <= near.rate_tolerance and rate.value < -rate.rounding
+
+
+class LimitFeature:
+    """The gap of a joint limit as a contact feature of persistent contact: unbounded, and without curvature.
+
+    Attributes:
+        name: The side of the limit.
+    """
+
+    def __init__(self, limit: JointLimit) -> None:
+        """Bind to a limit."""
+        self._limit, self.name = limit, f"{limit.side} limit"
+
+    def tilt(self, data: Any) -> Vector | None:  # noqa: ARG002
+        """None: there is no rim."""
+        return None
+
+    def at(self, data: Any) -> FeatureState:
+        """Evaluate at the state in ``data``; normal and points are zero, as no force acts in space."""
+        limit = self._limit
+        gap = limit.gap(None, data, math.inf)
+        return FeatureState(gap, limit.rate(data), _NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE, 0.0, 0.0, math.inf)
