@@ -42,7 +42,7 @@ def fenced(page, kind):
 def masked(text):
     """Without what rounding decides: residuals, and where and when they are worst."""
     text = re.sub(r"(worst difference:\n).*", r"\1", text)
-    text = re.sub(r"-?\d\.\d+e[-+]\d\d", "#", text)
+    text = re.sub(r"-?\d(\.\d+)?e[-+]\d\d", "#", text)
     text = re.sub(r"(T|[PL]_[xyz]|gap)( at)? +\d+\.\d{3}", "@", text)
     return [re.sub(" +", " ", line) for line in text.strip().splitlines()]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from ffsm_mj.log.run_folder import RunFolder
     from ffsm_mj.report.run import Run
 
+_MOST_NOTES = 3
+_REASON_LINES = 3
 _VIEWER = "127.0.0.1:9876"
 
 
@@ -39,34 +42,58 @@ def run(options: argparse.Namespace, output: Output) -> int:
         raise InputError(
             f"{options.scenario}: is a campaign, not a scenario; use '{command('campaign', 'run', options.scenario)}'"
         )
-    prepared = prepare(options.scenario, options.overrides)
-    scenario = prepared.scenario
     if options.out == "":
         complain("--out: an empty name; leave --out away for a folder in logs/")
         return BAD_INPUT
-    folder = RunFolder(Path(options.out), force=options.force) if options.out else RunFolder.in_logs(scenario.name)
+    given = RunFolder(Path(options.out), force=options.force) if options.out else None
+    if given is not None:
+        given.refuse_earlier_run()
+    with progress() as shown:
+        shown.stage(f"prepare {options.scenario}")
+        prepared = prepare(options.scenario, options.overrides)
+        notes = prepared.notes()
+    scenario = prepared.scenario
+    head = _notes(notes, options)
+    if head:
+        output.say(head)
+    folder = given or RunFolder.in_logs(scenario.name)
     live, rerun = (options.viewer or _VIEWER) if options.live else None, False if options.no_rerun else None
     with progress() as shown:
         report = shown.stage(scenario.name, "s", scenario.duration_s)
         done = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
-    if not options.out:
+    if given is None:
         folder.link_latest()
-    return _summarise(done, folder, options, output)
+    return _summarise(done, folder, notes, options, output, len(head.splitlines()))
 
 
-def _summarise(run: Run, folder: RunFolder, options: argparse.Namespace, output: Output) -> int:
-    """Print the summary of a run; returns the exit code."""
+def _notes(notes: Sequence[str], options: argparse.Namespace) -> str:
+    """The first notes on a scenario, as lines; empty if there are none."""
+    from ffsm_mj.report.text_table import wrapped
+
+    lines = [wrapped(f"note: {note}", 2) for note in notes[:_MOST_NOTES]]
+    if len(notes) > _MOST_NOTES:
+        again = [word for text in options.overrides for word in ("-s", text)]
+        lines.append(wrapped(f"and {len(notes) - _MOST_NOTES} more notes: {command('check', options.scenario, *again)}", 2))
+    return "\n".join(lines)
+
+
+def _summarise(
+    run: Run, folder: RunFolder, notes: Sequence[str], options: argparse.Namespace, output: Output, used: int
+) -> int:
+    """Print the summary of a run below ``used`` lines of output; returns the exit code."""
     from ffsm_mj.report.check_report import any_check_failed, fail_by_truncation, verdict
-    from ffsm_mj.report.run_report import run_report
+    from ffsm_mj.report.run_report import MOST_LINES, run_report
+    from ffsm_mj.report.text_table import wrapped
     from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
 
-    output.say(run_report(run))
-    output.say(f"\nfiles in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
-    output.say(f"view: {command('view', folder.path)}\nverify: {command('analyze', folder.path)}")
+    failed = run.outcome != "completed" or any_check_failed(run, DEFAULT_TOLERANCE)
+    output.say(run_report(run, notes, MOST_LINES - used - (_REASON_LINES if failed else 0)))
+    output.say(wrapped(f"files in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}", 2))
+    output.say(f"view:   {command('view', folder.path)}\nverify: {command('analyze', folder.path)}")
     if run.outcome != "completed":
         complain(f"{run.outcome}: {run.message}")
         return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
-    if any_check_failed(run, DEFAULT_TOLERANCE):
+    if failed:
         complain(verdict(run, run.checks()))
         code = TRUNCATED if fail_by_truncation(run.checks()) else CHECK_FAILED
         return OK if options.allow_failed_checks else code

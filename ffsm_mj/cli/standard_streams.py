@@ -8,10 +8,19 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import sys
+from typing import TextIO
 
 from ffsm_mj.errors import one_line, printable
 
+_COLOURS = (
+    (re.compile(r"\b(FAILED|DAMAGED|NOT VERIFIED|DO NOT AGREE)\b|^(damaged|incomplete|[a-z_]+_failed|diverged): "), "1;31"),
+    (re.compile(r"truncation$|\bby the truncation of the step alone\b"), "33"),
+    (re.compile(r"^all \d+ checks pass"), "32"),
+)
+"""Colours of lines by their text: what fails is in capitals, so that it is seen without colours too."""
+_NO_COLOURS = ("", "dumb", "unknown")
 _GONE = {errno.EPIPE, errno.EBADF}
 """Errors of a pipe that its reader has closed (``| head``), or of a stdout that was closed from the start."""
 
@@ -50,7 +59,7 @@ class Output:
         if not self._open:
             return
         try:
-            print(printable(text), flush=True)
+            print(_coloured(printable(text), sys.stdout), flush=True)
         except OSError as error:
             self._open = False
             if error.errno not in _GONE:
@@ -61,9 +70,21 @@ class Output:
 def complain(text: str) -> None:
     """Print a line to stderr with control characters escaped; a failure to print is ignored."""
     try:
-        print(one_line(text), file=sys.stderr, flush=True)
+        print(_coloured(one_line(text), sys.stderr), file=sys.stderr, flush=True)
     except OSError:
         _silence(2)
+
+
+def _coloured(text: str, stream: TextIO) -> str:
+    """A text with its lines in colour, if the stream is a terminal that shows colours and the user wants them."""
+    if os.environ.get("NO_COLOR") or os.environ.get("TERM", "").lower() in _NO_COLOURS or not stream.isatty():
+        return text
+    return "\n".join(map(_coloured_line, text.split("\n")))
+
+
+def _coloured_line(line: str) -> str:
+    colour = next((code for pattern, code in _COLOURS if pattern.search(line)), "")
+    return f"\x1b[{colour}m{line}\x1b[0m" if colour else line
 
 
 def _silence(number: int) -> None:

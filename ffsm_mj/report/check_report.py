@@ -2,52 +2,58 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.invocation import command
-from ffsm_mj.report.text_table import table
+from ffsm_mj.report.text_table import table, wrapped
 from ffsm_mj.verification.checks import Check, Tolerance
 
 _STEP_HINT = (
-    "\n  these checks fail by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario, use a shorter"
-    " time_step_s, or state an acceptable tolerance with"
+    "  these checks fail by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario, use a shorter"
+    " time_step_s, or state an acceptable tolerance"
 )
+_MOST_NAMES = 4
 
 
-def conservation_table(checks: Sequence[Check]) -> str:
-    """One row per check: worst residual, component, time, tolerance and result."""
+def check_table(checks: Sequence[Check]) -> str:
+    """One row per check, those that fail first: worst residual, component, time, tolerance and result."""
     if not checks:
         return "no samples: nothing to verify"
-    return table(
-        ("check", "of", "worst residual", "unit", "in", "at s", "allowed", ""),
+    rows = (
         (
-            (
-                check.name,
-                check.subsystem,
-                f"{check.residual:.1e}",
-                check.unit,
-                check.component,
-                f"{check.time_s:.3f}",
-                f"{check.tolerance:.1e}",
-                "passes" if check.passes else "truncation" if check.fails_by_truncation else "FAILED",
-            )
-            for check in checks
-        ),
-        keys=2,
+            check.name,
+            check.subsystem,
+            f"{check.residual:.1e}",
+            check.unit,
+            check.component,
+            f"{check.time_s:.3f}",
+            f"{check.tolerance:.1e}",
+            _result(check),
+        )
+        for check in sorted(checks, key=lambda check: check.passes)
     )
+    return table(("check", "of", "worst", "unit", "in", "at s", "allowed", ""), rows, keys=2, spare=("in",))
 
 
-def truncation_lines(checks: Sequence[Check]) -> str:
+def _result(check: Check) -> str:
+    return "passes" if check.passes else "truncation" if check.fails_by_truncation else "FAILED"
+
+
+def truncation_lines(checks: Sequence[Check]) -> list[str]:
     """Share of truncation in each residual that is too large, and a remedy; empty if there is none."""
-    shares = [
-        f"\n  {check.name} of {check.subsystem}, {check.truncation.sentence(check.unit)}"
+    lines = [
+        f"  {check.name} of {check.subsystem}, {check.truncation.sentence(check.unit)}"
         for check in checks
         if check.truncation
     ]
-    return "".join(shares) + (
-        f"{_STEP_HINT} '{command('analyze', '--tolerance', '1e-8')}'" if fail_by_truncation(checks) else ""
-    )
+    return [*(wrapped(line, 4) for line in lines), *([step_hint()] if fail_by_truncation(checks) else [])]
+
+
+def step_hint() -> str:
+    """What to do about checks that fail by truncation alone."""
+    return wrapped(f"{_STEP_HINT}: {command('analyze', '--tolerance', '1e-8')}", 4)
 
 
 def verdict(run: Run, checks: Sequence[Check]) -> str:
@@ -55,8 +61,30 @@ def verdict(run: Run, checks: Sequence[Check]) -> str:
     broken = [f"{check.name} of {check.subsystem}" for check in checks if not (check.passes or check.fails_by_truncation)]
     short = [f"{check.name} of {check.subsystem}" for check in checks if check.fails_by_truncation]
     found = [("FAILED", broken), ("checks fail by the truncation of the step alone", short)]
-    words = "; ".join(f"{head}: {', '.join(names)}" for head, names in found if names) or f"all {len(checks)} checks pass"
+    words = "; ".join(f"{head}: {_listed(names)}" for head, names in found if names) or f"all {len(checks)} checks pass"
     return f"{words} over {run.digest.end_s:g} s ({run.digest.samples} samples)"
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more
+
+
+def worst_check(checks: Sequence[Check]) -> str:
+    """How many checks pass, and the one that is closest to its tolerance or exceeds it most; empty without checks."""
+    if not checks:
+        return ""
+    worst, broken = max(checks, key=_used), [check for check in checks if not check.passes]
+    fate = "fail by the truncation of the step alone" if fail_by_truncation(checks) else "FAILED"
+    result = f"{len(broken)} of {len(checks)} checks {fate}" if broken else f"all {len(checks)} checks pass"
+    near = f"{worst.residual:.1e} {worst.unit} of {worst.tolerance:.1e} allowed"
+    return f"{result}; worst: {worst.name} of {worst.subsystem}, {near}"
+
+
+def _used(check: Check) -> float:
+    """Residual over tolerance; infinite if it is not a number."""
+    share = check.residual / check.tolerance
+    return math.inf if math.isnan(share) else share
 
 
 def any_check_failed(run: Run, tolerance: Tolerance) -> bool:

@@ -1,10 +1,14 @@
-"""Tables and lines of a text report: impacts, contacts and other records."""
+"""Tables and lines of a text report: impacts, contacts and other records.
+
+If there are more impacts or contacts than are to be shown, they are folded: a row per pair for its whole series.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
+from typing import Any, TypeVar
 
 from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.run import Run
@@ -12,51 +16,61 @@ from ffsm_mj.errors import one_line
 from ffsm_mj.invocation import command
 from ffsm_mj.records.events import ImpactRecord, UnhandledContactRecord
 from ffsm_mj.records.kinds import RecordKind
-from ffsm_mj.report.text_table import table
+from ffsm_mj.report.text_table import table, wrapped
 
-_MOST_CONTACTS, _MOST_LINES = 20, 20
+MOST_ROWS = 20
+_Record = TypeVar("_Record", ImpactRecord, ContactInterval)
 
 
-def impact_table(impacts: Sequence[ImpactRecord], *, whole: bool = True) -> str:
-    """One row per contact of every impact; dT, |dP| and |dL| are of the whole system; friction columns if any."""
+def impact_table(impacts: Sequence[ImpactRecord], *, changes: bool = True, most: int = MOST_ROWS) -> str:
+    """One row per contact of every impact, or per pair if there are many.
+
+    Args:
+        impacts: Contacts of all impacts.
+        changes: Add the changes of energy and momenta of the whole system.
+        most: Largest number of rows.
+    """
     if not impacts:
-        return "no impacts" if whole else "no impacts in the readable part"
-    named = any(map(_has_own_name, impacts))
+        return "no impacts"
+    if len(impacts) > most:
+        return _folded(impacts, _impact_series, _SERIES_OF_IMPACTS, most)
     rough, odd = any(record.mu for record in impacts), any(record.status != "ok" for record in impacts)
     head = (
         "impact",
-        "time s",
-        *(("pair",) if named else ()),
-        "geom a",
-        "geom b",
+        "time\ns",
+        "pair",
         "e",
         *(("mu",) if rough else ()),
-        "approach m/s",
-        "impulse N s",
-        *(("friction N s",) if rough else ()),
-        "dT J",
-        "|dP| N s",
-        "|dL| N m s",
+        "approach\nm/s",
+        "impulse\nN s",
+        *(("friction\nN s",) if rough else ()),
+        *(("dT\nJ", "|dP|\nN s", "|dL|\nN m s") if changes else ()),
         *(("status",) if odd else ()),
     )
-    return table(head, (_impact_row(record, named=named, rough=rough, odd=odd) for record in impacts))
+    rows = (_impact_row(record, rough=rough, changes=changes, odd=odd) for record in impacts)
+    return table(head, rows, keys=3, spare=("|dL|", "|dP|"))
 
 
-def _impact_row(record: ImpactRecord, *, named: bool, rough: bool, odd: bool) -> tuple[str, ...]:
-    """Cells of an impact; ``named``, ``rough`` and ``odd`` add those of the pair, of friction and of the status."""
+def _impact_row(record: ImpactRecord, *, rough: bool, changes: bool, odd: bool) -> tuple[str, ...]:
+    """Cells of an impact; ``rough``, ``changes`` and ``odd`` add those of friction, of the changes and of the status."""
     return (
         str(record.event + 1),
         f"{record.time_s:.6f}",
-        *((record.pair,) if named else ()),
-        *record.geoms,
+        record.pair,
         f"{record.restitution:g}",
         *((f"{record.mu:g}",) if rough else ()),
         f"{record.approach_speed_m_s:z.6f}",
         f"{record.impulse_N_s:z.6f}",
         *((f"{math.hypot(*record.tangential_impulse_N_s):.6f}",) if rough else ()),
-        f"{record.energy_change_J:.1e}",
-        f"{record.linear_momentum_change_N_s:.1e}",
-        f"{record.angular_momentum_change_N_m_s:.1e}",
+        *(
+            (
+                f"{record.energy_change_J:.1e}",
+                f"{record.linear_momentum_change_N_s:.0e}",
+                f"{record.angular_momentum_change_N_m_s:.0e}",
+            )
+            if changes
+            else ()
+        ),
         *((_status(record),) if odd else ()),
     )
 
@@ -65,60 +79,108 @@ def _status(record: ImpactRecord) -> str:
     return record.status + (f", theta {record.theta:.6g}" if record.theta < 1.0 else "")
 
 
-def contact_table(contacts: Sequence[ContactInterval]) -> str:
-    """One row per persistent contact, for the first few; empty without any."""
+_SERIES_OF_IMPACTS = ("impacts", "pair", "from\ns", "to\ns", "e", "fastest\nm/s", "slowest\nm/s", "impulse\nN s")
+
+
+def _impact_series(records: Sequence[ImpactRecord]) -> tuple[str, ...]:
+    """Cells of all impacts of a pair; ``impulse`` is the sum of the normal impulses."""
+    speeds = [record.approach_speed_m_s for record in records]
+    return (
+        str(len({record.event for record in records})),
+        records[0].pair,
+        f"{records[0].time_s:.6f}",
+        f"{records[-1].time_s:.6f}",
+        f"{records[0].restitution:g}",
+        f"{max(speeds):.6f}",
+        f"{max(0.0, min(speeds)):.2g}",
+        f"{math.fsum(record.impulse_N_s for record in records):.6f}",
+    )
+
+
+def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS) -> str:
+    """One row per persistent contact, or per pair if there are many; empty without any."""
     if not contacts:
         return ""
-    named = any(map(_has_own_name, contacts))
-    pair = ("pair",) if named else ()
-    head = ("contact", "from s", "to s", *pair, "geom a", "geom b", "impulse N s", "peak N", "at s")
+    if len(contacts) > most:
+        return _folded(contacts, _contact_series, _SERIES_OF_CONTACTS, most)
+    head = ("contact", "from\ns", "to\ns", "pair", "impulse\nN s", "peak\nN", "at\ns")
     rows = (
         (
             str(number),
             f"{contact.start_s:.6f}",
-            "end" if contact.end_s is None else f"{contact.end_s:.6f}",
-            *((contact.pair,) if named else ()),
-            *contact.geoms,
+            _end(contact),
+            contact.pair,
             f"{contact.impulse_N_s:.6f}",
             f"{contact.peak_force_N:.6g}",
             f"{contact.peak_force_s:.6f}",
         )
-        for number, contact in enumerate(contacts[:_MOST_CONTACTS], 1)
+        for number, contact in enumerate(contacts, 1)
     )
-    more = len(contacts) - _MOST_CONTACTS
-    return table(head, rows) + (
-        f"\n  and {more} more: {command('export', '--csv', '--table', 'contacts')}" if more > 0 else ""
+    return table(head, rows, keys=4)
+
+
+_SERIES_OF_CONTACTS = ("contacts", "pair", "from\ns", "to\ns", "impulse\nN s", "peak\nN")
+
+
+def _contact_series(contacts: Sequence[ContactInterval]) -> tuple[str, ...]:
+    """Cells of all persistent contacts of a pair."""
+    return (
+        str(len(contacts)),
+        contacts[0].pair,
+        f"{contacts[0].start_s:.6f}",
+        _end(contacts[-1]),
+        f"{math.fsum(contact.impulse_N_s for contact in contacts):.6f}",
+        f"{max(contact.peak_force_N for contact in contacts):.6g}",
     )
 
 
-def _has_own_name(record: ImpactRecord | ContactInterval) -> bool:
-    """Whether the pair has a name other than that of its geoms, which have columns of their own."""
-    a, b = ({name, name.rsplit("/", 1)[-1]} for name in record.geoms)
-    return record.pair not in {f"{one}-{other}" for one in a for other in b}
+def _end(contact: ContactInterval) -> str:
+    return "end" if contact.end_s is None else f"{contact.end_s:.6f}"
 
 
-def unhandled_table(contacts: Sequence[UnhandledContactRecord]) -> str:
+def _folded(
+    records: Sequence[_Record], cells: Callable[[Sequence[_Record]], tuple[str, ...]], head: Sequence[str], most: int
+) -> str:
+    """A row per pair, those with most records first."""
+    pairs = [
+        list(group) for _, group in groupby(sorted(records, key=lambda record: record.pair), lambda record: record.pair)
+    ]
+    pairs.sort(key=lambda group: -len(group))
+    more = f"\n  and {len(pairs) - most} more" if len(pairs) > most else ""
+    return table(head, map(cells, pairs[:most]), keys=2) + more
+
+
+def unhandled_table(contacts: Sequence[UnhandledContactRecord], *, most: int = MOST_ROWS) -> str:
     """One row per unhandled contact, and a remedy; empty without any."""
     if not contacts:
         return ""
     head = ("unhandled contact", "and", "from s", "to s", "depth m")
     rows = (
         (each.geoms[0], each.geoms[1], f"{each.start_s:.3f}", f"{each.end_s:.3f}", f"{each.max_depth_m:.2e}")
-        for each in contacts
+        for each in contacts[:most]
     )
-    return (
-        table(head, rows) + "\n  these contacts had no forces: declare them in impact_pairs, or list them in ignored_pairs"
-    )
+    more = f"\n  and {len(contacts) - most} more" if len(contacts) > most else ""
+    remedy = "  these contacts had no forces: declare them in impact_pairs, or list them in ignored_pairs"
+    return f"{table(head, rows, keys=2)}{more}\n{wrapped(remedy, 2)}"
 
 
-def record_lines(run: Run) -> list[str]:
+def record_lines(run: Run, *, most: int = MOST_ROWS) -> str:
     """Lines for the records of contact models, by kind; impacts, phases and unhandled contacts have their own tables."""
-    return ["\n".join(_lines(kind, run.records.get(kind.plural, ()))) for kind in run.log.kinds if not kind.in_every_run]
+    kinds = [(kind, run.records.get(kind.plural, ())) for kind in run.log.kinds if not kind.in_every_run]
+    lines = [line for kind, records in kinds if records for line in _lines(run, kind, records, most)]
+    missing = [kind.plural.replace("_", " ") for kind, records in kinds if not records]
+    return "\n".join([*lines, *([f"no {', no '.join(missing)}"] if missing else [])])
 
 
-def _lines(kind: RecordKind, records: Sequence[Any]) -> Iterator[str]:
-    yield f"{kind.plural.replace('_', ' ')}: {len(records) or 'none'}"
-    for record in records[:_MOST_LINES]:
-        yield f"  {kind.time(record):.6f} s  {one_line(kind.sentence(record))}"
-    if len(records) > _MOST_LINES:
-        yield f"  and {len(records) - _MOST_LINES} more: {command('export', '--csv', '--table', kind.plural)}"
+def _lines(run: Run, kind: RecordKind, records: Sequence[Any], most: int) -> Iterator[str]:
+    yield f"{kind.plural.replace('_', ' ')}: {len(records)}"
+    for record in records[:most]:
+        yield wrapped(f"  {kind.time(record):.6f} s  {one_line(kind.sentence(record))}", 4)
+    if len(records) > most:
+        yield f"  and {len(records) - most} more: {export_command(run, kind.plural)}"
+
+
+def export_command(run: Run, name: str) -> str:
+    """Command that writes a table of a run to a file."""
+    place = [] if run.path is None else [run.path.parent if run.path.stem == "run" else run.path]
+    return command("export", *place, "--csv", "--table", name)

@@ -7,7 +7,6 @@ pass over the rows, which is made here only if they are few.
 from __future__ import annotations
 
 import html
-import math
 
 import numpy as np
 
@@ -17,8 +16,8 @@ from ffsm_mj.analysis.summary import tip_summary
 from ffsm_mj.errors import LogError, one_line
 from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.report.check_report import worst_check
 from ffsm_mj.report.run_report import what_is_missing
-from ffsm_mj.verification.checks import Check
 
 _SHOWN = 5
 _LEFT = 'style="text-align:left"'
@@ -107,18 +106,7 @@ def _checks(run: Run) -> str:
     lax = "" if run.conservative else "energy and momenta not checked, as the models are not conservative"
     if not checks:
         return lax or "no samples to check"
-    worst, broken = max(checks, key=_used), [check for check in checks if not check.passes]
-    fate = "FAILED" if not all(check.fails_by_truncation for check in broken) else "fail by the truncation of the step alone"
-    of = _counted(len(checks), "check")
-    verdict = f"{len(broken)} of {of} {fate}" if broken else f"{of}, all pass"
-    near = f"worst {worst.name} of {worst.subsystem}: {worst.residual:.1e} of {worst.tolerance:.1e} {worst.unit}"
-    return "; ".join(part for part in (f"{verdict}, {near}", lax) if part)
-
-
-def _used(check: Check) -> float:
-    """Residual over tolerance; infinite if it is not a number."""
-    share = check.residual / check.tolerance
-    return math.inf if math.isnan(share) else share
+    return "; ".join(part for part in (worst_check(checks), lax) if part)
 
 
 def _tip(run: Run) -> str:

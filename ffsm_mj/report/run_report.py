@@ -1,23 +1,69 @@
-"""Text report of a finished run."""
+"""Text report of a finished run, which fits a terminal of 24 lines and 80 columns."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
 from ffsm_mj.records.metadata import changed_property_lines, gravity_line
-from ffsm_mj.report.check_report import conservation_table, truncation_lines
-from ffsm_mj.report.record_tables import contact_table, impact_table, record_lines, unhandled_table
+from ffsm_mj.report.check_report import check_table, fail_by_truncation, step_hint, worst_check
+from ffsm_mj.report.record_tables import MOST_ROWS, contact_table, impact_table, record_lines, unhandled_table
+from ffsm_mj.report.text_table import wrapped
+from ffsm_mj.verification.checks import Check
+
+MOST_LINES = 19
+"""Of the 24 lines of a terminal; the others show the run folder, the next commands and the prompt."""
+_LEAST_FAILURES = 4
 
 
-def run_report(run: Run) -> str:
-    """Outcome, impacts, tip and conservation of a finished run."""
-    parts = [headline(run), _sub_steps(run), impact_table(run.impacts), *details(run)]
+def run_report(run: Run, notes: Sequence[str] = (), lines: int = MOST_LINES) -> str:
+    """Report of a finished run for a terminal: outcome, checks that fail, impacts, contacts, tip, result of the checks.
+
+    Args:
+        run: The run.
+        notes: What ``ffsm check`` notes about the scenario; they are repeated under checks that fail.
+        lines: Greatest number of lines; series of records are folded, then cut, until the report has as many.
+    """
+    for most in (8, 5, 3, 2, 1):
+        report = _report(run, notes, most)
+        if report.count("\n") < lines:
+            break
+    return report
+
+
+def _report(run: Run, notes: Sequence[str], most: int) -> str:
+    """The report with at most so many rows in each of its parts."""
     checks = run.checks()
-    if run.conservative or checks:
-        parts.append(conservation_table(checks) + truncation_lines(checks))
+    failures = _failures(checks, notes, most)
+    result = "" if failures else worst_check(checks)
     if not run.conservative:
-        parts.append("not conservative: " + one_line(run.why_not_conservative))
-    return "\n\n".join(part for part in parts if part)
+        result = f"{result}{result and '; '}not conservative: {one_line(run.why_not_conservative)}"
+    impacts = impact_table(run.impacts, changes=False, most=most)
+    parts = [headline(run), failures, _sub_steps(run), impacts, *details(run, most), result]
+    return _stacked(wrapped(part, 2) if "\n" not in part else part for part in parts if part)
+
+
+def _failures(checks: Sequence[Check], notes: Sequence[str], most: int) -> str:
+    """Checks that fail, with what is known about the cause; empty if all pass."""
+    failing = sorted((check for check in checks if not check.passes), key=lambda check: check.fails_by_truncation)
+    if not failing:
+        return ""
+    shown = max(most, _LEAST_FAILURES)
+    lines = [check_table(failing[:shown])]
+    if len(failing) > shown:
+        lines.append(f"  and {len(failing) - shown} more")
+    lines += [step_hint()] if fail_by_truncation(checks) else []
+    return "\n".join([*lines, *(wrapped(f"  note: {note}", 4) for note in notes[:most])])
+
+
+def _stacked(parts: Iterable[str]) -> str:
+    """Parts below each other, with an empty line before and after those of several lines."""
+    text = ""
+    for part in parts:
+        apart = "\n" in part or "\n" in text.rpartition("\n\n")[2]
+        text += part if not text else ("\n\n" if apart else "\n") + part
+    return text
 
 
 def headline(run: Run) -> str:
@@ -35,16 +81,21 @@ def headline(run: Run) -> str:
     return line
 
 
-def details(run: Run) -> list[str]:
-    """What both the report of a run and that of its verification say between impacts and checks; parts may be empty."""
+def details(run: Run, most: int = MOST_ROWS) -> list[str]:
+    """What the report of a run and that of its verification have between impacts and checks; parts may be empty.
+
+    Args:
+        run: The run.
+        most: Largest number of rows in a part.
+    """
     return [
-        contact_table(run.contacts),
-        *record_lines(run),
-        _models(run),
+        contact_table(run.contacts, most=most),
+        record_lines(run, most=most),
+        _models(run, most),
         _missed_phases(run),
         _notes_of_laws(run),
         _tip(run),
-        unhandled_table(run.unhandled_contacts),
+        unhandled_table(run.unhandled_contacts, most=most),
     ]
 
 
@@ -57,10 +108,12 @@ def _sub_steps(run: Run) -> str:
     return f"{cut}, smallest {summary['smallest_step_s']:.3g} s"
 
 
-def _models(run: Run) -> str:
+def _models(run: Run, most: int) -> str:
     """Compiled values of body and geom properties that the scenario sets; gravity."""
     metadata = run.log.header.metadata
-    return "\n".join([*changed_property_lines(metadata), *filter(None, [gravity_line(metadata)])])
+    lines = [*changed_property_lines(metadata), *filter(None, [gravity_line(metadata)])]
+    more = [f"and {len(lines) - most} more properties"] if len(lines) > most else []
+    return "\n".join([*(wrapped(line, 2) for line in lines[:most]), *more])
 
 
 def what_is_missing(run: Run) -> str:

@@ -7,9 +7,10 @@ from typing import Any
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.summary import failing_checks, truncation_data
 from ffsm_mj.errors import one_line
-from ffsm_mj.report.check_report import conservation_table, truncation_lines, verdict
-from ffsm_mj.report.record_tables import impact_table
+from ffsm_mj.report.check_report import check_table, truncation_lines, verdict
+from ffsm_mj.report.record_tables import MOST_ROWS, export_command, impact_table
 from ffsm_mj.report.run_report import details, headline
+from ffsm_mj.report.text_table import wrapped
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.checks import Check, Tolerance
 from ffsm_mj.verification.replay_result import ReplayResult
@@ -18,17 +19,21 @@ from ffsm_mj.verification.replay_result import ReplayResult
 def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
     """Output of ``ffsm analyze``: checks recomputed from the states in the log."""
     damage = damage_of(run, again)
-    impacts = impact_table(run.impacts, whole=run.complete and not damage)
+    impacts = impact_table(run.impacts)
+    if not run.impacts and (damage or not run.complete):
+        impacts += " in the readable part"
+    elif len(run.impacts) > MOST_ROWS:
+        impacts += f"\n  every impact: {export_command(run, 'impacts')}"
     parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts, *details(run)]
     checks = again.checks(tolerance)
     if run.conservative or checks:
-        parts.append(conservation_table(checks))
+        parts.append(check_table(checks))
     if not run.conservative:
         fault = one_line(run.why_not_conservative)
         parts.append(f"energy and momenta are not checked, the run is not conservative: {fault}")
     if checks:
         left = " in the readable part" if damage else ""
-        parts.append(verdict(run, checks) + left + truncation_lines(checks))
+        parts.append(wrapped(verdict(run, checks) + left, 2) + "".join(f"\n{line}" for line in truncation_lines(checks)))
     parts.append(agreement(again))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
@@ -36,18 +41,18 @@ def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
         parts.append(f"note: {run.note}")
     if damage:
         parts.append(f"damaged: {damage}")
-    return "\n\n".join(part for part in parts if part)
+    return "\n\n".join(wrapped(part, 2) if "\n" not in part else part for part in parts if part)
 
 
 def agreement(again: ReplayResult) -> str:
     """One line: whether the columns of the log agree with its states; one more line per difference if not."""
     if again.obstacle:
         why = f"nothing can be recomputed ({one_line(again.obstacle)})"
-        return f"NOT VERIFIED: {why}; the checks use the logged balances"
+        return wrapped(f"NOT VERIFIED: {why}; the checks use the logged balances", 2)
     worst = sorted(again.worst.values(), key=lambda one: -one.excess)
     if again.agrees:
         of = f"{again.numbers} numbers of {again.samples} samples"
-        return f"columns agree with states ({of}); the worst difference:\n  {_difference(worst[0])}"
+        return wrapped(f"columns agree with states ({of}); worst difference: {_difference(worst[0])}", 2)
     return "COLUMNS DO NOT AGREE WITH STATES:" + "".join(f"\n  {_difference(one)}" for one in worst if not one.passes)
 
 

@@ -26,7 +26,8 @@ def test_run_writes_the_folder_and_links_latest(tmp_path, capsys):
     assert main(["run", str(path), "-s", "duration_s=0.5"]) == 0
     out = capsys.readouterr().out
     assert "scene: completed; 0.5 s simulated" in out
-    assert "robot/ball" in out
+    assert "ball-target/target" in out
+    assert "all 13 checks pass; worst: " in out
     assert "FAILED" not in out
     latest = tmp_path / "cwd" / "logs" / "latest"
     assert latest.is_symlink()
@@ -245,7 +246,8 @@ def test_a_run_whose_step_is_too_long_says_so_last_and_exits_5(capsys):
         assert main([*arguments, *allowed, "--out", f"run{code}"]) == code
         captured = capsys.readouterr()
         assert captured.err.startswith("checks fail by the truncation of the step alone: ")
-        assert "linear momentum of robot" in captured.err
+        assert "linear momentum of total" in captured.err
+        assert "truncation" in captured.out
         assert captured.err.count("\n") == 1
     assert main(["analyze", "run0"]) == 5
 

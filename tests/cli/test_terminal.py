@@ -78,7 +78,7 @@ def test_several_runs_are_analyzed_one_after_the_other(runs, capsys):
     shown = on_terminal(ffsm("analyze", *runs, "--compare"))
     assert shown.code == 0, shown.written
     assert main(["analyze", *runs, "--compare"]) == 0
-    assert shown.screen == [line.rstrip() for line in capsys.readouterr().out.rstrip().splitlines()]
+    assert squeezed("".join(shown.screen)) == squeezed(capsys.readouterr().out)
     assert shown.cursor
 
 

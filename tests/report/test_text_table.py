@@ -52,3 +52,24 @@ def test_a_narrow_terminal_gets_all_columns_in_parts(width, terminal):
     if width >= 22:
         assert max(map(len, table(HEAD, ROWS, keys=2).split("\n"))) <= width
     assert [cell for part in parts for cell in part[1][2:]] == ["1e-12", "J", "3.5"]
+
+
+def test_units_stand_below_the_names():
+    assert table(("hit", "time\ns"), [("1", "0.5")]) == "  hit  time\n          s\n    1   0.5"
+
+
+def test_columns_that_can_be_spared_are_left_out_first(terminal):
+    terminal(28)
+    assert table(HEAD, ROWS, spare=("unit", "at s")) == (
+        "  law     of     worst  at s\n  energy  total  1e-12   3.5\n  mass    robot      2     0\n"
+        "  left out on a narrow terminal: unit"
+    )
+    terminal(None)
+    assert table(HEAD, ROWS, spare=("unit", "at s")) == WHOLE
+
+
+def test_long_texts_are_shortened_in_their_middle(terminal):
+    """To no less than 14 characters, and numbers never."""
+    terminal(30)
+    _, row = table(("pair", "time"), [("robot/gripper-object/box/lid", "0.123456789")]).splitlines()
+    assert row == "  robot/...ox/lid  0.123456789"

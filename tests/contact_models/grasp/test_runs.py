@@ -408,7 +408,11 @@ def test_what_may_have_been_let_go_may_be_taken_again(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "place", "what"),
     [
-        ({"robot_site": "grap"}, "captures.grasp.robot_site", "unknown site of the robot 'grap'; allowed: robot/grip"),
+        (
+            {"robot_site": "grap"},
+            "captures.grasp.robot_site",
+            "unknown site of the robot 'grap' (did you mean 'robot/grip'?); allowed: robot/grip",
+        ),
         (
             {"object_site": "knob"},
             "captures.grasp.object_site",

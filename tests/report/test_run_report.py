@@ -1,0 +1,94 @@
+"""The report of a run fits a terminal of 24 lines and 80 columns, with what fails first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import ffsm_mj
+from ffsm_mj.report import text_table
+from ffsm_mj.report.record_tables import impact_table
+from ffsm_mj.report.run_report import MOST_LINES, run_report
+from ffsm_mj.report.verification_report import check_table
+from tests.scenes import two_balls
+
+
+@pytest.fixture(scope="module")
+def hit(tmp_path_factory):
+    return ffsm_mj.run(two_balls(tmp_path_factory.mktemp("hit"), duration_s=0.5))
+
+
+@pytest.fixture(autouse=True)
+def _narrow(monkeypatch):
+    monkeypatch.setattr(text_table, "terminal_width", lambda: 80)
+
+
+def with_records(run, **records):
+    return ffsm_mj.Run(replace(run.log, records=run.log.records | records))
+
+
+def bounces(run, pair, times):
+    return tuple(replace(run.impacts[0], event=i, pair=pair, time_s=time) for i, time in enumerate(times))
+
+
+def test_a_run_that_passes_is_a_few_lines(hit):
+    lines = run_report(hit, ["a note"]).splitlines()
+    assert lines[-1].startswith("all 13 checks pass; worst: ") or lines[-2].startswith("all 13 checks pass; worst: ")
+    assert len(lines) <= 9
+    assert not any("note" in line for line in lines)  # it was shown before the run
+
+
+def test_checks_that_fail_come_first_and_notes_below_them(hit):
+    (record,) = hit.impacts
+    run = with_records(hit, impacts=(replace(record, energy_change_J=record.energy_change_J + 1e-3),))
+    lines = run_report(run, ["the base has no mass"]).splitlines()
+    failed = next(i for i, line in enumerate(lines) if line.endswith("FAILED"))
+    assert "impact energy" in lines[failed]
+    assert lines[failed + 1] == "  note: the base has no mass"
+    assert failed < next(i for i, line in enumerate(lines) if "approach" in line)
+    table = check_table(run.checks()).splitlines()
+    assert table[1].endswith("FAILED")
+    assert all(line.endswith("passes") for line in table[2:])
+
+
+def test_a_series_of_bounces_is_one_row(hit):
+    """40 on one pair and 25 on another, interleaved: counted, with the times of the first and last."""
+    records = sorted(
+        [
+            *bounces(hit, "ball-floor", [0.01 * i for i in range(40)]),
+            *bounces(hit, "ball-wall", [0.4 - 0.01 * i for i in range(25)]),
+        ],
+        key=lambda record: record.time_s,
+    )
+    head, _, floor, wall = impact_table(records).splitlines()
+    assert head.split()[:4] == ["impacts", "pair", "from", "to"]
+    assert floor.split()[:4] == ["40", "ball-floor", "0.000000", "0.390000"]
+    assert wall.split()[:4] == ["25", "ball-wall", "0.160000", "0.400000"]
+    total = sum(record.impulse_N_s for record in records if record.pair == "ball-wall")
+    assert float(wall.split()[-1]) == pytest.approx(total, abs=1e-6)  # the last digit shown
+
+
+def test_many_pairs_are_cut_until_the_report_fits(hit):
+    """30 pairs with long names, 40 unhandled contacts and 9 notes."""
+    names = [f"gripper/left/finger_pad_{i}-debris/panel_{i}_of_the_array" for i in range(30)]
+    impacts = tuple(record for name in names for record in bounces(hit, name, [0.1, 0.2]))
+    broken = tuple(replace(record, energy_change_J=1.0) for record in impacts)
+    for records in (impacts, broken):
+        report = run_report(with_records(hit, impacts=records), ["note " * 30] * 9)
+        lines = report.splitlines()
+        assert len(lines) <= MOST_LINES
+        assert max(map(len, lines)) <= 80
+        assert "more" in report
+
+
+def test_the_table_of_checks_is_whole_at_80_columns(hit):
+    """Every check has one row with its result at the end; the longest names there are."""
+    checks = [
+        replace(check, name="contact complementarity", subsystem="objects", component=f"impact {100 + i}", unit="N m s")
+        for i, check in enumerate(hit.checks())
+    ]
+    lines = check_table(checks).splitlines()
+    assert sum(line.endswith("passes") for line in lines) == len(checks)
+    assert max(map(len, lines)) <= 80
+    assert lines[-1] == "  left out on a narrow terminal: in"
