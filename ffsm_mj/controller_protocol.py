@@ -42,6 +42,7 @@ from ffsm_mj.records.signals import Signal, identifier
 
 __all__ = [
     "ActiveContact",
+    "ChecksStart",
     "Columns",
     "Command",
     "Controller",
@@ -217,6 +218,14 @@ class Drives(Protocol):
     @property
     def driven_actuators(self) -> Sequence[int] | IntArray:
         """Ids of all actuators that it may power."""
+
+
+@runtime_checkable
+class ChecksStart(Protocol):
+    """A control law that cannot begin at every state: in the first phase it is refused at load where it cannot."""
+
+    def start_faults(self, data: Any) -> Sequence[Fault]:
+        """Why it cannot begin at a state, all derived quantities current; paths in its section of the scenario."""
 
 
 class Damping(NamedTuple):

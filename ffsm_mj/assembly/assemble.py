@@ -12,7 +12,7 @@ from ffsm_controllers.phases import PhaseMachine
 
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.assembly.column_faults import refuse_same_names
-from ffsm_mj.assembly.control_laws import build_phases
+from ffsm_mj.assembly.control_laws import build_phases, refuse_start
 from ffsm_mj.assembly.controller_model import ControllerModel, ControllerModelPhaseMachine
 from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
@@ -129,6 +129,8 @@ def assemble(
                 phases, controller_model, _grasped_models(plant.integrator.contact_models, held)
             )
         )
+        controller_data = data if controller_model is None else controller_model.data
+        refuse_start(phases[0], scenario.phases[0], controller_data)
         columns = [*plant.columns, *controller.columns]
         refuse_same_names(columns, system)
         row = Row(columns)
@@ -137,7 +139,6 @@ def assemble(
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
     known = ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
-    controller_data = data if controller_model is None else controller_model.data
     return Assembly(scenario, plant, controller_data, controller_system, pairs, limits, known, controller, task, row)
 
 

@@ -15,7 +15,7 @@ from ffsm_controllers.settled import SettlingMonitor
 
 from ffsm_mj.assembly.column_faults import refuse_telemetry, signals_fault
 from ffsm_mj.config import StrictModel
-from ffsm_mj.controller_protocol import Controller, ControllerContext, Drives
+from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives
 from ffsm_mj.errors import Fault, ScenarioFaults, described
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
@@ -54,6 +54,28 @@ def build_phases(
         raise ScenarioFaults(faults)
     refuse_telemetry(phases)
     return phases
+
+
+def refuse_start(phase: Phase, config: PhaseConfig, data: Any) -> None:
+    """Refuse a first phase with a control law that cannot begin at the initial state.
+
+    Args:
+        phase: The first phase.
+        config: Its configuration.
+        data: What its control laws see at t = 0.
+
+    Raises:
+        ScenarioFaults: One cannot; paths in the scenario.
+    """
+    laws = [part.law for part in phase.controller.parts] if isinstance(phase.controller, Parts) else [phase.controller]
+    faults = [
+        Fault(fault.message, ("phases", 0, *keys, *fault.path))
+        for keys, law in zip(config.laws, laws, strict=True)
+        if isinstance(law, ChecksStart)
+        for fault in law.start_faults(data)
+    ]
+    if faults:
+        raise ScenarioFaults(faults)
 
 
 def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerContext) -> Controller:

@@ -32,6 +32,8 @@ from ffsm_mj.controller_protocol import (
     ScenarioFaults,
 )
 
+_EXCEEDS, _INSTEAD = "the path exceeds a limit", "allow it more time, or other waypoints"
+
 
 class JointPath:
     """Joints through waypoints."""
@@ -68,13 +70,20 @@ class JointPath:
         Raises:
             ControllerError: It exceeds a limit.
         """
-        data, joints = observation.data, self._model.joints
         self._start_s = observation.time_s
+        if faults := self._lay(observation.data):
+            raise ControllerError(f"{_EXCEEDS} ({'; '.join(faults)}); {_INSTEAD}")
+
+    def start_faults(self, data: Any) -> Sequence[Fault]:
+        """Limits that the path from a state exceeds."""
+        return [Fault(f"{_EXCEEDS}: {fault}; {_INSTEAD}", ("waypoints",)) for fault in self._lay(data)]
+
+    def _lay(self, data: Any) -> list[str]:
+        """Lay the path from a state, and return sentences for the limits that it exceeds."""
+        joints = self._model.joints
         positions = np.vstack((data.qpos[joints.qpos], self._waypoints))
         self._path = MinimumJerk([0.0, *self._times], positions, data.qvel[joints.dofs])
-        faults = self._limits.faults(self._path, data)
-        if faults:
-            raise ControllerError(f"the path exceeds limits ({'; '.join(faults)}); allow it more time, or other waypoints")
+        return self._limits.faults(self._path, data)
 
     def control(self, observation: Observation, command: Command) -> None:
         """Drive the joints along the path."""
