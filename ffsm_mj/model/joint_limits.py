@@ -11,6 +11,8 @@ from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.places import Places
 
 _IGNORE = "or write 'limits: ignore' in the scenario"
+_LEAST_RANGE = 1e-6
+"""Least extent of a range in the units of its file: both ends must be further apart than the tolerance of a closed gap."""
 _BALL = mujoco.mjtJoint.mjJNT_BALL
 _ONE_AXIS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -35,9 +37,9 @@ def empty_ranges(spec: Any, name: str, files: ModelFiles) -> list[str]:
     """
     places, faults = Places(spec, {name: files}), []
     for joint in spec.joints:
-        if joint.type in _ONE_AXIS and is_limited(joint) and not joint.range[0] < joint.range[1]:
+        if joint.type in _ONE_AXIS and is_limited(joint) and not joint.range[1] - joint.range[0] > _LEAST_RANGE:
             low, high = joint.range.tolist()
-            what = "allows a single value: use a fixed joint" if low == high else "is empty: the lower value comes first"
+            what = "is empty: the lower value comes first" if low > high else "allows a single value: use a fixed joint"
             faults.append(f"{places.of('joint', f'{name}/{joint.name}')}: the range {low:g} {high:g} {what}")
     return faults
 

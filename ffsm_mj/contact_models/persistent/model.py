@@ -178,7 +178,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def due(self) -> bool:
         """Whether a contact begins, ends or changes at the state in ``data`` under the efforts of the next step."""
-        return self.active and bool(self._pending_change() or self._active_set.touches_elsewhere())
+        if not self.active:
+            return False
+        return bool(self._left_at_once() or self._pending_change() or self._active_set.touches_elsewhere())
 
     def begin_step(self) -> None:
         """Start a (sub-)step: project out the drift of closed contacts, and choose the active set.
@@ -186,6 +188,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         Raises:
             RunEnded: A pair with friction carries a force.
         """
+        self._drop(self._left_at_once())  # in a log replay, which has no event for it
         self._projection_exchange = self._drift.remove_drift()
         self._active_set.update_pressing()
         refuse_friction(self._active_set)
@@ -264,6 +267,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if self._landing or self._active_set.touches_elsewhere():
             self._landing = False
             return EventEffect((), leaves_to_impacts=True)
+        self._drop(self._left_at_once())
         news = self._pending_change() or self._change_during_step()
         if news is None:
             return None
@@ -287,6 +291,23 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             *self._limits.records(limit_kind, at_limits, instant, number, qvel),
         )
         return EventEffect(records, triggers_control=False)
+
+    def _left_at_once(self) -> list[JointLimit]:
+        """Limits at which joints are at rest, as at the start of a run, but which they leave under the present efforts.
+
+        Neither a start nor an end is logged: the joint does not stay there.
+        """
+        closed = self._active_set
+        new = [pair for pair in closed.by_pair if isinstance(pair, JointLimit) and pair not in self._logged_pairs]
+        leaving = closed.leaving() if new else ()
+        return [limit for limit in new if set(closed.by_pair[limit]).issubset(leaving)]
+
+    def _drop(self, limits: Sequence[JointLimit]) -> None:
+        """Remove limits without a record."""
+        for limit in limits:
+            self._active_set.remove(limit)
+        if limits:
+            self._update_activity()
 
     def _pending_change(self) -> tuple[RecordKind, list[UnilateralConstraint]] | None:
         """The next change at the state in ``data`` under its efforts: one record kind at a time, and the pairs concerned."""
