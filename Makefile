@@ -22,7 +22,7 @@ figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact
 	uv run python docs/capture_figures.py
 	uv run python docs/friction_energy.py
 reproduce:   ## regenerate the reproduction report
-	uv run ffsm reproduce
+	uv run ffsm reproduce --out docs
 campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes on two processors
 	uv run --extra fast ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed
 	uv run --extra fast ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign.md

@@ -56,6 +56,10 @@ class Run:
             raise KeyError(unknown_name("signal", key, layout.keys))
         return self.log.column(key)
 
+    def _ipython_key_completions_(self) -> list[str]:
+        """Names of all columns: IPython and Jupyter complete ``run["`` with them."""
+        return list(self.keys)
+
     @property
     def keys(self) -> tuple[str, ...]:
         """Names of all columns."""

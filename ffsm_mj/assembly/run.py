@@ -102,6 +102,8 @@ def simulate(
             recorder.open(header)
             outcome = simulation.run(interrupted, lambda t: report(t, config.duration_s) if report else None)
             recorder.outcome = _with_versions(outcome)
+            if report and outcome.outcome == Outcome.COMPLETED.value:
+                report(config.duration_s, config.duration_s)  # what is left is to close the log
     except Exception as error:
         if recorder.outcome is None:
             raise

@@ -9,7 +9,7 @@ from ipaddress import ip_address
 from typing import Any, NoReturn
 
 from ffsm_mj.cli.campaign_options import describe_campaign
-from ffsm_mj.cli.exit_codes import EXIT_CODES
+from ffsm_mj.cli.exit_codes import exit_codes
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND
 
@@ -24,7 +24,7 @@ COMMANDS = {
     "schema": "print the JSON Schema of scenario or campaign files",
     "new": "generate a scenario and a scene model from a robot's MJCF or URDF file",
     "new-law": "generate a Python package with a control law of your own",
-    "completion": "print a shell completion script for commands, options and scenarios",
+    "completion": "print a shell completion script for commands, options, scenarios and their keys",
 }
 SHELLS = ("bash", "zsh", "fish")
 _EXPORTS = {
@@ -76,12 +76,12 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 def parser() -> argparse.ArgumentParser:
     """Parser of the whole command line, built once per process."""
     root = _Parser(
-        prog="ffsm", description="Exact impacts for free-floating space manipulators, on MuJoCo.", epilog=EXIT_CODES
+        prog="ffsm", description="Exact impacts for free-floating space manipulators, on MuJoCo.", epilog=exit_codes()
     )
     root.add_argument("--version", action="store_true", help="print the version and exit")
     commands = root.add_subparsers(title="commands", metavar="COMMAND", dest="command")
     parsers = {
-        name: commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=EXIT_CODES)
+        name: commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=exit_codes(name))
         for name, text in COMMANDS.items()
     }
     _describe_run(parsers["run"])
@@ -100,7 +100,9 @@ def parser() -> argparse.ArgumentParser:
     )
     law.add_argument("--out", metavar="DIR", default=".", help="parent folder of the package (default: current folder)")
     again = parsers["reproduce"]
-    again.add_argument("--out", metavar="DIR", default="docs", help="folder of the report pages (default: docs)")
+    again.add_argument(
+        "--out", metavar="DIR", help="folder of the report pages (default: logs/reproduction; with --check: docs)"
+    )
     again.add_argument(
         "--check", action="store_true", help="write nothing; run each scenario once and exit 1 if the pages in DIR are stale"
     )
@@ -108,8 +110,9 @@ def parser() -> argparse.ArgumentParser:
         "--long", action="store_true", help="with --check: all runs of the report, including step-size studies and long runs"
     )
     parsers["schema"].add_argument("--campaign", action="store_true", help="print the schema of campaign files")
+    parsers["completion"].add_argument("--keys", nargs=argparse.REMAINDER, metavar="WORD", help=argparse.SUPPRESS)
     parsers["completion"].add_argument(
-        "shell", choices=SHELLS, help='e.g. eval "$(ffsm completion bash)"; fish: ffsm completion fish | source'
+        "shell", nargs="?", choices=SHELLS, help='e.g. eval "$(ffsm completion bash)"; fish: ffsm completion fish | source'
     )
     return root
 

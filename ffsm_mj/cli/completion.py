@@ -1,67 +1,157 @@
-"""Implementation of ``ffsm completion``: completion scripts of commands, options, shipped scenarios and files."""
+"""Implementation of ``ffsm completion``: completion scripts, and the keys that they offer after ``-s``."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import shtab
 
+from ffsm_mj.campaign.plan.shipped import campaign_names, campaign_path
 from ffsm_mj.cli.command_line import parser
 from ffsm_mj.cli.exit_codes import OK
 from ffsm_mj.cli.standard_streams import Output
-from ffsm_mj.scenario.shipped import scenario_names
+from ffsm_mj.errors import InputError
+from ffsm_mj.scenario.shipped import scenario_names, scenario_path
 
 _PLACES = ("--out", "--plots", "--robot", "--package-path")
+_TABLES = ("samples", "checks", "contacts", "captures")
+"""Tables besides those of records."""
 # shtab treats the output of a function with "file" in its name as file names, so bash appends a slash to folders.
-_SCENARIO = {"bash": "_ffsm_scenario_or_file", "zsh": "_ffsm_scenario_or_file", "fish": "(_ffsm_scenario_or_file)"}
 _FUNCTIONS = {
     "bash": """
 _ffsm_scenario_or_file() {{
-  compgen -W "{names}" -- "$1"
+  compgen -W "{scenarios}" -- "$1"
   compgen -f -- "$1"
+}}
+_ffsm_campaign_or_file() {{
+  compgen -W "{campaigns}" -- "$1"
+  compgen -f -- "$1"
+}}
+_ffsm_either_or_file() {{
+  compgen -W "{scenarios} {campaigns}" -- "$1"
+  compgen -f -- "$1"
+}}
+_ffsm_table() {{
+  compgen -W "{tables}" -- "$1"
+}}
+_ffsm_key() {{
+  compgen -W "$(ffsm completion --keys "${{COMP_WORDS[@]:1}}" 2>/dev/null)" -- "$1"
 }}""",
     "zsh": """
 _ffsm_scenario_or_file() {{
-  _alternative 'scenarios:shipped scenario:({names})' 'files:file:_files'
+  _alternative 'scenarios:shipped scenario:({scenarios})' 'files:file:_files'
+}}
+_ffsm_campaign_or_file() {{
+  _alternative 'campaigns:shipped campaign:({campaigns})' 'files:file:_files'
+}}
+_ffsm_either_or_file() {{
+  _alternative 'shipped:shipped scenario or campaign:({scenarios} {campaigns})' 'files:file:_files'
+}}
+_ffsm_table() {{
+  compadd {tables}
+}}
+_ffsm_key() {{
+  compadd -S '=' -- ${{(f)"$(ffsm completion --keys "${{(@)words[2,-1]}}" 2>/dev/null)"}}
 }}""",
     "fish": """
 function _ffsm_scenario_or_file
-  string split ' ' -- "{names}"
+  string split ' ' -- "{scenarios}"
   __fish_complete_path (commandline -ct)
+end
+function _ffsm_campaign_or_file
+  string split ' ' -- "{campaigns}"
+  __fish_complete_path (commandline -ct)
+end
+function _ffsm_either_or_file
+  string split ' ' -- "{scenarios} {campaigns}"
+  __fish_complete_path (commandline -ct)
+end
+function _ffsm_table
+  string split ' ' -- "{tables}"
+end
+function _ffsm_key
+  set words (commandline -opc)
+  ffsm completion --keys $words[2..-1] 2>/dev/null
 end""",
 }
 
 
 def completion(options: argparse.Namespace, output: Output) -> int:
-    """Print the completion script of a shell; returns the exit code."""
-    output.say(_script(options.shell))
+    """Print the completion script of a shell, or the keys of a scenario; returns the exit code.
+
+    Raises:
+        InputError: Neither is named.
+    """
+    if options.keys is not None:
+        output.say("\n".join(_keys(options.keys)))
+    elif options.shell is None:
+        raise InputError("ffsm completion: name a shell: bash, zsh or fish")
+    else:
+        output.say(_script(options.shell))
     return OK
 
 
 def _script(shell: str) -> str:
-    """Completion script for ``bash``, ``zsh`` or ``fish``; it lists the scenarios of the installed version."""
+    """Completion script for ``bash``, ``zsh`` or ``fish``; it lists what the installed version ships."""
+    from ffsm_mj.analysis.built_in_kinds import BUILT_IN
+
     whole = parser()
-    for option in _options(whole):
-        _set_completion(option)
-    function = _FUNCTIONS[shell].format(names=" ".join(scenario_names()))
-    return shtab.complete(whole, shell=shell, preamble=function).rstrip()
+    for command, option in _options(whole):
+        _set_completion(command, option)
+    preamble = _FUNCTIONS[shell].format(
+        scenarios=" ".join(scenario_names()),
+        campaigns=" ".join(campaign_names()),
+        tables=" ".join([*_TABLES, *(kind.plural for kind in BUILT_IN if kind.name != "outcome")]),
+    )
+    return shtab.complete(whole, shell=shell, preamble=preamble).rstrip()
 
 
-def _options(of: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+def _options(of: argparse.ArgumentParser, command: str = "") -> Iterator[tuple[str, argparse.Action]]:
+    """Every option with its command."""
     for action in of._actions:  # argparse has no public access to them
         if isinstance(action, argparse._SubParsersAction):
-            for command in action.choices.values():
-                yield from _options(command)
+            for name, below in action.choices.items():
+                yield from _options(below, command or name)
         else:
-            yield action
+            yield command, action
 
 
-def _set_completion(option: argparse.Action) -> None:
-    """Complete scenarios, runs and output paths; other values cannot be completed."""
+def _set_completion(command: str, option: argparse.Action) -> None:
+    """Set what completes an option; other values cannot be completed."""
     if option.dest == "scenario":
-        option.complete = _SCENARIO  # type: ignore[attr-defined]
+        _complete_by(option, "_ffsm_either_or_file" if command == "check" else "_ffsm_scenario_or_file")
+    elif option.dest == "campaign" and not option.option_strings:
+        _complete_by(option, "_ffsm_campaign_or_file")
+    elif option.dest == "overrides":
+        _complete_by(option, "_ffsm_key")
+    elif option.dest == "table":
+        _complete_by(option, "_ffsm_table")
     elif option.dest in ("run", "runs"):
         option.complete = shtab.FILE  # type: ignore[attr-defined]
-    elif set(option.option_strings) & set(_PLACES):
+    elif option.dest == "folder" or set(option.option_strings) & set(_PLACES):
         option.complete = shtab.FILE if option.metavar == "FILE" else shtab.DIRECTORY  # type: ignore[attr-defined]
+
+
+def _complete_by(option: argparse.Action, function: str) -> None:
+    option.complete = {"bash": function, "zsh": function, "fish": f"({function})"}  # type: ignore[attr-defined]
+
+
+def _keys(words: Sequence[str]) -> list[str]:
+    """Keys that ``-s`` can set, dotted: of the scenario or campaign that a command line names, else of any scenario."""
+    from ffsm_mj.campaign.plan.schema import campaign_schema
+    from ffsm_mj.scenario.key_paths import ANY, key_paths
+    from ffsm_mj.scenario.scenario import Scenario
+    from ffsm_mj.scenario.source import read_yaml
+    from ffsm_mj.yaml.parser import read_node
+
+    for word in words[1:]:
+        try:
+            if words[0] == "campaign":
+                data = read_node(campaign_path(word)).plain()
+                return [".".join(path) for path in key_paths(campaign_schema(), data)]
+            data = read_yaml(scenario_path(word)).data
+            return [".".join(path) for path in key_paths(Scenario.model_json_schema(), data)]
+        except (InputError, OSError):
+            continue
+    return [".".join(path) for path in key_paths(Scenario.model_json_schema()) if ANY not in path]

@@ -5,10 +5,34 @@ from __future__ import annotations
 OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, DAMAGED, TRUNCATED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 OUTPUT_LOST = RUN_FAILED
 
-EXIT_CODES = (
-    f"exit codes: {OK} done; {CHECK_FAILED} a check fails (run, analyze), a log disagrees with its states (analyze), "
-    "or a page is stale (reproduce --check); "
-    f"{BAD_INPUT} bad input; {RUN_FAILED} the run failed (log kept), or output was lost (full disk); "
-    f"{DAMAGED} analyze, export: the log is damaged or incomplete; "
-    f"{TRUNCATED} checks fail by the truncation of the step alone (run, analyze); {INTERRUPTED} interrupted (log kept)"
-)
+_GENERAL = {OK: "done", BAD_INPUT: "bad input", OUTPUT_LOST: "output was lost (full disk)", INTERRUPTED: "interrupted"}
+_TRUNCATION = "checks fail by the truncation of the step alone"
+_INCOMPLETE = "the log is damaged or incomplete"
+_OF_COMMANDS = {
+    "run": {
+        CHECK_FAILED: "a check fails",
+        RUN_FAILED: "the run failed (log kept), or output was lost (full disk)",
+        TRUNCATED: _TRUNCATION,
+        INTERRUPTED: "interrupted (log kept)",
+    },
+    "analyze": {
+        CHECK_FAILED: "a check fails, or a log disagrees with its states",
+        DAMAGED: _INCOMPLETE,
+        TRUNCATED: _TRUNCATION,
+    },
+    "export": {DAMAGED: f"{_INCOMPLETE}; what it has is exported"},
+    "view": {RUN_FAILED: "the viewer did not open, or there is no display"},
+    "reproduce": {CHECK_FAILED: "a page is stale (--check)"},
+}
+"""Meanings that are not general, by command."""
+
+
+def exit_codes(command: str = "") -> str:
+    """Sentence with the exit codes of a command, or of all commands together."""
+    if not command:
+        return f"{_sentence(_GENERAL)}; further codes: ffsm COMMAND --help"
+    return _sentence(_GENERAL | _OF_COMMANDS.get(command, {}))
+
+
+def _sentence(meanings: dict[int, str]) -> str:
+    return "exit codes: " + "; ".join(f"{code} {meaning}" for code, meaning in sorted(meanings.items()))

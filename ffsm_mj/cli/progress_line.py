@@ -7,9 +7,10 @@ from contextlib import contextmanager, suppress
 
 from rich.cells import cell_len
 from rich.console import Console, RenderableType
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
 from rich.table import Column
 
+from ffsm_mj.cli.remaining_time import RemainingTime, clock
 from ffsm_mj.errors import one_line
 
 _PATIENCE_S = 0.4
@@ -27,7 +28,8 @@ class ProgressLine(Progress):
     def __init__(self) -> None:
         """Start without a stage; nothing is displayed yet."""
         self._reported: tuple[float, float | None] = 0.0, None
-        self._remaining = TimeRemainingColumn(compact=True)
+        self._remaining = RemainingTime()
+        self._started = False
         # stdout carries the command's result: rich must not redirect it to print above the line.
         super().__init__(console=Console(stderr=True), transient=True, redirect_stdout=False)
 
@@ -37,11 +39,12 @@ class ProgressLine(Progress):
             for task in self.task_ids:
                 self.remove_task(task)
             self._reported = 0.0, total
+            self._remaining, self._started = RemainingTime(), False
             self.add_task(one_line(name), visible=False, total=total, unit=unit, digits=1 if unit == "s" else 0)
             self.start()
 
         def report(done: float, total: float) -> None:
-            self._reported = done, total
+            self._reported, self._started = (done, total), True
 
         return report
 
@@ -63,6 +66,8 @@ class ProgressLine(Progress):
     def get_renderables(self) -> Iterable[RenderableType]:
         """Update the task and fit the columns to the current width of the terminal; called by rich at each redraw."""
         done, total = self._reported
+        if self._started:
+            self._remaining.add(done)
         for task in self.tasks:
             # Once all that was counted is done, the stage may still go on: the bar pulses.
             task.total = None if total is None or done >= total else total
@@ -80,7 +85,8 @@ class ProgressLine(Progress):
         if not counted:
             return (_text("{task.description}"), *bar, TimeElapsedColumn())
         amount = _text("{task.completed:.{task.fields[digits]}f} of {task.total:g} {task.fields[unit]}")
-        return (_text("{task.description}"), *bar, amount, self._remaining, _text("left"))
+        left = clock(self._remaining.seconds(task.total or 0.0))
+        return (_text("{task.description}"), *bar, amount, _text(left))
 
 
 def _text(template: str) -> TextColumn:

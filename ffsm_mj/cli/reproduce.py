@@ -13,6 +13,9 @@ from ffsm_mj.report.output_place import usable_folder
 from ffsm_mj.reproduction import committed_pages, stale_once
 from ffsm_mj.reproduction import reproduce as reproduced
 
+_COMMITTED, _WRITTEN = "docs", "logs/reproduction"
+"""Folders of the pages to check, and of new ones: outside what a checkout has under version control."""
+
 
 def reproduce(options: argparse.Namespace, output: Output) -> int:
     """Run the case study and write or check the report pages; returns the exit code.
@@ -20,7 +23,7 @@ def reproduce(options: argparse.Namespace, output: Output) -> int:
     Raises:
         InputError: The folder cannot be used, or has no pages to check.
     """
-    folder = Path(options.out)
+    folder = Path(options.out or (_COMMITTED if options.check else _WRITTEN))
     if options.check:
         committed_pages(folder)
     else:

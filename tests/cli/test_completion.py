@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -32,10 +34,12 @@ def complete(script, tmp_path):
     source = tmp_path / "ffsm.bash"
     source.write_text(script("bash"))
 
-    def offered(*words):
+    def offered(*words, **environment):
         code = 'source "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _shtab_ffsm; printf "%s\\n" "${COMPREPLY[@]}"'
         command = ["bash", "--norc", "-c", code, "bash", str(source), *words]
-        done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path / "work")
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=True, cwd=tmp_path / "work", env=os.environ | environment
+        )
         assert done.stderr == ""
         return done.stdout.split("\n")[:-1]
 
@@ -74,6 +78,39 @@ def test_bash_completes_scenarios_and_places(complete):
     assert complete("ffsm", "export", "--csv", "--out", "mi") == ["mine.yaml"]
     assert complete("ffsm", "new", "arm", "--robot", "mi") == ["mine.yaml"]
     assert complete("ffsm", "new", "arm", "--package-path", "m") == ["my runs"]
+
+
+def test_bash_completes_campaigns_tables_and_folders(complete):
+    assert complete("ffsm", "campaign", "run", "base") == ["baseline-dispersed", "bases"]
+    assert complete("ffsm", "check", "capture-d") == ["capture-dispersed"]
+    assert complete("ffsm", "campaign", "resume", "b") == ["bases"]
+    assert complete("ffsm", "export", "--csv", "--table", "imp") == ["impacts"]
+
+
+def test_bash_completes_keys_of_the_scenario(complete, tmp_path):
+    """By a call of ``ffsm``, which must be on the path: names of its phases, and keys of the kinds that it uses."""
+    (tmp_path / "work" / "ffsm").write_text(f'#!/bin/sh\nexec {sys.executable} -m ffsm_mj "$@"\n')
+    (tmp_path / "work" / "ffsm").chmod(0o755)
+    path = f"{tmp_path / 'work'}{os.pathsep}{os.environ['PATH']}"
+    assert complete("ffsm", "run", "baseline", "-s", "dur", PATH=path) == ["duration_s"]
+    expected = [f"phases.approach.controller.{key}" for key in ("joints",)]
+    assert complete("ffsm", "run", "baseline", "-s", "phases.approach.controller.j", PATH=path) == expected
+    assert complete("ffsm", "run", "-s", "task.tar", PATH=path) == ["task.target_m"]
+    assert complete("ffsm", "campaign", "run", "capture-dispersed", "-s", "samples.n", PATH=path) == ["samples.n"]
+
+
+def test_keys_of_a_kind_that_is_not_used_are_not_offered(capsys):
+    assert main(["completion", "--keys", "run", "baseline"]) == 0
+    keys = capsys.readouterr().out.split()
+    assert "phases.regulate.controller.Q" in keys  # of osdre
+    assert "phases.regulate.controller.kp" not in keys  # of pd
+    assert "initial.joints.joint_1" in keys
+    assert len(keys) == len(set(keys)) < 300
+
+
+def test_a_shell_must_be_named(capsys):
+    assert main(["completion"]) == 2
+    assert capsys.readouterr().err == "ffsm completion: name a shell: bash, zsh or fish\n"
 
 
 def test_another_shell_is_refused(capsys):

@@ -216,3 +216,7 @@ run.plot("energies")._repr_html_()
 print("matplotlib" in sys.modules, "matplotlib.pyplot" in sys.modules)
 """)
     assert lines == ["[]", "True False"]
+
+
+def test_ipython_completes_the_columns(hit):
+    assert hit._ipython_key_completions_() == list(hit.keys)

@@ -136,7 +136,10 @@ def test_every_printed_number_is_on_the_page():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--check"], "docs/reproduction.md: cannot be read (No such file or directory); 'ffsm reproduce' writes it"),
+        (
+            ["--check"],
+            "docs/reproduction.md: cannot be read (No such file or directory); 'ffsm reproduce --out docs' writes it",
+        ),
         (["--out", "file"], "file: cannot be used as a folder to write to (File exists)"),
         (["--out", "file/docs"], "file/docs: cannot be used as a folder to write to (Not a directory)"),
         (["--out", "x" * 300], f"{'x' * 300}: cannot be used as a folder to write to (File name too long)"),

@@ -150,7 +150,7 @@ def test_what_is_said_of_a_pair(tmp_path, capsys):
     path = three_balls(tmp_path, CHAIN)
     folder, other = tmp_path / "a", tmp_path / "b"
     assert main(["run", str(path), "--out", str(folder), "--no-rerun"]) == 0
-    assert "1  0.100000  ball-left/left  robot/ball  left/left    0.8" in capsys.readouterr().out
+    assert "1  0.100000  ball-left/left  0.8" in capsys.readouterr().out
     first, second = json.loads((folder / "summary.json").read_text())["impacts"]
     assert (first["pair"], first["geoms"]) == ("ball-left/left", ["robot/ball", "left/left"])
     assert (first["robot_geom"], first["object_geom"]) == ("robot/ball", "left/left")
