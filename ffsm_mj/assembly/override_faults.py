@@ -39,11 +39,16 @@ def _named(lines: Sequence[str], overrides: Sequence[str], prepare: Callable[[Se
         else []
     )
     for line in lines:
-        if line in alone or _is_named(line):
+        if _is_named(line) or not _is_gone(line, alone, lines):
             yield line
         else:
-            causes = [text for text, faults in zip(overrides, without, strict=False) if line not in faults]
+            causes = [text for text, faults in zip(overrides, without, strict=False) if _is_gone(line, faults, lines)]
             yield f"{' '.join(map(override, causes or overrides))}: {line}"
+
+
+def _is_gone(line: str, faults: Sequence[str], lines: Sequence[str]) -> bool:
+    """Whether there is no such fault any more; if there are other ones instead, it may only be hidden by them."""
+    return line not in faults and set(faults) <= set(lines)
 
 
 def _faults(prepare: Callable[[Sequence[str]], object], overrides: Sequence[str]) -> tuple[str, ...]:

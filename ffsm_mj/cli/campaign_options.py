@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 
 from ffsm_mj.campaign.storage.outcomes import RETRIED
-from ffsm_mj.cli.exit_codes import BAD_INPUT, INTERRUPTED, OK, RUN_FAILED
+from ffsm_mj.cli.exit_codes import BAD_INPUT, INTERRUPTED, OK, RUN_FAILED, exit_codes_with
 
 _ACTIONS = {
     "run": "run a campaign, or continue the one in its folder",
@@ -16,18 +16,25 @@ _ACTIONS = {
     "report": "write tables, figures and a page for a campaign",
     "rerun": "repeat runs of a campaign, write their logs and compare them with the recorded results",
 }
-_EXIT_CODES = (
-    f"exit codes: {OK} every run has a result; {BAD_INPUT} bad input, changed settings, or already running elsewhere; "
-    f"{RUN_FAILED} stopped early (limits.max_failed, workers lost, full disk), or a rerun differs from its result; "
-    f"{INTERRUPTED} interrupted (results kept)"
-)
+_EXECUTED = {
+    OK: "every run has a result",
+    BAD_INPUT: "bad input, changed settings, or already running elsewhere",
+    RUN_FAILED: "stopped early (limits.max_failed, workers lost, full disk)",
+    INTERRUPTED: "interrupted (results kept)",
+}
+_EXIT_CODES = dict.fromkeys(("run", "resume", "extend"), _EXECUTED) | {
+    "rerun": {RUN_FAILED: "a rerun differs from its result, or output was lost (full disk)"}
+}
+"""Meanings that are not general, by action."""
 
 
 def describe_campaign(of: argparse.ArgumentParser, add_overrides: Callable[[argparse.ArgumentParser], None]) -> None:
     """Add the actions and their options to a parser."""
     actions = of.add_subparsers(title="actions", metavar="ACTION", dest="action", required=True)
     parsers = {
-        name: actions.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=_EXIT_CODES)
+        name: actions.add_parser(
+            name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=exit_codes_with(_EXIT_CODES.get(name, {}))
+        )
         for name, text in _ACTIONS.items()
     }
     run = parsers["run"]

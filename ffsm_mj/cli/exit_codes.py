@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, DAMAGED, TRUNCATED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 OUTPUT_LOST = RUN_FAILED
 
@@ -28,11 +30,11 @@ _OF_COMMANDS = {
 
 
 def exit_codes(command: str = "") -> str:
-    """Sentence with the exit codes of a command, or of all commands together."""
-    if not command:
-        return f"{_sentence(_GENERAL)}; further codes: ffsm COMMAND --help"
-    return _sentence(_GENERAL | _OF_COMMANDS.get(command, {}))
+    """Sentence with the exit codes of a command; without one, those of every command."""
+    more = "" if command else "; further codes: ffsm COMMAND --help"
+    return exit_codes_with(_OF_COMMANDS.get(command, {})) + more
 
 
-def _sentence(meanings: dict[int, str]) -> str:
-    return "exit codes: " + "; ".join(f"{code} {meaning}" for code, meaning in sorted(meanings.items()))
+def exit_codes_with(meanings: Mapping[int, str]) -> str:
+    """Sentence with the general exit codes, and with these in their place or in addition."""
+    return "exit codes: " + "; ".join(f"{code} {meaning}" for code, meaning in sorted((_GENERAL | dict(meanings)).items()))

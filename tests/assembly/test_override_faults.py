@@ -44,3 +44,12 @@ def test_a_fault_of_the_file_is_not_blamed_on_an_override(tmp_path):
     path.write_text(path.read_text() + "nonsense: 1\n")
     (line,) = faults(path, "duration_s=1")
     assert line.startswith(f"{path}:")
+
+
+def test_a_fault_that_another_one_hides_without_the_override_is_not_blamed_on_it(tmp_path):
+    """The model is wrong in any case, and without the override the file is refused before the model is read."""
+    path = two_balls(tmp_path, duration_s=-1.0)
+    model = tmp_path / "robot.xml"
+    model.write_text(model.read_text().replace("<worldbody>", "<worldbody><wrong/>"))
+    (line,) = faults(path, "duration_s=1")
+    assert line.startswith(f"{model}:")

@@ -40,7 +40,7 @@ PLACES = {
     "the recorder": (Recorder, "commit", 20),
     "the log": (McapSink, "rows", 2),
     "the log, an event": (McapSink, "event", 2),
-    "the end, overlaps": (ContactWatch, "finish", 0),
+    "the end, overlaps": (ContactWatch, "finish", 1),  # once for the notes before the run
     "the end, grasps": (GraspModel, "finish", 0),
 }
 
