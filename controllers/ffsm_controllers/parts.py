@@ -115,7 +115,7 @@ class Parts:
                         f"telemetry of part {part.name!r} gives {len(report)} values for "
                         f"{len(part.law.telemetry_signals)} signals"
                     )
-                values += report
+                values.extend(report)
         return values
 
     def summary(self) -> ControllerReport:

@@ -62,6 +62,19 @@ def cubic(path, time):
     return path.at(time)[2]
 
 
+def test_many_waypoints_on_a_path_of_least_jerk_are_that_path():
+    """Waypoints on the closed form, at uneven times, change nothing: 1200 of them are solved for at once."""
+    times = np.linspace(0.0, 1.0, 1201) ** 1.5
+
+    def closed(s):
+        return 10 * s**3 - 15 * s**4 + 6 * s**5
+
+    path = MinimumJerk(times, closed(times)[:, None], np.zeros(1))
+    middle = (times[1:] + times[:-1]) / 2.0
+    np.testing.assert_allclose([path.at(s)[0][0] for s in middle], closed(middle), atol=1e-12)
+    np.testing.assert_allclose([path.at(s)[1][0] for s in middle], 30 * middle**2 * (1 - middle) ** 2, atol=1e-8)
+
+
 def test_extremes_are_found_wherever_they_are(rng):
     path = MinimumJerk([0.0, 1.0, 1.7, 4.0], rng.normal(size=(4, 3)), rng.normal(size=3))
     fine = [path.at(t)[:2] for t in np.linspace(0.0, 4.0, 20001)]
@@ -200,6 +213,10 @@ def test_a_path_that_leaves_the_range_between_waypoints_is_refused(tmp_path):
         ({"waypoints": []}, r"waypoints: should have at least 1 item"),
         ({"waypoints": [{"at_s": 1.0, "positions": [0.0]}]}, r"waypoints\.0\.positions: 1 values for 7 joints"),
         ({"waypoints": [{"at_s": 0.0, "positions": GOAL}]}, r"waypoints\.0\.at_s: should be greater than 0"),
+        (
+            {"waypoints": [{"at_s": 1e-3, "positions": GOAL}]},
+            r"at_s: comes 0\.001 s after the one before, less than the control",
+        ),
         ({"waypoints": [{"at_s": 2.0, "positions": GOAL}] * 2}, r"the times of waypoints must ascend; 2 s follows 2 s"),
         (
             {"waypoints": [{"at_s": 2.0, "positions": GOAL}, {"at_s": 2.1, "positions": START.tolist()}], "max_speed": 3.0},

@@ -69,6 +69,18 @@ def test_a_tracking_arm_knows_what_the_base_does(order):
     assert reports["arm_near_singularity_s"] == 0.0
 
 
+def test_the_riccati_law_is_the_same_as_a_part():
+    """Rows, columns of its own and statistics of the Riccati equation."""
+    law = {"kind": "osdre", "Q": [1.0, 1.0, 0.5, 0.5], "R": [1.0, 1.0, 1.0]}
+    one, two = planar(controller=law), planar(controllers={"arm": law, "base": {"kind": "base_pd"}})
+    assert alike(one, two)
+    for name in ("osdre_error_m", "osdre_riccati_residual", "osdre_riccati_fallback", "osdre_smallest_gain"):
+        np.testing.assert_array_equal(one[f"controller.{name}"], two[f"controller.arm_{name}"])
+    alone, part = (run.summary()["controller"]["phases"][0]["reports"] for run in (one, two))
+    assert {f"arm_{name}": value for name, value in alone.items()} == part
+    assert alone["worst_riccati_residual"] > 0.0
+
+
 def test_parts_live_on_while_an_object_is_grasped():
     """Both laws are made again for the grasped system, in one law and in two."""
     near = {"position_m": 10.0, "angle_rad": 4.0, "speed_m_s": 10.0, "rate_rad_s": 10.0}

@@ -144,6 +144,13 @@ def _refuse_waypoints(config: JointPathConfig, context: ControllerContext, names
             faults += error.faults
     if faults:
         raise ScenarioFaults(faults)
+    times = [0.0, *(waypoint.at_s for waypoint in config.waypoints)]
+    for k, length in enumerate(np.diff(times).tolist()):
+        if length < context.control_period_s:
+            message = (
+                f"comes {length:.4g} s after the one before, less than the control period of {context.control_period_s:g} s"
+            )
+            faults.append(Fault(message, ("waypoints", k, "at_s")))
     for k, (one, other) in enumerate(pairwise(config.waypoints)):
         mean = np.abs(np.subtract(other.positions, one.positions)) / (other.at_s - one.at_s)
         for i in np.flatnonzero(mean > speed).tolist():

@@ -13,8 +13,8 @@ from ffsm_controllers.joint_path.minimum_jerk import MinimumJerk
 from ffsm_mj.controller_protocol import ControllerContext, FloatArray
 from ffsm_mj.task_model import JointModel
 
-_SAMPLES = 200
-"""Instants at which efforts are predicted."""
+_SAMPLES, _SAMPLES_EACH = 200, 40
+"""Least number of instants at which efforts are predicted: on the path, and between two waypoints."""
 _ROUNDING = 1e-9
 """Relative excess that is rounding: a path may touch its limits."""
 
@@ -64,9 +64,9 @@ class PathLimits:
         """Time, efforts that the path needs, and their bounds, along the predicted motion with all other motors off."""
         mj, own, model, joints = self._mj, self._data, self._model, self._model.joints
         own.qpos[:], own.qvel[:] = data.qpos, data.qvel
-        times = np.linspace(path.times[0], path.times[-1], _SAMPLES + 1)
-        step_s = float(times[1] - times[0])
-        for time_s in times.tolist():
+        each = max(_SAMPLES_EACH, _SAMPLES // (len(path.times) - 1))
+        times = np.interp(np.arange(each * (len(path.times) - 1) + 1) / each, np.arange(len(path.times)), path.times)
+        for time_s, step_s in zip(times.tolist(), np.diff(times, append=times[-1]).tolist(), strict=True):
             positions, rates, accelerations = path.at(time_s)
             own.qpos[joints.qpos], own.qvel[joints.dofs] = positions, rates
             mujoco.mj_forward(mj, own)

@@ -34,15 +34,15 @@ class MinimumJerk:
             rates: Rates at the start, (n,).
         """
         self.times = np.asarray(times, dtype=np.float64)
-        lengths, count = np.diff(self.times), len(times) - 1
-        size = _DEGREE + 1
-        matrix, right = np.zeros((size * count, size * count)), np.zeros((size * count, positions.shape[1]))
+        lengths, count, size = np.diff(self.times), len(times) - 1, _DEGREE + 1
+        right = np.zeros((size * count, positions.shape[1]))
+        entries: list[tuple[int, int, float]] = []
         row = 0
 
         def require(value: FloatArray | float, *terms: tuple[int, FloatArray]) -> None:
             nonlocal row
             for segment, coefficients in terms:
-                matrix[row, size * segment : size * (segment + 1)] += coefficients
+                entries.extend((row, size * segment + i, c) for i, c in enumerate(coefficients.tolist()) if c)
             right[row], row = value, row + 1
 
         for k in range(count):
@@ -56,7 +56,7 @@ class MinimumJerk:
                 scale = (lengths[k] / lengths[k + 1]) ** order
                 require(0.0, (k, _row(1.0, order)), (k + 1, -scale * _row(0.0, order)))
         self._lengths = lengths
-        self._coefficients = np.linalg.solve(matrix, right).reshape(count, size, -1)
+        self._coefficients = _solved(entries, right).reshape(count, size, -1)
 
     def at(self, time_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Position, rate and acceleration at a time, (n,) each; at rest after the last waypoint."""
@@ -85,6 +85,16 @@ class MinimumJerk:
             for s in sorted(ends):
                 found.append((float(self.times[k] + s * length), _row(s, order) @ coefficients / length**order))
         return found
+
+
+def _solved(entries: Sequence[tuple[int, int, float]], right: FloatArray) -> FloatArray:
+    """Solution of linear equations whose matrix has a few entries (row, column, value) near its diagonal."""
+    from scipy.sparse import csc_array  # half a second to import, needed by runs with a path only
+    from scipy.sparse.linalg import splu
+
+    rows, columns, values = zip(*entries, strict=True)
+    matrix = csc_array((values, (rows, columns)), shape=(len(right), len(right)))
+    return np.asarray(splu(matrix).solve(right))
 
 
 def _row(s: float, order: int) -> FloatArray:
