@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -69,13 +69,21 @@ def refuse_start(phase: Phase, config: PhaseConfig, data: Any) -> None:
     """
     laws = [part.law for part in phase.controller.parts] if isinstance(phase.controller, Parts) else [phase.controller]
     faults = [
-        Fault(fault.message, ("phases", 0, *keys, *fault.path))
+        replace(fault, path=("phases", 0, *keys, *fault.path))
         for keys, law in zip(config.laws, laws, strict=True)
-        if isinstance(law, ChecksStart)
-        for fault in law.start_faults(data)
+        for fault in _start_faults(law, data)
     ]
     if faults:
         raise ScenarioFaults(faults)
+
+
+def _start_faults(law: Controller, data: Any) -> Sequence[Fault]:
+    if not isinstance(law, ChecksStart):
+        return ()
+    try:
+        return law.start_faults(data)
+    except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is a fault of this phase)
+        return [Fault(f"whether the controller can begin cannot be computed ({described(error)})", ("kind",), error)]
 
 
 def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerContext) -> Controller:
@@ -95,7 +103,7 @@ def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerCon
         law = _made(classes, part, replace(context, reserved=frozenset(owners)), path)
         if fault := signals_fault(law.telemetry_signals):
             raise ScenarioFaults([Fault(f"telemetry of kind {part.kind!r}: {fault}", (*path, "kind"))])
-        claims = [int(i) for i in law.driven_actuators] if isinstance(law, Drives) else []
+        claims = claims_of(law)
         _refuse_second_claims(context.system, name, claims, owners)
         owners |= dict.fromkeys(claims, name)
         made[name] = law
@@ -111,12 +119,21 @@ def _made(classes: Mapping[str, Any], config: Any, context: ControllerContext, p
     """
     try:
         law: Controller = classes[config.kind](config, context)
+        unknown = [i for i in claims_of(law) if not 0 <= i < context.system.mj.nu]
     except ScenarioFaults as error:
         raise ScenarioFaults([replace(f, path=(*path, *f.path)) for f in error.faults]) from error
     except Exception as error:  # a plugin's code: whatever it raises is a fault of this phase
         message = f"the controller cannot be made ({described(error)})"
         raise ScenarioFaults([Fault(message, (*path, "kind"), error)]) from error
+    if unknown:
+        message = f"driven_actuators of kind {config.kind!r} contains {unknown[0]}; ids are 0 to {context.system.mj.nu - 1}"
+        raise ScenarioFaults([Fault(message, (*path, "kind"))])
     return law
+
+
+def claims_of(law: Controller) -> list[int]:
+    """Ids of the actuators that a law states that it drives; empty if it states none."""
+    return [int(i) for i in law.driven_actuators] if isinstance(law, Drives) else []
 
 
 def _leaves_joints_out(config: Any) -> bool:
@@ -178,9 +195,9 @@ def undriven_actuators(system: System, phases: tuple[Phase, ...]) -> Iterator[st
         if isinstance(phase.controller, Parts):
             yield from _undriven_by_parts(system, phase, phase.controller)
             continue
-        claims = phase.controller.driven_actuators if isinstance(phase.controller, Drives) else ()
-        left = sorted(_motors(system) - set(map(int, claims)))
-        if len(claims) and left:
+        claims = claims_of(phase.controller)
+        left = sorted(_motors(system) - set(claims))
+        if claims and left:
             single.setdefault(_names(system, left), []).append(f"{phase.name!r} ({phase.kind})")
     for names, those in single.items():
         where = f"{'phase' if len(those) == 1 else 'phases'} {', '.join(those)}"
@@ -189,7 +206,7 @@ def undriven_actuators(system: System, phases: tuple[Phase, ...]) -> Iterator[st
 
 def _undriven_by_parts(system: System, phase: Phase, parts: Parts) -> Iterator[str]:
     silent = [part for part in parts.parts if not isinstance(part.law, Drives)]
-    claims = {int(i) for part in parts.parts if isinstance(part.law, Drives) for i in part.law.driven_actuators}
+    claims = {i for part in parts.parts for i in claims_of(part.law)}
     left = [i for i in range(system.mj.nu) if i not in claims]
     for part in silent:
         yield (

@@ -220,6 +220,28 @@ def test_check_says_which_parts_are_not_known():
     assert f"note: only part 'one' of phase 'all' may drive {names}" in lines
 
 
+class Odd(First):
+    driven_actuators = (0, 99)
+
+    def start_faults(self, data):
+        raise RuntimeError("no licence")
+
+
+def test_what_a_law_from_outside_states_is_not_trusted():
+    def refused(law):
+        laws = phase(controllers={"one": {"kind": "odd"}, "two": {"kind": "off"}})
+        with pytest.raises(InputError) as error:
+            ffsm_mj.prepare("free-flying", laws, controllers={"odd": law}).assemble()
+        (line,) = error.value.lines
+        return line.partition("controllers.one.")[2]
+
+    assert refused(Odd) == "kind: driven_actuators of kind 'odd' contains 99; ids are 0 to 5"
+    text = type("Text", (Odd,), {"driven_actuators": ("motor_1",)})
+    assert refused(text).startswith("kind: the controller cannot be made (ValueError: invalid literal for int()")
+    right = type("Right", (Odd,), {"driven_actuators": (3,)})
+    assert refused(right) == "kind: whether the controller can begin cannot be computed (RuntimeError: no licence)"
+
+
 class Asks(First):
     """Asks for a release in its second call."""
 
