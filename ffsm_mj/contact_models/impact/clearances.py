@@ -16,9 +16,8 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import FEW, BroadPhase
-from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
+from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.travel_bound import TravelBound
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.free_stepper import BOUND_MARGIN
@@ -26,18 +25,18 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 Indices = npt.NDArray[np.intp]
-_NONE: Indices = np.zeros(0, dtype=np.intp)
+NO_PAIRS: Indices = np.zeros(0, dtype=np.intp)
 
 
 class Clearances:
-    """Certified clearances of some pairs, then joint limits, from step to step.
+    """Certified clearances of some pairs, from step to step.
 
     Attributes:
         energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj.dynamics.free_stepper.FreeStepper`) below which no
             pair can be near contact.
     """
 
-    def __init__(self, scene: Scene, pairs: Sequence[UnilateralConstraint]) -> None:
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
         """Bind to the state of a scene; :meth:`restart` must follow."""
         self._model, self._data, self._pairs = scene.system.mj, scene.data, pairs
         self._spheres = BroadPhase(self._model, pairs)
@@ -49,16 +48,13 @@ class Clearances:
 
     def _bind_travel(self) -> None:
         """Compute the bounds by joints for the present displacements of slide joints."""
-        geoms = [pair.ids for pair in self._pairs if not isinstance(pair, JointLimit)]
-        joints = np.array([pair.dof for pair in self._pairs if isinstance(pair, JointLimit)], dtype=np.intp)
-        self._travel, of_joints = TravelBound(self._model, self._data.qpos, geoms), np.eye(self._model.nv)
-        self._rows = np.concatenate((self._travel.rows, of_joints[joints]))
-        rows = np.concatenate((self._rows, of_joints[self._travel.slides]))
+        self._travel = TravelBound(self._model, self._data.qpos, [pair.ids for pair in self._pairs])
+        rows = np.concatenate((self._travel.rows, np.eye(self._model.nv)[self._travel.slides]))
         # One number accumulates the largest weighted motion of all degrees of freedom, instead of a sum for each pair.
         self._weights = rows.max(axis=0, initial=0.0)
         self._per_length = (rows / np.where(self._weights > 0.0, self._weights, 1.0)).sum(axis=1)
 
-    def restart(self, motion: Motion, is_skipped: Callable[[UnilateralConstraint], bool]) -> None:
+    def restart(self, motion: Motion, is_skipped: Callable[[ContactPair], bool]) -> None:
         """Start at the state in ``data``, which has changed discontinuously, or the pairs to be detected have.
 
         Args:
@@ -73,14 +69,14 @@ class Clearances:
     def near(self) -> Indices:
         """Indices of the pairs that may be in contact at the state in ``data``."""
         if self._motion.flight.motion_bound < self.energy_reach or self._length < self._reach:
-            return _NONE
+            return NO_PAIRS
         return np.flatnonzero(~(self._clearance > 0.0))
 
     def after_step(self) -> Indices:
         """Indices of the pairs that may have been in contact during the last step."""
         flight = self._motion.flight
         if flight.motion_bound < self.energy_reach:
-            return _NONE
+            return NO_PAIRS
         if float(self._motion.path.start[0]) != self._since_s:
             # The energy bound covered earlier steps, so the velocities at the start of this one are unknown.
             closed, last = (self._by_energy(part) for part in (flight.motion_bound - self._start, flight.last_increment))
@@ -91,8 +87,9 @@ class Clearances:
         self._length += float((step * self._weights).max(initial=0.0))
         self._rates, self._since_s = rates, end_s
         if self._length < self._reach:
-            return _NONE
-        return self._exhausted(self._rows @ self._travelled, self._rows @ step, flight.motion_bound)
+            return NO_PAIRS
+        rows = self._travel.rows
+        return self._exhausted(rows @ self._travelled, rows @ step, flight.motion_bound)
 
     def _by_energy(self, motion_bound: float) -> FloatArray:
         """Largest closing of each pair in a motion, m."""

@@ -14,12 +14,14 @@ from dataclasses import dataclass
 
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.clearances import Clearances
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, NoPersistentContacts, PersistentContacts, closed_pairs
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.first_touch import first_touch
+from ffsm_mj.contact_models.impact.limit_clearances import LimitClearances
 from ffsm_mj.contact_models.interface import EventSource, Replayable, Scene
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.columns import Columns
@@ -72,7 +74,10 @@ class Detector(EventSource, Replayable):
         self._persistent: PersistentContacts = persistent or NoPersistentContacts()
         self._overlap = overlap or DeepestOverlap()
         self.columns: tuple[Columns, ...] = self._overlap.columns
-        self._broad_phase, self._clearances = BroadPhase(self._model, self.pairs), Clearances(scene, self.pairs)
+        self._broad_phase = BroadPhase(self._model, self.pairs)
+        geoms = [pair for pair in self.pairs if not isinstance(pair, JointLimit)]
+        limits = [pair for pair in self.pairs if isinstance(pair, JointLimit)]
+        self._clearances, self._limits = Clearances(scene, geoms), LimitClearances(scene, limits, len(geoms))
         self.watched = frozenset(pair.geom_ids for pair in self.pairs)
         self._suspects: tuple[int, ...] = ()
         # Evaluations of this step by pair and time; those at its end are kept as the start of the next step.
@@ -84,8 +89,12 @@ class Detector(EventSource, Replayable):
         self._measure_clearances()
 
     def _measure_clearances(self) -> None:
-        self._clearances.restart(self.motion, self._is_skipped)
-        self.event_bound = self._clearances.energy_reach
+        for clearances in (self._clearances, self._limits):
+            clearances.restart(self.motion, self._is_skipped)
+        self._bound_events()
+
+    def _bound_events(self) -> None:
+        self.event_bound = min(self._clearances.energy_reach, self._limits.energy_reach)
 
     def _is_skipped(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair has no impacts now: persistent contact holds it, or both geoms are on one rigid body."""
@@ -95,8 +104,8 @@ class Detector(EventSource, Replayable):
         """Whether the bounds on the motion exclude contact of all pairs in the last step."""
         if self.motion.flight.motion_bound > self.motion.flight.last_increment:
             self._evaluated.clear()  # of an earlier step
-        self._suspects = tuple(self._clearances.after_step().tolist())
-        self.event_bound = self._clearances.energy_reach
+        self._suspects = (*self._clearances.after_step().tolist(), *self._limits.after_step().tolist())
+        self._bound_events()
         return not self._suspects
 
     def first_event(self, duration_s: float) -> float | None:
@@ -156,7 +165,7 @@ class Detector(EventSource, Replayable):
         """Whether a pair touches and approaches at the state in ``data``."""
         if self.motion.flight.motion_bound > 0.0:
             self._evaluated.clear()  # of an earlier step
-        near = (self._proximity(i, 0.0) for i in self._clearances.near().tolist())
+        near = (self._proximity(i, 0.0) for i in (*self._clearances.near().tolist(), *self._limits.near().tolist()))
         return any(pair.gap <= 0.0 and pair.approaches for pair in near)
 
     def _touch_of(self, i: int, start: float, end: float) -> float | None:
