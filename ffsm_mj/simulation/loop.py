@@ -177,6 +177,7 @@ class Simulation:
 
     def _finish(self) -> None:
         """Write the remaining records at the end of the run, whatever its outcome."""
+        self._report_phases()  # a phase whose control law failed as it began
         for record in self._watch.finish(self._done.time_s):
             self._recorder.event(record)
         for record in self._plant.integrator.finish(EventTime(self._done.time_s, self._done.steps)):

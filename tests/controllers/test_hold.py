@@ -13,6 +13,8 @@ from tests.controllers.test_track import ARM, WHEELS
 from tests.scenes import ball, scene
 
 W, ZETA = 2.0, 0.7
+START = np.array([0.0, -1.4, 0.3, 2.5, -0.4, -1.1, 0.3])
+"""Configuration of the arm at the start of the scenario ``capture``."""
 PARTS = {"wrist_alone": ["wrist"], "arm": ARM, "arm_and_wheels": [*ARM, *WHEELS]}
 
 
@@ -88,10 +90,9 @@ def test_the_bandwidth_is_that_at_the_given_positions():
 @pytest.mark.parametrize("share", [0.05, 0.5])
 def test_a_run_follows_the_sampled_closed_form(share):
     """A step of 1e-4 rad, at a short control period and at half of the stability limit: nothing but its square is left."""
-    start = np.array([ffsm_mj.prepare("capture").scenario.initial.joints.get(name, 0.0) for name in ARM])
     period, w = 0.01, share / (ZETA * 0.01)
     offset = 1e-4 * np.array([1.0, -2.0, 0.5, 1.5, -1.0, 0.7, 1.0])
-    law = {"joints": ARM, "bandwidth_rad_s": w, "damping_ratio": ZETA, "positions": (start + offset).tolist()}
+    law = {"joints": ARM, "bandwidth_rad_s": w, "damping_ratio": ZETA, "positions": (START + offset).tolist()}
     run = arm(law, control_period_s=period).run()
     assert run.outcome == "completed", run.message
     s = w * period
@@ -101,12 +102,34 @@ def test_a_run_follows_the_sampled_closed_form(share):
         expected.append(error[0])
         error = step @ error
     system = ffsm_mj.prepare("capture").system
-    told = run.qpos[:, [system.joint(name).qpos.start for name in ARM]] - (start + offset)
+    told = run.qpos[:, [system.joint(name).qpos.start for name in ARM]] - (START + offset)
     # Coriolis terms and the change of M_c are of the square of the step: 1e-8 rad times w^2 / w^2.
     np.testing.assert_allclose(told, np.outer(expected, -offset), atol=2e-7)
     assert run["controller.hold_error_rad"][0] == pytest.approx(2e-4)
     assert run.summary()["controller"]["phases"][0]["reports"]["largest_error_rad"] == pytest.approx(2e-4, rel=0.1)
     assert all(check.passes for check in run.checks())
+
+
+def test_large_motions_lose_energy():
+    """Kinetic energy and that of the constant stiffness fall by what the damping takes, on a tumbling base."""
+    there = START + np.array([1.0, -0.8, 0.9, -1.2, 1.1, 0.7, -1.0])
+    law = {"joints": ARM, "bandwidth_rad_s": 1.0, "positions": there.tolist()}
+    turning = {"initial.rates": {"robot/base": [0.01, 0.0, -0.02, 0.02, -0.03, 0.02]}}
+    prepared = arm(law, control_period_s=0.01, duration_s=5.0, **turning)
+    run, assembly = prepared.run(), prepared.assemble()
+    assert run.outcome == "completed", run.message
+    law = assembly.controller.phases[0].controller
+    law.start(Observation(0.0, assembly.data))
+    error = run.qpos[:, [assembly.system.joint(name).qpos.start for name in ARM]] - there
+    rates = run.qvel[:, [assembly.system.joint(name).dofs.start for name in ARM]]
+    stored = run["energy.robot_J"] + 0.5 * np.einsum("ti,ij,tj->t", error, law._stiffness, error)
+    lost = np.einsum("ti,ij,tj->t", rates, law._damping, rates)
+    assert np.linalg.eigvalsh(law._stiffness)[0] > 0.0
+    # Efforts are held over 10 ms: an error of half of w dt in what is stored, as of a delay of 5 ms.
+    taken = np.concatenate(([0.0], np.cumsum((lost[1:] + lost[:-1]) / 2.0 * np.diff(run.time))))
+    np.testing.assert_allclose(stored + taken, stored[0], rtol=0.01)
+    assert (np.diff(stored) < 1e-3 * stored[0]).all()
+    assert stored[-1] < 0.2 * stored[0]
 
 
 def test_the_stability_limit_is_the_closed_form():

@@ -11,11 +11,8 @@ from ffsm_controllers.joint_path.minimum_jerk import MinimumJerk
 
 import ffsm_mj
 from ffsm_mj.errors import InputError
-from tests.controllers.test_hold import slider
+from tests.controllers.test_hold import START, slider
 from tests.controllers.test_track import ARM, WHEELS
-
-START = np.array([0.0, -1.4, 0.3, 2.5, -0.4, -1.1, 0.3])
-"""Configuration of the arm at the start of the scenario ``capture``."""
 
 
 def test_from_rest_to_rest_it_is_the_closed_form():

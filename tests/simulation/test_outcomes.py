@@ -208,7 +208,9 @@ def test_controller_failed_at_an_impact(tmp_path, method):
     run = simulate(parts, RunFolder(tmp_path / "out"))
     assert run.outcome == "controller_failed"
     assert run.message.startswith("phase 'after' (off) at t = 0.3 s: RuntimeError: not now (test_outcomes.py:")
-    assert len(ffsm_mj.load_run(tmp_path / "out").impacts) == 1
+    read = ffsm_mj.load_run(tmp_path / "out")
+    assert len(read.impacts) == 1
+    assert [phase.name for phase in read.phases] == ["approach", "after"]
 
 
 def test_a_command_that_is_not_finite_at_an_impact(tmp_path):
