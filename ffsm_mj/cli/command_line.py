@@ -11,7 +11,9 @@ from typing import Any, NoReturn
 from ffsm_mj.cli.campaign_options import describe_campaign
 from ffsm_mj.cli.exit_codes import exit_codes
 from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.invocation import command
 from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND
+from ffsm_mj.similar_names import did_you_mean
 
 COMMANDS = {
     "run": "simulate a scenario and write its run folder",
@@ -66,10 +68,21 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         raise InputError(f"ffsm: {unknown_name('command', arguments[0], COMMANDS)}")
     options, extra = parser().parse_known_args(arguments)
     if extra:
-        command = f"ffsm {options.command}" if options.command else "ffsm"
-        raise InputError(f"{command}: unexpected argument {extra[0]!r}; see '{command} --help'")
+        words = [options.command, *([options.action] if "action" in options else [])] if options.command else []
+        meant = did_you_mean(extra[0], _option_strings(words)) if extra[0].startswith("-") else ""
+        help_command = command(*words, "--help")
+        raise InputError(f"{' '.join(['ffsm', *words])}: unexpected argument {extra[0]!r}{meant}; see '{help_command}'")
     _refuse_idle(options)
     return options
+
+
+def _option_strings(words: Sequence[str]) -> list[str]:
+    """Options of a command or of its action."""
+    of = parser()
+    for word in words:
+        (below,) = (action for action in of._actions if isinstance(action, argparse._SubParsersAction))  # not public
+        of = below.choices[word]
+    return [name for action in of._actions for name in action.option_strings]
 
 
 @cache

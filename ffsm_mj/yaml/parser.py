@@ -21,6 +21,7 @@ from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.tag import Tag
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.invocation import command
 from ffsm_mj.yaml.node import Node, Place
 from ffsm_mj.yaml.scalars import core_tag, scalar, shown_tag
 
@@ -67,7 +68,7 @@ def read_node(path: Path, what: str = "scenario") -> Node:
     except YamlFault as fault:
         raise InputError(str(fault)) from fault
     if not isinstance(root.value, dict):
-        raise InputError(f"{path}:1:1: a {what} is a mapping of keys to values; see 'ffsm schema'")
+        raise InputError(f"{path}:1:1: a {what} is a mapping of keys to values; see '{command('schema')}'")
     return Node(root.value, Place(path))
 
 

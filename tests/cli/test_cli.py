@@ -175,15 +175,6 @@ def test_options_that_are_wrong_or_have_no_effect_are_one_line(arguments, messag
     assert captured.err.count("\n") == 1
 
 
-def test_help_says_the_exit_codes(capsys):
-    for arguments in (["--help"], ["run", "-h"], []):
-        assert main(arguments) == 0
-        out = " ".join(capsys.readouterr().out.split())
-        assert (
-            "4 analyze, export: the log is damaged or incomplete; 5 checks fail by the truncation of the step alone" in out
-        )
-
-
 def test_a_film_is_of_the_form_that_its_name_says(tmp_path, capsys):
     assert main(["run", str(two_balls(tmp_path, duration_s=0.1)), "--no-rerun", "--out", "a"]) == 0
     for form, name in (("--gif", "a.mp4"), ("--gif", "a"), ("--html", "a.htm"), ("--csv", "a.parquet")):
@@ -262,3 +253,44 @@ def test_a_run_folder_runs_again(tmp_path, capsys):
     (tmp_path / "cwd" / "none").mkdir()
     assert main(["run", "none"]) == 2
     assert capsys.readouterr().err == "none: is a folder without a scenario.yaml; name a scenario file or a run folder\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ["run", "baseline", "--no-rerrun"],
+            "ffsm run: unexpected argument '--no-rerrun' (did you mean '--no-rerun'?); see ",
+        ),
+        (
+            ["campaign", "run", "--wrokers", "3"],
+            "ffsm campaign run: unexpected argument '--wrokers' (did you mean '--workers'?);",
+        ),
+        (["run", "a", "b"], "ffsm run: unexpected argument 'b'; see 'ffsm run --help'"),
+        (["run", "scenarios/nowhere.yaml"], "scenarios/nowhere.yaml: no such scenario file\n"),
+        (["run", "coasting", "-s", "task.tip=x"], "-s task.tip=x: "),
+        (["analyze", "logs/latest"], "logs/latest: no such run; run 'ffsm run baseline' first"),
+    ],
+)
+def test_what_is_unknown_is_refused_with_what_was_meant(arguments, said, capsys):
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.startswith(said)
+
+
+def test_a_folder_that_holds_a_run_is_refused_before_the_scenario_is_read(tmp_path, capsys):
+    (tmp_path / "cwd" / "mine").mkdir()
+    (tmp_path / "cwd" / "mine" / "run.mcap").touch()
+    assert main(["run", "no such scenario", "--out", "mine"]) == 2
+    assert capsys.readouterr().err.startswith("mine: already contains a run (run.mcap); choose another --out, or --force")
+
+
+def test_notes_are_shown_before_the_run(capsys):
+    """Three at most, then the command that shows all of them; the changes of masses are notes."""
+    changes = [f"-smodel.robot.link_{i}.mass_kg={i}.5" for i in (1, 2, 3)] + ["-smodel.object.box.mass_kg=7"]
+    assert main(["run", "coasting", "--no-rerun", "-s", "duration_s=0.01", *changes]) == 0
+    head = capsys.readouterr().out.split("coasting: completed")[0].splitlines()
+    assert main(["check", "coasting", *changes]) == 0
+    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
+    assert head[:3] == notes[:3]
+    again = " ".join(f"-s {change[2:]}" for change in changes)
+    assert head[3:] == [f"and {len(notes) - 3} more notes: ffsm check coasting -s duration_s=0.01 {again}"]
