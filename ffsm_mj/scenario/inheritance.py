@@ -22,7 +22,8 @@ from ffsm_mj.yaml.parser import read_node
 EXTENDS = "extends"
 MAX_DEPTH = 8
 _OWN = ("name", "description")
-_ALTERNATIVES = ("controller", "controllers")
+ALTERNATIVES = ("controller", "controllers")
+"""Keys of a phase of which one replaces the other."""
 
 
 def read_inherited(path: Path) -> Node:
@@ -80,7 +81,7 @@ def _merged(parent: Node, child: Node) -> Node:
 
 
 def _merged_mapping(parent: dict[Any, Node], child: dict[Any, Node]) -> dict[Any, Node]:
-    for one, other in (_ALTERNATIVES, _ALTERNATIVES[::-1]):
+    for one, other in (ALTERNATIVES, ALTERNATIVES[::-1]):
         if one in parent and other in child and one not in child:
             parent = {key: node for key, node in parent.items() if key != one}
     kinds = [side["kind"].value for side in (parent, child) if "kind" in side]

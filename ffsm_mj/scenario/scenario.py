@@ -158,7 +158,7 @@ class PhaseConfig(StrictModel):
         if self.controller is None and self.controllers is None:
             raise ValueError("a phase needs 'controller: {kind: ...}', or 'controllers: {PART: {kind: ...}, ...}'")
         if self.controller is not None and self.controllers is not None:
-            raise ValueError("has both 'controller' and 'controllers'; leave one of them out (or let it be null)")
+            raise ValueError("has both 'controller' and 'controllers'; leave one of them out")
         if self.until is None and self.for_s is None:
             raise ValueError("a phase needs 'until' (impact, settled, end, ...) or 'for_s', or an event and 'for_s'")
         if self.until == "settled" and self.settled is None:

@@ -15,7 +15,7 @@ from ruamel.yaml import YAML
 from ffsm_mj.errors import Fault, InputError
 from ffsm_mj.invocation import override
 from ffsm_mj.scenario.element_names import element_name
-from ffsm_mj.scenario.inheritance import read_inherited
+from ffsm_mj.scenario.inheritance import ALTERNATIVES, read_inherited
 from ffsm_mj.similar_names import did_you_mean
 from ffsm_mj.yaml.node import KeyPath, Node
 from ffsm_mj.yaml.parser import MAX_DEPTH, YamlFault, plain_value
@@ -127,6 +127,8 @@ def _apply(source: YamlSource, given: str) -> None:
     while done < len(parts):
         part, used = _step(node, parts, done, given)
         path, done = (*path, part), done + used
+        if part in ALTERNATIVES and path[:1] == ("phases",) and isinstance(node, dict) and value is not None:
+            node.pop(ALTERNATIVES[1 - ALTERNATIVES.index(str(part))], None)  # as for 'extends'
         if done == len(parts):
             if part == _KIND and isinstance(node, dict) and node.get(part, value) != value:
                 node.clear()  # as for 'extends': the keys of another kind differ in meaning

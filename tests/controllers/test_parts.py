@@ -287,8 +287,14 @@ def test_parts_replace_an_inherited_law_and_the_other_way_round(tmp_path):
     child.write_text("extends: mine.yaml\nname: child\nphases: [{name: safety_pause, controller: {kind: 'off'}}]\n")
     (second,) = ffsm_mj.prepare(child).scenario.phases
     assert (second.controllers, second.kind) == (None, "off")
+    for override, kind in {"controller={kind: 'off'}": "off", "controller.kind='off'": "off"}.items():
+        (third,) = ffsm_mj.prepare(path, [f"phases.0.{override}"]).scenario.phases
+        assert (third.controllers, third.kind) == (None, kind)
+    (fourth,) = ffsm_mj.prepare(child, ["phases.safety_pause.controllers.arm={kind: pd, kp: 1.0, kd: 1.0}"]).scenario.phases
+    assert (fourth.controller, fourth.kind) == (None, "arm: pd")
+    both = "{name: only, until: end, controller: {kind: 'off'}, controllers: {arm: {kind: 'off'}}}"
     with pytest.raises(InputError, match="has both 'controller' and 'controllers'"):
-        ffsm_mj.prepare(path, ["phases.0.controller={kind: 'off'}"])
+        ffsm_mj.prepare(path, [f"phases=[{both}]"])
 
 
 def test_a_run_folder_with_parts_runs_again(tmp_path):
