@@ -90,14 +90,14 @@ def jaws() -> str:
 def pressed(pad: str, *, away_m: float, duration_s: float = 1.0) -> PreparedRun:
     """A pad that is pushed with a constant force, at a box or, ``away_m`` from it, at nothing; plastic and at rest."""
     law = {"kind": "pd", "joints": ["rod"], "kp": PUSH_N / FAR_M, "kd": 0.0, "target": [FAR_M]}
-    pairs = [{"robot_geom": "pad", "object_geom": "box/box", "restitution": 0.0}]
+    pairs = [{"between": ["pad", "box/box"], "restitution": 0.0}]
     return _prepared(pusher(pad), pairs, law, [REACH_M + THICK_M + HALF_M + away_m, 0.0, 0.0], duration_s)
 
 
 def gripped(*, away_m: float, duration_s: float = 1.0) -> PreparedRun:
     """Two plastic jaws that close on a cube between them, or where it is not."""
     law = {"kind": "pd", "joints": ["left", "right"], "kp": 30.0, "kd": 0.5, "target": [0.3, -0.3]}
-    pairs = [{"robot_geom": name, "object_geom": "box/box", "restitution": 0.0} for name in ("left", "right")]
+    pairs = [{"between": [name, "box/box"], "restitution": 0.0} for name in ("left", "right")]
     return _prepared(jaws(), pairs, law, [away_m, 0.0, 0.0], duration_s)
 
 
@@ -112,7 +112,7 @@ def _prepared(
         "robot": {"mjcf": "robot.xml"},
         "objects": {"box": {"mjcf": "box.xml"}},
         "initial": {"joints": {"box/free": [*place, 1.0, 0.0, 0.0, 0.0]}},
-        "impact_pairs": pairs,
+        "contacts": {"rules": pairs},
         "phases": [{"name": "push", "until": "end", "controller": law}],
     }
     with TemporaryDirectory() as folder:

@@ -97,7 +97,7 @@ def _prepared(joints: int, objects: int, duration_s: float, changes: dict[str, A
             | {"base": [0.01, 0.0, 0.0, 0.0, 0.02, 0.01]}
             | {pose: [0.01, 0.02, 0.0, 0.1, 0.0, 0.2] for pose in poses},
         },
-        "impact_pairs": [{"robot_geom": "gripper", "object_geom": f"{name}/box", "restitution": 0.8} for name in names],
+        "contacts": {"rules": [{"between": ["gripper", f"{name}/box"], "restitution": 0.8} for name in names]},
         "phases": [{"name": "coast", "until": "end", "controller": {"kind": "off"}}],
     }
     with TemporaryDirectory() as folder:

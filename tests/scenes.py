@@ -73,7 +73,7 @@ def of_subtree(model, data, root):
 def scene(
     folder: Path, robot: str, objects: dict[str, str], *, fixed: dict[str, dict[str, Any]] | None = None, **scenario: Any
 ) -> Path:
-    """Write models and a scenario; returns the scenario's path. Defaults: 1 s, 1 ms, everything off.
+    """Write models and a scenario; returns the scenario's path. Defaults: 1 s, 1 ms, everything off, no contacts.
 
     ``fixed`` has the poses of objects that do not move, by name.
     """
@@ -88,6 +88,7 @@ def scene(
             name: {"mjcf": f"{name}.xml"} | ({"fixed": True, "pose": fixed[name]} if name in (fixed or {}) else {})
             for name in objects
         },
+        "contacts": {"rules": []},
         "phases": [{"name": "coast", "until": "end", "controller": {"kind": "off"}}],
     }
     path = folder / "scene.yaml"
@@ -103,7 +104,7 @@ def two_balls(folder: Path, *, speed: float = 1.0, gap: float = 0.3, restitution
         {"target": ball("target", mass=3.0, joints="x")},
         **{
             "initial": {"joints": {"target/x": 0.2 + gap}, "rates": {"robot/x": speed}},
-            "impact_pairs": [{"robot_geom": "ball", "object_geom": "target/target", "restitution": restitution}],
+            "contacts": {"rules": [{"between": ["ball", "target/target"], "restitution": restitution}]},
             **scenario,
         },
     )
@@ -138,7 +139,7 @@ def self_hit(folder, *, pair=("hull", "tip"), restitution=0.6, **scenario):
                 "joints": {"shoulder": math.pi / 3, "elbow": 2 * math.pi / 3, "rock/free": [9, 9, 9, 1, 0, 0, 0]},
                 "rates": {"elbow": 1.0, "robot/free": [0.1, -0.2, 0.3, 0.05, 0.02, -0.1], "rock/free": [0.1, 0, 0, 0, 0, 0]},
             },
-            "impact_pairs": [{"geoms": list(pair), "restitution": restitution}],
+            "contacts": {"rules": [{"between": list(pair), "restitution": restitution}]},
             **scenario,
         },
     )
@@ -153,13 +154,13 @@ def three_balls(folder, pairs, **scenario):
         **{
             "duration_s": 0.6,
             "initial": {"joints": {"left/x": 0.3, "right/x": 0.7}, "rates": {"robot/x": 1.0}},
-            "impact_pairs": pairs,
+            "contacts": {"rules": pairs},
             **scenario,
         },
     )
 
 
 CHAIN = [
-    {"robot_geom": "ball", "object_geom": "left/left", "restitution": 0.8},
-    {"geoms": ["left/left", "right/right"], "restitution": 0.5, "name": "behind"},
+    {"between": ["ball", "left/left"], "restitution": 0.8},
+    {"between": ["left/left", "right/right"], "restitution": 0.5, "name": "behind"},
 ]

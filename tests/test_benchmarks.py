@@ -70,7 +70,7 @@ def test_generated_scenes_move_and_touch_nothing(benchmark):
         run = prepared.run()
         assert run.outcome == "completed"
         assert not run.impacts
-        assert len(prepared.system.objects) == len(prepared.scenario.impact_pairs)
+        assert len(prepared.system.objects) == len(prepared.scenario.contacts.rules)
         rates = [name for name in run.log.header.layout.keys if name.startswith("state.v_")]
         assert sum(bool(np.any(run[name])) for name in rates) > 6
         assert set(growth.measured(prepared, 1)) >= {"bare", "plain"}

@@ -23,32 +23,32 @@ from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout, identifier
 
 COLUMNS = {
-    "pair": ("", "name of the pair of geoms"),
-    "geoms_{ab}": ("", "geom of the pair; the force on b points away from a"),
-    "start_s": ("s", "time at which the contact closes"),
-    "end_s": ("s", "time at which it opens; NaN if it is closed at the end of the log"),
-    "impulse_N_s": ("N s", "integral of the resultant force over the interval"),
-    "peak_force_N": ("N", "greatest resultant force of the samples and events in the interval"),
+    "rule": ("", "name of the contact rule"),
+    "pairs": ("", "names of its pairs that were closed in the interval"),
+    "start_s": ("s", "time at which the first pair closes"),
+    "end_s": ("s", "time at which the last one opens; NaN if one is closed at the end of the log"),
+    "impulse_N_s": ("N s", "integral of the contact force over the interval"),
+    "peak_force_N": ("N", "greatest contact force of the samples and events in the interval"),
     "peak_force_s": ("s", "time of the greatest force"),
 }
 
 
 @dataclass(frozen=True)
 class ContactInterval:
-    """Interval of persistent contact of a pair.
+    """Interval in which at least one pair of a contact rule is closed.
 
     Attributes:
-        pair: Name of the pair of geoms.
-        geoms: Geoms a and b.
-        start_s: Time at which it closed: that of its first impact.
-        end_s: Time at which it opened; None if it is closed at the end of the log.
-        impulse_N_s: Integral of the resultant force over the interval.
-        peak_force_N: Greatest resultant force of the samples and events in the interval.
+        rule: Name of the contact rule.
+        pairs: Names of its pairs that were closed in the interval, in the order of their closing.
+        start_s: Time at which the first pair closed: that of its first impact.
+        end_s: Time at which the last one opened; None if one is closed at the end of the log.
+        impulse_N_s: Integral of the contact force over the interval.
+        peak_force_N: Greatest contact force of the samples and events in the interval.
         peak_force_s: Time of the greatest force.
     """
 
-    pair: str
-    geoms: tuple[str, ...]
+    rule: str
+    pairs: tuple[str, ...]
     start_s: float
     end_s: float | None
     impulse_N_s: float
@@ -60,7 +60,8 @@ class _OpenContact:
     """Accumulator for one interval."""
 
     def __init__(self, begins: ContactRecord, columns: Sequence[int]) -> None:
-        self.pair, self.geoms, self.start_s, self.end_s = begins.pair, begins.geoms, begins.time_s, math.inf
+        self.rule, self.start_s, self.end_s = begins.rule, begins.time_s, math.inf
+        self._pairs, self._closed = [begins.pair], {begins.pair}
         self._columns = columns
         self._before = self._until = begins.impulse_N_s
         self._peak, self._peak_s = begins.force_after_N, begins.time_s
@@ -69,8 +70,12 @@ class _OpenContact:
         """Process a record of the contact."""
         self._until = record.impulse_N_s
         self._higher(max(record.force_before_N, record.force_after_N), record.time_s)
-        if isinstance(record, ContactEnds):
-            self.end_s = record.time_s
+        if isinstance(record, ContactBegins):
+            self._closed.add(record.pair)
+            self._pairs += [record.pair] if record.pair not in self._pairs else []
+        elif isinstance(record, ContactEnds):
+            self._closed.discard(record.pair)
+            self.end_s = math.inf if self._closed else record.time_s
 
     def rows(self, times: FloatArray, block: FloatArray) -> None:
         """Process the rows within the interval."""
@@ -92,7 +97,7 @@ class _OpenContact:
         """The interval so far."""
         end_s = None if self.end_s == math.inf else self.end_s
         impulse = self._until - self._before
-        return ContactInterval(self.pair, self.geoms, self.start_s, end_s, impulse, self._peak, self._peak_s)
+        return ContactInterval(self.rule, tuple(self._pairs), self.start_s, end_s, impulse, self._peak, self._peak_s)
 
 
 class ContactIntervals:
@@ -112,16 +117,16 @@ class ContactIntervals:
         """Process the next record; other kinds are ignored."""
         if not isinstance(event, ContactRecord):
             return
-        if isinstance(event, ContactBegins) and event.pair not in self._lasting:
-            keys = (f"contact.{identifier(event.pair)}_{name}" for name in ("force_N", "impulse_N_s"))
+        if isinstance(event, ContactBegins) and event.rule not in self._lasting:
+            keys = (f"contact.{identifier(event.rule)}_{name}" for name in ("force_N", "impulse_N_s"))
             spell = _OpenContact(event, [self._layout.index[key] for key in keys if key in self._layout.index])
-            self._lasting[event.pair] = spell
+            self._lasting[event.rule] = spell
             self._spells.append(spell)
             self._awaited.append(spell)
-        elif event.pair in self._lasting:  # otherwise its start is in a damaged part of the log
-            self._lasting[event.pair].record(event)
-            if isinstance(event, ContactEnds):
-                del self._lasting[event.pair]
+        elif event.rule in self._lasting:  # otherwise its start is in a damaged part of the log
+            self._lasting[event.rule].record(event)
+            if self._lasting[event.rule].end_s < math.inf:
+                del self._lasting[event.rule]
 
     def rows(self, block: FloatArray) -> None:
         """Process the next rows."""

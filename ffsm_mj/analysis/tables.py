@@ -110,6 +110,11 @@ def _ended(contact: ContactInterval) -> ContactInterval:
     return replace(contact, end_s=nan) if contact.end_s is None else contact
 
 
+def _joined(values: Sequence[Any]) -> Sequence[Any]:
+    """Values of a column; lists of names, of any length, are joined."""
+    return [", ".join(value) if isinstance(value, tuple) else value for value in values]
+
+
 def _released(capture: GraspInterval) -> GraspInterval:
     """Capture with NaN in place of a missing release."""
     return replace(capture, release_s=nan) if capture.release_s is None else capture
@@ -133,7 +138,7 @@ def _of_columns(name: str, meaning: Mapping[str, tuple[str, str]], records: Sequ
         field, letters = field_of(column)
         values = [getattr(record, field) for record in records]
         if not letters:
-            columns[column], about[column] = np.array(values), words
+            columns[column], about[column] = np.array(_joined(values)), words
             continue
         for i, letter in enumerate(letters):
             each = column.replace(f"{{{letters}}}", letter)

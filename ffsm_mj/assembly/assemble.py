@@ -12,10 +12,11 @@ from ffsm_controllers.phases import PhaseMachine
 
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.assembly.column_faults import refuse_same_names
+from ffsm_mj.assembly.contact_rules import Contacts, resolve_contacts
+from ffsm_mj.assembly.contact_start import refuse_undetectable
 from ffsm_mj.assembly.control_laws import build_phases, refuse_start
 from ffsm_mj.assembly.controller_model import ControllerModel, ControllerModelPhaseMachine
 from ffsm_mj.assembly.grasps import GraspedSystem
-from ffsm_mj.assembly.impact_pairs import ignored_pairs, impact_pairs, refuse_undetectable
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.joint_limits import joint_limits, refuse_outside
 from ffsm_mj.assembly.models import changes_of
@@ -28,7 +29,7 @@ from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import ContactModel
 from ffsm_mj.contact_models.persistent.refusals import FRICTION, refusal
 from ffsm_mj.controller_protocol import ControllerContext, Task
-from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Row
@@ -48,7 +49,7 @@ class Assembly:
         plant: The simulated system at its initial state, all derived quantities current.
         controller_data: MuJoCo data that control laws see: that of the plant or of the controller model.
         controller_system: System of the controller model; None: control laws know the plant.
-        pairs: Impact pairs.
+        contacts: Contact rules, with their pairs.
         limits: Joint limits.
         known_pairs: Geom pairs that need no watching: those of the contact models, and ignored ones.
         controller: The phase machine.
@@ -60,7 +61,7 @@ class Assembly:
     plant: Plant
     controller_data: Any
     controller_system: System | None
-    pairs: tuple[ContactPair, ...]
+    contacts: Contacts
     limits: tuple[JointLimit, ...]
     known_pairs: frozenset[frozenset[int]]
     controller: PhaseMachine
@@ -76,6 +77,11 @@ class Assembly:
     def data(self) -> Any:
         """State of the plant."""
         return self.plant.data
+
+    @property
+    def pairs(self) -> tuple[ContactPair, ...]:
+        """Pairs of geoms whose contacts are resolved."""
+        return self.contacts.pairs
 
     @property
     def actuation(self) -> Actuation:
@@ -111,13 +117,13 @@ def assemble(
     """
     try:
         data = initial_state(scenario, system)
-        pairs = impact_pairs(scenario, system)
-        ignored = ignored_pairs(scenario, system, pairs)
-        refuse_undetectable(system, data, pairs)
+        contacts = resolve_contacts(scenario.contacts, system)
+        refuse_undetectable(system, data, contacts)
+        _refuse_endless(scenario, contacts)
         limits = joint_limits(scenario, system)
         refuse_outside(scenario, system, data, limits)
         task = task_of(scenario, system)
-        plant = build_plant(scenario, system, data, pairs, limits, held, task)
+        plant = build_plant(scenario, system, data, contacts.pairs, limits, held, task)
         plant.integrator.restore_state(plant.integrator.motion)
         contexts = _contexts(scenario, controller_system or system, plant, held)
         phases = build_phases(scenario, contexts.pop(""), laws, contexts)
@@ -138,8 +144,28 @@ def assemble(
             raise ScenarioFaults([Fault(fault, ("duration_s",))])
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
-    known = ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
-    return Assembly(scenario, plant, controller_data, controller_system, pairs, limits, known, controller, task, row)
+    known = contacts.ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
+    return Assembly(scenario, plant, controller_data, controller_system, contacts, limits, known, controller, task, row)
+
+
+def _refuse_endless(scenario: Scenario, contacts: Contacts) -> None:
+    """Refuse phases and grasps that wait for an impact that cannot occur.
+
+    Raises:
+        ScenarioFaults: There is one.
+    """
+    faults = []
+    for i, phase in enumerate(scenario.phases):
+        if phase.until == "impact" and not contacts.pairs:
+            faults.append(Fault("no impact can end it: no two geoms have a contact rule", ("phases", i, "until")))
+    names = [*(rule.name for rule in contacts.rules), *(pair.name for pair in contacts.pairs)]
+    for name, capture in scenario.captures.items():
+        for k, touched in enumerate(capture.when.touch or ()):
+            if touched not in names:
+                fault = unknown_name("contact rule or pair", touched, names)
+                faults.append(Fault(fault, ("captures", name, "when", "touch", k)))
+    if faults:
+        raise ScenarioFaults(faults)
 
 
 def task_of(scenario: Scenario, system: System) -> Task | None:
@@ -181,7 +207,7 @@ def _grasped_models(contact_models: Sequence[ContactModel], held: Mapping[str, G
 
 
 def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
-    """Names of geom pairs that overlap initially and are neither impact pairs nor ignored."""
+    """Labels of geoms that overlap initially, whose contacts are neither resolved nor ignored."""
     watch = ContactWatch(assembly.system.mj, assembly.data, assembly.known_pairs)
     watch.look(0.0)
     for record in watch.finish(0.0):
@@ -189,7 +215,7 @@ def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
 
 
 def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
-    """Impact pairs and other pairs that are inactive while a grasp is closed."""
+    """Pairs that cannot meet while a grasp is closed."""
     for contact_model in assembly.plant.integrator.contact_models:
         if isinstance(contact_model, GraspModel):
             for name, pairs in contact_model.disarmed.items():
@@ -197,13 +223,19 @@ def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
                 others = len(pairs) - len(found)
                 yield (
                     f"while {name!r} is closed, {len(pairs)} pairs of geoms are on one rigid body and cannot meet: "
-                    f"{', '.join([*found, *([f'{others} that are not impact pairs'] if others else [])]) or 'none'}"
+                    f"{', '.join([*found, *([f'{others} without a contact rule'] if others else [])]) or 'none'}"
                 )
 
 
 def refused_rest(assembly: Assembly) -> Iterator[str]:
-    """Messages for impact pairs that end the run if they come to rest, with the reason."""
+    """Messages for pairs that end the run if they come to rest, with the reason; those of a rule together."""
+    found: dict[tuple[str, str], list[str]] = {}
     for pair in assembly.pairs:
         why = FRICTION if pair.mu > 0.0 else refusal(assembly.system.mj, pair) if pair.restitution < 1.0 else ""
         if why:
-            yield f"the run ends where pair {pair.name!r} comes to rest: {why}"
+            found.setdefault((pair.rule, why), []).append(pair.name)
+    for (rule, why), names in found.items():
+        which = (
+            f"pair {names[0]!r}" if len(names) == 1 else f"one of {len(names)} pairs of rule {rule!r}, such as {names[0]!r},"
+        )
+        yield f"the run ends where {which} comes to rest: {why}"

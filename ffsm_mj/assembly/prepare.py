@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ffsm_mj.assembly.assemble import Assembly, assemble, disarmed_pairs, refused_rest, unwatched_overlaps
+from ffsm_mj.assembly.contact_notes import contact_notes, mesh_notes, rule_lines
 from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.grasps import GraspedSystem
@@ -198,6 +199,7 @@ class PreparedRun:
         return [
             *(change.sentence for change in self.changes),
             *system.notes,
+            *contact_notes(assembly.contacts, assembly.system),
             *(
                 f"{a} and {b} overlap at the start, and no contact force will separate them"
                 for a, b in unwatched_overlaps(assembly)
@@ -212,16 +214,12 @@ class PreparedRun:
     def describe(self) -> list[str]:
         """Lines of text that describe the run, with notes."""
         assembly, system = self.assemble(), self.system
-        pairs = (
-            ", ".join(f"{p.name} (e = {p.restitution:g}{f', mu = {p.mu:g}' if p.mu else ''}: {p})" for p in assembly.pairs)
-            or "none"
-        )
         phases = ", ".join(f"{p.name} ({p.kind})" for p in self.scenario.phases)
         lines = [
             f"{self.scenario.name}: valid",
             *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
             *(f"  {each.name}: fixed, bodies {len(each.bodies)}" for each in system.fixed),
-            f"  impact pairs: {pairs}",
+            *(f"  {line}" for line in rule_lines(assembly.contacts)),
             *_limited_joints(assembly.limits),
             f"  phases: {phases}",
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
@@ -231,7 +229,7 @@ class PreparedRun:
         lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
             falls or "conservative: nothing in the models breaks it"
         ]
-        return lines + [f"note: {note}" for note in self.notes()]
+        return lines + [f"note: {note}" for note in (*self.notes(), *mesh_notes(assembly.contacts, assembly.system))]
 
 
 def _limited_joints(limits: Sequence[JointLimit]) -> list[str]:

@@ -37,6 +37,7 @@ class JointLimit:
 
     Attributes:
         name: Name for messages, unique in a run.
+        rule: The same: each limit is a rule of its own.
         joint: Full name of the joint.
         side: ``lower`` or ``upper``.
         unit: Unit of the coordinate: ``rad`` for a hinge, ``m`` for a slide.
@@ -68,7 +69,7 @@ class JointLimit:
         """
         low, high = map(float, model.jnt_range[joint])
         self.joint, self.side, self.restitution = str(model.joint(joint).name), side, restitution
-        self.name = f"{self.joint} {side} limit"
+        self.name = self.rule = f"{self.joint} {side} limit"
         self.unit = "rad" if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE else "m"
         self.limit, self.sign = (low, 1.0) if side == "lower" else (high, -1.0)
         self.dof = int(model.jnt_dofadr[joint])

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+
+from ffsm_mj.arrays import FloatArray
 
 _MARGIN = 1.1
 """Safety factor: rotations and accelerations within a step may exceed what the states at its ends show."""
@@ -37,15 +40,25 @@ class MotionBound:
         v2, w2 = _centre_motion(data, body_2, root_2, geom_2)
         return _MARGIN * (math.dist(v1, v2) + w1 * radius_1 + w2 * radius_2)
 
-    def per_root_energy(self, model: Any, data: Any) -> float:
-        """Bound on the closing speed over sqrt(2 T) in any configuration, with the kinetic energy T of the system, kg^-1/2.
 
-        A rigid group of mass m and least moment of inertia I has |v| <= sqrt(2 T / m) and |w| <= sqrt(2 T / I), and each
-        point of a geom is within a known distance of the group's centre of mass. The groups of the two geoms are distinct,
-        so T >= T_a + T_b, and by Cauchy and Schwarz the closing speed, at most k_a sqrt(2 T_a) + k_b sqrt(2 T_b), is at most
-        hypot(k_a, k_b) sqrt(2 T). Infinite if rounding decides the least moment of inertia.
-        """
-        return math.hypot(*(_speed_per_root_energy(model, data, geom, radius) for geom, _, radius in self._geoms))
+def speeds_per_root_energy(model: Any, data: Any, geoms: Sequence[tuple[int, int]]) -> FloatArray:
+    """Bounds on closing speeds over sqrt(2 T) in any configuration, with the kinetic energy T of the system, (n,), kg^-1/2.
+
+    A rigid group of mass m and least moment of inertia I has |v| <= sqrt(2 T / m) and |w| <= sqrt(2 T / I), and each point
+    of a geom is within a known distance of the group's centre of mass. The groups of the two geoms are distinct, so
+    T >= T_a + T_b, and by Cauchy and Schwarz the closing speed, at most k_a sqrt(2 T_a) + k_b sqrt(2 T_b), is at most
+    hypot(k_a, k_b) sqrt(2 T). Infinite if rounding decides the least moment of inertia.
+
+    Args:
+        model: MuJoCo model.
+        data: Its data, kinematics current.
+        geoms: Ids of the geoms of each pair.
+    """
+    ids = np.array(geoms, dtype=np.intp).reshape(-1, 2)
+    speeds = np.zeros(model.ngeom)
+    for geom in set(ids.ravel().tolist()):
+        speeds[geom] = _speed_per_root_energy(model, data, geom)
+    return np.asarray(np.hypot(*speeds[ids].T))
 
 
 def _centre_motion(data: Any, body: int, root: int, geom: int) -> tuple[tuple[float, float, float], float]:
@@ -57,7 +70,7 @@ def _centre_motion(data: Any, body: int, root: int, geom: int) -> tuple[tuple[fl
     return velocity, math.sqrt(wx * wx + wy * wy + wz * wz)
 
 
-def _speed_per_root_energy(model: Any, data: Any, geom: int, radius: float) -> float:
+def _speed_per_root_energy(model: Any, data: Any, geom: int) -> float:
     """Largest speed of a geom's points over sqrt(2 T); infinite if rounding decides the least moment of inertia."""
     if not model.body_weldid[model.geom_bodyid[geom]]:
         return 0.0  # welded to the world
@@ -69,6 +82,6 @@ def _speed_per_root_energy(model: Any, data: Any, geom: int, radius: float) -> f
     for body, m, c in zip(group, masses, centres - centre, strict=True):
         axes = data.ximat[body].reshape(3, 3)
         inertia += axes @ np.diag(model.body_inertia[body]) @ axes.T + m * ((c @ c) * np.eye(3) - np.outer(c, c))
-    arm = float(np.linalg.norm(data.geom_xpos[geom] - centre)) + radius
+    arm = float(np.linalg.norm(data.geom_xpos[geom] - centre)) + float(model.geom_rbound[geom])
     least, _, greatest = np.linalg.eigvalsh(inertia).tolist()
     return 1.0 / math.sqrt(mass) + arm / math.sqrt(least) if least > _INERTIA_ROUNDING * greatest else math.inf

@@ -32,13 +32,21 @@ _GAP_ROUNDING_M = 1e-14
 """Rounding of a gap at the origin; it grows with the distance from there."""
 
 
+def shape_fault(system: System, geom: int) -> str:
+    """Why a geom (id) has no exact distance; empty if it has."""
+    shape = _UNSUPPORTED.get(int(system.mj.geom_type[geom]))
+    name = system.geom_labels[geom]
+    return f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...)" if shape else ""
+
+
 class ContactPair:
     """Two geoms, a and b, on bodies that move relative to each other; one of them may be on a fixed object.
 
     Attributes:
         name: Name, unique among the pairs of a run.
-        geom_a: Full name of the geom that the normal points away from.
-        geom_b: Full name of the geom that the normal points to.
+        rule: Name of the contact rule that it belongs to; its own name without one.
+        geom_a: Label of the geom that the normal points away from: its full name, or ``<body>[k]`` if it has none.
+        geom_b: Label of the geom that the normal points to.
         body_a: Id of the body of a.
         body_b: Id of the body of b.
         robot_on_object: Whether a belongs to the robot and b to an object, floating or fixed.
@@ -49,16 +57,27 @@ class ContactPair:
         size: Half the thinnest extent of both geoms in m; over a shorter motion the gap has at most one extremum.
     """
 
-    def __init__(self, system: System, name: str, geom_a: str, geom_b: str, restitution: float, mu: float = 0.0) -> None:
-        """Resolve names and constants.
+    def __init__(
+        self,
+        system: System,
+        name: str,
+        geom_a: str | int,
+        geom_b: str | int,
+        restitution: float,
+        mu: float = 0.0,
+        *,
+        rule: str = "",
+    ) -> None:
+        """Resolve names and constants; geoms are given by name or id.
 
         Raises:
             LookupError: An unknown geom, a geom of the world itself, two geoms that do not move relative to each other, or
                 a shape without an exact distance.
         """
         model = system.mj
-        self._g1, self._g2 = system.index("geom", geom_a), system.index("geom", geom_b)
-        self.name, self.geom_a, self.geom_b = name, model.geom(self._g1).name, model.geom(self._g2).name
+        self._g1, self._g2 = (system.index("geom", g) if isinstance(g, str) else g for g in (geom_a, geom_b))
+        self.name, self.rule = name, rule or name
+        self.geom_a, self.geom_b = system.geom_labels[self._g1], system.geom_labels[self._g2]
         self.body_a, self.body_b = int(model.geom_bodyid[self._g1]), int(model.geom_bodyid[self._g2])
         self.geom_ids = frozenset((self._g1, self._g2))
         self._kinds = {int(model.geom_type[g]) for g in self.geom_ids}
@@ -74,9 +93,8 @@ class ContactPair:
     def _check(self, system: System) -> None:
         model = system.mj
         for geom, name, body in ((self._g1, self.geom_a, self.body_a), (self._g2, self.geom_b, self.body_b)):
-            shape = _UNSUPPORTED.get(int(model.geom_type[geom]))
-            if shape:
-                raise LookupError(f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...)")
+            if fault := shape_fault(system, geom):
+                raise LookupError(fault)
             if system.tree_of_body(body) is None and body not in system.fixed_bodies:
                 raise LookupError(f"geom {name!r} is fixed to the world: move it to an object with 'fixed: true'")
         if system.fixed_bodies.issuperset((self.body_a, self.body_b)):
@@ -86,7 +104,7 @@ class ContactPair:
 
     @property
     def geoms(self) -> tuple[str, str]:
-        """Full names of a and b."""
+        """Labels of a and b."""
         return self.geom_a, self.geom_b
 
     @property
@@ -109,10 +127,6 @@ class ContactPair:
     def closing_speed_bound(self, data: Any) -> float:
         """Bound on the closing speed for the velocities in ``data``, m/s."""
         return self._bound.closing_speed(data)
-
-    def speed_bound_per_root_energy(self, model: Any, data: Any) -> float:
-        """Bound on the closing speed over sqrt(2 T) in any configuration, with the kinetic energy T of the system."""
-        return self._bound.per_root_energy(model, data)
 
     def proximity(self, model: Any, data: Any) -> Proximity:
         """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""

@@ -1,4 +1,4 @@
-"""Detection of unhandled contacts: overlaps of pairs that are neither contact pairs nor ignored are reported.
+"""Detection of unhandled contacts: overlaps of pairs that no contact model resolves and that are not ignored are reported.
 
 MuJoCo's broad and narrow phase lists overlapping geoms at the control rate; no forces are applied.
 """
@@ -6,14 +6,19 @@ MuJoCo's broad and narrow phase lists overlapping geoms at the control rate; no 
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable
-from itertools import combinations
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ffsm_mj.records.events import UnhandledContactRecord
+from ffsm_mj.contact.collidable import Matrix, collidable
+from ffsm_mj.model.geom_labels import geom_labels
+from ffsm_mj.records.events import Outcome, RunEnded, UnhandledContactRecord
+
+_MOST_GROUPS = 31
+"""Bits of ``contype`` and ``conaffinity`` that are used."""
 
 
 class ContactWatch:
@@ -25,41 +30,46 @@ class ContactWatch:
 
     rigid: frozenset[frozenset[int]] = frozenset()
 
-    def __init__(self, model: Any, data: Any, known: Iterable[frozenset[int]]) -> None:
-        """Watch all pairs of geoms that MuJoCo would collide, except the known ones."""
-        # A copy of the model, with contacts enabled and its own filters; the run's model is not modified.
-        self._model, self._data = copy.copy(model), data
-        self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-        self._known = frozenset(known)
-        self._open: dict[frozenset[int], tuple[float, float]] = {}
-        self._all_known: tuple[bytes, frozenset[frozenset[int]]] = b"", self.rigid
-        self._filter_known_trees()
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        known: Iterable[frozenset[int]],
+        unsupported: Mapping[frozenset[int], str] = MappingProxyType({}),
+    ) -> None:
+        """Watch all pairs of geoms that MuJoCo would collide, except the known ones.
 
-    def _filter_known_trees(self) -> None:
-        """Let MuJoCo's filter skip the self-contacts of a tree if all of them are known.
-
-        An arm that overlaps its own body would be listed at every tick. Only models with default bits are changed.
+        Args:
+            model: MuJoCo model of the run, which is not modified.
+            data: Its data.
+            known: Geom ids of pairs that contact models resolve, and of ignored pairs.
+            unsupported: Pairs that should be resolved and cannot be, with the reason: the first overlap ends the run.
         """
-        model = self._model
-        touchable = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
-        if not (np.all(model.geom_contype[touchable] == 1) and np.all(model.geom_conaffinity[touchable] == 1)):
-            return
-        roots = model.body_rootid[model.geom_bodyid]
-        for bit, root in enumerate(sorted(set(roots[touchable].tolist()))[:30], start=1):
-            geoms = touchable[roots[touchable] == root]
-            if all(frozenset(pair) in self._known for pair in combinations(geoms.tolist(), 2)):
-                # Its contype is a bit of its own, and its conaffinity is every bit except that one.
-                model.geom_contype[geoms] = 1 << bit
-                model.geom_conaffinity[geoms] = 0x7FFFFFFF & ~(1 << bit)
-            else:
-                model.geom_contype[geoms] = model.geom_conaffinity[geoms] = 0x7FFFFFFF
+        self._data, self._unsupported = data, unsupported
+        self._open: dict[frozenset[int], tuple[float, float]] = {}
+        self._watched = _without(collidable(model), known)
+        self._is_idle = not self._watched.any()
+        # A copy of the model, with contacts enabled.
+        self._model = copy.copy(model)
+        self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        _collide_only(self._model, self._watched)
 
     def look(self, time_s: float) -> list[UnhandledContactRecord]:
-        """Update at one tick; returns records of overlaps that have ended."""
+        """Update at one tick; returns records of overlaps that have ended.
+
+        Raises:
+            RunEnded: Geoms overlap that should be resolved and cannot be.
+        """
+        if self._is_idle:
+            return []
         mujoco.mj_collision(self._model, self._data)
-        now = self._unknown_overlaps() if self._data.ncon else {}
+        now = self._overlaps() if self._data.ncon else {}
         if not now and not self._open:
             return []
+        for pair in now:
+            if reason := self._unsupported.get(pair):
+                message = f"{' and '.join(self._names(pair))} meet at t = {time_s:.6g} s: {reason}"
+                raise RunEnded(Outcome.UNSUPPORTED_CONTACT, message)
         over = [pair for pair in self._open if pair not in now]
         ended = [self._record(pair, time_s) for pair in over]
         for pair in over:
@@ -69,22 +79,16 @@ class ContactWatch:
             self._open[pair] = (start, max(deepest, depth))
         return ended
 
-    def _unknown_overlaps(self) -> dict[frozenset[int], float]:
-        """Depth of each current overlap of an unknown pair."""
+    def _overlaps(self) -> dict[frozenset[int], float]:
+        """Depth of each current overlap of a watched pair."""
         contact = self._data.contact
-        geoms = contact.geom
-        listed = geoms.tobytes(), self.rigid
-        if listed == self._all_known:  # contacts persist over many ticks: skip an unchanged list of known pairs
-            return {}
-        pairs = [frozenset(both) for both in geoms.tolist()]
-        known = self._known | self.rigid
-        if known.issuperset(pairs):
-            self._all_known = listed
-            return {}
+        geoms, distances = contact.geom, contact.dist
+        found = np.flatnonzero((distances < 0.0) & self._watched[geoms[:, 0], geoms[:, 1]])
         depths: dict[frozenset[int], float] = {}
-        for pair, distance in zip(pairs, contact.dist.tolist(), strict=True):
-            if distance < 0.0 and pair not in known:
-                depths[pair] = max(depths.get(pair, 0.0), -distance)
+        for i in found.tolist():
+            pair = frozenset(geoms[i].tolist())
+            if pair not in self.rigid:
+                depths[pair] = max(depths.get(pair, 0.0), -float(distances[i]))
         return depths
 
     def finish(self, time_s: float) -> list[UnhandledContactRecord]:
@@ -95,5 +99,27 @@ class ContactWatch:
 
     def _record(self, pair: frozenset[int], end_s: float) -> UnhandledContactRecord:
         start, depth = self._open[pair]
-        names = tuple(sorted(self._model.geom(g).name or f"geom {g}" for g in pair))
-        return UnhandledContactRecord(names, start, end_s, depth)
+        return UnhandledContactRecord(self._names(pair), start, end_s, depth)
+
+    def _names(self, pair: frozenset[int]) -> tuple[str, ...]:
+        labels = geom_labels(self._model)
+        return tuple(sorted(labels[geom] for geom in pair))
+
+
+def _without(can: Matrix, known: Iterable[frozenset[int]]) -> Matrix:
+    """Pairs that can collide, without the known ones."""
+    ids = np.array([sorted(pair) for pair in known if len(pair) == 2], dtype=np.intp).reshape(-1, 2)
+    can[ids[:, 0], ids[:, 1]] = can[ids[:, 1], ids[:, 0]] = False
+    return can
+
+
+def _collide_only(model: Any, watched: Matrix) -> None:
+    """Let MuJoCo's filters skip what is not watched, as far as bits by kinematic tree can say it.
+
+    An arm that overlaps its own body would otherwise be listed at every tick, and a resolved pair in contact too.
+    """
+    trees = model.body_rootid[model.geom_bodyid]
+    numbers = np.minimum(np.unique(trees, return_inverse=True)[1], _MOST_GROUPS - 1)
+    own = np.where(watched.any(axis=1), 1 << numbers, 0)
+    model.geom_contype[:] = own
+    model.geom_conaffinity[:] = [np.bitwise_or.reduce(own[partners], initial=0) for partners in watched]

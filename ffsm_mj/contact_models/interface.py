@@ -211,8 +211,11 @@ class ForceSource(ContactModel):
 class Replayable(ContactModel):
     """A contact model with a state of its own that a log replay restores, or with forces that it checks."""
 
-    def restore_state(self) -> Motion | None:
+    def restore_state(self, events: Sequence[LoggedEvent] = ()) -> Motion | None:
         """Restore the internal state from its columns and the state in ``data``: a run or a log replay starts here.
+
+        Args:
+            events: Logged events before this state, in order; none at the start of a run.
 
         Returns:
             The motion from now on; None for that of the system itself.

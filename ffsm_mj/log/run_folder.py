@@ -64,8 +64,14 @@ class RunFolder:
         """Refuse a folder that holds a run, before any work is done for the new one; its log repeats the check.
 
         Raises:
-            InputError: It contains files of a run that may not be replaced.
+            InputError: It contains files of a run that may not be replaced, or no folder can have its name.
         """
+        try:
+            self.path.lstat()
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be used as a folder to write to ({error.strerror})") from error
         if not self._next_name:
             self._refuse(existing(self.path, _RUN_FILES))
 

@@ -59,8 +59,8 @@ class ImpactRecord:
         event: Number of the impact, from 0.
         time_s: Time of the impact.
         step: Integration step of the impact, from 0.
-        pair: Name of the impact pair.
-        geoms: Geoms a and b.
+        pair: Name of the pair of geoms.
+        geoms: Geoms a and b: full names, or ``<body>[k]`` of geoms without a name.
         robot_geom: Geom a if it is of the robot and b of an object, floating or fixed; else empty.
         object_geom: Geom b if it is of an object, floating or fixed, and a of the robot; else empty.
         point_m: Contact point, the midpoint of the witness points, in world axes.
@@ -89,6 +89,7 @@ class ImpactRecord:
         normal_work_J: Work of the normal impulse; for one contact the integral of its speed over its impulse.
         friction_work_J: Work of friction; <= 0 for one contact. For several, its split from normal work is a convention.
         compression_work_J: Work of the normal impulse until the end of compression, <= 0 for one contact with friction.
+        rule: Name of the contact rule of the pair.
         gap_m: Distance of the geoms at the event; zero within the tolerance of the root finder.
         qpos: Configuration, unchanged by the impact, in the order of the sample's ``q_`` fields.
         qvel_before: Generalised velocity before, by joint.
@@ -143,6 +144,7 @@ class ImpactRecord:
     path: str = ""
     friction_work_J: float = 0.0
     compression_work_J: float = 0.0
+    rule: str = ""
     efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 

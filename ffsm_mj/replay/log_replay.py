@@ -123,7 +123,7 @@ class LogReplay:
         plant.set_state(logged.states[line])
         self._events.skip_to(tick * self._steps)
         self._rows.restore(logged.rows[line] if tick else None)
-        plant.integrator.restore_state(self._system_motion)
+        plant.integrator.restore_state(self._system_motion, self._events.before(tick * self._steps))
         plant.balance.set_grasped_object(plant.integrator.motion.grasped_object)
         if not tick:
             self._decide(line, time_s)

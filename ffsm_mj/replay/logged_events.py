@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import groupby, product
@@ -102,7 +103,8 @@ class LoggedEvents:
         """
         self._system, self._step_s, self._found, self._fault_of = system, step_s, found, fault_of
         met = [event for kinds in _by_group(log.event_kinds) for event in self._of_group(kinds, log)]
-        self.pending = _in_order(met, {kind.name for kind in log.event_kinds if kind.own_numbers})
+        self._all = _in_order(met, {kind.name for kind in log.event_kinds if kind.own_numbers})
+        self.pending = list(self._all)
 
     def _of_group(self, kinds: Sequence[RecordKind], log: RunLog) -> Iterator[LoggedEvent]:
         """The events of kinds that share events: the records of one number, kind by kind."""
@@ -146,6 +148,10 @@ class LoggedEvents:
     def refuse(self, what: str, time_s: float) -> None:
         """Add an infinite difference: part of an event is invalid as a whole."""
         self._found.keep(impossible(what, time_s))
+
+    def before(self, step: int) -> Sequence[LoggedEvent]:
+        """All events before a step."""
+        return self._all[: bisect_left(self._all, step, key=lambda event: event.step)]
 
     def skip_to(self, step: int) -> None:
         """Discard events before a step: no logged state precedes them to start from."""

@@ -8,8 +8,8 @@ import mujoco
 from pydantic import ValidationError
 
 from ffsm_mj.assembly.assemble import task_of
+from ffsm_mj.assembly.contact_rules import resolve_contacts
 from ffsm_mj.assembly.grasps import held_systems
-from ffsm_mj.assembly.impact_pairs import impact_pairs
 from ffsm_mj.assembly.joint_limits import joint_limits
 from ffsm_mj.assembly.plant import build_plant
 from ffsm_mj.errors import InputError, ScenarioFaults
@@ -31,7 +31,7 @@ class LogScene:
 
 
 def log_scene(log: RunLog) -> LogScene:
-    """Build the models, impact pairs and limits of a run; its control laws need not be installed.
+    """Build the models, contact pairs and limits of a run; its control laws need not be installed.
 
     Raises:
         InputError: The log has no scenario or no models, or they are inconsistent.
@@ -41,7 +41,7 @@ def log_scene(log: RunLog) -> LogScene:
     data = mujoco.MjData(system.mj)
     mujoco.mj_forward(system.mj, data)
     try:
-        pairs, limits = impact_pairs(scenario, system), joint_limits(scenario, system)
+        pairs, limits = resolve_contacts(scenario.contacts, system).pairs, joint_limits(scenario, system)
         held = held_systems(scenario, system, lambda grasp, _: compile_log(log, grasp=grasp))
         return LogScene(scenario, build_plant(scenario, system, data, pairs, limits, held, task_of(scenario, system)))
     except ScenarioFaults as error:

@@ -23,7 +23,7 @@ _Record = TypeVar("_Record", ImpactRecord, ContactInterval)
 
 
 def impact_table(impacts: Sequence[ImpactRecord], *, changes: bool = True, most: int = MOST_ROWS) -> str:
-    """One row per contact of every impact, or per pair if there are many.
+    """One row per contact of every impact, or per rule if there are many.
 
     Args:
         impacts: Contacts of all impacts.
@@ -79,15 +79,15 @@ def _status(record: ImpactRecord) -> str:
     return record.status + (f", theta {record.theta:.6g}" if record.theta < 1.0 else "")
 
 
-_SERIES_OF_IMPACTS = ("impacts", "pair", "from\ns", "to\ns", "e", "fastest\nm/s", "slowest\nm/s", "impulse\nN s")
+_SERIES_OF_IMPACTS = ("impacts", "rule", "from\ns", "to\ns", "e", "fastest\nm/s", "slowest\nm/s", "impulse\nN s")
 
 
 def _impact_series(records: Sequence[ImpactRecord]) -> tuple[str, ...]:
-    """Cells of all impacts of a pair; ``impulse`` is the sum of the normal impulses."""
+    """Cells of all impacts of a rule; ``impulse`` is the sum of the normal impulses."""
     speeds = [record.approach_speed_m_s for record in records]
     return (
         str(len({record.event for record in records})),
-        records[0].pair,
+        records[0].rule,
         f"{records[0].time_s:.6f}",
         f"{records[-1].time_s:.6f}",
         f"{records[0].restitution:g}",
@@ -98,18 +98,19 @@ def _impact_series(records: Sequence[ImpactRecord]) -> tuple[str, ...]:
 
 
 def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS) -> str:
-    """One row per persistent contact, or per pair if there are many; empty without any."""
+    """One row per persistent contact, or per rule if there are many; empty without any."""
     if not contacts:
         return ""
     if len(contacts) > most:
         return _folded(contacts, _contact_series, _SERIES_OF_CONTACTS, most)
-    head = ("contact", "from\ns", "to\ns", "pair", "impulse\nN s", "peak\nN", "at\ns")
+    head = ("contact", "from\ns", "to\ns", "rule", "pairs", "impulse\nN s", "peak\nN", "at\ns")
     rows = (
         (
             str(number),
             f"{contact.start_s:.6f}",
             _end(contact),
-            contact.pair,
+            contact.rule,
+            str(len(contact.pairs)),
             f"{contact.impulse_N_s:.6f}",
             f"{contact.peak_force_N:.6g}",
             f"{contact.peak_force_s:.6f}",
@@ -119,14 +120,14 @@ def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS)
     return table(head, rows, keys=4)
 
 
-_SERIES_OF_CONTACTS = ("contacts", "pair", "from\ns", "to\ns", "impulse\nN s", "peak\nN")
+_SERIES_OF_CONTACTS = ("contacts", "rule", "from\ns", "to\ns", "impulse\nN s", "peak\nN")
 
 
 def _contact_series(contacts: Sequence[ContactInterval]) -> tuple[str, ...]:
-    """Cells of all persistent contacts of a pair."""
+    """Cells of all persistent contacts of a rule."""
     return (
         str(len(contacts)),
-        contacts[0].pair,
+        contacts[0].rule,
         f"{contacts[0].start_s:.6f}",
         _end(contacts[-1]),
         f"{math.fsum(contact.impulse_N_s for contact in contacts):.6f}",
@@ -141,13 +142,13 @@ def _end(contact: ContactInterval) -> str:
 def _folded(
     records: Sequence[_Record], cells: Callable[[Sequence[_Record]], tuple[str, ...]], head: Sequence[str], most: int
 ) -> str:
-    """A row per pair, those with most records first."""
-    pairs = [
-        list(group) for _, group in groupby(sorted(records, key=lambda record: record.pair), lambda record: record.pair)
+    """A row per contact rule, those with most records first."""
+    rules = [
+        list(group) for _, group in groupby(sorted(records, key=lambda record: record.rule), lambda record: record.rule)
     ]
-    pairs.sort(key=lambda group: -len(group))
-    more = f"\n  and {len(pairs) - most} more" if len(pairs) > most else ""
-    return table(head, map(cells, pairs[:most]), keys=2) + more
+    rules.sort(key=lambda group: -len(group))
+    more = f"\n  and {len(rules) - most} more" if len(rules) > most else ""
+    return table(head, map(cells, rules[:most]), keys=2) + more
 
 
 def unhandled_table(contacts: Sequence[UnhandledContactRecord], *, most: int = MOST_ROWS) -> str:
@@ -160,7 +161,7 @@ def unhandled_table(contacts: Sequence[UnhandledContactRecord], *, most: int = M
         for each in contacts[:most]
     )
     more = f"\n  and {len(contacts) - most} more" if len(contacts) > most else ""
-    remedy = "  these contacts had no forces: declare them in impact_pairs, or list them in ignored_pairs"
+    remedy = "  these contacts had no forces: resolve them by a rule of contacts.rules, or list them in contacts.ignored"
     return f"{table(head, rows, keys=2)}{more}\n{wrapped(remedy, 2)}"
 
 

@@ -45,7 +45,7 @@ def run_with_threshold(scenario: str) -> Measures:
 
 def _at_tick(scenario: str, ticks: int) -> tuple[System, Any]:
     """The state that the approach reaches at a tick when nothing is hit."""
-    untouched = ["impact_pairs=[]", "phases.0.until=end", f"duration_s={ticks * _PERIOD_S:.9g}"]
+    untouched = ["contacts.rules=[]", "phases.0.until=end", f"duration_s={ticks * _PERIOD_S:.9g}"]
     phase = prepare(scenario).scenario.phases[0].model_dump(mode="json", exclude_none=True)
     approach = prepare(scenario, [f"phases={[phase]}", *untouched])
     row = approach.run().log.rows[-1]
@@ -64,7 +64,7 @@ def _rest(scenario: str, ticks: int, system: System, qpos: Any, qvel: Any) -> Ru
     return run(
         scenario,
         {
-            "impact_pairs": [],
+            "contacts": {"rules": []},
             "phases": phases,
             "duration_s": round(duration, 9),
             "initial": {"joints": joints, "rates": rates},

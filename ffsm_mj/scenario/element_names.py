@@ -6,7 +6,7 @@ from typing import Any
 
 
 def element_name(element: Any) -> str | None:
-    """Name of an element: its ``name``, or ``<a>-<b>`` of an impact pair without one; None if it has none.
+    """Name of an element: its ``name``, or ``<a>-<b>`` of a contact rule without one; None if it has none.
 
     Args:
         element: An item of a list in a scenario, as plain data before validation.
@@ -15,8 +15,8 @@ def element_name(element: Any) -> str | None:
         return None
     name = element.get("name")
     if name is None:
-        geoms = element.get("geoms") or [element.get("robot_geom"), element.get("object_geom")]
-        if not isinstance(geoms, list | tuple) or not all(isinstance(geom, str) for geom in geoms):
+        sides = element.get("between")
+        if not isinstance(sides, list | tuple) or not all(isinstance(side, str) for side in sides):
             return None
-        return "-".join(geoms)
+        return "-".join("all" if side == "*" else side.removesuffix("/*") for side in sides)
     return name if isinstance(name, str) else None

@@ -13,17 +13,12 @@ _OWN = "ffsm_controllers"
 
 
 def capture_faults(scenario: Scenario) -> list[Fault]:
-    """Faults of grasps in phases: unknown grasps or pairs, and a grasp armed while another one is closed."""
+    """Faults of grasps in phases: unknown grasps, and a grasp armed while another one is closed."""
     faults = []
     for i, phase in enumerate(scenario.phases):
         for key, names in (("arm", phase.arm), ("release", phase.release)):
             unknown = ((k, name) for k, name in enumerate(names) if name not in scenario.captures)
             faults += [Fault(unknown_name("capture", name, scenario.captures), ("phases", i, key, k)) for k, name in unknown]
-    pairs = [pair.name for pair in scenario.impact_pairs]
-    for name, capture in scenario.captures.items():
-        touched = enumerate(capture.when.touch or ())
-        place = ("captures", name, "when", "touch")
-        faults += [Fault(unknown_name("impact pair", pair, pairs), (*place, k)) for k, pair in touched if pair not in pairs]
     return faults or [*_second_grasps(scenario), *_ends_at_no_capture(scenario)]
 
 

@@ -2,7 +2,7 @@
 
 Keys of the scenario override those of the parent; mappings are merged key by key. ``null`` removes a key of the parent.
 A mapping with another ``kind`` replaces the parent's mapping, since its keys differ in meaning. A list replaces the
-parent's list, but an item with the ``name`` of one of the parent's items (a phase, an impact pair) is merged with it.
+parent's list, but an item with the ``name`` of one of the parent's items (a phase, a contact rule) is merged with it.
 ``controllers`` of a phase replace the parent's ``controller``, and the other way round.
 ``name`` and ``description`` are not inherited.
 """

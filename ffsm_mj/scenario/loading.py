@@ -115,8 +115,6 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
             faults.append(Fault(fault, ("phases", i, "until")))
         if phase.until == "settled" and scenario.task is None:
             faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, "until")))
-        if phase.until == "impact" and not scenario.impact_pairs:
-            faults.append(Fault("no impact can end it: the scenario has no impact_pairs", ("phases", i, "until")))
         faults += [Fault(fault, ("phases", i, *keys)) for keys, fault in _broken_plugins(phase)]
     faults += capture_faults(scenario)
     for i, phase in enumerate(scenario.phases[:-1]):
@@ -135,13 +133,19 @@ def _broken_plugins(phase: PhaseConfig) -> Iterator[tuple[tuple[str, ...], str]]
 def _impact_law_faults(scenario: Scenario) -> list[Fault]:
     """Friction and restitution of pairs that the impact law does not cover; several contacts are known at an impact only."""
     law, faults = impact_law(scenario.impact.law), []
-    if scenario.impact_pairs and (fault := plugin_fault(law.name)):
+    contacts = scenario.contacts
+    if contacts.rules != () and (fault := plugin_fault(law.name)):
         faults.append(Fault(fault, ("impact", "law")))
     friction = f"'impact.law: {law.name}' does not cover friction; let mu be 0, or the law 'blend' or 'poisson'"
     super_elastic = f"'impact.law: {law.name}' does not cover super-elastic impacts (e > 1)"
-    for i, pair in enumerate(scenario.impact_pairs):
-        if pair.mu > 0.0 and not law.covers.friction:
-            faults.append(Fault(friction, ("impact_pairs", i, "mu")))
-        if pair.restitution > 1.0 and not law.covers.super_elastic:
-            faults.append(Fault(super_elastic, ("impact_pairs", i, "restitution")))
+    if contacts.default.mu > 0.0 and not law.covers.friction:
+        faults.append(Fault(friction, ("contacts", "default", "mu")))
+    for i, rule in enumerate(contacts.rules or ()):
+        if (rule.mu or 0.0) > 0.0 and not law.covers.friction:
+            faults.append(Fault(friction, ("contacts", "rules", i, "mu")))
+        if contacts.restitution_of(rule) > 1.0 and not law.covers.super_elastic:
+            faults.append(Fault(super_elastic, ("contacts", "rules", i, "restitution")))
+        if contacts.restitution_of(rule) > 1.0 and contacts.mu_of(rule) > 0.0:
+            message = "an impact that gains energy (restitution above 1) has no law with friction; set mu of this rule to 0"
+            faults.append(Fault(message, ("contacts", "rules", i)))
     return faults

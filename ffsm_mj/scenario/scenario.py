@@ -23,7 +23,8 @@ from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.properties import Pose, Trees
 from ffsm_mj.model.strip import LimitsMode, Strippable
 from ffsm_mj.scenario.contact_models import REGIME_SCHEMA, validated_contact_models
-from ffsm_mj.scenario.impact_config import IgnoredPairConfig, ImpactConfig, ImpactPairConfig
+from ffsm_mj.scenario.contacts import ContactsConfig
+from ffsm_mj.scenario.impact_config import ImpactConfig
 from ffsm_mj.scenario.joint_limits import JointLimitConfig
 from ffsm_mj.scenario.source import YamlSource
 
@@ -230,8 +231,7 @@ class Scenario(StrictModel):
     task: TaskConfig | None = None
     joint_limits: dict[Name, JointLimitConfig] = {}
     """Restitution of joints that stop at limits, by joint; default: 0."""
-    impact_pairs: tuple[ImpactPairConfig, ...] = ()
-    ignored_pairs: tuple[IgnoredPairConfig, ...] = ()
+    contacts: ContactsConfig = ContactsConfig()
     captures: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")], CaptureConfig] = {}
     """Grasps by name: when armed, a site of the robot can latch a site of a floating object."""
     script_laws: tuple[Name, ...] | None = None

@@ -12,7 +12,7 @@ from ffsm_mj.scenario.inheritance import EXTENDS
 from ffsm_mj.scenario.scenario import Scenario
 
 _WHOLE, _CHANGES = "Scenario", "Changes"
-_NAMED_ITEMS = ("PhaseConfig", "ImpactPairConfig")  # list items that are merged with the parent's item of the same name
+_NAMED_ITEMS = ("PhaseConfig", "ContactRuleConfig")  # list items that are merged with the parent's item of the same name
 _REF = "#/$defs/"
 
 

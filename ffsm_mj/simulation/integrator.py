@@ -7,7 +7,15 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventSource, EventTime, ForceSource, Replayable
+from ffsm_mj.contact_models.interface import (
+    ContactModel,
+    EventEffect,
+    EventSource,
+    EventTime,
+    ForceSource,
+    LoggedEvent,
+    Replayable,
+)
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
@@ -49,14 +57,15 @@ class EventDrivenIntegrator:
             contact_model.bind(motion)
         self.restart()
 
-    def restore_state(self, system: Motion) -> None:
+    def restore_state(self, system: Motion, events: Sequence[LoggedEvent] = ()) -> None:
         """Start at the state in ``data``, with contact models restored from their columns.
 
         Args:
             system: Motion of the logged system; used unless a contact model returns another motion.
+            events: Logged events before this state; none at the start of a run.
         """
         self._event_s = None
-        moving = [motion for contact_model in self.replayable if (motion := contact_model.restore_state()) is not None]
+        moving = [motion for contact_model in self.replayable if (motion := contact_model.restore_state(events)) is not None]
         self.bind(moving[0] if moving else system)
 
     def interrupt_by(self, poll: Callable[[], None]) -> None:

@@ -60,11 +60,13 @@ def falling(folder, **changes):
             "joints": {"target/free": [1.1, 0.03, 0.02, 1, 0, 0, 0]},
             "rates": {"robot/free": [0, 0, 0, 0.02, -0.03, 0.05], "target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3]},
         },
-        impact_pairs=[
-            {"geoms": ["hand", "target/target"], "restitution": 0.5},
-            {"geoms": ["target/target", "slab/slab"], "restitution": 0.3},
-            {"geoms": ["hull", "slab/slab"], "restitution": 0.3},
-        ],
+        contacts={
+            "rules": [
+                {"between": ["hand", "target/target"], "restitution": 0.5},
+                {"between": ["target/target", "slab/slab"], "restitution": 0.3},
+                {"between": ["hull", "slab/slab"], "restitution": 0.3},
+            ]
+        },
         captures={"grasp": touch},
         phases=[
             {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": {"kind": "off"}},

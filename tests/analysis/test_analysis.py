@@ -110,7 +110,7 @@ def test_comparison_finds_what_differs_and_when(hit, tmp_path):
     """Half the restitution: equal up to the impact, then v = 0.2 and 0.4 m/s faster or slower by the closed form."""
     other = ffsm_mj.run(two_balls(tmp_path, duration_s=0.4, restitution=0.5))
     found = ffsm_mj.compare(hit, other)
-    assert found.scenario == (("duration_s", 0.5, 0.4), ("impact_pairs.0.restitution", 1.0, 0.5))
+    assert found.scenario == (("duration_s", 0.5, 0.4), ("contacts.rules.0.restitution", 1.0, 0.5))
     assert found.models == ()
     assert found.samples == 401
     assert found.first_s == pytest.approx(0.3, abs=1.5e-3)  # the first tick at or after the impact

@@ -38,7 +38,7 @@ def test_a_contact_moves_the_momentum_that_it_says_and_its_peak_is_that_of_the_s
     """Only contacts push the target: the impulse is 3 kg times its change of velocity, but for 1e-9 of RK4."""
     run = ffsm_mj.run(pushed_twice(tmp_path), out=tmp_path / "out", rerun=False)
     first, second = run.contacts
-    assert (first.pair, first.geoms) == ("ball-target/target", ("robot/ball", "target/target"))
+    assert (first.rule, first.pairs) == ("ball-target/target", ("ball-target/target",))
     assert first.start_s == run.impacts[0].time_s
     assert first.end_s == run.records["contact_endings"][0].time_s
     assert second.end_s is None
@@ -55,16 +55,16 @@ def test_a_contact_moves_the_momentum_that_it_says_and_its_peak_is_that_of_the_s
     assert log.contacts == run.contacts
     assert run.summary()["contacts"] == log.summary()["contacts"]
     assert list(run.summary()["contacts"][0]) == [
-        *("pair", "geoms", "start_s", "end_s", "impulse_N_s", "peak_force_N", "peak_force_s")
+        *("rule", "pairs", "start_s", "end_s", "impulse_N_s", "peak_force_N", "peak_force_s")
     ]
     table = log.table("contacts")
-    assert table.columns["geoms_a"].tolist() == ["robot/ball"] * 2
+    assert table.columns["pairs"].tolist() == ["ball-target/target"] * 2
     np.testing.assert_array_equal(table.columns["end_s"], [first.end_s, np.nan])
     told = run_report(run)
     assert contact_table(run.contacts) in told
     assert f"{first.impulse_N_s:.6f}" in told
     assert "2 persistent contacts" in repr(run)
-    assert "to the end: robot/ball on target/target" in run._repr_html_()
+    assert "to the end: ball-target/target" in run._repr_html_()
 
 
 LAYOUT = Layout(
@@ -77,11 +77,13 @@ LAYOUT = Layout(
 STATE = {"step": 0, "mode": "m", "points": 1, "qpos": (), "qvel_before": {}, "qvel_after": {}}
 
 
-def record(kind, event, time_s, before, after, impulse):
+def record(kind, event, time_s, before, after, impulse, pair="a-b"):
     return kind(
         event=event,
         time_s=time_s,
-        pair="a-b",
+        pair=pair,
+        rule="a-b",
+        closed_pairs=(),
         geoms=("a", "b"),
         point_m=(0.0, 0.0, 0.0),
         normal=(1.0, 0.0, 0.0),
@@ -118,6 +120,25 @@ def test_two_contacts_between_two_samples_are_told_apart_however_rows_and_record
     assert one.impulse_N_s == pytest.approx(0.25, abs=1e-15)
     assert (other.start_s, other.end_s, other.peak_force_N, other.peak_force_s) == (0.16, None, 4.0, 0.2)
     assert other.impulse_N_s == pytest.approx(0.15, abs=1e-15)
+
+
+def test_pairs_of_a_rule_share_an_interval_from_the_first_that_closes_to_the_last_that_opens():
+    records = [
+        record(ContactBegins, 0, 0.05, 0.0, 1.0, 0.5, "one"),
+        record(ContactBegins, 1, 0.06, 0.0, 1.0, 0.52, "two"),
+        record(ContactEnds, 2, 0.08, 0.0, 0.0, 0.6, "one"),
+        record(ContactBegins, 3, 0.1, 0.0, 6.0, 0.7, "one"),
+        record(ContactEnds, 4, 0.11, 0.0, 0.0, 0.8, "two"),
+        record(ContactEnds, 5, 0.13, 0.0, 0.0, 0.9, "one"),
+        record(ContactBegins, 6, 0.2, 0.0, 1.0, 0.9, "two"),
+    ]
+    contacts = ContactIntervals(LAYOUT)
+    for each in records:
+        contacts.event(each)
+    one, other = contacts.intervals()
+    assert (one.start_s, one.end_s, one.pairs, one.peak_force_N) == (0.05, 0.13, ("one", "two"), 6.0)
+    assert one.impulse_N_s == pytest.approx(0.4, abs=1e-15)
+    assert (other.start_s, other.end_s, other.pairs) == (0.2, None, ("two",))
 
 
 def test_of_a_contact_whose_beginning_is_lost_nothing_is_made_up():

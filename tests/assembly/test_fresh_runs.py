@@ -44,9 +44,7 @@ def bouncing(folder):
         duration_s=0.5,
         initial={"joints": {"left/x": -0.3, "right/x": 0.3, "unseen/x": 0.35}, "rates": {"robot/x": 2.0}},
         actuators={"robot/push_x": {"kind": "on_off", "force_N": 1.0, "threshold_N": 0.5, "min_on_time_s": 0.02}},
-        impact_pairs=[
-            {"robot_geom": "robot/ball", "object_geom": f"{n}/{n}", "restitution": 0.9} for n in ("left", "right")
-        ],
+        contacts={"rules": [{"between": ["robot/ball", f"{n}/{n}"], "restitution": 0.9} for n in ("left", "right")]},
         phases=[
             {"name": "coast", "until": "impact", "controller": {"kind": "off"}},
             {"name": "push", "until": "end", "controller": push},
@@ -60,7 +58,7 @@ def diverging(folder):
     pull = {"kind": "pd", "joints": ["robot/x"], "kp": 1e6, "kd": 0.0}
     return two_balls(
         folder,
-        impact_pairs=[],
+        contacts={"rules": []},
         duration_s=5.0,
         time_step_s=0.01,
         control_period_s=0.01,
@@ -89,7 +87,7 @@ def tilting(folder, rods=6):
         {"floor": slab("floor", "1 5 0.1")},
         fixed={"floor": {"position_m": [0, 0, -0.1]}},
         duration_s=0.04,
-        impact_pairs=[{"geoms": [f"rod{i}", "floor/floor"], "restitution": 0.0} for i in places],
+        contacts={"rules": [{"between": [f"rod{i}", "floor/floor"], "restitution": 0.0} for i in places]},
         phases=[{"name": "p", "until": "end", "controller": {"kind": "pushes", "efforts": efforts, "hold_s": 0.02}}],
     )
 

@@ -20,7 +20,7 @@ def faults(path, *overrides):
     [
         ("time_step_s=0.003", "control_period_s: must be a multiple"),  # combined with another key
         ("objects={}", "initial.joints."),  # once the models are known
-        ("impact_pairs=[]", "until"),
+        ("contacts.rules=[]", "until"),
     ],
 )
 def test_the_override_that_causes_a_fault_elsewhere_is_named(cause, key):

@@ -40,7 +40,7 @@ def page(tmp_path_factory):
         fixed={"floor": {}},
         duration_s=0.6,
         initial={"joints": {"target/x": 0.5}, "rates": {"robot/x": 1.0}},
-        impact_pairs=[{"robot_geom": "ball", "object_geom": f"target/{EVIL}"}],
+        contacts={"rules": [{"between": ["ball", f"target/{EVIL}"]}]},
     )
     run = ffsm_mj.run(path)
     assert [round(hit.time_s, 9) for hit in run.impacts] == [HIT_S]

@@ -35,10 +35,12 @@ def two_rocks(folder: Path, **scenario: Any) -> Path:
                 "joints": {"rock/free": TUMBLING, "stone/free": [5, 0, 0, 1, 0, 0, 0]},
                 "rates": {"rock/free": [0.1, 0.0, 0.0, 0.0, 0.0, 0.2]},
             },
-            "impact_pairs": [
-                {"geoms": ["ball", "rock/rock"], "restitution": 0.8},
-                {"geoms": ["ball", "stone/stone"], "name": "second"},
-            ],
+            "contacts": {
+                "rules": [
+                    {"between": ["ball", "rock/rock"], "restitution": 0.8},
+                    {"between": ["ball", "stone/stone"], "name": "second"},
+                ]
+            },
             **scenario,
         },
     )
@@ -50,4 +52,4 @@ def rock_hits(folder: Path, **more: Any) -> Path:
     joints = {"stone/free": [0.22, 0, 0, 1, 0, 0, 0], "rock/free": TUMBLING}
     two_rocks(folder, initial={"joints": joints, "rates": rates}, duration_s=0.05)
     speed = {"initial.rates.robot/free.0": {"uniform": [0.8, 1.6]}}
-    return campaign_file(folder, speed, overrides={"impact_pairs.second.restitution": 0.5}, **more)
+    return campaign_file(folder, speed, overrides={"contacts.rules.second.restitution": 0.5}, **more)

@@ -16,7 +16,7 @@ from ffsm_mj.scenario.shipped import scenarios_dir
 from ffsm_mj.yaml.parser import read_node
 from tests.campaign.files import campaign_file, two_rocks
 
-GOOD = {"impact_pairs.0.restitution": {"uniform": [0.1, 0.9]}}
+GOOD = {"contacts.rules.0.restitution": {"uniform": [0.1, 0.9]}}
 
 
 def line_of(folder, dispersions=None, samples=None, **more):
@@ -52,21 +52,21 @@ def line_of(folder, dispersions=None, samples=None, **more):
             "dispersions.duration_s.scale.normal.sd: should be greater than 0",
         ),
         (
-            {"duration": GOOD["impact_pairs.0.restitution"]},
+            {"duration": GOOD["contacts.rules.0.restitution"]},
             "dispersions.duration: unknown key 'duration' (did you mean 'duration_s'",
         ),
         (
-            {"impact_pairs.0.restition": {"values": [1]}},
+            {"contacts.rules.0.restition": {"values": [1]}},
             "unknown key 'restition' (did you mean 'restitution'?); allowed: geoms, ",
         ),
         (
-            {"impact_pairs.2.restitution": {"values": [1]}},
-            "impact_pairs is a list of 2: unknown position or name '2'; allowed: ",
+            {"contacts.rules.2.restitution": {"values": [1]}},
+            "contacts.rules is a list of 2: unknown position or name '2'; allowed: ",
         ),
-        ({"impact_pairs.secnd.restitution": {"values": [1]}}, "'secnd' (did you mean 'second'?)"),
-        ({"impact_pairs.*.nme": {"values": [1]}}, "unknown key 'nme' (did you mean 'name'?)"),
+        ({"contacts.rules.secnd.restitution": {"values": [1]}}, "'secnd' (did you mean 'second'?)"),
+        ({"contacts.rules.*.nme": {"values": [1]}}, "unknown key 'nme' (did you mean 'name'?)"),
         (
-            {"ignored_pairs.*.reason": {"choice": ["x"]}},
+            {"contacts.ignored.*.reason": {"choice": ["x"]}},
             "matches nothing in this scenario",
         ),
         (
@@ -168,7 +168,7 @@ def line_of(folder, dispersions=None, samples=None, **more):
             {"a": {"keys": ["duration_s"], "scale": {"values": [1]}}, "a.scale": {"keys": ["time_step_s"], "values": [1]}},
             "dispersions.a.scale: a.scale and a.scale have one column; rename one entry, with its keys under 'keys'",
         ),
-        ({"impact_pairs.*.restitution": {"uniform": [0.5, 1.2]}}, "restitution must be in [0, 1]; above 1 only with"),
+        ({"contacts.rules.*.restitution": {"uniform": [0.5, 1.2]}}, "restitution must be in [0, 1]; above 1 only with"),
         (
             {"impact.max_impacts": {"uniform": [1, 9]}},
             "impact.max_impacts is an integer: disperse it with integers in values, choice",
@@ -195,11 +195,13 @@ def test_dispersions_that_cannot_be(tmp_path, dispersions, message):
 def test_a_fault_of_a_run_names_the_run_and_the_entry(tmp_path):
     """The least and the greatest value are tried, whichever run has them."""
     line = line_of(
-        tmp_path, {"pairs": {"keys": ["impact_pairs.*.restitution"], "uniform": [0.5, 1.001]}}, {"kind": "sobol", "n": 1024}
+        tmp_path,
+        {"pairs": {"keys": ["contacts.rules.*.restitution"], "uniform": [0.5, 1.001]}},
+        {"kind": "sobol", "n": 1024},
     )
     assert line.split(": ")[:2] == ["9:3", "dispersions.pairs"]
     assert "run " in line
-    assert "impact_pairs.0: restitution must be in [0, 1]" in line
+    assert "contacts.rules.0: restitution must be in [0, 1]" in line
 
 
 @pytest.mark.parametrize(
@@ -209,7 +211,10 @@ def test_a_fault_of_a_run_names_the_run_and_the_entry(tmp_path):
         ({"kind": "saltelli", "n": 3}, "samples: n must be a power of 2 for saltelli: 2 or 4, not 3"),
         ({"kind": "random"}, "samples: needs 'n', the number of samples; only a grid has none"),
         ({"kind": "grid", "n": 4}, "a grid has one run per combination of its levels; leave n out"),
-        ({"kind": "grid"}, "dispersions.impact_pairs.0.restitution: has no levels for a grid; write values, choice or grid"),
+        (
+            {"kind": "grid"},
+            "dispersions.contacts.rules.0.restitution: has no levels for a grid; write values, choice or grid",
+        ),
         (
             {"kind": "montecarlo", "n": 4},
             "samples.kind: should be 'random', 'lhs', 'sobol', 'saltelli' or 'grid', got \"montecarlo\"",

@@ -32,15 +32,15 @@ def test_absolute_scale_and_offset(tmp_path):
         tmp_path,
         {
             "time_step_s": {"values": [0.001]},
-            "impact_pairs.0.restitution": {"scale": {"uniform": [0.5, 1.0]}},
+            "contacts.rules.0.restitution": {"scale": {"uniform": [0.5, 1.0]}},
             "initial.joints.rock/free.1": {"offset": {"normal": {"sd": 0.1}}},
         },
     )
-    assert made.parameters == ("time_step_s", "impact_pairs.0.restitution.scale", "initial.joints.rock/free.1.offset")
+    assert made.parameters == ("time_step_s", "contacts.rules.0.restitution.scale", "initial.joints.rock/free.1.offset")
     for run, (step, factor, offset) in enumerate(made.rows):
         assert made.overrides(run) == {
             "time_step_s": step,
-            "impact_pairs.0.restitution": 0.8 * factor,
+            "contacts.rules.0.restitution": 0.8 * factor,
             "initial.joints.rock/free": [9.0, 8.0 + offset, *TUMBLING[2:]],
         }
 
@@ -49,14 +49,14 @@ def test_one_draw_for_several_keys(tmp_path):
     made = design(
         tmp_path,
         {
-            "impact_pairs.*.restitution": {"uniform": [0.1, 0.9]},
+            "contacts.rules.*.restitution": {"uniform": [0.1, 0.9]},
             "away": {"keys": ["initial.joints.rock/free.0", "initial.joints.stone/free.0"], "offset": {"uniform": [0, 1]}},
         },
     )
-    assert made.parameters == ("impact_pairs.*.restitution", "away.offset")
+    assert made.parameters == ("contacts.rules.*.restitution", "away.offset")
     for run, (restitution, away) in enumerate(made.rows):
         told = made.overrides(run)
-        assert told["impact_pairs.0.restitution"] == told["impact_pairs.1.restitution"] == restitution
+        assert told["contacts.rules.0.restitution"] == told["contacts.rules.1.restitution"] == restitution
         assert told["initial.joints.rock/free"][0] == 9.0 + away
         assert told["initial.joints.stone/free"][0] == 5.0 + away
 
@@ -70,14 +70,14 @@ def test_unstated_keys_start_from_what_the_run_would_have(tmp_path):
             "initial.rates.stone/free.angular": {
                 "offset": {"vector": {"direction": [0, 0, 2], "magnitude": {"values": [3.0]}}}
             },
-            "impact_pairs.second.restitution": {"scale": {"values": [0.5]}},
+            "contacts.rules.second.restitution": {"scale": {"values": [0.5]}},
             "impact.rest_speed_m_s": {"offset": {"values": [0.25]}},
         },
     )
     assert made.overrides(0) == {
         "initial.joints.robot/free": [0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0],
         "initial.rates.stone/free": [0.0, 0.0, 0.0, 0.0, 0.0, 3.0],
-        "impact_pairs.1.restitution": 0.5,
+        "contacts.rules.1.restitution": 0.5,
         "impact.rest_speed_m_s": 0.25,
     }
 
@@ -87,11 +87,13 @@ def test_a_joint_is_set_under_the_name_that_the_scenario_has(tmp_path):
     two_balls(tmp_path, initial={"joints": {"target/x": 0.5}, "rates": {"robot/x": 1.0}})
     spread = {"offset": {"values": [0.25]}}
     path = campaign_file(
-        tmp_path, {"initial.rates.robot/x": spread}, overrides={"objects": {}, "impact_pairs": [], "initial.joints": {}}
+        tmp_path,
+        {"initial.rates.robot/x": spread},
+        overrides={"objects": {}, "contacts": {"rules": []}, "initial.joints": {}},
     )
     assert load_campaign(path).design().overrides(0) == {"initial.rates.robot/x": 1.25}
     path = campaign_file(
-        tmp_path, {"initial.rates.x": spread}, overrides={"objects": {}, "impact_pairs": [], "initial.joints": {}}
+        tmp_path, {"initial.rates.x": spread}, overrides={"objects": {}, "contacts": {"rules": []}, "initial.joints": {}}
     )
     assert load_campaign(path).design().overrides(0) == {"initial.rates.robot/x": 1.25}
 
@@ -151,7 +153,7 @@ def test_a_grid_is_every_combination(tmp_path):
     made = design(
         tmp_path,
         {
-            "impact_pairs.0.restitution": {"values": [0.9, 0.1]},
+            "contacts.rules.0.restitution": {"values": [0.9, 0.1]},
             "impact.law": {"choice": ["newton", "poisson"]},
             "initial.joints.rock/free.0": {"offset": {"grid": {"low": 0.0, "high": 1.0, "levels": 3}}},
         },
@@ -160,7 +162,7 @@ def test_a_grid_is_every_combination(tmp_path):
     assert made.n == len(made.rows) == 12
     assert set(made.rows) == {(e, law, x) for e in (0.1, 0.9) for law in ("newton", "poisson") for x in (0.0, 0.5, 1.0)}
     assert made.overrides(0) == {
-        "impact_pairs.0.restitution": 0.1,
+        "contacts.rules.0.restitution": 0.1,
         "impact.law": "newton",
         "initial.joints.rock/free": TUMBLING,
     }
@@ -253,7 +255,7 @@ def test_every_run_reads_what_was_drawn(tmp_path):
         tmp_path,
         {
             "initial.joints.rock/free.0": {"normal": {"mean": 9.0, "sd": 1e-6}},
-            "impact_pairs.*.restitution": {"uniform": [0.0, 1.0]},
+            "contacts.rules.*.restitution": {"uniform": [0.0, 1.0]},
             "impact.rest_speed_m_s": {"lognormal": {"median": 1e-9, "sigma": 5.0}},
         },
     )
@@ -261,18 +263,18 @@ def test_every_run_reads_what_was_drawn(tmp_path):
         given = [f"{key}={value!r}" for key, value in made.overrides(run).items()]
         scenario, _ = load_scenario(tmp_path / "scene.yaml", given)
         assert scenario.initial.joints["rock/free"] == (x, *TUMBLING[1:])
-        assert [pair.restitution for pair in scenario.impact_pairs] == [restitution] * 2
+        assert [pair.restitution for pair in scenario.contacts.rules] == [restitution] * 2
         assert scenario.impact.rest_speed_m_s == speed
 
 
 def test_a_dispersion_that_is_not_applied_is_noticed(tmp_path, monkeypatch):
     """Overrides that get lost, as they do where a key is set on a copy."""
     two_rocks(tmp_path)
-    plan = load_campaign(campaign_file(tmp_path, {"impact_pairs.0.restitution": {"uniform": [0.1, 0.2]}}))
+    plan = load_campaign(campaign_file(tmp_path, {"contacts.rules.0.restitution": {"uniform": [0.1, 0.2]}}))
     made = plan.design()
     monkeypatch.setattr(type(plan.base.source), "overridden", lambda source, _: source)
     with pytest.raises(
-        InputError, match=r"campaign\.yaml:10:\d+: dispersions.impact_pairs.0.restitution: run 0: .*not applied"
+        InputError, match=r"campaign\.yaml:10:\d+: dispersions.contacts.rules.0.restitution: run 0: .*not applied"
     ):
         refuse_wrong_rows(plan.base, made, plan.source, plan.scalars)
 

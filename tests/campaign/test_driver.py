@@ -35,7 +35,7 @@ class Interrupted(Fuse):
 
 def test_an_interrupted_run_interrupts_a_loop(tmp_path: Path) -> None:
     two_rocks(tmp_path, phases=[{"name": "only", "controller": {"kind": "fuse"}, "until": "end"}], duration_s=0.02)
-    path = campaign_file(tmp_path, {"impact_pairs.second.restitution": {"uniform": [0.2, 1.0]}})
+    path = campaign_file(tmp_path, {"contacts.rules.second.restitution": {"uniform": [0.2, 1.0]}})
     campaign = Campaign.load(path, tmp_path / "out", controllers={"fuse": Interrupted})
     calls: list[float] = []
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -45,7 +45,7 @@ def collisions(folder: Path, n: int = 8, **more: Any) -> Path:
         initial={"joints": {"stone/free": [0.22, 0, 0, 1, 0, 0, 0], "rock/free": TUMBLING}, "rates": rates},
         duration_s=0.05,
     )
-    e = {"impact_pairs.second.restitution": {"uniform": [0.2, 1.0]}}
+    e = {"contacts.rules.second.restitution": {"uniform": [0.2, 1.0]}}
     return campaign_file(folder, e | SPEED, {"kind": "random", "n": n, "seed": 1}, metrics=METRICS, **more)
 
 
@@ -71,7 +71,7 @@ def test_a_folder_that_holds_another_campaign_now_is_read_anew(tmp_path: Path) -
     for speed, mass in ((1.0, 1.0), (2.0, 1.0), (2.0, 3.0)):
         path = collisions(tmp_path, n=1, overrides={"initial.rates.robot/free": [speed, 0.0, 0.0, 0.0, 0.0, 0.0]})
         (tmp_path / "stone.xml").write_text(ball("stone", mass=mass))
-        stated = json.loads(path.read_text()) | {"dispersions": {"impact_pairs.0.restitution": {"uniform": [0.2, 1.0]}}}
+        stated = json.loads(path.read_text()) | {"dispersions": {"contacts.rules.0.restitution": {"uniform": [0.2, 1.0]}}}
         path.write_text(json.dumps(stated))
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
         campaign = Campaign.load(path, tmp_path / "out")
@@ -184,7 +184,7 @@ def _breaks() -> None:
 
 _SCRIPT = """
 import ffsm_mj
-values = {{"impact_pairs.second.restitution": [0.5, 1.0]}}
+values = {{"contacts.rules.second.restitution": [0.5, 1.0]}}
 table = ffsm_mj.sweep({scene!r}, values, metrics=["impacts.0.impulse_N_s"], workers=2)
 print(table.column("impacts.0.impulse_N_s").to_pylist())
 """

@@ -15,10 +15,10 @@ from tests.campaign.files import rock_hits
 
 def test_values_may_be_numpy_s(tmp_path: Path) -> None:
     rock_hits(tmp_path)
-    values = {"impact_pairs.second.restitution": np.linspace(0.5, 1.0, 2)}
+    values = {"contacts.rules.second.restitution": np.linspace(0.5, 1.0, 2)}
     overrides = {"duration_s": np.float64(0.01), "initial.joints.stone/free": list(np.eye(7)[3] + np.eye(7)[0])}
     table = ffsm_mj.sweep(tmp_path / "scene.yaml", values, metrics=["duration_s"], overrides=overrides, workers=1)
-    assert table.column("impact_pairs.second.restitution").to_pylist() == [0.5, 1.0]
+    assert table.column("contacts.rules.second.restitution").to_pylist() == [0.5, 1.0]
     assert table.column("duration_s").to_pylist() == [0.01, 0.01]
 
 

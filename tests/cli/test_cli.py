@@ -59,13 +59,13 @@ def test_analyze_exits_1_when_a_law_is_violated(tmp_path, capsys):
 def test_analyze_several_runs(tmp_path, capsys):
     """Each run is verified, one that fails decides the exit code; JSON is a list; a law may have its own tolerance."""
     path = str(two_balls(tmp_path, speed=3.7))
-    for name, override in (("a", []), ("b", ["-s", "impact_pairs.0.restitution=0.5"])):
+    for name, override in (("a", []), ("b", ["-s", "contacts.rules.0.restitution=0.5"])):
         assert main(["run", path, "--no-rerun", "--out", name, *override]) == 0
     capsys.readouterr()
     assert main(["analyze", "a", "b", "--compare"]) == 0
     out = capsys.readouterr().out
     assert "2 of 2 runs verified" in out
-    assert "impact_pairs.0.restitution: 1.0 -> 0.5" in out
+    assert "contacts.rules.0.restitution: 1.0 -> 0.5" in out
     assert "the motions differ from 0.082 s on" in out  # 0.3 m at 3.7 m/s
     assert main(["analyze", "a", "b", "--json"]) == 0
     assert [len(report["checks"]) for report in json.loads(capsys.readouterr().out)] == [13, 13]

@@ -112,7 +112,7 @@ def fast_balls(folder, offset=(0.0, 0.0, 0.0), **scenario):
         ball("ball", mass=2.0),
         {"target": ball("target", mass=3.0)},
         initial={"joints": joints, "rates": {"robot/free": [1e5, 0, 0, 0, 0, 0]}},
-        impact_pairs=[{"robot_geom": "ball", "object_geom": "target/target", "restitution": 1.0}],
+        contacts={"rules": [{"between": ["ball", "target/target"], "restitution": 1.0}]},
         **scenario,
     )
 

@@ -81,7 +81,7 @@ def collision(folder, a, b, rng, *, tumbling=True):
             },
             "rates": {"robot/free": [1, 0, 0, *spin()], "other/free": [0, 0, 0, *spin()]},
         },
-        impact_pairs=[{"robot_geom": "robot/g", "object_geom": "other/g"}],
+        contacts={"rules": [{"between": ["robot/g", "other/g"]}]},
     )
     prepared = prepare(path)
     run = prepared.run()
@@ -136,7 +136,7 @@ def test_contact_is_exact_for_every_pair(tmp_path, draw, a, b):
 def test_shapes_without_an_exact_distance_are_refused_by_name(tmp_path, asset, static, moving, word):
     ground = f"""<mujoco>{HEAD}{asset}<worldbody>{static}<body name="b"><freejoint/>
       <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{moving}</body></worldbody></mujoco>"""
-    path = scene(tmp_path, ball(), {"o": ground}, impact_pairs=[{"robot_geom": "ball", "object_geom": "o/g"}])
+    path = scene(tmp_path, ball(), {"o": ground}, contacts={"rules": [{"between": ["ball", "o/g"]}]})
     with pytest.raises(InputError, match=f"geom 'o/g' is a {word}: impacts need convex geoms"):
         prepare(path)
 
@@ -197,7 +197,7 @@ def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, ra
             ball("ball", radius=radius),
             {"block": box("block", half=tuple(half))},
             initial={"joints": {"block/free": [5.0, 0, 0, 1, 0, 0, 0]}},
-            impact_pairs=[{"robot_geom": "ball", "object_geom": "block/block"}],
+            contacts={"rules": [{"between": ["ball", "block/block"]}]},
         )
     )
     (pair,), model = prepared.assemble().pairs, prepared.system.mj

@@ -34,7 +34,7 @@ def close_pair(folder, a, b, rng):
             },
             "rates": {key: rng.uniform(-1, 1, 6).tolist() for key in ("robot/free", "other/free")},
         },
-        impact_pairs=[{"robot_geom": "robot/g", "object_geom": "other/g"}],
+        contacts={"rules": [{"between": ["robot/g", "other/g"]}]},
     )
     assembly = prepare(path).assemble()
     (pair,), model, data = assembly.pairs, assembly.system.mj, assembly.data

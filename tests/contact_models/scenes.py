@@ -26,6 +26,7 @@ def spring(folder, stiffness=100.0, step=1e-3, others=None, **changes):
                 "joints": {"target/free": [0.3, 0.02, 0.01, 1, 0, 0, 0]},
                 "rates": {"robot/free": [0.5, 0.0, 0.0, 0.0, 0.0, 3.0]},
             },
+            "contacts": {"rules": []},
             "contact_models": [{"kind": "spring", "geoms": ["ball", "target/target"], "stiffness_N_m": stiffness}],
         }
         | changes,
@@ -45,6 +46,7 @@ def capture(folder, others=None, **changes):
                 "joints": {"target/free": [1.0, 0.03, 0.02, 1, 0, 0, 0]},
                 "rates": {"robot/free": [0, 0, 0, 0.02, -0.03, 0.05], "target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3]},
             },
+            "contacts": {"rules": []},
             "contact_models": [{"kind": "weld", "geoms": ["hand", "target/target"], "armed": True}],
             "phases": [
                 {"name": "wait", "until": "weld", "controller": {"kind": "off"}},

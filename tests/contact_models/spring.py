@@ -102,7 +102,7 @@ class Spring(EventSource, ForceSource, Replayable):
         force = -self._stiffness * near.gap * near.normal
         return Wrench(self._pair.body_a, near.points[0], -force), Wrench(self._pair.body_b, near.points[0], force)
 
-    def restore_state(self):
+    def restore_state(self, events=()):
         self.active = self._gap() < 0.0
 
     def _gap(self):

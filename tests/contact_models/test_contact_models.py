@@ -107,8 +107,8 @@ def test_an_impact_on_a_welded_object_acts_on_robot_and_object(tmp_path):
         "joints": {"target/free": [1.0, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [1.6, 0.05, 0, 1, 0, 0, 0]},
         "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "stone/free": [-0.6, 0, 0, 0, 0, 0]},
     }
-    hit = [{"name": "late", "geoms": ["stone/stone", "target/target"]}]
-    path = scenes.capture(tmp_path, {"stone": ball("stone", mass=0.5)}, initial=initial, impact_pairs=hit)
+    hit = [{"name": "late", "between": ["stone/stone", "target/target"]}]
+    path = scenes.capture(tmp_path, {"stone": ball("stone", mass=0.5)}, initial=initial, contacts={"rules": hit})
     seen = ffsm_mj.run(path, out=tmp_path / "run")
     (grip,) = seen.records["welds"]
     (impact,) = seen.impacts
@@ -146,7 +146,7 @@ def test_an_unknown_request_is_reported(tmp_path, monkeypatch):
     ("contact_models", "place", "what"),
     [
         ([{"kind": "sprang"}], "contact_models.0.kind", "unknown contact model 'sprang' (did you mean 'spring'?)"),
-        ([{"geoms": ["hand", "target/target"]}], "contact_models.0", "needs a 'kind'; allowed: spring, weld"),
+        ([{"between": ["hand", "target/target"]}], "contact_models.0", "needs a 'kind'; allowed: spring, weld"),
         ([{"kind": "spring", "geoms": ["hand"], "stiffness_N_m": 1.0}], "contact_models.0.geoms", "at least 2 items"),
         ([{"kind": "spring", "geoms": ["hand", "no"], "stiffness_N_m": 1.0}], "contact_models.0", "unknown geom 'no'"),
     ],

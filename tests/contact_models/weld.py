@@ -152,7 +152,7 @@ class Weld(EventSource, ForceSource, Replayable):
         energy = 0.5 * data.qvel[tree.dofs] @ (mass_matrix(model, data) @ data.qvel)[tree.dofs]
         return np.append(energy, momentum_matrix(model, data, tree.root) @ data.qvel)
 
-    def restore_state(self):
+    def restore_state(self, events=()):
         self._free, self.active = self._free or self.motion, bool(self._held[0])
         return Held(self._free, self.scene, self._pair) if self.active else None
 

@@ -34,7 +34,7 @@ def reaching(folder, controller=REACH, **more):
                 "rates": {"robot/free": [0.02, -0.01, 0.03, 0.05, 0.02, -0.1], "rock/free": [0.135, -0.148, 0, 0, 0, 0]},
             },
             "task": {"tip": "tip", "axes": ["x", "y"], "target_m": [0.7, 0.9]},
-            "impact_pairs": [{"robot_geom": "tip", "object_geom": "rock/rock", "restitution": 0.6}],
+            "contacts": {"rules": [{"between": ["tip", "rock/rock"], "restitution": 0.6}]},
             "phases": [{"name": "reach", "until": "end", "controller": controller}],
             **more,
         },

@@ -47,7 +47,7 @@ def hand(folder, law, robot=SLIDES, joints=("left", "right"), **changes):
         {"rock": ball("rock", mass=0.5, radius=0.02)},
         **{
             "initial": {"joints": places | (PLACES if robot is SLIDES else {})},
-            "ignored_pairs": [{"pair": ["robot", "rock"], "reason": "only the law is of interest"}],
+            "contacts": {"ignored": [{"between": ["robot", "rock"], "reason": "only the law is of interest"}]},
             "phases": [{"name": "all", "until": "end", "controller": gripper}],
             **changes,
         },
@@ -93,11 +93,9 @@ def test_given_ends_win(tmp_path):
 )
 def test_fingers_press_with_the_stated_force(tmp_path, law):
     """What they close on is pressed from both sides: the contact forces are the stated one."""
-    pairs = [
-        {"robot_geom": name, "object_geom": "rock/rock", "restitution": 0.0, "name": name} for name in ("left", "right")
-    ]
+    pairs = [{"between": [name, "rock/rock"], "restitution": 0.0, "name": name} for name in ("left", "right")]
     start = {"rock/free": [0.2, 0, 0, 1, 0, 0, 0], "left": 0.021, "right": 0.021}
-    path = hand(tmp_path, law, impact_pairs=pairs, ignored_pairs=[], initial={"joints": start}, duration_s=0.3)
+    path = hand(tmp_path, law, contacts={"rules": pairs}, initial={"joints": start}, duration_s=0.3)
     run = ffsm_mj.run(path)
     assert run.outcome == "completed", run.message
     for name in ("left", "right"):

@@ -150,7 +150,7 @@ def test_pd_closed_form(tmp_path):
     w = 2.0
     path = two_balls(
         tmp_path,
-        impact_pairs=[],
+        contacts={"rules": []},
         initial={"joints": {"robot/x": 1.0, "target/x": 9.0}},
         phases=[
             {

@@ -51,6 +51,7 @@ def scene(law, **changes):
         "control_period_s": 0.005,
         "actuators": {},
         "captures": {},
+        "contacts.rules": [],
         "initial.joints.satellite/free": [2.4, -0.1, 0.5, *TURN],
         "initial.rates.robot/base": [0.01, 0.02, -0.01, *SPIN],
         "initial.rates.satellite/free": [-0.02, 0.01, 0.015, *in_body_axes(SPIN)],

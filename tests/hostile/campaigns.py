@@ -22,7 +22,7 @@ _STATED = {
     "samples": {"kind": "random", "n": 4, "seed": 1},
     "dispersions": {
         "initial.rates.robot/free.0": {"uniform": [0.8, 1.6]},
-        "impact_pairs.second.restitution": {"choice": [0.2, 0.5]},
+        "contacts.rules.second.restitution": {"choice": [0.2, 0.5]},
     },
     "metrics": ["impacts.count", "impacts.0.impulse_N_s", "drift"],
     "success": "impacts.count > 0",

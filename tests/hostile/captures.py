@@ -33,7 +33,7 @@ def scenario(when: dict[str, Any]) -> Map:
                 "joints": {"target/free": [1.05, 0.03, 0.02, 1, 0, 0, 0]},
                 "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "shoulder": 0.1},
             },
-            "impact_pairs": [{"geoms": ["hand", "target/target"], "restitution": 0.5}],
+            "contacts": {"rules": [{"between": ["hand", "target/target"], "restitution": 0.5}]},
             "captures": {"grasp": {"robot_site": "grip", "object_site": "handle", "when": when}},
             "phases": [
                 {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": {"kind": "off"}},

@@ -64,7 +64,7 @@ def drawn(number: int, data: bytes) -> Case:
 def _scenario_case(rng: Random) -> Case:
     """Impacts one after the other, or all at one instant."""
     tree = scenario(rng.choice(((0.003, 0.006, 0.009), (0.006, 0.006, 0.006))), rng.choice(_LAWS))
-    pairs = dict(tree.pairs)["impact_pairs"]
+    pairs = dict(tree.pairs)["contacts"]["rules"]
     words = _NO_MU if rng.random() < 0.2 else _MU
     for pair in rng.sample(pairs, rng.choice((0, 1, 1, 3))):
         pair.pairs = [*((name, item) for name, item in pair.pairs if name != "mu"), ("mu", Raw(rng.choice(words)))]

@@ -169,7 +169,7 @@ def _urdf_case(rng: Random, _: Any) -> Case:
             "control_period_s": 0.005,
             "conservative": rng.random() < 0.3,
             "robot": {"mjcf": name, "strip": rng.choice((["damping", "frictionloss", "limits", "servos"], []))},
-            "ignored_pairs": [{"pair": ["robot", "robot"], "reason": "links overlap"}],
+            "contacts": {"ignored": [{"between": ["robot", "robot"], "reason": "links overlap"}]},
             "phases": [{"name": "rest", "until": "end", "controller": {"kind": "off"}}],
         }
     )

@@ -24,7 +24,7 @@ def folder(tmp_path_factory):
         {"wall": wall},
         fixed={"wall": {"position_m": PLACE, "quaternion": TURN}},
         initial={"rates": {"robot/x": 2.0}},
-        impact_pairs=[{"robot_geom": "ball", "object_geom": "wall/plate"}],
+        contacts={"rules": [{"between": ["ball", "wall/plate"]}]},
         duration_s=0.5,
     )
     run = ffsm_mj.run(path, out=path.parent / "out", rerun=True)

@@ -140,7 +140,7 @@ def test_the_path_of_the_tip_changes_its_colour_at_the_impact(tmp_path, ffsm_run
         robot,
         {"target": ball("target", mass=3.0, joints="x")},
         initial={"joints": {"target/x": 0.5}, "rates": {"robot/x": 1.0}},
-        impact_pairs=[{"robot_geom": "ball", "object_geom": "target/target", "restitution": 1.0}],
+        contacts={"rules": [{"between": ["ball", "target/target"], "restitution": 1.0}]},
         task=TASK,
         duration_s=0.6,
     )

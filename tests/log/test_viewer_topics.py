@@ -53,7 +53,7 @@ def tumbling(tmp_path_factory):
             "joints": {"target/free": [1.6, 0.02, 0.01, 0.1, 0.5, -0.5, 0.7]},
             "rates": {"robot/x": 1.5, "target/free": [0.1, 0, 0, 0.3, 0.2, -0.4]},
         },
-        impact_pairs=[{"robot_geom": "ball", "object_geom": "target/target"}],
+        contacts={"rules": [{"between": ["ball", "target/target"]}]},
         duration_s=0.55,
         log={"view_rate_hz": 40.0},
     )

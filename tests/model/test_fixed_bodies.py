@@ -11,6 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
@@ -74,7 +75,7 @@ def test_a_run_with_a_fixed_object_is_repeatable_from_folder_and_log(tmp_path):
     path = docking(
         tmp_path,
         pose={"position_m": [0.3, 0.2, -0.7], "quaternion": [0.8004, 0.0, 0.6, 0.0]},
-        impact_pairs=[{"geoms": ["port/post", "ball"], "restitution": 0.5}],
+        contacts={"rules": [{"between": ["port/post", "ball"], "restitution": 0.5}]},
         initial={"joints": {"robot/free": [1.3, 0.2, -0.5, 1, 0, 0, 0]}, "rates": {"robot/free": [-1.0, 0, 0, 0, 0, 0]}},
         duration_s=0.4,
     )
@@ -174,7 +175,7 @@ def test_a_pair_needs_a_moving_side(tmp_path):
     mujoco.mj_forward(system.mj, data)
     # 1 kg: |v| <= sqrt(2 T), and the ball turns about its centre, 0.1 m from its surface: I = 0.4 m r^2.
     spin = 0.1 / np.sqrt(0.4 * 0.1**2)
-    assert pair.speed_bound_per_root_energy(system.mj, data) == pytest.approx(1.0 + spin, rel=1e-12)
+    assert speeds_per_root_energy(system.mj, data, [pair.ids])[0] == pytest.approx(1.0 + spin, rel=1e-12)
     assert pair.closing_speed_bound(data) == pytest.approx(1.1)
 
 
@@ -183,15 +184,15 @@ def test_a_fixture_of_a_model_that_floats_is_no_side_of_a_pair(tmp_path):
     rock = ball("rock").replace(
         "<worldbody>", '<worldbody><body name="stand"><geom name="stand" size="0.1" pos="5 0 0"/></body>'
     )
-    path = scene(tmp_path, ball("ball"), {"rock": rock}, impact_pairs=[{"geoms": ["ball", "rock/stand"]}])
+    path = scene(tmp_path, ball("ball"), {"rock": rock}, contacts={"rules": [{"between": ["ball", "rock/stand"]}]})
     (line,) = faults(path)
     assert "geom 'rock/stand' is fixed to the world: move it to an object with 'fixed: true'" in line
 
 
 def test_its_contacts_are_reported_or_ignored_by_its_name(tmp_path):
-    """Overlap with the plate at the start is reported, unless the pair is in ignored_pairs."""
+    """Overlap with the plate at the start is reported, unless the pair is in contacts.ignored."""
     inside = {"joints": {"robot/free": [0, 0, 0, 1, 0, 0, 0]}}
     run = ffsm_mj.run(docking(tmp_path, initial=inside))
     assert [record.geoms for record in run.unhandled_contacts] == [("port/plate", "robot/ball")]
-    ignored = [{"pair": ["robot", "port"], "reason": "they are one"}]
-    assert not ffsm_mj.run(docking(tmp_path, initial=inside, ignored_pairs=ignored)).unhandled_contacts
+    ignored = [{"between": ["robot", "port"], "reason": "they are one"}]
+    assert not ffsm_mj.run(docking(tmp_path, initial=inside, contacts={"ignored": ignored})).unhandled_contacts

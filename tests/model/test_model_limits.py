@@ -123,10 +123,10 @@ def test_a_singular_mass_matrix_is_refused(tmp_path):
 def test_an_inertia_below_rounding_is_refused(tmp_path):
     """1e-12 kg m^2 about one axis of a body turned in space and 1e6 about the others: the sum knows it to 1e-10."""
     needle = re.sub('diaginertia="[^"]*"', 'diaginertia="1e-12 1e6 1e6" euler="10 20 30"', ball("ball", joints="x"))
-    pair = {"robot_geom": "ball", "object_geom": "target/target"}
+    pair = {"between": ["ball", "target/target"]}
     start = {"joints": {"target/free": [2, 0, 0, 1, 0, 0, 0]}}
-    (line,) = faults(tmp_path, needle, impact_pairs=[pair], initial=start)
-    assert "impact_pairs.0: a moment of inertia of robot/ball or target/target is less than rounding of the others" in line
+    (line,) = faults(tmp_path, needle, contacts={"rules": [pair]}, initial=start)
+    assert "contacts.rules.0: a moment of inertia of robot/ball or target/target is less than rounding of the others" in line
 
 
 def test_warnings_of_mujoco_are_not_printed(tmp_path, capfd):

@@ -119,8 +119,10 @@ class _Drawing:
             time_step_s=step,
             control_period_s=tick,
             initial={"joints": start, "rates": rates},
-            impact_pairs=self.pairs,
-            ignored_pairs=[{"pair": ["robot", "robot"], "reason": "an arm may lie across itself"}],
+            contacts={
+                "rules": self.pairs,
+                "ignored": [{"between": ["robot", "self"], "reason": "an arm may lie across itself"}],
+            },
             **self.phases(duration),
         )
         self.line_up(path, behind)
@@ -243,7 +245,7 @@ class _Drawing:
             if self.presses and e == 1.0:
                 continue  # what is pressed and never rests bounces a thousand times in a step
             mu = {"mu": float(rng.uniform(0.05, 0.8))} if rough and rng.random() < 0.6 else {}
-            self.pairs.append({"geoms": [a, b], "restitution": e, "name": f"{a}-{b}".replace("/", "_"), **mu})
+            self.pairs.append({"between": [a, b], "restitution": e, "name": f"{a}-{b}".replace("/", "_"), **mu})
 
     def phases(self, duration):
         """Waves from the start to the end; in two of five scenes with a grasp that closes and lets go."""
@@ -260,7 +262,7 @@ class _Drawing:
         }
         if rng.random() > 0.4:
             return {"phases": [{"name": "move", "until": "end", "controller": waves}]}
-        touches = [pair["name"] for pair in self.pairs if pair["geoms"][1] == "first/first" and "mu" not in pair]
+        touches = [pair["name"] for pair in self.pairs if pair["between"][1] == "first/first" and "mu" not in pair]
         when = {"within": {"position_m": float(rng.uniform(0.15, 0.5)), "speed_m_s": float(rng.uniform(0.5, 3.0))}}
         if touches and rng.random() < 0.6:
             when = {"touch": touches}

@@ -19,7 +19,7 @@ def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
             "joints": {"target/free": [-0.038656389401170776, 0.3, 0.02, 1, 0, 0, 0]},
             "rates": {"target/free": [-0.37734426308362967, -0.5, 0, 0.4, -0.2, -2.002881094626152], "shoulder": 0.3},
         },
-        impact_pairs=[{"geoms": ["hull", "target/target"], "restitution": 0.0}],
+        contacts={"rules": [{"between": ["hull", "target/target"], "restitution": 0.0}]},
         phases=[
             {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
             {"name": "hold", "until": "end", "controller": OFF},

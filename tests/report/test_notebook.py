@@ -94,7 +94,7 @@ def test_names_and_messages_are_escaped(tmp_path):
         ball("ball", mass=2.0, joints="x").replace('geom name="ball"', 'geom name="&lt;script&gt;alert(1)"'),
         {"target": ball("target", mass=3.0, joints="x")},
         initial={"joints": {"target/x": 0.5}, "rates": {"robot/x": 1.0}},
-        impact_pairs=[{"robot_geom": "robot/<script>alert(1)", "object_geom": "target/target"}],
+        contacts={"rules": [{"between": ["robot/<script>alert(1)", "target/target"]}]},
         duration_s=0.4,
     )
     run = ffsm_mj.run(path)

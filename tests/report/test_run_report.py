@@ -29,7 +29,7 @@ def with_records(run, **records):
 
 
 def bounces(run, pair, times):
-    return tuple(replace(run.impacts[0], event=i, pair=pair, time_s=time) for i, time in enumerate(times))
+    return tuple(replace(run.impacts[0], event=i, pair=pair, rule=pair, time_s=time) for i, time in enumerate(times))
 
 
 def test_a_run_that_passes_is_a_few_lines(hit):
@@ -62,7 +62,7 @@ def test_a_series_of_bounces_is_one_row(hit):
         key=lambda record: record.time_s,
     )
     head, _, floor, wall = impact_table(records).splitlines()
-    assert head.split()[:4] == ["impacts", "pair", "from", "to"]
+    assert head.split()[:4] == ["impacts", "rule", "from", "to"]
     assert floor.split()[:4] == ["40", "ball-floor", "0.000000", "0.390000"]
     assert wall.split()[:4] == ["25", "ball-wall", "0.160000", "0.400000"]
     total = sum(record.impulse_N_s for record in records if record.pair == "ball-wall")

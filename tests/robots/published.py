@@ -25,7 +25,7 @@ def write_scenario(name: str, folder: Path) -> Path:
         "time_step_s": 0.002,
         "control_period_s": 0.01,
         "objects": {"rock": {"mjcf": "rock.xml"}},
-        "ignored_pairs": [{"pair": ["robot", "robot"], "reason": "neighbouring links overlap at their joints"}],
+        "contacts": {"ignored": [{"between": ["robot", "robot"], "reason": "neighbouring links overlap at their joints"}]},
         **ROBOTS[name](folder),
     }
     (folder / "rock.xml").write_text(ROCK)
@@ -76,7 +76,7 @@ def _iiwa(folder: Path) -> dict[str, Any]:
             "rates": {"rock/rock": [-0.4, 0, 0, 0.1, 0.2, 0.3]},
         },
         "task": {"tip": "tip", "axes": ["x", "y", "z"], "target_m": [0.7, 0.0, 1.3]},
-        "impact_pairs": [{"robot_geom": "arm_link_7_collision", "object_geom": "rock/rock", "restitution": 0.8}],
+        "contacts": {"rules": [{"between": ["arm_link_7_collision", "rock/rock"], "restitution": 0.8}]},
         "phases": _phases(_reach(7), OFF),
     }
 
@@ -103,7 +103,7 @@ def _panda(folder: Path) -> dict[str, Any]:
             },
             "rates": {"rock/rock": [-0.3, -0.3, 0, 0.1, 0.2, 0.3]},
         },
-        "impact_pairs": [{"robot_geom": "arm_panda_hand_geom", "object_geom": "rock/rock"}],
+        "contacts": {"rules": [{"between": ["arm_panda_hand_geom", "rock/rock"]}]},
         "phases": _phases(_pd(4.0, 0.4), _pd(4.0, 0.4)),
     }
 
@@ -123,7 +123,7 @@ def _ur5(folder: Path) -> dict[str, Any]:
             "rates": {"rock/rock": [0, -0.4, 0, 0.1, 0.2, 0.3]},
         },
         "task": {"tip": "tool0", "axes": ["x", "y", "z"], "target_m": [0.52, 0.25, 0.32]},
-        "impact_pairs": [{"robot_geom": "wrist_3_link_geom", "object_geom": "rock/rock", "restitution": 0.8}],
+        "contacts": {"rules": [{"between": ["wrist_3_link_geom", "rock/rock"], "restitution": 0.8}]},
         "phases": _phases(_reach(6), _pd(2.0, 0.2)),
     }
 
@@ -148,7 +148,7 @@ def _quadruped(folder: Path) -> dict[str, Any]:
             "joints": {"rock/rock": [0.8, 0.8, 0.13, 1, 0, 0, 0], "q_root": [0, 0, 0.57, 1, 0, 0, 0]},
             "rates": {"rock/rock": [-0.4, -0.4, 0, 0.1, 0.2, 0.3]},
         },
-        "impact_pairs": [{"robot_geom": "q_toe_front_left", "object_geom": "rock/rock", "restitution": 0.8}],
+        "contacts": {"rules": [{"between": ["q_toe_front_left", "rock/rock"], "restitution": 0.8}]},
         "phases": _phases(_pd(4.0, 0.4), _pd(4.0, 0.4)),
     }
 

@@ -28,8 +28,9 @@ objects: {target: {mjcf: target.xml}}
 initial: {joints: {target/x: 0.5}}
 actuators:
   robot/push_x: {kind: on_off, force_N: 50.0, threshold_N: 1.0}
-impact_pairs:
-  - {robot_geom: ball, object_geom: target/target}
+contacts:
+  rules:
+    - {between: [ball, target/target]}
 phases:
   - name: wait
     until: impact
@@ -110,7 +111,7 @@ def test_faults_stand_where_they_are_written(folder):
     parent.write_text(PARENT.replace("kd: 2.0", "kd: -2.0").replace("threshold_N: 1.0", "threshold: 1.0"))
     lines = faults(child(folder, "log: {rerun: 1}\n"))
     places = {line.split(": ")[1]: line.split(": ")[0] for line in lines}
-    assert places["phases.0.controller.kd"] == f"{parent}:14:37"
+    assert places["phases.0.controller.kd"] == f"{parent}:15:37"
     assert places["actuators.robot/push_x.threshold"] == f"{parent}:8:47"
     assert places["log.rerun"] == f"{folder}/child.yaml:3:7"
 
@@ -196,7 +197,7 @@ def test_editors_accept_the_shipped_files_as_they_stand(name):
         {"phases": [{"for_s": 1.0}]},
         {"phases": [{"name": "approach", "controller": {"kind": "osdre", "S": 1}}]},
         {"actuators": {"wheel": {"stall": 1.0}}},
-        {"impact_pairs": [{"robot_geom": "gripper"}]},
+        {"contacts": {"rules": [{"restitution": 0.5}]}},
         {"name": None},
     ],
 )

@@ -52,10 +52,13 @@ def faults(*overrides, path=BASELINE):
         ("initial.joints.base_x=abc", 'initial.joints.base_x: should be a valid number, got "abc"'),
         ("task.tip=tup", "unknown site 'tup' (did you mean 'robot/tip'?); allowed: robot/tip"),
         ("task.axes=[x, x]", "axes must be different"),
-        ("impact_pairs.0.robot_geom=gripper_1", "unknown geom of the robot 'gripper_1' (did you mean 'robot/gripper'?)"),
-        ("impact_pairs.0.robot_geom=box", "object/box is not a geom of the robot; allowed: robot/"),
-        ("impact_pairs.0.restitution=1.5", "restitution must be in [0, 1]; above 1 only with 'super_elastic: true'"),
-        ("ignored_pairs.0.pair=[robot, nobody]", "unknown geom, body or model 'nobody'"),
+        ("contacts.rules.0.between=[griper, box]", "unknown model, body or geom 'griper' (did you mean 'robot/gripper'?)"),
+        ("contacts.rules.0.between=[box, box]", "contacts.rules.0.between: names one geom twice"),
+        ("contacts.rules.0.between=[self, self]", "'self' needs a model on the other side, such as [robot, self]"),
+        ("contacts.rules.0.between=[robot]", "contacts.rules.0.between: should have at least 2 items, not 1"),
+        ("contacts.default.restitution=1.5", "contacts.default.restitution: should be less than or equal to 1"),
+        ("contacts.rules.0.restitution=1.5", "restitution must be in [0, 1]; above 1 only with 'super_elastic: true'"),
+        ("contacts.ignored.0.between=[robot, nobody]", "contacts.ignored.0.between.1: unknown model, body or geom 'nobody'"),
         ("actuators.motor_9={kind: ideal}", "unknown actuator 'motor_9'"),
         ("phases.0.controller.kind=lqr", "unknown kind 'lqr'; allowed: base_pd, free_flying, "),
         ("phases.0.controller={}", "needs a 'kind'"),
@@ -87,8 +90,8 @@ def faults(*overrides, path=BASELINE):
         ("duration_s=[", "in the value: malformed YAML: "),
         ("duration=3", "duration: unknown key (did you mean 'duration_s'?)"),
         ("phases.2.name=approach", "another phase has the name 'approach'"),
-        ("impact_pairs=[]", "phases.0.until: no impact can end it: the scenario has no impact_pairs"),
-        ("ignored_pairs.0.pair=[gripper, box]", "robot/gripper - object/box is also in ignored_pairs"),
+        ("contacts.rules=[]", "phases.0.until: no impact can end it: no two geoms have a contact rule"),
+        ("contacts.ignored.0.between=[gripper, box]", "no effect: every pair that it names is in contacts.ignored"),
         ("phases.0.controller.joints=[]", "must contain at least one joint, or be left out"),
         (
             "phases.1.controller={kind: pd, kp: -1, kd: 1}",
@@ -140,10 +143,9 @@ def test_faults_of_a_file_name_line_and_column(tmp_path):
     assert line.startswith(f"{path}:{number}:1: time_stop_s: unknown key (did you mean 'time_step_s'?); allowed: ")
 
 
-def test_an_impact_pair_is_listed_once():
-    pair = "{robot_geom: gripper, object_geom: box}"
-    (line,) = faults(f"impact_pairs=[{pair}, {pair}]")
-    assert "robot/gripper - object/box is listed twice" in line
+def test_a_rule_that_a_later_one_takes_everything_from_is_refused():
+    (line,) = faults("contacts.rules=[{between: [gripper, box]}, {between: [robot, object], name: all}]")
+    assert "contacts.rules.0: has no effect: every pair that it names is in later rules, which win" in line
 
 
 def test_joints_that_look_like_numbers_can_be_overridden():
@@ -153,7 +155,7 @@ def test_joints_that_look_like_numbers_can_be_overridden():
 
 def test_overlap_at_the_start():
     (line,) = faults("initial.joints.object/x=7.2", "initial.joints.object/y=1.2")
-    assert "impact_pairs.0: robot/gripper and object/box overlap by 0.201 m at the start" in line
+    assert "contacts.rules.0: robot/gripper and object/box overlap by 0.201 m at the start" in line
 
 
 def test_every_fault_has_a_line():
@@ -371,8 +373,8 @@ def test_an_override_leaves_the_data_of_its_source_alone(tmp_path):
     """A campaign makes all its sources from one."""
     base = read_yaml(two_balls(tmp_path))
     before = deepcopy(base.data)
-    changed = base.overridden(["impact_pairs.0.restitution=0.5", "initial.rates.robot/x=2", "model.robot.ball.mass_kg=3"])
-    assert changed.data["impact_pairs"][0]["restitution"] == 0.5
+    changed = base.overridden(["contacts.rules.0.restitution=0.5", "initial.rates.robot/x=2", "model.robot.ball.mass_kg=3"])
+    assert changed.data["contacts"]["rules"][0]["restitution"] == 0.5
     assert changed.data["model"] == {"robot": {"ball": {"mass_kg": 3}}}
     assert base.data == before
 

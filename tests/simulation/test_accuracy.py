@@ -32,7 +32,7 @@ def whirling(folder, *, rate=1.0, **scenario):
             "time_step_s": 0.01,
             "control_period_s": 0.02,
             "initial": {"joints": {"shoulder": 0.3, "elbow": 0.9, "b/free": [3, 0.3, 0.2, 1, 0, 0, 0]}, "rates": rates},
-            "impact_pairs": [{"geoms": ["tip", "b/b"]}],
+            "contacts": {"rules": [{"between": ["tip", "b/b"]}]},
             **scenario,
         },
     )

@@ -59,8 +59,10 @@ def hit(folder, *, shift=(0, 0, 0), boost=(0, 0, 0), turn=(1, 0, 0, 0)):
                 "block/free": twist((-0.2, 0, 0.01), (0.4, -0.3, 0.5)),
             },
         },
-        impact_pairs=[{"robot_geom": "finger", "object_geom": "block/block", "restitution": 0.9}],
-        ignored_pairs=[{"pair": ["base", "block/block"], "reason": "they meet only after what is tested"}],
+        contacts={
+            "rules": [{"between": ["finger", "block/block"], "restitution": 0.9}],
+            "ignored": [{"between": ["base", "block/block"], "reason": "they meet only after what is tested"}],
+        },
         phases=[{"name": "pd", "until": "end", "controller": {"kind": "pd", "kp": 2.0, "kd": 0.5}}],
     )
     run = ffsm_mj.run(path)
@@ -96,11 +98,12 @@ def test_a_collision_looks_the_same_from_everywhere(tmp_path, view):
 
 
 def test_contacts_that_nobody_handles_are_reported(tmp_path):
-    """A ball flies through an object that is no impact pair: start, end and depth are in the summary."""
+    """A ball flies through an object without a contact rule: start, end and depth are in the summary."""
     path = scene(
         tmp_path,
         ball("ball", joints="x"),
         {"ghost": ball("ghost", joints="x")},
+        contacts={"rules": []},
         duration_s=1.0,
         initial={"joints": {"ghost/x": 0.5}, "rates": {"robot/x": 1.0}},
     )

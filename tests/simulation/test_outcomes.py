@@ -51,12 +51,12 @@ def test_stop_on_impact_without_an_impact(tmp_path):
 
 
 def super_elastic(robot_geom, object_geom):
-    return [{"robot_geom": robot_geom, "object_geom": object_geom, "restitution": 1.5, "super_elastic": True}]
+    return [{"between": [robot_geom, object_geom], "restitution": 1.5, "super_elastic": True}]
 
 
 def test_super_elastic_gains_energy_and_keeps_its_books(tmp_path):
     """E = 1.5 at 1 m/s, effective mass 2 * 3 / 5 kg: (e^2 - 1) u^2 / 2 times that is 0.75 J gained; every check passes."""
-    run = run_and_read(two_balls(tmp_path, impact_pairs=super_elastic("ball", "target/target")), tmp_path)
+    run = run_and_read(two_balls(tmp_path, contacts={"rules": super_elastic("ball", "target/target")}), tmp_path)
     assert run.outcome == "completed"
     assert run.impacts[0].energy_change_J == pytest.approx(0.75, rel=1e-14)  # some ten operations of 1.1e-16 each
     assert run.impacts[0].separation_speed_m_s == pytest.approx(1.5, rel=1e-14)
@@ -71,7 +71,7 @@ def test_super_elastic_faces_end_the_run(tmp_path):
         {"b": box("b")},
         duration_s=0.5,
         initial={"joints": {"b/free": [1.2, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/free": [1, 0, 0, 0, 0, 0]}},
-        impact_pairs=super_elastic("robot/a", "b/b"),
+        contacts={"rules": super_elastic("robot/a", "b/b")},
     )
     run = run_and_read(path, tmp_path)
     assert run.outcome == "unsupported_contact"
@@ -82,7 +82,7 @@ def test_diverged(tmp_path):
     """A PD gain far beyond what 10 ms can hold blows up; MuJoCo's own words are kept, its log file is not written."""
     path = two_balls(
         tmp_path,
-        impact_pairs=[],
+        contacts={"rules": []},
         duration_s=30.0,
         time_step_s=0.01,
         control_period_s=0.01,
@@ -105,7 +105,7 @@ def test_absurd_speeds_end_the_run_and_never_hang(tmp_path, rate):
         {"target": ball("target", radius=0.001, joints="xy")},
         initial={"joints": {"target/x": 1e3, "target/y": 0.5}, "rates": {"robot/x": rate}},
         duration_s=0.01,
-        impact_pairs=[{"robot_geom": "ball", "object_geom": "target/target"}],
+        contacts={"rules": [{"between": ["ball", "target/target"]}]},
     )
     run = run_and_read(path, tmp_path)
     assert run.outcome in ("diverged", "completed")
@@ -121,7 +121,7 @@ def test_event_limit(tmp_path):
         {n: ball(n, mass=1e6, joints="x") for n in ("left", "right")},
         duration_s=3.0,
         initial={"joints": {"left/x": -0.3, "right/x": 0.3}, "rates": {"robot/x": 2.0}},
-        impact_pairs=[{"robot_geom": "robot/ball", "object_geom": f"{n}/{n}"} for n in ("left", "right")],
+        contacts={"rules": [{"between": ["robot/ball", f"{n}/{n}"]} for n in ("left", "right")]},
         impact={"max_impacts": 7},
     )
     run = run_and_read(path, tmp_path)
@@ -137,7 +137,7 @@ def test_unsupported_contact(tmp_path):
         box("block"),
         {"wall": box("wall")},
         initial={"joints": {"wall/free": [1.0, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/free": [0.1, 0, 0, 0, 0, 1]}},
-        impact_pairs=[{"robot_geom": "block", "object_geom": "wall/wall"}],
+        contacts={"rules": [{"between": ["block", "wall/wall"]}]},
         impact={"law": "newton"},
     )
     run = run_and_read(path, tmp_path)

@@ -35,19 +35,19 @@ class WithinConfig(StrictModel):
 
 
 class WhenConfig(StrictModel):
-    """Closing condition of an armed grasp: an impact of a pair, or bounds on the relative motion of the sites."""
+    """Closing condition of an armed grasp: an impact of a contact rule, or bounds on the relative motion of the sites."""
 
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["touch"]}, {"required": ["within"]}]})
 
     touch: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
-    """Names of impact pairs: the grasp closes at the first impact of one of them."""
+    """Names of contact rules or of their pairs: the grasp closes at the first impact of one of them."""
     within: WithinConfig | None = None
     """The grasp closes as soon as all of these bounds hold."""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> WhenConfig:
         if (self.touch is None) == (self.within is None):
-            raise ValueError("needs 'touch: [pair, ...]' or 'within: {position_m: ..., ...}', one of the two")
+            raise ValueError("needs 'touch: [rule, ...]' or 'within: {position_m: ..., ...}', one of the two")
         return self
 
 

@@ -27,7 +27,7 @@ class Latch:
         number: Its number among the grasps of the run, from 1.
         grasp: Its bodies and sites.
         sites: The sites in the logged system.
-        pairs: Names of the pairs whose impact closes it.
+        contacts: Names of the contact rules and pairs whose impact closes it.
         held: The motion while it is closed.
         load: Interface load between link and object while it is closed.
         stated_bounds: Bounds of the closing condition, by the name of the value in :class:`Nearness`; may be empty.
@@ -59,7 +59,7 @@ class Latch:
         self.number, self.grasp, self._data = number, grasp, scene.data
         self.sites, self.held = Sites(scene.system, grasp), GraspedMotion(free, scene, system, grasp)
         self.load = InterfaceLoad(number, self.held, scene.data.site_xpos[self.sites.object], scene.data, others)
-        self.pairs = frozenset(config.when.touch or ())
+        self.contacts = frozenset(config.when.touch or ())
         stated = config.when.within.bounds if config.when.within is not None else ()
         self._bounds = Bounds(stated) if stated else None
         self.stated_bounds = {

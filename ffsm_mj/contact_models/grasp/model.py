@@ -21,7 +21,7 @@ from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.load import LoadBuffer
 from ffsm_mj.contact_models.grasp.nearness import Nearness
 from ffsm_mj.contact_models.grasp.record import KINDS, ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
-from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, Replayable, Scene
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
@@ -89,11 +89,9 @@ class GraspModel(EventSource, Replayable):
 
     def on_records(self, records: Sequence[Any]) -> None:
         """An impact of one of its pairs closes an armed grasp."""
-        hit_pairs = {record.pair for record in records if isinstance(record, ImpactRecord)}
-        if hit_pairs and self._closing is None:
-            self._closing = next(
-                (latch for latch in self._latches.values() if latch.armed and latch.pairs & hit_pairs), None
-            )
+        hit = {name for record in records if isinstance(record, ImpactRecord) for name in (record.pair, record.rule)}
+        if hit and self._closing is None:
+            self._closing = next((latch for latch in self._latches.values() if latch.armed and latch.contacts & hit), None)
 
     def restart(self) -> None:
         """Discard the tracked path."""
@@ -233,7 +231,7 @@ class GraspModel(EventSource, Replayable):
         force, torque, at_s = values[-3:].tolist()
         self._loads.between = force, torque, at_s if force > 0.0 else math.nan
 
-    def restore_state(self) -> Motion | None:
+    def restore_state(self, events: Sequence[LoggedEvent] = ()) -> Motion | None:  # noqa: ARG002
         """Restore the closed grasp from the columns, at the state in ``data``; armed grasps are not logged in columns."""
         for latch in self._latches.values():
             latch.disarm()

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import FEW, BroadPhase
+from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.travel_bound import TravelBound
@@ -40,7 +41,7 @@ class Clearances:
         """Bind to the state of a scene; :meth:`restart` must follow."""
         self._model, self._data, self._pairs = scene.system.mj, scene.data, pairs
         self._spheres = BroadPhase(self._model, pairs)
-        self._per_root_energy = np.array([pair.speed_bound_per_root_energy(self._model, self._data) for pair in pairs])
+        self._per_root_energy = speeds_per_root_energy(self._model, self._data, [pair.ids for pair in pairs])
         self._clearance, self._skipped = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=bool)
         self._travelled, self._rates = np.zeros(self._model.nv), np.zeros(self._model.nv)
         self._since_s, self._start, self._length, self._reach, self.energy_reach = math.nan, 0.0, 0.0, 0.0, 0.0

@@ -11,6 +11,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, PersistentContacts, as_contact, contact_points
 from ffsm_mj.contact_models.impact.contact import LimitContact
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
@@ -20,6 +21,7 @@ from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.contact_models.impact.replayed_impact import impact_fault, logged_impact
 from ffsm_mj.contact_models.impact.resolution import Impact, resolve
 from ffsm_mj.contact_models.impact.rest_rule import RestingResult, RestRule, resolve_resting
+from ffsm_mj.contact_models.impact.rule_gaps import RuleGaps
 from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.contact_models.interface import EventEffect, EventTime, LoggedEvent, Scene
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
@@ -68,6 +70,8 @@ class ImpactModel(Detector):
         self._impacts = 0
         self._heat = np.zeros(1)
         self._by_name = {pair.name: pair for pair in pairs}
+        geoms = [pair for pair in pairs if isinstance(pair, ContactPair)]
+        self.columns = (*self.columns, *RuleGaps(scene, geoms).columns)
         if any(pair.mu > 0.0 for pair in pairs):
             self.columns = (*self.columns, Columns((_HEAT,), live=self._heat, resume=self._resume_heat))
 

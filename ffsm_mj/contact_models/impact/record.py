@@ -116,6 +116,7 @@ def _at_point(
         impulse_N_s=float(impact.impulses[i]),
         angular_impulse_N_m_s=tuple(moment.tolist()),
         mu=pair.mu,
+        rule=pair.rule,
         gap_m=near.gap,
         **_friction(impact, i),
         **common,

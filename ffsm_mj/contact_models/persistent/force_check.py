@@ -19,10 +19,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import BoolArray, FloatArray
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closed_pairs import as_contact
 from ffsm_mj.contact_models.impact.contact import contact_jacobian
@@ -50,12 +51,13 @@ class ForceCheck:
         """Bind to the data, which holds the state of the row at each call, and to the closed contacts of the replay."""
         self._scene, self._pairs, self._closed_set = scene, tuple(pairs), closed
         limits = self._limits = [pair for pair in pairs if isinstance(pair, JointLimit)]
-        geoms = [pair for pair in pairs if not isinstance(pair, JointLimit)]
-        self._forces = layout.places(key for pair in geoms for key in force_keys(pair))
-        self._modes = layout.places(mode_key(pair) for pair in geoms)
+        self._rules = tuple(dict.fromkeys(pair.rule for pair in pairs if isinstance(pair, ContactPair)))
+        self._forces = layout.places(key for rule in self._rules for key in force_keys(rule))
+        self._modes = layout.places(mode_key(rule) for rule in self._rules)
         self._limit_forces = layout.places(map(force_key, limits))
         self._limit_states = layout.places(map(state_key, limits))
         self._signs = np.array([limit.sign for limit in limits])
+        self._names = (*self._rules, *(limit.name for limit in limits))
         self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
         self._scratch = mujoco.MjData(scene.system.mj)
 
@@ -65,25 +67,28 @@ class ForceCheck:
         It includes the forces of joint limits, in N m for a hinge.
         """
         motion = self._closed_set.motion
-        logged, logged_pairs = self._logged(row)
-        candidates = ((self._pairs[i], logged_pairs[i]) for i in self._broad_phase.within(self._scene.data, CLEARLY_APART_M))
+        logged, closed = self._logged(row)
+        held = {pair for pair in self._closed_set.by_pair if pair.rule in closed}
         touching = [
             (pair, near)
-            for pair, lasts in candidates
-            if pair.geom_ids not in motion.rigid and (near := self._closed(pair, lasts))
+            for pair in (self._pairs[i] for i in self._broad_phase.within(self._scene.data, CLEARLY_APART_M))
+            if pair.geom_ids not in motion.rigid and (near := self._closed(pair, pair in held))
         ]
         if not touching and not np.any(logged):
             return 0.0
-        found = dict.fromkeys(self._pairs, np.zeros(3)) | self._resultants(touching, motion)
-        return float(max(np.linalg.norm(force - found[pair]) for pair, force in zip(self._pairs, logged, strict=True)))
+        found = dict.fromkeys(self._names, np.zeros(3))
+        for pair, force in self._resultants(touching, motion).items():
+            found[pair.rule] = found[pair.rule] + force
+        return float(max(np.linalg.norm(force - found[name]) for name, force in zip(self._names, logged, strict=True)))
 
-    def _logged(self, row: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Logged force of each pair and joint limit, as in :meth:`_resultants`, (n, 3), and whether it is closed, (n,)."""
+    def _logged(self, row: FloatArray) -> tuple[FloatArray, frozenset[str]]:
+        """Logged force of each rule and joint limit, as in :meth:`_resultants`, (n, 3), and the names of closed ones."""
         at_limits = np.zeros((len(self._limits), 3))
         # One column holds the force of both limits of a joint, positive at the lower one.
         at_limits[:, 0] = np.maximum(self._signs * row[self._limit_forces], 0.0)
         closed = np.concatenate((row[self._modes] > 0.0, self._signs * row[self._limit_states] < 0.0))
-        return np.concatenate((row[self._forces].reshape(-1, 3), at_limits)), closed
+        names = frozenset(name for name, is_closed in zip(self._names, closed.tolist(), strict=True) if is_closed)
+        return np.concatenate((row[self._forces].reshape(-1, 3), at_limits)), names
 
     def _closed(self, pair: UnilateralConstraint, lasts: bool) -> Proximity | None:
         model, data = self._scene.system.mj, self._scene.data

@@ -24,7 +24,7 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
-from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, Replayable, Scene
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import (
     closed_and_still,
@@ -162,19 +162,29 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if not self.active:
             self._active_set.pressing = ()
 
-    def restore_state(self) -> None:
-        """Find the closed contacts at the state in ``data``; the columns say which pairs have a logged start."""
+    def restore_state(self, events: Sequence[LoggedEvent] = ()) -> None:
+        """Find the closed contacts at the state in ``data``; the last record lists those with a logged start."""
         data, model = self.scene.data, self.scene.system.mj
         for pair in tuple(self._active_set.by_pair):
             self._active_set.remove(pair)
-        self._logged_pairs = [*self._report.logged_pairs(), *self._limits.logged_limits()]
+        self._logged_pairs = [*self._listed_pairs(events), *self._limits.logged_limits()]
+        # Records may be lost with a damaged part of the log: columns then say of which rules pairs are closed.
+        listed = {pair.rule for pair in self._logged_pairs if isinstance(pair, ContactPair)}
+        unlisted = self._report.closed_rules() - listed
         for pair in (self._pairs[i] for i in self._broad_phase.within(data, CLEARLY_APART_M)):
             if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
                 near = pair.proximity(model, data)
-                self._update_pair(
-                    pair, near, held_rate_tolerance(near) if pair in self._logged_pairs else near.rate_tolerance
-                )
+                held = pair in self._logged_pairs or pair.rule in unlisted
+                self._update_pair(pair, near, held_rate_tolerance(near) if held else near.rate_tolerance)
+        self._logged_pairs += [pair for pair in self._active_set.by_pair if pair.rule in unlisted]
         self._update_activity()
+
+    def _listed_pairs(self, events: Sequence[LoggedEvent]) -> list[ContactPair]:
+        """Pairs that were closed after the last of some events, of the rules that are closed according to the columns."""
+        records = [record for event in reversed(events) for record in event.records if isinstance(record, ContactRecord)]
+        names, rules = set(records[0].closed_pairs) if records else set(), self._report.closed_rules()
+        geoms = (pair for pair in self._pairs if isinstance(pair, ContactPair))
+        return [pair for pair in geoms if pair.name in names and pair.rule in rules]
 
     def due(self) -> bool:
         """Whether a contact begins, ends or changes at the state in ``data`` under the efforts of the next step."""
@@ -286,8 +296,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._update_activity()
         places |= self._report.places([pair for pair in geoms if self.holds(pair)])
         number, limit_kind = self.scene.numbers.next_number(), LIMIT_KINDS[_KINDS.index(kind)]
+        closed = [pair for pair in self._logged_pairs if isinstance(pair, ContactPair)]
         records = (
-            *self._report.records(kind, places, before, instant, number, qvel),
+            *self._report.records(kind, places, before, instant, number, qvel, closed),
             *self._limits.records(limit_kind, at_limits, instant, number, qvel),
         )
         return EventEffect(records, triggers_control=False)

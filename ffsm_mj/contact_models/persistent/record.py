@@ -20,6 +20,7 @@ class ContactRecord:
         time_s: Simulation time.
         step: Index of the integration step, from 0.
         pair: Name of the pair of geoms.
+        rule: Name of its contact rule.
         geoms: Its geoms a and b.
         mode: Contact features after the event, such as ``sphere on face``; empty if the pair is open.
         points: Number of contact points after the event.
@@ -27,7 +28,8 @@ class ContactRecord:
         normal: Mean unit normal in world axes, from a to b.
         force_before_N: Resultant force just before, N; 0 if there was none.
         force_after_N: Resultant force just after, under the efforts up to the event, N.
-        impulse_N_s: Time integral of the resultant force of this pair since t = 0, N s.
+        impulse_N_s: Time integral of the contact force of the rule since t = 0, N s.
+        closed_pairs: Names of all pairs in persistent contact after the event, of all rules.
         qpos: Configuration.
         qvel_before: Generalised velocity before, by joint.
         qvel_after: Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.
@@ -38,6 +40,7 @@ class ContactRecord:
     time_s: float
     step: int
     pair: str
+    rule: str
     geoms: tuple[str, ...]
     mode: str
     points: int
@@ -46,6 +49,7 @@ class ContactRecord:
     force_before_N: float
     force_after_N: float
     impulse_N_s: float
+    closed_pairs: tuple[str, ...]
     qpos: tuple[float, ...]
     qvel_before: Mapping[str, tuple[float, ...]]
     qvel_after: Mapping[str, tuple[float, ...]]
@@ -74,7 +78,7 @@ def _marks(record: Any) -> list[Mark]:
 
 
 def _force_arrows(layout: Layout) -> Iterator[ArrowColumns]:
-    """Resultant force of each pair on its second geom, at the centre of pressure."""
+    """Resultant force of each contact rule on its second side, at the centre of pressure."""
     for key in layout.keys:
         name = key.removeprefix("contact.").removesuffix("_mode")
         if key != f"contact.{name}_mode":
@@ -91,6 +95,7 @@ _COLUMNS = {
     "time_s": ("s", "simulation time"),
     "event": ("", "event number, counted over persistent contacts and grasps from 0"),
     "pair": ("", "name of the pair of geoms"),
+    "rule": ("", "name of its contact rule"),
     "geoms_{ab}": ("", "geom of the pair; the normal points from a to b"),
     "mode": ("", "contact features after the event"),
     "points": ("", "number of contact points after the event"),
@@ -98,7 +103,7 @@ _COLUMNS = {
     "normal_{xyz}": ("", "mean normal from a to b, world frame"),
     "force_before_N": ("N", "resultant force just before"),
     "force_after_N": ("N", "resultant force just after"),
-    "impulse_N_s": ("N s", "integral of the resultant force of the pair since t = 0"),
+    "impulse_N_s": ("N s", "integral of the contact force of the rule since t = 0"),
 }
 _LENGTHS = {"geoms": 2, "point_m": 3, "normal": 3}
 

@@ -1,9 +1,9 @@
-"""Log columns and event records of closed contacts: resultant force, centre of pressure and features by pair."""
+"""Log columns of closed contacts by rule, and their event records by pair: forces, centres of pressure and features."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,29 +26,30 @@ FREE, CLOSED, PRESSING = 0.0, 1.0, 2.0
 
 _SIGNALS = (
     ("mode", "", "contact state of {}: 0 open, 1 closed without force, 2 closed with force"),
+    ("pairs", "", "number of closed pairs of {}"),
     ("points", "", "number of contact points of {}"),
-    ("force_N", "N", "resultant force of {}, under the efforts of this row; 0 if open"),
-    *((f"force_{x}_N", "N", "resultant force of {} on its second geom, world axes") for x in "xyz"),
+    ("force_N", "N", "contact force of {}, under the efforts of this row: sum of the resultants of its pairs; 0 if open"),
+    *((f"force_{x}_N", "N", "resultant force of {} on its second side, world axes") for x in "xyz"),
     *((f"centre_{x}_m", "m", "centre of pressure of {}, world axes; NaN if no contact point carries force") for x in "xyz"),
-    ("impulse_N_s", "N s", "time integral of the resultant force of {} since t = 0"),
+    ("impulse_N_s", "N s", "time integral of the contact force of {} since t = 0"),
 )
 _RESIDUAL = (
     "largest difference between the resultant force of a pair in the step and the non-negative one; ffsm analyze recomputes "
     "it from the states in the log, with other functions"
 )
-_NOTHING = np.array([FREE, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan, 0.0])
+_NOTHING = np.array([FREE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan, 0.0])
 _IMPULSE = len(_NOTHING) - 1
 _NOWHERE = [math.nan] * 3
 
 
-def force_keys(pair: ContactPair) -> tuple[str, ...]:
-    """Columns of the resultant force of a pair on geom b."""
-    return tuple(f"contact.{identifier(pair.name)}_force_{x}_N" for x in "xyz")
+def force_keys(rule: str) -> tuple[str, ...]:
+    """Columns of the resultant force of a contact rule on its second side."""
+    return tuple(f"contact.{identifier(rule)}_force_{x}_N" for x in "xyz")
 
 
-def mode_key(pair: ContactPair) -> str:
-    """Column of the contact mode of a pair."""
-    return f"contact.{identifier(pair.name)}_mode"
+def mode_key(rule: str) -> str:
+    """Column of the contact mode of a rule."""
+    return f"contact.{identifier(rule)}_mode"
 
 
 class Resultant(NamedTuple):
@@ -92,22 +93,39 @@ def resultant(contact_points: Sequence[ContactPoint], rows: ContactRows, forces:
     return Resultant(pushed @ normals, weights @ points, normal / length if length else normal, len(mine), names)
 
 
+def _row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[UnilateralConstraint]) -> tuple[float, ...]:
+    """Columns of a rule with these closed pairs, except its impulse."""
+    count = sum(found.points for _, found in pairs)
+    carrying = [found for pair, found in pairs if pair in pressing]
+    if len(pairs) == 1:
+        ((_, found),) = pairs
+        centre = found.centre.tolist() if carrying else _NOWHERE
+        return PRESSING if carrying else CLOSED, 1.0, count, found.size, *found.force.tolist(), *centre
+    if not carrying:
+        return CLOSED, len(pairs), count, 0.0, 0.0, 0.0, 0.0, *_NOWHERE
+    sizes = np.array([found.size for found in carrying])
+    total = float(sizes.sum())
+    force = np.sum([found.force for found in carrying], axis=0)
+    centre = (sizes @ np.array([found.centre for found in carrying]) / total).tolist()
+    return PRESSING, len(pairs), count, total, *force.tolist(), *centre
+
+
 class ContactReport:
     """Writes the columns and event records of the closed contacts of a run.
 
     Attributes:
-        columns: Columns of every pair that persistent contact supports.
+        columns: Columns of every contact rule.
     """
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair], closed: ActiveContactSet) -> None:
         """Initialise with no closed contacts."""
         self._scene, self._active_set = scene, closed
-        self._values = np.tile(_NOTHING, (len(pairs), 1))
-        self._row = {pair: i for i, pair in enumerate(pairs)}
+        self._rules = {name: i for i, name in enumerate(dict.fromkeys(pair.rule for pair in pairs))}
+        self._values = np.tile(_NOTHING, (len(self._rules), 1))
         self._is_blank = True
         signals = tuple(
-            Signal("contact", f"{identifier(pair.name)}_{name}", unit, meaning.format(pair.name))
-            for pair in pairs
+            Signal("contact", f"{identifier(rule)}_{name}", unit, meaning.format(rule))
+            for rule in self._rules
             for name, unit, meaning in _SIGNALS
         )
         flat, self._residual = self._values.reshape(-1), np.zeros(1)
@@ -116,12 +134,12 @@ class ContactReport:
             Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=self._residual),
         )
 
-    def logged_pairs(self) -> list[ContactPair]:
-        """Pairs that are closed according to the columns."""
-        return [pair for pair, row in self._row.items() if self._values[row, 0] != FREE]
+    def closed_rules(self) -> frozenset[str]:
+        """Rules with a closed pair according to the columns."""
+        return frozenset(rule for rule, row in self._rules.items() if self._values[row, 0] != FREE)
 
-    def _restore_values(self, logged_pairs: FloatArray) -> None:
-        self._values[:] = logged_pairs.reshape(self._values.shape)
+    def _restore_values(self, logged: FloatArray) -> None:
+        self._values[:] = logged.reshape(self._values.shape)
         self._is_blank = False
 
     def _write_values(self) -> None:
@@ -138,18 +156,19 @@ class ContactReport:
         pressing = {contact_points[i].pair for i in decision.pressing}
         held = decision.problem.bilateral_forces(decision.pressing)
         differ = held.tolist() != forces.tolist()
+        by_rule: dict[str, list[tuple[ContactPair, Resultant]]] = {}
         for pair, own in closed.by_pair.items():
             if isinstance(pair, JointLimit):
                 here = [i for i, contact in enumerate(contact_points) if contact.pair is pair]
                 self._residual[0] = max(self._residual[0], *np.abs(held[here] - forces[here]).tolist(), 0.0)
             elif own:
                 found = resultant(contact_points, decision.rows, forces, pair)
-                mode, centre = (PRESSING, found.centre.tolist()) if pair in pressing else (CLOSED, _NOWHERE)
-                row = mode, found.points, found.size, *found.force.tolist(), *centre
-                self._values[self._row[pair], :_IMPULSE] = row
+                by_rule.setdefault(pair.rule, []).append((pair, found))
                 if pair in pressing and differ:
                     again = resultant(contact_points, decision.rows, held, pair).force
                     self._residual[0] = max(self._residual[0], math.dist(found.force, again))
+        for rule, each in by_rule.items():
+            self._values[self._rules[rule], :_IMPULSE] = _row_of(each, pressing)
 
     def active(self) -> tuple[ActiveContact, ...]:
         """The closed pairs and their forces at the state in ``data`` under its efforts, for control laws."""
@@ -173,7 +192,7 @@ class ContactReport:
         """Add the impulses of pairs in a step, N s."""
         for pair, impulse in impulses.items():
             if isinstance(pair, ContactPair):
-                self._values[self._row[pair], _IMPULSE] += impulse
+                self._values[self._rules[pair.rule], _IMPULSE] += impulse
 
     def forces_before(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, float]:
         """Resultant forces at the end of the last step, N; 0 if there was no step since the last event."""
@@ -203,6 +222,7 @@ class ContactReport:
         instant: EventTime,
         event: int,
         qvel_before: Mapping[str, tuple[float, ...]],
+        closed: Sequence[ContactPair],
     ) -> tuple[Any, ...]:
         """Event records of pairs at the state in ``data``.
 
@@ -213,15 +233,18 @@ class ContactReport:
             instant: Time and step of the event.
             event: Event number.
             qvel_before: Generalised velocity before, by joint.
+            closed: All pairs in persistent contact after the event.
         """
         data = self._scene.data
         ended = {pair: pair not in self._active_set.by_pair for pair in places}
+        names = tuple(pair.name for pair in closed)
         return tuple(
             kind.record(
                 event=event,
                 time_s=instant.time_s,
                 step=instant.step,
                 pair=pair.name,
+                rule=pair.rule,
                 geoms=pair.geoms,
                 mode="" if ended[pair] else place.mode,
                 points=0 if ended[pair] else place.points,
@@ -229,7 +252,8 @@ class ContactReport:
                 normal=tuple(place.normal.tolist()),
                 force_before_N=before[pair],
                 force_after_N=0.0 if ended[pair] else place.size,
-                impulse_N_s=float(self._values[self._row[pair], _IMPULSE]),
+                impulse_N_s=float(self._values[self._rules[pair.rule], _IMPULSE]),
+                closed_pairs=names,
                 qpos=tuple(data.qpos.tolist()),
                 qvel_before=qvel_before,
                 qvel_after=self._scene.system.by_joint(data.qvel),

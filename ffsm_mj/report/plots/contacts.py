@@ -12,12 +12,12 @@ from ffsm_mj.report.plots.subject import Subject
 
 
 def contacts(subject: Subject) -> Figure:
-    """Resultant force of each pair, the intervals in which it was closed, and its impulse since t = 0."""
+    """Contact force of each rule, the intervals in which it was closed, and its impulse since t = 0."""
     run = subject.run
     spells: dict[str, list[tuple[float, float]]] = {}
     for contact in run.contacts:
         end_s = float(run.time[-1]) if contact.end_s is None else contact.end_s
-        spells.setdefault(contact.pair, []).append((contact.start_s, end_s))
+        spells.setdefault(contact.rule, []).append((contact.start_s, end_s))
     names = [name for name in spells if f"contact.{identifier(name)}_force_N" in run.keys]
     forces, impulses = (
         [Curve(plain(name), run[f"contact.{identifier(name)}_{what}"]) for name in names]

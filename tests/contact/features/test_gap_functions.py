@@ -156,9 +156,9 @@ def test_features_of_a_chain_and_of_a_fixed_body(tmp_path, rng, geom, other):
     """Bodies of one tree share its centre of mass; a fixed body has no velocity and no acceleration."""
     robot = CHAIN.format(head=HEAD, geom=SHAPES[geom])
     still = shape(other).replace('<freejoint name="free"/>', "")
-    pairs = [{"robot_geom": "robot/g", "object_geom": name} for name in ("other/g", "wall/g")]
+    pairs = [{"between": ["robot/g", name]} for name in ("other/g", "wall/g")]
     far = {"position_m": [6.0, 0.0, 0.0], "quaternion": [0.8, 0.0, 0.6, 0.0]}
-    path = scene(tmp_path, robot, {"other": shape(other), "wall": still}, fixed={"wall": far}, impact_pairs=pairs)
+    path = scene(tmp_path, robot, {"other": shape(other), "wall": still}, fixed={"wall": far}, contacts={"rules": pairs})
     assembly = prepare(path).assemble()
     model, data = assembly.system.mj, assembly.data
     for pair, mover in zip(assembly.pairs, (9, 0), strict=True):

@@ -38,7 +38,7 @@ def drum(folder, rates, floor, *, restitution=0.0, tilt=0.0, **more):
             "joints": {"robot/free": [_OVER, 0, _HALF, *pose.tolist()]},
             "rates": {"robot/free": list(rates)},
         },
-        impact_pairs=[{"geoms": ["robot/g", "floor/floor"], "restitution": restitution}],
+        contacts={"rules": [{"between": ["robot/g", "floor/floor"], "restitution": restitution}]},
         **more,
     )
 

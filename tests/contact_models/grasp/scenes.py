@@ -55,7 +55,7 @@ def grasping(folder, when=TOUCH, others=None, phases=None, robot=ARM, **changes)
                     "shoulder": 0.1,
                 },
             },
-            "impact_pairs": [{"geoms": ["hand", "target/target"], "restitution": 0.5}],
+            "contacts": {"rules": [{"between": ["hand", "target/target"], "restitution": 0.5}]},
             "captures": {"grasp": {"robot_site": "grip", "object_site": "handle", "when": when}},
             "phases": phases
             or [

@@ -39,7 +39,7 @@ def pushing(folder, within, *, restitution=0.0, others=None, fixed=None, pairs=(
                 "joints": {"crate/free": [0.3004, -0.03, 0.04, 1, 0, 0, 0]},
                 "rates": {"robot/x": 0.5, "robot/y": 0.05, "crate/free": [0, 0, 0, 0.02, 0.03, -0.01]},
             },
-            "impact_pairs": [{"geoms": ["ball", "crate/crate"], "restitution": restitution}, *pairs],
+            "contacts": {"rules": [{"between": ["ball", "crate/crate"], "restitution": restitution}, *pairs]},
             "captures": {"grasp": {"robot_site": "robot/centre", "object_site": "handle", "when": {"within": within}}},
             "phases": [
                 {"name": "press", "for_s": 0.03, "controller": PUSH},
@@ -56,7 +56,7 @@ def stone(restitution=0.0, **initial):
     """A third body that the crate pushes before it."""
     return {
         "others": {"stone": ball("stone", mass=1.5)},
-        "pairs": [{"name": "late", "geoms": ["crate/crate", "stone/stone"], "restitution": restitution}],
+        "pairs": [{"name": "late", "between": ["crate/crate", "stone/stone"], "restitution": restitution}],
         "initial": {
             "joints": {"crate/free": [0.3, -0.03, 0.04, 1, 0, 0, 0], "stone/free": [0.6, 0.03, -0.02, 1, 0, 0, 0]},
             "rates": initial,
@@ -70,7 +70,7 @@ def floor(restitution=0.0):
     return {
         "others": {"floor": slab("floor", "2 2 0.1")},
         "fixed": {"floor": {"position_m": [0, 0, -0.26]}},
-        "pairs": [{"name": "late", "geoms": ["crate/crate", "floor/floor"], "restitution": restitution}],
+        "pairs": [{"name": "late", "between": ["crate/crate", "floor/floor"], "restitution": restitution}],
         "initial": {"joints": {"robot/z": 0.34, "robot/x": 0.03, "crate/free": [0, 0, 0.04, 1, 0, 0, 0]}},
         "phases": [
             {"name": "press", "for_s": 0.03, "controller": down},

@@ -44,7 +44,7 @@ def rail(folder, others, pairs, *, fixed=None, robot=None, **changes):
         **{
             "duration_s": 0.4,
             "initial": {"joints": {"target/free": [0.2504, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/x": 1.0}},
-            "impact_pairs": [{"geoms": ["ball", "target/target"], "restitution": 0.5}, *pairs],
+            "contacts": {"rules": [{"between": ["ball", "target/target"], "restitution": 0.5}, *pairs]},
             "captures": {"grasp": {**SITES, "when": {"touch": ["ball-target/target"]}}},
             "phases": [
                 {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
@@ -58,7 +58,7 @@ def rail(folder, others, pairs, *, fixed=None, robot=None, **changes):
 
 def on_a_wall(folder, restitution=0.0, **changes):
     """Against a fixed wall."""
-    pair = {"name": "late", "geoms": ["target/target", "wall/wall"], "restitution": restitution}
+    pair = {"name": "late", "between": ["target/target", "wall/wall"], "restitution": restitution}
     wall = {"wall": slab("wall", "0.1 0.5 0.5")}
     return rail(folder, wall, [pair], fixed={"wall": {"position_m": [0.47, 0, 0]}}, **changes)
 
@@ -139,8 +139,8 @@ def test_a_log_with_a_hole_is_taken_up_again(tmp_path):
 def test_what_lies_on_a_slab_is_taken_up_from_it(tmp_path, down_m_s):
     """The grasp's impulse presses it on, leaves it or lifts it: an impact at the same instant, nothing, an end."""
     pairs = [
-        {"geoms": ["ball", "target/target"], "restitution": 0.5},
-        {"name": "late", "geoms": ["target/target", "wall/wall"], "restitution": 0.3},
+        {"between": ["ball", "target/target"], "restitution": 0.5},
+        {"name": "late", "between": ["target/target", "wall/wall"], "restitution": 0.3},
     ]
     path = rail(
         tmp_path / "scene",
@@ -148,7 +148,7 @@ def test_what_lies_on_a_slab_is_taken_up_from_it(tmp_path, down_m_s):
         [],
         robot=ball("ball", mass=MASS["robot"], joints="xz"),
         fixed={"wall": {"position_m": [0, 0, -0.2]}},
-        impact_pairs=pairs,
+        contacts={"rules": pairs},
         initial={"joints": {"robot/x": -0.4, "robot/z": 0.15}, "rates": {"robot/x": 1.0, "robot/z": -down_m_s}},
         captures={"grasp": {**SITES, "when": {"within": {"position_m": 0.25}}}},
         phases=[
@@ -166,7 +166,7 @@ def test_what_lies_on_a_slab_is_taken_up_from_it(tmp_path, down_m_s):
 def test_a_third_body_is_pushed_on(tmp_path):
     """Robot, target and stone have one acceleration, motor / sum of masses: the load moves two, the contact one."""
     stone = {"stone": ball("stone", mass=MASS["stone"])}
-    pairs = [{"name": "late", "geoms": ["target/target", "stone/stone"], "restitution": 0.0}]
+    pairs = [{"name": "late", "between": ["target/target", "stone/stone"], "restitution": 0.0}]
     initial = {
         "joints": {"target/free": [0.2504, 0, 0, 1, 0, 0, 0], "stone/free": [0.47, 0, 0, 1, 0, 0, 0]},
         "rates": {"robot/x": 1.0},
@@ -238,8 +238,8 @@ def leaning(folder):
         {"name": "press", "until": "end", "controller": {"kind": "lean"}},
     ]
     pairs = [
-        {"geoms": ["hand", "target/target"], "restitution": 0.5},
-        {"name": "late", "geoms": ["target/target", "wall/wall"], "restitution": 0.2},
+        {"between": ["hand", "target/target"], "restitution": 0.5},
+        {"name": "late", "between": ["target/target", "wall/wall"], "restitution": 0.2},
     ]
     return grasping(
         folder,
@@ -247,7 +247,7 @@ def leaning(folder):
         others={"wall": slab("wall", "0.1 2 2")},
         fixed={"wall": {"position_m": [1.3, 0, 0]}},
         initial=NEARBY,
-        impact_pairs=pairs,
+        contacts={"rules": pairs},
         phases=phases,
         duration_s=0.85,
     )
@@ -283,15 +283,15 @@ def test_in_space_load_and_slab_give_the_object_its_momentum(tmp_path):
 def hull(folder):
     """The arm folds until the ball that it holds lies on its own base."""
     pairs = [
-        {"geoms": ["hand", "target/target"], "restitution": 0.5},
-        {"name": "late", "geoms": ["hull", "target/target"], "restitution": 0.0},
+        {"between": ["hand", "target/target"], "restitution": 0.5},
+        {"name": "late", "between": ["hull", "target/target"], "restitution": 0.0},
     ]
     phases = [
         {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
         {"name": "fold", "for_s": 0.6, "controller": {"kind": "pd", "kp": 3.0, "kd": 0.5, "target": [0.0, 2.9]}},
         {"name": "leave", "until": "end", "release": ["grasp"], "controller": OFF},
     ]
-    return grasping(folder, impact_pairs=pairs, initial=NEARBY, phases=phases, duration_s=0.75)
+    return grasping(folder, contacts={"rules": pairs}, initial=NEARBY, phases=phases, duration_s=0.75)
 
 
 def test_what_is_held_lies_on_the_base_of_the_robot(tmp_path):

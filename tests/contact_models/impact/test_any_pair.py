@@ -8,6 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact_models.impact.laws import FRICTIONLESS
 from ffsm_mj.impact import Contact, contact_jacobian, reflect, resolve
 from ffsm_mj.replay import replay_log
@@ -39,7 +40,7 @@ def test_two_objects_head_on(tmp_path):
             "joints": {"robot/free": [0, 5, 0, 1, 0, 0, 0], "two/x": 0.45},
             "rates": {"one/x": v[0], "two/x": v[1], "robot/free": [0.3, 0, 0, 0, 0, 0]},
         },
-        impact_pairs=[{"geoms": ["one/one", "two/two"], "restitution": e}],
+        contacts={"rules": [{"between": ["one/one", "two/two"], "restitution": e}]},
     )
     run = good(ffsm_mj.run(path))
     (hit,) = run.impacts
@@ -78,7 +79,7 @@ def test_robot_on_object_and_object_on_object(tmp_path):
 def test_the_order_of_the_pair_does_not_matter(tmp_path):
     """``[object, robot]``: normal and impulse act on the robot; motion and balances are the same."""
     (tmp_path / "turned").mkdir()
-    turned = [{"geoms": ["left/left", "ball"], "restitution": 0.8}, CHAIN[1]]
+    turned = [{"between": ["left/left", "ball"], "restitution": 0.8}, CHAIN[1]]
     run, other = (ffsm_mj.run(three_balls(tmp_path, CHAIN)), good(ffsm_mj.run(three_balls(tmp_path / "turned", turned))))
     one, two = run.impacts[0], other.impacts[0]
     np.testing.assert_allclose(two.normal, -np.array(one.normal), atol=1e-15)
@@ -95,7 +96,7 @@ def test_all_three_at_once(tmp_path):
         ball("ball", joints="x"),
         {"left": ball("left", joints="x"), "right": ball("right", joints="x")},
         initial={"joints": {"left/x": 0.3, "right/x": 0.5}, "rates": {"robot/x": 1.0}},
-        impact_pairs=[{"geoms": ["ball", "left/left"]}, {"geoms": ["left/left", "right/right"]}],
+        contacts={"rules": [{"between": ["ball", "left/left"]}, {"between": ["left/left", "right/right"]}]},
         duration_s=0.2,
     )
     run = good(ffsm_mj.run(path))
@@ -217,5 +218,5 @@ def test_energy_bounds_the_closing_speed_of_a_robot_with_itself(tmp_path, rng):
         row = contact_jacobian(model, data, contact)
         M = np.empty((model.nv, model.nv))
         mujoco.mj_fullM(model, data, M)
-        shares.append(np.sqrt(row @ np.linalg.solve(M, row)) / pair.speed_bound_per_root_energy(model, data))
+        shares.append(np.sqrt(row @ np.linalg.solve(M, row)) / speeds_per_root_energy(model, data, [pair.ids])[0])
     assert 0.4 < max(shares) <= 1.0

@@ -46,7 +46,7 @@ def bouncing(folder, **scenario):
         fixed={"floor": {"position_m": [0, 0, -0.5]}},
         **{
             "initial": {"joints": {"robot/z": 0.4}, "rates": {"robot/z": -1.0, "robot/x": 0.3}},
-            "impact_pairs": [{"robot_geom": "ball", "object_geom": "floor/floor", "restitution": 0.7}],
+            "contacts": {"rules": [{"between": ["ball", "floor/floor"], "restitution": 0.7}]},
             **scenario,
         },
     )
@@ -80,7 +80,7 @@ def test_no_tunnelling_through_thin_walls(tmp_path):
         {"left": slab("left", "0.0005 1 1"), "right": slab("right", "0.0005 1 1")},
         fixed={"left": {"position_m": [-0.5005, 0, 0]}, "right": {"position_m": [0.5005, 0, 0]}},
         initial={"rates": {"robot/x": 40.0}},
-        impact_pairs=[{"robot_geom": "ball", "object_geom": f"{side}/{side}"} for side in ("left", "right")],
+        contacts={"rules": [{"between": ["ball", f"{side}/{side}"]} for side in ("left", "right")]},
         duration_s=0.2,
     )
     run = good(ffsm_mj.run(path))
@@ -121,7 +121,7 @@ def test_a_spinning_box_on_a_tilted_wall(tmp_path):
             "joints": {"robot/free": [0, 9, 0, 1, 0, 0, 0], "box/free": [0.3, -0.4, 0.8, 0.8, 0.4, -0.2, 0.4]},
             "rates": {"box/free": [-0.2, 0.3, -1.1, 0.9, -0.7, 1.3]},
         },
-        impact_pairs=[{"geoms": ["wall/wall", "box/box"], "restitution": 0.6}],
+        contacts={"rules": [{"between": ["wall/wall", "box/box"], "restitution": 0.6}]},
         stop_on_impact=True,
     )
     run = good(ffsm_mj.run(path))
@@ -162,10 +162,12 @@ def between(folder, restitution, **scenario):
         **{
             "duration_s": 0.4,
             "initial": {"joints": {"robot/x": 0.3, "rock/x": 0.1}, "rates": {"robot/x": 1.0, "rock/x": 1.0}},
-            "impact_pairs": [
-                {"robot_geom": "hand", "object_geom": "rock/rock", "restitution": restitution},
-                {"geoms": ["wall/wall", "hand"], "restitution": restitution},
-            ],
+            "contacts": {
+                "rules": [
+                    {"between": ["hand", "rock/rock"], "restitution": restitution},
+                    {"between": ["wall/wall", "hand"], "restitution": restitution},
+                ]
+            },
             **scenario,
         },
     )
@@ -208,10 +210,12 @@ def both(folder, **scenario):
                 "joints": {"rock/free": [0.0, 1.0, 0.0, 1, 0, 0, 0]},
                 "rates": {"robot/x": 1.0, "rock/free": [1.0, 0, 0, 0.2, 0.1, 0.3]},
             },
-            "impact_pairs": [
-                {"robot_geom": "hand", "object_geom": "wall/wall", "restitution": 0.5},
-                {"geoms": ["rock/rock", "wall/wall"], "restitution": 0.8},
-            ],
+            "contacts": {
+                "rules": [
+                    {"between": ["hand", "wall/wall"], "restitution": 0.5},
+                    {"between": ["rock/rock", "wall/wall"], "restitution": 0.8},
+                ]
+            },
             **scenario,
         },
     )
@@ -265,7 +269,7 @@ def test_a_grasped_object_hits_a_wall(tmp_path):
         {"wall": slab("wall", "0.1 2 2")},
         fixed={"wall": {"position_m": [1.5, 0, 0]}},
         duration_s=1.0,
-        impact_pairs=[{"geoms": ["target/target", "wall/wall"], "restitution": 0.5}],
+        contacts={"rules": [{"between": ["target/target", "wall/wall"], "restitution": 0.5}]},
         initial={
             "joints": {"target/free": [0.9, 0.03, 0.02, 1, 0, 0, 0]},
             "rates": {"robot/free": [0.8, 0, 0, 0.02, -0.03, 0.05], "target/free": [0.1, 0, 0, 0.4, -0.2, 0.3]},

@@ -39,23 +39,23 @@ FLAT = {"joints": {"box/free": [0.6, 0.1, 0.05, 1, 0, 0, 0]}, "rates": {"box/fre
 
 def off_centre(folder, e=0.5, mu=0.3, **scenario):
     """A spinning ball meets a tumbling box off its centre, at one point."""
-    pair = {"robot_geom": "ball", "object_geom": "box/box", "restitution": e, "mu": mu}
+    pair = {"between": ["ball", "box/box"], "restitution": e, "mu": mu}
     return scene(
         folder,
         ball("ball", mass=2.0),
         {"box": box("box", mass=3.0, half=(0.2, 0.3, 0.25))},
-        **{"initial": OFF_CENTRE, "impact_pairs": [pair], "duration_s": 0.4} | scenario,
+        **{"initial": OFF_CENTRE, "contacts": {"rules": [pair]}, "duration_s": 0.4} | scenario,
     )
 
 
 def flat(folder, e=0.5, mu=0.3, **scenario):
     """A box that spins about the common normal meets a slab, face on face."""
-    pair = {"robot_geom": "slab", "object_geom": "box/box", "restitution": e, "mu": mu}
+    pair = {"between": ["slab", "box/box"], "restitution": e, "mu": mu}
     return scene(
         folder,
         box("slab", mass=5.0, half=(0.1, 1, 1)),
         {"box": box("box", mass=2.0, half=(0.2, 0.3, 0.25))},
-        **{"initial": FLAT, "impact_pairs": [pair], "duration_s": 0.4} | scenario,
+        **{"initial": FLAT, "contacts": {"rules": [pair]}, "duration_s": 0.4} | scenario,
     )
 
 
@@ -120,7 +120,19 @@ def impact_energy_check(run, **wrong):
 
 
 NOT_JUDGED = {  # by this law; ``analyze`` compares every field with what the states say
-    *("event", "time_s", "step", "pair", "geoms", "robot_geom", "object_geom", "manifold", "restitution", "efforts_after"),
+    *(
+        "event",
+        "time_s",
+        "step",
+        "pair",
+        "rule",
+        "geoms",
+        "robot_geom",
+        "object_geom",
+        "manifold",
+        "restitution",
+        "efforts_after",
+    ),
     *("dropped_gap_m", "dropped_flights_s", "angular_impulse_N_m_s", "gap_m", "momentum_before", "momentum_after"),
     *("linear_momentum_change_N_s", "angular_momentum_change_N_m_s"),
 }
@@ -211,7 +223,7 @@ def test_without_friction_there_is_no_cost(tmp_path, monkeypatch):
 def test_a_smooth_pair_beside_a_rough_one(tmp_path):
     """The impact of the smooth pair is that of a scene without friction, bit for bit."""
     third = {"initial": OFF_CENTRE, "duration_s": 0.4}
-    pairs = [{"geoms": ["ball", "box/box"], "restitution": 0.5}, {"geoms": ["box/box", "far/far"], "mu": 0.5}]
+    pairs = [{"between": ["ball", "box/box"], "restitution": 0.5}, {"between": ["box/box", "far/far"], "mu": 0.5}]
     objects = {"box": box("box", mass=3.0, half=(0.2, 0.3, 0.25)), "far": ball("far")}
     place = {"joints": OFF_CENTRE["joints"] | {"far/free": [9, 9, 9, 1, 0, 0, 0]}, "rates": OFF_CENTRE["rates"]}
     runs = []
@@ -219,7 +231,7 @@ def test_a_smooth_pair_beside_a_rough_one(tmp_path):
         folder = tmp_path / str(mu)
         folder.mkdir()
         pairs[1]["mu"] = mu
-        made = scene(folder, ball("ball", mass=2.0), objects, **third | {"initial": place, "impact_pairs": pairs})
+        made = scene(folder, ball("ball", mass=2.0), objects, **third | {"initial": place, "contacts": {"rules": pairs}})
         runs.append(ffsm_mj.run(made))
     assert runs[0].impacts == runs[1].impacts
     keys = [runs[1].keys.index(key) for key in runs[0].keys]
@@ -233,7 +245,7 @@ def test_a_ball_between_two_walls(tmp_path):
         '<mujoco><option gravity="0 0 0"/><worldbody><body name="wall"><geom name="wall" type="box" size="0.1 9 9"/></body>'
     )
     slab += "</worldbody></mujoco>"
-    walls = [{"geoms": ["ball", f"{name}/wall"], "restitution": 0.9, "mu": 0.6} for name in ("left", "right")]
+    walls = [{"between": ["ball", f"{name}/wall"], "restitution": 0.9, "mu": 0.6} for name in ("left", "right")]
     path = scene(
         tmp_path,
         ball("ball", mass=2.0),
@@ -241,7 +253,7 @@ def test_a_ball_between_two_walls(tmp_path):
         fixed={"left": {"position_m": [-0.5, 0, 0]}, "right": {"position_m": [0.5, 0, 0]}},
         duration_s=2.0,
         initial={"joints": {}, "rates": {"robot/free": [1.0, 0.5, 0, 0, 0, 0]}},
-        impact_pairs=walls,
+        contacts={"rules": walls},
     )
     run = good(ffsm_mj.run(path))
     first, second, *_ = run.impacts
@@ -258,14 +270,14 @@ PUSH = {"kind": "pd", "joints": ["robot/x"], "kp": 5.0, "kd": 0.0, "target": [3.
 
 def pressed(folder, phases=None, mu=0.3, sideways=0.2, **scenario):
     """A ball on slides meets a free one, e = 0, and is pushed on."""
-    pair = {"robot_geom": "ball", "object_geom": "target/target", "restitution": 0.0, "mu": mu}
+    pair = {"between": ["ball", "target/target"], "restitution": 0.0, "mu": mu}
     return scene(
         folder,
         ball("ball", mass=2.0, joints="xyz"),
         {"target": ball("target", mass=3.0)},
         initial={"joints": {"target/free": [0.5, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/x": 1.0, "robot/y": sideways}},
         phases=[{"name": "push", "until": "end", "controller": PUSH}] if phases is None else phases,
-        impact_pairs=[pair],
+        contacts={"rules": [pair]},
         duration_s=0.5,
         **scenario,
     )
@@ -307,7 +319,7 @@ def test_a_grasp_closes_on_a_contact_pressed_by_spin(tmp_path):
     """A contact with friction that would persist is grasped at that instant; a log without the capture fails the replay."""
     path = captures.grasping(
         tmp_path,
-        impact_pairs=[{"geoms": ["hand", "target/target"], "restitution": 0.0, "mu": 0.01}],
+        contacts={"rules": [{"between": ["hand", "target/target"], "restitution": 0.0, "mu": 0.01}]},
         duration_s=0.12,
         initial={
             "joints": {"robot/free": [0.1, 0.2, 0.3, 0.96, 0.28, 0, 0], "target/free": [1.18, 0.23, 0.32, 0, 0, 0.28, 0.96]},
@@ -330,8 +342,8 @@ def test_a_grasp_closes_on_a_contact_pressed_by_spin(tmp_path):
 
 
 RUBBING = [
-    {"geoms": ["hand", "target/target"], "restitution": 0.5},
-    {"geoms": ["target/target", "stone/stone"], "restitution": 0.7, "mu": 0.5},
+    {"between": ["hand", "target/target"], "restitution": 0.5},
+    {"between": ["target/target", "stone/stone"], "restitution": 0.7, "mu": 0.5},
 ]
 THROWN = {
     "joints": {"target/free": [1.3, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [2.2, 0.1, 0.05, 1, 0, 0, 0]},
@@ -344,7 +356,7 @@ def test_a_grasped_object_is_hit(tmp_path):
     path = captures.grasping(
         tmp_path,
         others={"stone": captures.stone()},
-        impact_pairs=RUBBING,
+        contacts={"rules": RUBBING},
         initial=THROWN,
     )
     run = good(ffsm_mj.run(path))
@@ -355,8 +367,8 @@ def test_a_grasped_object_is_hit(tmp_path):
 
 def test_a_grasped_object_is_pressed_on_a_rough_wall(tmp_path):
     """The run continues through the grasp, and ends where friction would have to persist."""
-    pair = {"name": "late", "geoms": ["target/target", "wall/wall"], "restitution": 0.0, "mu": 0.3}
-    path = on_a_wall(tmp_path, impact_pairs=[{"geoms": ["ball", "target/target"], "restitution": 0.5}, pair])
+    pair = {"name": "late", "between": ["target/target", "wall/wall"], "restitution": 0.0, "mu": 0.3}
+    path = on_a_wall(tmp_path, contacts={"rules": [{"between": ["ball", "target/target"], "restitution": 0.5}, pair]})
     run = good(ffsm_mj.run(path))
     assert run.outcome == "unsupported_contact"
     assert run.message.startswith("target/target - wall/wall would stay in contact from t = 0.")
@@ -371,7 +383,7 @@ def test_an_unknown_contact_model_holds_the_hit_object(tmp_path):
         {"wall": slab("wall", "0.1 2 2")},
         fixed={"wall": {"position_m": [1.5, 0, 0]}},
         duration_s=1.0,
-        impact_pairs=[{"geoms": ["target/target", "wall/wall"], "restitution": 0.5, "mu": 0.3}],
+        contacts={"rules": [{"between": ["target/target", "wall/wall"], "restitution": 0.5, "mu": 0.3}]},
         initial={
             "joints": {"target/free": [0.9, 0.03, 0.02, 1, 0, 0, 0]},
             "rates": {"robot/free": [0.8, 0, 0, 0.02, -0.03, 0.05], "target/free": [0.1, 0, 0, 0.4, -0.2, 0.3]},
@@ -409,7 +421,7 @@ def test_an_impact_at_the_instant_of_a_release_acts_on_the_grasped_object(tmp_pa
     path = captures.grasping(
         tmp_path,
         others={"stone": captures.stone()},
-        impact_pairs=RUBBING,
+        contacts={"rules": RUBBING},
         duration_s=1.1,
         initial=THROWN,
         phases=[MEET, HOLD, LEAVE],
@@ -427,7 +439,7 @@ def test_a_grasp_that_closes_in_contact_causes_an_impact(tmp_path):
     path = captures.grasping(
         tmp_path,
         others={"stone": captures.stone()},
-        impact_pairs=RUBBING,
+        contacts={"rules": RUBBING},
         duration_s=0.1,
         initial=IN_TOUCH,
         when={"within": {"position_m": 1.0}},
@@ -443,16 +455,16 @@ def refused(path, *overrides):
     return error.value.lines
 
 
-@pytest.mark.parametrize("mu", [-0.1, -1e-300, "0.3x", True, [0.3], None, {"static": 0.3}, math.inf, math.nan])
+@pytest.mark.parametrize("mu", [-0.1, -1e-300, "0.3x", True, [0.3], {"static": 0.3}, math.inf, math.nan])
 def test_hostile_numbers(tmp_path, mu):
     """One line with the position and what is allowed; MuJoCo's three coefficients are not allowed."""
     path = off_centre(tmp_path)
     text = json.loads(path.read_text())
-    text["impact_pairs"][0]["mu"] = mu
+    text["contacts"]["rules"][0]["mu"] = mu
     path.write_text(json.dumps(text).replace("NaN", ".nan").replace("Infinity", ".inf"))
     (line,) = refused(path)
     assert line.startswith(f"{path}:1:")
-    assert ": impact_pairs.0.mu: should be" in line
+    assert ": contacts.rules.0.mu: should be" in line
 
 
 def test_very_large_friction_sticks(tmp_path):
@@ -464,16 +476,16 @@ def test_laws_that_would_gain_energy_are_refused_at_load(tmp_path):
     path = off_centre(tmp_path, impact={"law": "newton"})
     (line,) = refused(path)
     assert line.startswith(f"{path}:1:")
-    assert "impact_pairs.0.mu: 'impact.law: newton' does not cover friction; let mu be 0, or the law" in line
-    assert prepare(path, ["impact_pairs.0.mu=0"])
-    (line,) = refused(off_centre(tmp_path, e=1.2), "impact_pairs.0.super_elastic=true")
+    assert "contacts.rules.0.mu: 'impact.law: newton' does not cover friction; let mu be 0, or the law" in line
+    assert prepare(path, ["contacts.rules.0.mu=0"])
+    (line,) = refused(off_centre(tmp_path, e=1.2), "contacts.rules.0.super_elastic=true")
     assert "restitution above 1" in line
     assert "set mu to 0" in line
 
 
 def test_check_reports_mu_and_where_the_run_would_end(tmp_path):
     lines = prepare(off_centre(tmp_path, e=1.0)).describe()
-    assert "  impact pairs: ball-box/box (e = 1, mu = 0.3: robot/ball - box/box)" in lines
+    assert "    ball-box/box: e = 1, mu = 0.3, robot/ball - box/box" in lines
     assert any("comes to rest: friction in persistent contact is not modelled" in line for line in lines)
 
 

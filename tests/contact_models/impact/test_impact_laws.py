@@ -106,19 +106,19 @@ def test_a_law_for_friction_and_several_contacts_is_recorded_and_verified(tmp_pa
 @pytest.mark.usefixtures("yielding")
 def test_problems_outside_the_coverage_are_refused(tmp_path):
     """Friction and e > 1 at load, several contacts at the impact."""
-    pair = {"robot_geom": "ball", "object_geom": "target/target"}
-    with pytest.raises(InputError, match=r"impact_pairs\.0\.mu: 'impact.law: yielding' does not cover friction"):
-        ffsm_mj.prepare(two_balls(tmp_path, impact={"law": "yielding"}, impact_pairs=[pair | {"mu": 0.1}]))
+    pair = {"between": ["ball", "target/target"]}
+    with pytest.raises(InputError, match=r"contacts.rules\.0\.mu: 'impact.law: yielding' does not cover friction"):
+        ffsm_mj.prepare(two_balls(tmp_path, impact={"law": "yielding"}, contacts={"rules": [pair | {"mu": 0.1}]}))
     elastic = pair | {"restitution": 1.5, "super_elastic": True}
-    with pytest.raises(InputError, match=r"impact_pairs\.0\.restitution: .* does not cover super-elastic impacts"):
-        ffsm_mj.prepare(two_balls(tmp_path, impact={"law": "yielding"}, impact_pairs=[elastic]))
+    with pytest.raises(InputError, match=r"contacts.rules\.0\.restitution: .* does not cover super-elastic impacts"):
+        ffsm_mj.prepare(two_balls(tmp_path, impact={"law": "yielding"}, contacts={"rules": [elastic]}))
     faces = scene(
         tmp_path,
         box("a"),
         {"b": box("b")},
         duration_s=0.5,
         initial={"joints": {"b/free": [1.2, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/free": [1, 0, 0, 0, 0, 0]}},
-        impact_pairs=[{"robot_geom": "robot/a", "object_geom": "b/b"}],
+        contacts={"rules": [{"between": ["robot/a", "b/b"]}]},
         impact={"law": "yielding"},
     )
     run = ffsm_mj.run(faces)

@@ -235,7 +235,7 @@ def test_a_box_lands_flat_on_a_face(tmp_path):
         box("block", half=(0.3, 0.2, 0.1)),
         {"wall": box("wall", mass=2.0)},
         initial={"joints": {"wall/free": [1.5, 0.1, 0.05, 1, 0, 0, 0]}, "rates": {"robot/free": [1, 0, 0, 0, 0, 0]}},
-        impact_pairs=[{"robot_geom": "block", "object_geom": "wall/wall"}],
+        contacts={"rules": [{"between": ["block", "wall/wall"]}]},
     )
     run = ffsm_mj.run(path)
     assert run.outcome == "completed"
@@ -263,7 +263,7 @@ def test_three_balls_and_ball_ball_wall_in_a_run(tmp_path, right_mass, expected)
         ball("ball", joints="x"),
         {"left": ball("left", joints="x"), "right": ball("right", mass=right_mass, joints="x")},
         initial={"joints": {"left/x": -0.5, "right/x": 0.2}, "rates": {"left/x": 1.0}},
-        impact_pairs=[{"robot_geom": "robot/ball", "object_geom": f"{n}/{n}"} for n in ("left", "right")],
+        contacts={"rules": [{"between": ["robot/ball", f"{n}/{n}"]} for n in ("left", "right")]},
     )
     run = ffsm_mj.run(path)
     rates = [run[f"state.v_{name}_x_m_s"][-1] for name in ("left", "robot", "right")]
@@ -282,7 +282,7 @@ def test_two_grippers_on_one_box_at_once(tmp_path):
         fork,
         {"crate": box("crate", mass=2.0)},
         initial={"joints": {"crate/free": [1.3, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/free": [1, 0, 0, 0, 0, 0]}},
-        impact_pairs=[{"robot_geom": g, "object_geom": "crate/crate", "restitution": 0.8} for g in ("upper", "lower")],
+        contacts={"rules": [{"between": [g, "crate/crate"], "restitution": 0.8} for g in ("upper", "lower")]},
     )
     run = ffsm_mj.run(path)
     first, second = run.impacts

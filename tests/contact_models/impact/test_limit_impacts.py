@@ -164,7 +164,7 @@ def at_once(folder, mu=0.0, law="blend", e=0.3):
     data.qpos[system.joint("shoulder").qpos], data.qpos[system.joint("elbow").qpos] = -0.4, math.radians(30.0)
     mujoco.mj_forward(system.mj, data)
     tip = data.geom_xpos[system.index("geom", "tip")]
-    pair = {"geoms": ["tip", "ball/ball"], "restitution": e, "mu": mu}
+    pair = {"between": ["tip", "ball/ball"], "restitution": e, "mu": mu}
     return scene(
         folder,
         arm,
@@ -178,7 +178,7 @@ def at_once(folder, mu=0.0, law="blend", e=0.3):
             },
             "rates": {"elbow": 1.0, "ball/free": [-0.5, 0.9, 0.1, 0, 0, 2.0]},
         },
-        impact_pairs=[pair],
+        contacts={"rules": [pair]},
         impact={"law": law},
         joint_limits={"elbow": {"restitution": e}},
     )
@@ -227,7 +227,7 @@ def test_until_impact_and_stop_on_impact_wait_for_geoms(tmp_path):
     phases = [{"name": "wait", "until": "impact", "controller": off}, {"name": "after", "until": "end", "controller": off}]
     changes = {
         "initial": initial,
-        "impact_pairs": [{"geoms": ["hull", "ball/ball"]}],
+        "contacts": {"rules": [{"between": ["hull", "ball/ball"]}]},
         "joint_limits": {"hinge": {"restitution": 1.0}},
     }
     path = scene(tmp_path, rod, {"ball": ball("ball")}, duration_s=1.2, phases=phases, **changes)

@@ -97,7 +97,7 @@ def bouncing(folder, restitution, **impact):
         control_period_s=5e-3,
         conservative=False,
         initial={"joints": {"robot/z": 1.6, "floor/free": [0, 0, 0, 1, 0, 0, 0]}},
-        impact_pairs=[{"robot_geom": "ball", "object_geom": "floor/floor", "restitution": restitution}],
+        contacts={"rules": [{"between": ["ball", "floor/floor"], "restitution": restitution}]},
         impact=impact,
     )
 
@@ -139,7 +139,7 @@ def crate_on_a_slab(folder, **scenario):
             "time_step_s": 0.002,
             "control_period_s": 0.002,
             "initial": {"joints": {"robot/z": 5.0, "crate/free": [0.0, 0.0, 0.35, 0.9998, 0.02, 0.0, 0.0]}},
-            "impact_pairs": [{"geoms": ["crate/crate", "slab/slab"], "restitution": 0.3}],
+            "contacts": {"rules": [{"between": ["crate/crate", "slab/slab"], "restitution": 0.3}]},
             **scenario,
         },
     )
@@ -204,9 +204,7 @@ def jaws(folder, restitution, *, kp, speed=0.0, duration_s=1.0, shape='type="box
         {"cube": box("cube", mass=2.0, half=(0.1, 0.1, 0.1))},
         duration_s=duration_s,
         initial={"rates": {"left": speed, "right": -1.3 * speed}},
-        impact_pairs=[
-            {"robot_geom": name, "object_geom": "cube/cube", "restitution": restitution} for name in ("left", "right")
-        ],
+        contacts={"rules": [{"between": [name, "cube/cube"], "restitution": restitution} for name in ("left", "right")]},
         phases=[{"name": "grip", "until": "end", "controller": grip}],
     )
 
@@ -237,7 +235,7 @@ def chattering(folder):
         time_step_s=0.01,
         control_period_s=0.01,
         initial={"joints": {"target/x": 0.2 + 1e-7}},
-        impact_pairs=[{"robot_geom": "robot/ball", "object_geom": "target/target"}],
+        contacts={"rules": [{"between": ["robot/ball", "target/target"]}]},
         phases=[{"name": "push", "until": "end", "controller": push}],
     )
 
@@ -326,7 +324,7 @@ def _pushed(folder, d):
             "joints": {"block/free": [reach + d["gap"] + 1e-12, 0.02, -0.03, c, 0.0, 0.0, s]},
             "rates": {"rod": d["speed"], "block/free": [-0.5 * abs(d["speed"]), 0, 0, d["spin"], -d["spin"], d["spin"]]},
         },
-        impact_pairs=[{"robot_geom": "pad", "object_geom": "block/block", "restitution": d["restitution"]}],
+        contacts={"rules": [{"between": ["pad", "block/block"], "restitution": d["restitution"]}]},
         impact={"max_impacts": 100},  # what is elastic may hit thousands of times
         phases=[
             {
@@ -425,10 +423,12 @@ def test_the_rest_rule_ignores_the_contact_forces_before_the_impact(tmp_path, mo
         conservative=False,
         duration_s=0.4,
         initial={"joints": {"robot/z": 0.2, "stone/z": 0.5}},
-        impact_pairs=[
-            {"geoms": ["slab/slab", "ball"], "restitution": 0.5},
-            {"geoms": ["ball", "stone/stone"], "restitution": 0.5},
-        ],
+        contacts={
+            "rules": [
+                {"between": ["slab/slab", "ball"], "restitution": 0.5},
+                {"between": ["ball", "stone/stone"], "restitution": 0.5},
+            ]
+        },
     )
     run = ffsm_mj.run(path)
     assert len(run.records["contact_beginnings"])

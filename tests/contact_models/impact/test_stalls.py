@@ -26,10 +26,12 @@ def squeezed(folder, mass):
             "joints": {"robot/free": [0, 0, 0.501, 1, 0, 0, 0], "crate/free": [0, 0, 0.2, 1, 0, 0, 0]},
             "rates": {"robot/free": [0, 0, -1.0, 0, 0, 0]},
         },
-        impact_pairs=[
-            {"geoms": ["crate/crate", "floor/floor"], "restitution": 0.3},
-            {"geoms": ["block", "crate/crate"], "restitution": 0.3},
-        ],
+        contacts={
+            "rules": [
+                {"between": ["crate/crate", "floor/floor"], "restitution": 0.3},
+                {"between": ["block", "crate/crate"], "restitution": 0.3},
+            ]
+        },
     )
 
 

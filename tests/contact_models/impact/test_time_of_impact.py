@@ -57,10 +57,12 @@ def test_two_impacts_in_one_step(tmp_path):
         time_step_s=0.01,
         control_period_s=0.01,
         initial={"joints": {"left/x": -0.202, "right/x": 0.205}, "rates": {"left/x": 1.0, "right/x": -1.0}},
-        impact_pairs=[
-            {"robot_geom": "robot/ball", "object_geom": "left/left"},
-            {"robot_geom": "robot/ball", "object_geom": "right/right"},
-        ],
+        contacts={
+            "rules": [
+                {"between": ["robot/ball", "left/left"]},
+                {"between": ["robot/ball", "right/right"]},
+            ]
+        },
     )
     run = ffsm_mj.run(path)
     # Equal masses exchange velocities: at 2 ms the middle one takes off at 1 m/s and meets the right one at 3.5 ms.
@@ -81,7 +83,7 @@ def test_a_graze_is_neither_missed_nor_invented(tmp_path, offset, hits):
         time_step_s=0.02,
         control_period_s=0.02,
         initial={"joints": {"target/x": 1.003, "target/y": offset}, "rates": {"robot/x": 5.0}},
-        impact_pairs=[{"robot_geom": "ball", "object_geom": "target/target"}],
+        contacts={"rules": [{"between": ["ball", "target/target"]}]},
     )
     run = ffsm_mj.run(path)
     assert len(run.impacts) == hits
@@ -102,7 +104,7 @@ def test_no_tunnelling_through_a_thin_plate(tmp_path, speed, step):
         time_step_s=step,
         control_period_s=step,
         initial={"joints": {"plate/free": [1.0105, 0.01, -0.02, 1, 0, 0, 0]}, "rates": {"robot/x": speed}},
-        impact_pairs=[{"robot_geom": "ball", "object_geom": "plate/plate"}],
+        contacts={"rules": [{"between": ["ball", "plate/plate"]}]},
     )
     run = ffsm_mj.run(path)
     (impact,) = run.impacts
@@ -124,7 +126,7 @@ def test_oblique_impact_on_a_spinning_rotated_box(tmp_path):
                 "block/free": [-0.2, 0.03, 0.02, 0.9, -1.1, 0.8],
             },
         },
-        impact_pairs=[{"robot_geom": "ball", "object_geom": "block/block", "restitution": 0.6}],
+        contacts={"rules": [{"between": ["ball", "block/block"], "restitution": 0.6}]},
     )
     run = ffsm_mj.run(path)
     (impact,) = run.impacts

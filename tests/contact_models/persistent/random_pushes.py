@@ -121,7 +121,7 @@ def _drawn(rng, folder, step, steps, kinds):
             "joints": start,
             "rates": {k: v if isinstance(v, float) else list(map(float, v)) for k, v in rates.items()},
         },
-        impact_pairs=[{"geoms": list(pair), "restitution": float(rng.choice(RESTITUTIONS))} for pair in pairs],
+        contacts={"rules": [{"between": list(pair), "restitution": float(rng.choice(RESTITUTIONS))} for pair in pairs]},
         phases=[
             {
                 "name": "push",
@@ -161,7 +161,7 @@ def approach(path, rng):
         data.qpos[address] = x + near
         return float(data.qpos[address])
 
-    named = [tuple(pair["geoms"]) for pair in said["impact_pairs"]]
+    named = [tuple(pair["between"]) for pair in said["contacts"]["rules"]]
     before = [pair for pair in named if pair[1] == "block/block"]
     start = said["initial"]["joints"]
     start["block/free"][0] = moved(block, *((f"robot/{a}", b) for a, b in before))

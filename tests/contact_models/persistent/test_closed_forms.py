@@ -38,7 +38,7 @@ def sprung(folder, step, speed=0.5):
         control_period_s=0.008,
         conservative=False,
         initial={"joints": {"ball/x": 0.25}, "rates": {"robot/x": speed}},
-        impact_pairs=[{"robot_geom": "pad", "object_geom": "ball/ball", "restitution": 0.0}],
+        contacts={"rules": [{"between": ["pad", "ball/ball"], "restitution": 0.0}]},
     )
 
 
@@ -84,9 +84,7 @@ def test_a_sphere_between_two_faces_at_60_degrees(tmp_path):
             {"left": wedge("left", 60.0), "right": wedge("right", -60.0)},
             fixed={"left": {}, "right": {}},
             initial={"joints": {"robot/z": 0.25, "robot/x": 0.005}},
-            impact_pairs=[
-                {"robot_geom": "ball", "object_geom": f"{name}/{name}", "restitution": 0.2} for name in ("left", "right")
-            ],
+            contacts={"rules": [{"between": ["ball", f"{name}/{name}"], "restitution": 0.2} for name in ("left", "right")]},
             phases=[{"name": "press", "until": "end", "controller": push}],
             duration_s=0.6,
             time_step_s=2e-3,
@@ -117,7 +115,7 @@ def test_two_accelerated_masses_share_a_force(tmp_path):
                 robot,
                 {"ball": ball("ball", mass=1.5, joints="x")},
                 initial={"joints": {"ball/x": 0.2}},
-                impact_pairs=[{"robot_geom": "pad", "object_geom": "ball/ball", "restitution": 0.0}],
+                contacts={"rules": [{"between": ["pad", "ball/ball"], "restitution": 0.0}]},
                 phases=[{"name": "push", "until": "end", "controller": push}],
                 time_step_s=5e-3,
                 control_period_s=5e-3,

@@ -42,7 +42,7 @@ def scenario(tmp_path_factory):
         time_step_s=2e-3,
         control_period_s=2e-3,
         initial={"joints": {"b": [*place, *turn]}},
-        impact_pairs=[{"robot_geom": "f", "object_geom": "b/b", "restitution": 0.0}],
+        contacts={"rules": [{"between": ["f", "b/b"], "restitution": 0.0}]},
         phases=[
             {
                 "name": "press",

@@ -47,7 +47,7 @@ def test_vertices_of_a_mesh_that_touch_as_well_as_they_are_known(tmp_path, tilt_
         fixed={"floor": {"position_m": [0.0, 0.0, -0.625]}},
         duration_s=0.02,
         initial={"joints": {"robot/free": [0.0, 0.0, 0.125 * tilt_rad, 1.0, 0.0, -0.5 * tilt_rad, 0.0]}},
-        impact_pairs=[{"geoms": ["cube", "floor/floor"], "restitution": 0.0}],
+        contacts={"rules": [{"between": ["cube", "floor/floor"], "restitution": 0.0}]},
         phases=[{"name": "tip", "until": "end", "controller": {"kind": "pushes", "efforts": [[2.0]], "hold_s": 1.0}}],
     )
     run = ffsm_mj.run(path, controllers=LAWS)

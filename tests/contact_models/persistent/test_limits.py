@@ -215,7 +215,7 @@ def test_jaws_on_an_object_and_on_their_own_stops_share_the_load(tmp_path):
         {"ball": ball("ball", radius=0.005)},
         duration_s=0.3,
         initial={"joints": {"left": 0.02, "right": 0.02, "ball/free": [0.3, 0.0, 0.0, 1, 0, 0, 0]}},
-        impact_pairs=[{"geoms": [jaw, "ball/ball"], "restitution": 0.0} for jaw in ("left", "right")],
+        contacts={"rules": [{"between": [jaw, "ball/ball"], "restitution": 0.0} for jaw in ("left", "right")]},
         phases=DRIVEN,
     )
     run = ffsm_mj.run(path, controllers=driven_by(lambda _: (1.0, 1.0)))

@@ -55,7 +55,7 @@ def pushing(folder, *, step=2e-3, angle=0.0, boost=(0.0, 0.0, 0.0), duration=0.1
             },
             "rates": {"robot/free": [*boost, 0, 0, 0], "box/free": [*boost, 0, 0, 0]},
         },
-        impact_pairs=[{"robot_geom": "tip", "object_geom": "box/box", "restitution": 0.0}],
+        contacts={"rules": [{"between": ["tip", "box/box"], "restitution": 0.0}]},
         phases=[
             {
                 "name": "push",

@@ -46,7 +46,7 @@ def pushing(folder, *, step, gap=0.0, restitution=0.0, **scenario):
             control_period_s=0.04,
             conservative=False,
             initial={"joints": {"shoulder": SHOULDER, "elbow": ELBOW, "box/x": tip + 0.25 + gap, "box/y": 0.03}},
-            impact_pairs=[{"robot_geom": "tip", "object_geom": "box/box", "restitution": restitution}],
+            contacts={"rules": [{"between": ["tip", "box/box"], "restitution": restitution}]},
             **scenario,
         )
     )

@@ -34,14 +34,14 @@ def standing(folder, feet, joints, *, head=HEAD, weight="", **scenario):
       {"".join(f"<joint name='{name}' type='{JOINTS[name]}'/>" for name in joints)}
       {"".join(mjcf.format(name, at) for name, (mjcf, at) in feet.items())}{weight}</body></worldbody>
       <actuator><motor name="press" joint="z"/></actuator></mujoco>"""
-    pairs = [{"name": name, "robot_geom": name, "object_geom": "slab/slab", "restitution": 0.0} for name in feet]
+    pairs = [{"name": name, "between": [name, "slab/slab"], "restitution": 0.0} for name in feet]
     scenario["initial"] = {"joints": {"robot/z": 0.1}, **scenario.get("initial", {})}
     return scene(
         folder,
         robot,
         {"slab": slab("slab")},
         fixed={"slab": {"position_m": [0, 0, -0.5]}},
-        impact_pairs=pairs,
+        contacts={"rules": pairs},
         **{"duration_s": 0.1, "time_step_s": 5e-3, "control_period_s": 5e-3, **scenario},
     )
 
@@ -163,7 +163,7 @@ def test_a_finger_and_what_is_held_share_a_wall(tmp_path):
     """Both lean on it, and the rail does not tell who bears what: half each, and the link bears that of the held."""
     finger = '<geom name="finger" type="sphere" size="0.1" pos="0.2 0.5 0" mass="0"/>'
     pairs = [
-        {"name": name, "geoms": [geom, "wall/wall"], "restitution": 0.0}
+        {"name": name, "between": [geom, "wall/wall"], "restitution": 0.0}
         for name, geom in (("late", "target/target"), ("own", "finger"))
     ]
     robot, wall = ball("ball", mass=MASS["robot"], joints="x", extra=finger), {"wall": slab("wall", "0.1 2 0.5")}

@@ -47,10 +47,12 @@ def rocking(folder, restitution, *, duration=1.5, **scenario):
                 "joints": {"robot/z": 0.14, "robot/pitch": 0.1, "ball/z": 2.25},
                 "rates": {"ball/z": -2.0},
             },
-            impact_pairs=[
-                {"robot_geom": "block", "object_geom": "slab/slab", "restitution": restitution},
-                {"robot_geom": "block", "object_geom": "ball/ball", "restitution": 0.5},
-            ],
+            contacts={
+                "rules": [
+                    {"between": ["block", "slab/slab"], "restitution": restitution},
+                    {"between": ["block", "ball/ball"], "restitution": 0.5},
+                ]
+            },
             phases=[{"name": "press", "until": "end", "controller": press}],
             **scenario,
         )
@@ -103,7 +105,7 @@ def test_a_ball_slides_over_a_corner(tmp_path):
                 fixed={"block": {}},
                 duration_s=1.2,
                 initial={"joints": {"robot/x": 0.05, "robot/y": 0.07, "robot/z": 0.3}},
-                impact_pairs=[{"robot_geom": "ball", "object_geom": "block/block", "restitution": 0.0}],
+                contacts={"rules": [{"between": ["ball", "block/block"], "restitution": 0.0}]},
                 phases=[{"name": "push", "until": "end", "controller": push}],
             )
         )

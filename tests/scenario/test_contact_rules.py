@@ -1,4 +1,4 @@
-"""Impact pairs in a scenario: which geoms may be one, names, changes by name, and what is said of them."""
+"""Contact rules of a scenario: sides, the last rule that wins, names, changes by name, and what is said of them."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from tests.scenes import ARM, CHAIN, self_hit, three_balls
 
 def test_links_that_always_overlap_are_refused_at_the_start(tmp_path):
     (line,) = refused(self_hit(tmp_path, pair=("upper", "round")))
-    assert "impact_pairs.0: geoms 'robot/upper' and 'robot/round' are on one rigid body" in line
+    assert "contacts.rules.0.between: geoms 'robot/upper' and 'robot/round' are on one rigid body" in line
     arm = ARM.replace('<geom name="round" size="0.04"', '<geom name="round" size="0.06"')
     (tmp_path / "robot.xml").write_text(arm)
     (tmp_path / "scene.yaml").write_text(
         (tmp_path / "scene.yaml").read_text().replace('"upper", "round"', '"hull", "round"')
     )
     (line,) = refused(tmp_path / "scene.yaml")
-    assert "impact_pairs.0: robot/hull and robot/round overlap by 0.01 m at the start; move one of them" in line
+    assert "contacts.rules.0: robot/hull and robot/round overlap by 0.01 m at the start; move one of them" in line
 
 
 def refused(path, *overrides):
@@ -41,24 +41,28 @@ def refused(path, *overrides):
 @pytest.mark.parametrize(
     ("pair", "expected"),
     [
-        ({"geoms": ["tip", "finger"]}, "impact_pairs.0: geoms 'robot/tip' and 'robot/finger' are on one rigid body"),
-        ({"geoms": ["tip", "tip"]}, "impact_pairs.0: geoms 'robot/tip' and 'robot/tip' are on one rigid body"),
-        ({"geoms": ["tip", "wall"]}, "impact_pairs.0: geom 'robot/wall' is fixed to the world"),
         (
-            {"geoms": ["tip", "hul"]},
-            "impact_pairs.0.geoms.1: unknown geom 'hul' (did you mean 'robot/hull'?); allowed: robot/finger, ",
+            {"between": ["tip", "finger"]},
+            "rules.0.between: geoms 'robot/tip' and 'robot/finger' are on one rigid body",
         ),
-        ({"geoms": ["tip"]}, "impact_pairs.0.geoms: "),
-        ({"geoms": ["tip", "hull", "rock"]}, "impact_pairs.0.geoms: "),
-        ({"geoms": ["tip", "hull"], "robot_geom": "tip"}, "a pair needs 'geoms: [a, b]', or 'robot_geom' and 'object_geom'"),
-        ({"robot_geom": "tip"}, "a pair needs 'geoms: [a, b]', or 'robot_geom' and 'object_geom'"),
-        ({"robot_geom": "tip", "object_geom": "hull"}, "impact_pairs.0.object_geom: robot/hull is not a geom of an object"),
-        ({"geoms": ["tip", "hull"], "name": "3"}, "the name '3' would be ambiguous with a position in the list"),
-        ({"geoms": ["tip", "hull"], "name": ""}, "impact_pairs.0.name: "),
+        ({"between": ["tip", "tip"]}, "contacts.rules.0.between: names one geom twice"),
+        ({"between": ["tip", "wall"]}, "contacts.rules.0.between: geom 'robot/wall' is fixed to the world"),
+        ({"between": ["tip", "hul"]}, "contacts.rules.0.between.1: unknown model, body or geom 'hul' (did you mean"),
+        ({"between": ["tip"]}, "contacts.rules.0.between: "),
+        ({"between": ["tip", "hull", "rock"]}, "contacts.rules.0.between: "),
+        ({"restitution": 0.5}, "contacts.rules.0.between: is missing"),
+        (
+            {"between": ["upper", "robot/lower/*"]},
+            "rules.0.between: names no two geoms that can collide: bodies joined",
+        ),
+        ({"between": ["wall", "rock"]}, "contacts.rules.0.between: no geom of 'wall' can collide with anything"),
+        ({"between": ["tip/*", "rock"]}, "contacts.rules.0.between.0: unknown model, body or geom 'tip/*'"),
+        ({"between": ["tip", "hull"], "name": "3"}, "the name '3' would be ambiguous with a position in the list"),
+        ({"between": ["tip", "hull"], "name": ""}, "contacts.rules.0.name: "),
     ],
 )
 def test_pairs_that_are_none(tmp_path, pair, expected):
-    path = self_hit(tmp_path, impact_pairs=[pair])
+    path = self_hit(tmp_path, contacts={"rules": [pair]})
     wall = '<worldbody><geom name="wall" size="0.1" pos="0 -5 0"/>'
     (tmp_path / "robot.xml").write_text(ARM.replace("<worldbody>", wall))
     (line,) = refused(path)
@@ -68,61 +72,59 @@ def test_pairs_that_are_none(tmp_path, pair, expected):
 
 def test_names_are_unique(tmp_path):
     """Two different pairs under one name, given or not; and one pair twice, either way round."""
-    named = [{"geoms": ["ball", "left/left"], "name": "behind"}, CHAIN[1]]
+    named = [{"between": ["ball", "left/left"], "name": "behind"}, CHAIN[1]]
     (line,) = refused(three_balls(tmp_path, named))
-    assert "impact_pairs.1.name: left/left - right/right and robot/ball - left/left have the name 'behind'" in line
+    assert "contacts.rules.1.name: another rule or pair has the name 'behind'; give this rule a name of its own" in line
     taken = [CHAIN[0], CHAIN[1] | {"name": "ball-left/left"}]
     (line,) = refused(three_balls(tmp_path, taken))
-    assert "impact_pairs.1.name: " in line
-    (line,) = refused(three_balls(tmp_path, [CHAIN[0], {"geoms": ["left/left", "ball"]}]))
-    assert "impact_pairs.1: left/left - robot/ball is listed twice" in line
+    assert "contacts.rules.1.name: " in line
+    (line,) = refused(three_balls(tmp_path, [CHAIN[0], {"between": ["left/left", "ball"]}]))
+    assert "contacts.rules.0: has no effect: every pair that it names is in later rules, which win" in line
 
 
 def test_overrides_by_name(tmp_path):
     path = three_balls(tmp_path, [CHAIN[0], CHAIN[1] | {"name": "far.behind"}])
-    keys = ["impact_pairs.ball-left/left.restitution=0.5", "impact_pairs.far.behind.restitution=0.25"]
-    pairs = prepare(path, [*keys, "phases.coast.name=fly"]).scenario
-    assert [pair.restitution for pair in pairs.impact_pairs] == [0.5, 0.25]
-    assert pairs.phases[0].name == "fly"
-    renamed = prepare(path, ["impact_pairs.0.name=first", "impact_pairs.first={geoms: [ball, right/right]}"]).scenario
-    assert renamed.impact_pairs[0].name == "ball-right/right"
-    for wrong in ("impact_pairs.nobody.restitution=0.5", "impact_pairs.2.restitution=0.5", "impact_pairs.far=1"):
+    keys = ["contacts.rules.ball-left/left.restitution=0.5", "contacts.rules.far.behind.restitution=0.25"]
+    changed = prepare(path, [*keys, "phases.coast.name=fly"]).scenario
+    assert [rule.restitution for rule in changed.contacts.rules] == [0.5, 0.25]
+    assert changed.phases[0].name == "fly"
+    renamed = prepare(path, ["contacts.rules.0.name=first", "contacts.rules.first={between: [ball, right/right]}"]).scenario
+    assert renamed.contacts.rules[0].name == "ball-right/right"
+    for wrong in ("contacts.rules.nobody.restitution=0.5", "contacts.rules.2.restitution=0.5", "contacts.rules.far=1"):
         (line,) = refused(path, wrong)
-        meant = " (did you mean 'far.behind'?)" * wrong.startswith("impact_pairs.far")
+        meant = " (did you mean 'far.behind'?)" * wrong.startswith("contacts.rules.far")
         assert line == (
-            f"overrides: {wrong}: impact_pairs is a list of 2{meant}: "
+            f"overrides: {wrong}: contacts.rules is a list of 2{meant}: "
             "its positions are 0 to 1, its names ball-left/left, far.behind"
         )
-    (line,) = refused(path, "impact_pairs.far.behind.restitution=-1")
-    assert line.startswith("overrides: impact_pairs.far.behind.restitution=-1: impact_pairs.1.restitution: ")
+    (line,) = refused(path, "contacts.rules.far.behind.restitution=-1")
+    assert line.startswith("overrides: contacts.rules.far.behind.restitution=-1: contacts.rules.1.restitution: ")
 
 
 def test_a_child_changes_a_pair_by_its_name(tmp_path):
     three_balls(tmp_path, CHAIN)
     child = tmp_path / "child.yaml"
-    text = "extends: scene.yaml\nname: child\nimpact_pairs:\n"
+    text = "extends: scene.yaml\nname: child\ncontacts:\n  rules:\n"
     child.write_text(text + "  - {name: behind, restitution: 0.1}\n  - {name: ball-left/left, super_elastic: true}\n")
-    first, second = prepare(child).scenario.impact_pairs
-    assert (first.geoms, first.restitution) == (("left/left", "right/right"), 0.1)
-    assert (second.robot_geom, second.restitution, second.super_elastic) == ("ball", 0.8, True)
+    first, second = prepare(child).scenario.contacts.rules
+    assert (first.between, first.restitution) == (("left/left", "right/right"), 0.1)
+    assert (second.between, second.restitution, second.super_elastic) == (("ball", "left/left"), 0.8, True)
 
 
 @pytest.mark.parametrize(
-    ("pair", "whole", "child"),
+    ("rule", "whole", "child"),
     [
-        ({"geoms": ["a", "b"]}, True, True),
-        ({"robot_geom": "a", "object_geom": "b", "name": "x"}, True, True),
+        ({"between": ["a", "b"]}, True, True),
+        ({"between": ["a", "b"], "name": "x"}, True, True),
         ({"name": "x", "restitution": 0.5}, False, True),
-        ({"robot_geom": "a"}, False, False),
-        ({"geoms": ["a"]}, False, False),
-        ({"geoms": ["a", "b"], "robot_geom": "a", "object_geom": "b"}, False, True),  # nothing or null may take it away
+        ({"between": ["a"]}, False, False),
     ],
 )
-def test_editors_know_both_ways_to_write_a_pair(tmp_path, pair, whole, child):
+def test_editors_know_a_rule_and_a_change_of_one(tmp_path, rule, whole, child):
     schema = Draft202012Validator(scenario_schema())
-    scenario = json.loads(three_balls(tmp_path, [pair]).read_text())
+    scenario = json.loads(three_balls(tmp_path, [rule]).read_text())
     assert schema.is_valid(scenario) == whole
-    assert schema.is_valid({"extends": "baseline", "name": "x", "impact_pairs": [pair]}) == child
+    assert schema.is_valid({"extends": "baseline", "name": "x", "contacts": {"rules": [rule]}}) == child
 
 
 def test_viewers_are_told_the_pair(tmp_path):
@@ -167,10 +169,10 @@ def test_what_is_said_of_a_pair(tmp_path, capsys):
     assert main(["export", str(folder), "--csv", "--table", "impacts", "--out", str(tmp_path / "impacts.csv")]) == 0
     assert '"behind","left/left","right/right","","",' in (tmp_path / "impacts.csv").read_text()
 
-    again = ["run", str(folder), "--out", str(other), "--no-rerun", "-s", "impact_pairs.behind.restitution=1.0"]
+    again = ["run", str(folder), "--out", str(other), "--no-rerun", "-s", "contacts.rules.behind.restitution=1.0"]
     assert main(again) == 0
     capsys.readouterr()
     assert main(["analyze", str(folder), str(other), "--compare"]) == 0
     compared = capsys.readouterr().out
-    assert "impact_pairs.1.restitution: 0.5 -> 1.0" in compared
+    assert "contacts.rules.1.restitution: 0.5 -> 1.0" in compared
     assert "2  behind" in compared

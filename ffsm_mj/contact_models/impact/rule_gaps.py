@@ -1,0 +1,74 @@
+"""Smallest gap of each contact rule, a column of the log."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.broad_phase import BroadPhase
+from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.signals import Signal, identifier
+
+PERIOD_S = 0.02
+"""The gaps are evaluated in the first sample and then once in this time: a rule may have hundreds of pairs."""
+_ROUNDING = 1e-9
+"""Relative rounding of the time of a sample."""
+_MEANING = "smallest gap of the pairs of {}, negative when overlapping; evaluated every {:g} s and held in between"
+
+
+class RuleGaps:
+    """Evaluates the smallest gap of each rule.
+
+    Attributes:
+        columns: One column for each rule.
+    """
+
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
+        """Group the pairs by rule."""
+        self._model, self._data = scene.system.mj, scene.data
+        rules: dict[str, list[ContactPair]] = {}
+        for pair in pairs:
+            rules.setdefault(pair.rule, []).append(pair)
+        self._rules = [BroadPhase(self._model, each) for each in rules.values()]
+        self._gaps = np.full(len(rules), math.nan)
+        signals = tuple(
+            Signal("contact", f"{identifier(rule)}_gap_m", "m", _MEANING.format(rule, PERIOD_S)) for rule in rules
+        )
+        self.columns = (Columns(signals, live=self._gaps, on_sample=self._write, resume=self._resume),) if rules else ()
+        self._last_s, self._is_resumed = math.nan, False
+
+    def _resume(self, logged: FloatArray) -> None:
+        # The next sample is the one that these values were logged with; zeros stand for the start of a run.
+        self._gaps[:], self._is_resumed, self._last_s = logged, bool(logged.any()), math.nan
+
+    def _write(self, time_s: float) -> None:
+        """Evaluate the gaps if a multiple of the period has passed since the sample before.
+
+        Whether it has is a function of both times alone, so that a log replay evaluates the same samples.
+        """
+        last, self._last_s = self._last_s, time_s
+        is_resumed, self._is_resumed = self._is_resumed, False
+        if not is_resumed and (math.isnan(last) or _periods(time_s) > _periods(last)):
+            self._gaps[:] = [_smallest(rule, self._model, self._data) for rule in self._rules]
+
+
+def _periods(time_s: float) -> int:
+    return math.floor(time_s / PERIOD_S * (1.0 + _ROUNDING) + _ROUNDING)
+
+
+def _smallest(rule: BroadPhase, model: Any, data: Any) -> float:
+    """Smallest gap of some pairs: the nearest by their spheres first, until no sphere is nearer than a gap found."""
+    bounds = rule.gaps(data)
+    smallest = DISTANCE_LIMIT_M
+    for i in np.argsort(bounds).tolist():
+        if bounds[i] >= smallest:
+            break
+        smallest = min(smallest, rule.pairs[i].gap(model, data, DISTANCE_LIMIT_M))
+    return smallest

@@ -1,0 +1,82 @@
+"""Contacts of a scenario: which geoms may touch, with which restitution and friction."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import ConfigDict, Field, model_validator
+
+from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.scenario.element_names import element_name
+
+Sides = Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)]
+
+
+class ContactDefaultConfig(StrictModel):
+    """Restitution and friction of the contacts whose rule states none."""
+
+    restitution: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
+    """Coefficient of restitution e: 1 elastic, 0 plastic."""
+    mu: Annotated[float, Field(ge=0.0)] = 0.0
+    """Coefficient of Coulomb friction; that of the MJCF is for MuJoCo's own contacts and is not used."""
+
+
+class ContactRuleConfig(StrictModel):
+    """A rule: contacts between two sides are resolved. Where rules overlap, the last one that names a pair has it."""
+
+    # In a file with ``extends``, a rule that names one of the parent's may leave its sides out.
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["between"]}]})
+
+    between: Sides
+    """Two sides, each the robot or an object by its name, a body, a subtree (``robot/hand/*``: a body and all that it
+    carries), a geom, or ``"*"`` for all of another model; ``[robot, self]``: contacts of the robot with itself."""
+    name: Name = Field(default_factory=lambda fields: element_name(fields) or "")
+    """Unique name in records, columns and overrides; default: ``<a>-<b>``, the sides as written here."""
+    restitution: Annotated[float, Field(ge=0.0)] | None = None
+    """Coefficient of restitution e: 1 elastic, 0 plastic; default: that of ``contacts.default``."""
+    mu: Annotated[float, Field(ge=0.0)] | None = None
+    """Coefficient of Coulomb friction at impacts; default: that of ``contacts.default``."""
+    super_elastic: bool = False
+    """Allow e > 1, an impact that gains energy (case c of the paper)."""
+
+    @model_validator(mode="after")
+    def _has_a_usable_name(self) -> ContactRuleConfig:
+        if self.name.isdecimal():
+            raise ValueError(f"the name {self.name!r} would be ambiguous with a position in the list; add a letter")
+        return self
+
+    @model_validator(mode="after")
+    def _super_elastic_by_name(self) -> ContactRuleConfig:
+        if (self.restitution or 0.0) > 1.0 and not self.super_elastic:
+            raise ValueError("restitution must be in [0, 1]; above 1 only with 'super_elastic: true'")
+        if (self.restitution or 0.0) > 1.0 and (self.mu or 0.0) > 0.0:
+            raise ValueError("an impact that gains energy (restitution above 1) has no law with friction; set mu to 0")
+        return self
+
+
+class IgnoredContactConfig(StrictModel):
+    """Contacts that are neither resolved nor reported."""
+
+    between: Sides
+    """Two sides, as in a rule; a model with itself: ``[robot, self]``."""
+    reason: Name
+    """Why these contacts can be ignored."""
+
+
+class ContactsConfig(StrictModel):
+    """Which geoms may touch. Without rules: all geoms of different models that can collide by MuJoCo's own filters."""
+
+    default: ContactDefaultConfig = ContactDefaultConfig()
+    """Restitution and friction where a rule states none."""
+    rules: tuple[ContactRuleConfig, ...] | None = None
+    """Contacts that are resolved; all other overlaps are reported. Default: a rule for each pair of models; ``[]``: none."""
+    ignored: tuple[IgnoredContactConfig, ...] = ()
+    """Contacts that are neither resolved nor reported; they are taken out of every rule."""
+
+    def restitution_of(self, rule: ContactRuleConfig) -> float:
+        """Coefficient of restitution of a rule."""
+        return self.default.restitution if rule.restitution is None else rule.restitution
+
+    def mu_of(self, rule: ContactRuleConfig) -> float:
+        """Coefficient of friction of a rule."""
+        return self.default.mu if rule.mu is None else rule.mu
