@@ -69,7 +69,7 @@ def _scenario_case(rng: Random) -> Case:
     for pair in rng.sample(pairs, rng.choice((0, 1, 1, 3))):
         pair.pairs = [*((name, item) for name, item in pair.pairs if name != "mu"), ("mu", Raw(rng.choice(words)))]
     for _ in range(rng.choice((0, 0, 0, 1, 2))):
-        mutate_within(rng, tree, ("impact_pairs", "impact"), _WORDS, _KEYS)
+        mutate_within(rng, tree, ("contacts", "impact"), _WORDS, _KEYS)
     if rng.random() < 0.4:
         scale_numbers(rng, tree)
     if rng.random() < 0.1:
