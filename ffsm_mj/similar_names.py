@@ -44,8 +44,13 @@ def _one_letter_apart(a: str, b: str) -> bool:
 def similar_file(path: Path) -> str:
     """`` (did you mean 'PATH'?)`` with the most similar name in the folder of a file that does not exist, or empty."""
     try:
-        names = [each.name for each in path.parent.iterdir()]
+        there = sorted(path.parent.iterdir())
     except OSError:
         return ""
-    found = similar_name(path.name, sorted(names))
-    return f" (did you mean {str(path.with_name(found))!r}?)" if found else ""
+    # Stems only: files of one kind would be similar by their suffix alone.
+    stems = {each.stem: each for each in there if each.suffix == path.suffix or not path.suffix}
+    found = similar_name(path.stem, list(stems))
+    if not found:  # the same name with another suffix
+        found = next((each.stem for each in there if path.suffix and each.stem == path.stem), "")
+        stems = {each.stem: each for each in there}
+    return f" (did you mean {str(stems[found])!r}?)" if found else ""

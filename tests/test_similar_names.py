@@ -31,4 +31,6 @@ def test_the_meant_name(written, names, meant):
 def test_the_meant_file(tmp_path):
     (tmp_path / "mine.yaml").touch()
     assert similar_file(tmp_path / "mime.yaml") == f" (did you mean {str(tmp_path / 'mine.yaml')!r}?)"
+    assert similar_file(tmp_path / "mine.yml") == f" (did you mean {str(tmp_path / 'mine.yaml')!r}?)"
+    assert similar_file(tmp_path / "other.yaml") == ""  # the suffix alone is not similar
     assert similar_file(tmp_path / "nowhere" / "mine.yaml") == ""

@@ -18,6 +18,7 @@ from ffsm_mj.model.strip import to_strip
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.similar_names import similar_file
 
 _CONTROLLER_MODEL = ("model", "controller_model")
 """Keys of the changes in a controller model: those of the plant come first."""
@@ -97,7 +98,7 @@ def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[s
         path = _beside(source, (*keys, "mjcf"), part.mjcf)
         if not os.path.isfile(path):  # without an exception for a name that is too long
             what = "is a folder, not a model file:" if os.path.isdir(path) else "no such model file"
-            faults.append(Fault(f"{what} {path}", (*keys, "mjcf")))
+            faults.append(Fault(f"{what} {path}{similar_file(path)}", (*keys, "mjcf")))
         found: dict[str, tuple[Path, ...]] = {}
         for key in ("asset_folders", "package_paths"):
             found[key] = tuple(_beside(source, (*keys, key), folder) for folder in getattr(part, key))

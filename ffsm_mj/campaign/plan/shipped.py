@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.scenario.shipped import scenarios_dir
+from ffsm_mj.similar_names import similar_file
 from ffsm_mj.yaml.parser import read_node
 
 
@@ -30,7 +31,7 @@ def campaign_path(campaign: str | Path) -> Path:
     if os.path.exists(text) and text not in campaign_names():
         return Path(campaign)
     if text.endswith((".yaml", ".yml")) or "/" in text:
-        raise InputError(f"{text}: no such campaign file")
+        raise InputError(f"{text}: no such campaign file{similar_file(Path(text))}")
     if text not in campaign_names():
         raise InputError(f"{text}: no such file, and {unknown_name('shipped campaign', text, campaign_names())}")
     return campaigns_dir() / f"{text}.yaml"

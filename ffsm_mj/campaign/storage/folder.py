@@ -18,6 +18,7 @@ from ffsm_mj.log.run_folder import SUMMARY
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.output_place import refuse_link
 from ffsm_mj.scenario.source import write_yaml
+from ffsm_mj.similar_names import similar_file
 
 CAMPAIGN = "campaign.yaml"
 DESIGN = "design.json"
@@ -141,7 +142,9 @@ class CampaignFolder:
         try:
             return Design.from_json(file.read_text(encoding="utf-8"))
         except OSError as error:
-            raise InputError(f"{self.path}: holds no campaign (no {DESIGN})") from error
+            there = self.path.is_dir()
+            what = f"holds no campaign (no {DESIGN})" if there else f"no such campaign folder{similar_file(self.path)}"
+            raise InputError(f"{self.path}: {what}") from error
         except InputError as error:
             raise InputError(f"{file}: {error}") from error
 
