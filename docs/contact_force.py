@@ -10,7 +10,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 import ffsm_mj
-from ffsm_mj.report.plots.style import BLUE, VERMILLION, WIDTH_IN, publication, write
+from ffsm_mj.report.plots.style import BLUE, VERMILION, WIDTH_IN, publication, write
 
 FOLDER = Path(__file__).parent / "figures" / "push"
 UNTIL_S = 10.2
@@ -23,7 +23,7 @@ def main() -> None:
     with publication():
         figure = Figure(figsize=(WIDTH_IN, 0.55 * WIDTH_IN))
         hits, forces = figure.subplots(2, 1, sharex=True)
-        for name, colour, flies in (("bounces, e = 0.3", BLUE, True), ("settles: entry by rule (10)", VERMILLION, False)):
+        for name, colour, flies in (("bounces, e = 0.3", BLUE, True), ("settles: entry by rule (10)", VERMILION, False)):
             mine = [impact for impact in run.impacts if (impact.restitution_used > 0.0) is flies]
             times, impulses = [impact.time_s for impact in mine], [impact.impulse_N_s for impact in mine]
             hits.vlines(times, 1e-4, impulses, colors=colour, linewidth=0.8)

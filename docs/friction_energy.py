@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.friction import stronge
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
-from ffsm_mj.report.plots.style import BLACK, BLUE, VERMILLION, WIDTH_IN, publication, write
+from ffsm_mj.report.plots.style import BLACK, BLUE, VERMILION, WIDTH_IN, publication, write
 from ffsm_mj.tolerances import SOLVED
 
 FOLDER = Path(__file__).parent / "figures" / "friction"
@@ -67,7 +67,7 @@ def energies(points: int = POINTS) -> tuple[FloatArray, FloatArray, dict[str, Fl
 def main() -> None:
     """Solve, draw, write, and print the extremes."""
     mu, e, found = energies()
-    shades = LinearSegmentedColormap.from_list("energy", [BLUE, "white", VERMILLION])
+    shades = LinearSegmentedColormap.from_list("energy", [BLUE, "white", VERMILION])
     levels, middle = np.linspace(0.0, 1.5, 31), TwoSlopeNorm(1.0, 0.0, 1.5)
     with publication():
         figure = Figure(figsize=(WIDTH_IN, 0.45 * WIDTH_IN))

@@ -10,6 +10,7 @@ from typing import get_args, get_origin, get_type_hints
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.log.arrows import ARROW_M
 from ffsm_mj.log.foxglove import topics as viewer
+from ffsm_mj.log.marker_scale import NOMINAL_M
 from ffsm_mj.log.marks import SHOWN_S, marks_topic
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.records.events import ControllerReport
@@ -28,7 +29,7 @@ those of `foxglove.*` xyzw. Names end in their unit.
 
 def viewer_topics() -> dict[str, tuple[str, str]]:
     """When there is a message on a topic for viewers, and what it holds, in the order of the file."""
-    length = f"between {ARROW_M[0]} and {ARROW_M[1]} m"
+    length = f"between {ARROW_M[0]} and {ARROW_M[1]} m for a robot of {NOMINAL_M:g} m"
     about = {
         viewer.TRANSFORMS_TOPIC: (
             "at `log.view_rate_hz`, 50 Hz by default",
@@ -37,7 +38,7 @@ def viewer_topics() -> dict[str, tuple[str, str]]:
         viewer.SCENE_TOPIC: (
             "once, with the first frame",
             "the visible geoms of each body as primitives or triangles, fixed in the body's frame; "
-            "a cross at the task's target",
+            "a cross at the task's target; collision geoms that visual geoms cover are left out",
         ),
         viewer.ARROWS_TOPIC: (
             "at every frame with a loaded contact, and at the next one",

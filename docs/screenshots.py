@@ -17,6 +17,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 import ffsm_mj
+from ffsm_mj.cli.main import main as main_of_ffsm
 from ffsm_mj.log.rerun.blueprint import TIMELINE
 from ffsm_mj.log.rerun.viewer import viewer_command
 
@@ -33,6 +34,8 @@ SHOTS = (
     ("spatial", "spatial", 2.95),
     ("thrusters", "free-flying-hardware", 7.9),
 )
+START = "capture"
+"""Scenario whose start is shown."""
 
 
 def main() -> None:
@@ -48,21 +51,24 @@ def main() -> None:
                 ffsm_mj.run(scenario, out=Path(folder) / scenario)
                 client.open([str(Path(folder) / scenario / "run.rrd")])
                 for name, _, time_s in (shot for shot in SHOTS if shot[1] == scenario):
-                    take(client, Path(folder) / f"{name}.png", time_s)
+                    client.set_time(TIMELINE, duration=time_s, play_state="paused")
+                    take(client, Path(folder) / f"{name}.png")
+            main_of_ffsm(["view", START, "--save", f"{folder}/start.rrd"])
+            client.open([f"{folder}/start.rrd"])
+            take(client, Path(folder) / "start.png")
         finally:
             os.killpg(viewer.pid, signal.SIGTERM)  # the viewer is a child of the command that starts it
             viewer.wait()
 
 
-def take(client: ViewerClient, path: Path, time_s: float) -> None:
-    """Save what the viewer shows at a time, without its menu and with a palette."""
-    client.set_time(TIMELINE, duration=time_s, play_state="paused")
-    time.sleep(1.5)  # plots and trails arrive some frames after the cursor
+def take(client: ViewerClient, path: Path) -> None:
+    """Save what the viewer shows, without its menu and with a palette."""
+    time.sleep(2.0)  # plots and trails arrive some frames after the cursor
     client.save_screenshot(str(path))
     with Image.open(path) as image:
         views = image.convert("RGB").crop((0, MENU_HEIGHT, image.width, image.height))
     small = IMAGES / path.name
-    views.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(small, optimize=True)
+    views.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(small, optimize=True)
     print(f"{small.name}: {small.stat().st_size / 1e3:.0f} kB")
 
 

@@ -14,6 +14,7 @@ from ffsm_mj.assembly.contact_notes import contact_notes, mesh_notes, rule_lines
 from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.grasps import GraspedSystem
+from ffsm_mj.assembly.initial_scene import initial_lines, initial_notes
 from ffsm_mj.assembly.models import Reader, changes_of, compile_scenario
 from ffsm_mj.assembly.override_faults import overrides_named
 from ffsm_mj.assembly.resolved import resolved_yaml
@@ -204,6 +205,7 @@ class PreparedRun:
                 f"{a} and {b} overlap at the start, and no contact force will separate them"
                 for a, b in unwatched_overlaps(assembly)
             ),
+            *initial_notes(assembly),
             *unstable_damping(assembly),
             *undriven_actuators(assembly.system, assembly.controller.phases),
             *refused_rest(assembly),
@@ -224,6 +226,7 @@ class PreparedRun:
             f"  phases: {phases}",
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
             f" steps of {self.scenario.time_step_s:g} s",
+            *initial_lines(assembly),
         ]
         falls = gravity_line(gravity_metadata(system.mj.opt.gravity))
         lines += [f"breaks conservation: {fault}" for fault in system.faults] or [

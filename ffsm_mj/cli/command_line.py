@@ -20,7 +20,7 @@ COMMANDS = {
     "check": "validate a scenario or a campaign without running it",
     "analyze": "replay logs and recompute the checks of their runs",
     "export": "export a run's tables, or an animation of its motion",
-    "view": "open a run in the Rerun viewer",
+    "view": "open a run, or a scenario as it starts, in the Rerun viewer",
     "campaign": "run a scenario many times with dispersed parameters, and report the results",
     "reproduce": "run the paper's case study and compare every printed number with ours",
     "schema": "print the JSON Schema of scenario or campaign files",
@@ -210,7 +210,15 @@ def _describe_new(new: argparse.ArgumentParser) -> None:
 
 
 def _describe_view(view: argparse.ArgumentParser) -> None:
-    _add_run(view)
+    view.add_argument(
+        "scene",
+        nargs="?",
+        default="logs/latest",
+        help="run folder or .mcap file (default: logs/latest); else a scenario file or the name of a shipped scenario, "
+        "shown at t = 0 with frames of sites, targets, reach and contacts",
+    )
+    _add_overrides(view)
+    view.add_argument("--save", metavar="FILE", help="write the recording (.rrd) instead of opening the viewer")
     view.add_argument(
         "--listen",
         type=_address,

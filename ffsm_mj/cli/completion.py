@@ -14,7 +14,7 @@ from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.errors import InputError
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
 
-_PLACES = ("--out", "--plots", "--robot", "--package-path")
+_PLACES = ("--out", "--save", "--plots", "--robot", "--package-path")
 _TABLES = ("samples", "checks", "contacts", "captures")
 """Tables besides those of records."""
 # shtab treats the output of a function with "file" in its name as file names, so bash appends a slash to folders.
@@ -119,7 +119,7 @@ def _options(of: argparse.ArgumentParser, command: str = "") -> Iterator[tuple[s
 
 def _set_completion(command: str, option: argparse.Action) -> None:
     """Set what completes an option; other values cannot be completed."""
-    if option.dest == "scenario":
+    if option.dest in ("scenario", "scene"):
         _complete_by(option, "_ffsm_either_or_file" if command == "check" else "_ffsm_scenario_or_file")
     elif option.dest == "campaign" and not option.option_strings:
         _complete_by(option, "_ffsm_campaign_or_file")

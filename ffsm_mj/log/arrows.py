@@ -14,7 +14,7 @@ from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kinds_of
 
 ARROW_M = (0.4, 1.5)
-"""Least and greatest drawn length of an arrow, m; between them 1 m stands for 1 N, 1 N m or 1 N s."""
+"""Least and greatest drawn length of an arrow at scale 1, m; between them 1 m stands for 1 N, 1 N m or 1 N s."""
 
 
 class ArrowSeries(NamedTuple):
@@ -40,23 +40,29 @@ def declared_arrows(header: RunHeader) -> list[ArrowColumns]:
     return [arrow for kind in kinds_of(header.kinds) if kind.arrows is not None for arrow in kind.arrows(header.layout)]
 
 
-def arrow_series(columns: ArrowColumns, rows: FloatArray) -> ArrowSeries:
-    """The arrow of one declaration in some rows, (n, number of signals)."""
+def arrow_series(columns: ArrowColumns, rows: FloatArray, scale: float) -> ArrowSeries:
+    """The arrow of one declaration in some rows.
+
+    Args:
+        columns: The declaration.
+        rows: Rows of the log, (n, number of signals).
+        scale: Scale of markers (:func:`ffsm_mj.log.marker_scale.marker_scale`).
+    """
     forces, points = rows[:, columns.vector], rows[:, columns.point]
     # The drawn length follows the vector, not the column of the magnitude: a log of unknown origin may hold any values.
     norms = np.linalg.norm(forces, axis=1)
     acts = np.isfinite(points).all(axis=1) & np.isfinite(forces).all(axis=1) & (norms > 0.0)
     vectors = np.zeros_like(forces)
-    vectors[acts] = forces[acts] * drawn_length(norms[acts])[:, None] / norms[acts][:, None]
+    vectors[acts] = forces[acts] * drawn_length(norms[acts], scale)[:, None] / norms[acts][:, None]
     origins = np.where(acts[:, None], points - vectors, 0.0)
     return ArrowSeries(columns, acts, norms if columns.size is None else rows[:, columns.size], origins, vectors)
 
 
-def drawn_vector(direction: Sequence[float], magnitude: float) -> FloatArray:
-    """Drawn vector of an arrow, (3,), m, of its unit vector and its magnitude in N, N m or N s."""
-    return np.array(direction) * drawn_length(magnitude)
+def drawn_vector(direction: Sequence[float], magnitude: float, scale: float) -> FloatArray:
+    """Drawn vector of an arrow, (3,), m, of its unit vector and its magnitude in N, N m or N s, at a scale of markers."""
+    return np.array(direction) * drawn_length(magnitude, scale)
 
 
-def drawn_length(magnitude: FloatArray | float) -> FloatArray:
-    """Drawn length of arrows in m, of their magnitudes in N, N m or N s."""
-    return np.clip(magnitude, *ARROW_M)
+def drawn_length(magnitude: FloatArray | float, scale: float) -> FloatArray:
+    """Drawn length of arrows in m, of their magnitudes in N, N m or N s, at a scale of markers."""
+    return scale * np.clip(magnitude, *ARROW_M)

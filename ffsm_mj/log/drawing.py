@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.drawn_geoms import colour_of, geoms_to_draw
 from ffsm_mj.model.system import System
 from ffsm_mj.records.signals import Layout, coordinate_keys
 
@@ -23,14 +24,8 @@ _KINDS = {
     mujoco.mjtGeom.mjGEOM_MESH: "mesh",
     mujoco.mjtGeom.mjGEOM_PLANE: "box",
 }
-_NO_COLOUR = (0.5, 0.5, 0.5, 1.0)
-"""MuJoCo's default colour of a geom."""
-_BODY_COLOURS = ("#4E79A7", "#F28E2B", "#59A14F", "#B07AA1", "#9C755F", "#76B7B2", "#E15759", "#EDC948")
-"""Colours in turn of bodies whose geoms have the default colour."""
 _PLANE_M, _THICK_M = 10.0, 1e-3
 """Drawn half width of an infinite plane, and half thickness of any plane."""
-# MuJoCo's viewer draws groups 0 to 2; geoms that are only for contact have higher groups.
-_DRAWN_GROUPS = 3
 _MOST_VERTICES = 2_000_000
 """Greatest number of triangle corners of all drawn meshes; meshes beyond it are drawn as their bounding boxes."""
 
@@ -40,6 +35,7 @@ class DrawnShape:
     """The shape of a drawn geom.
 
     Attributes:
+        geom: Id of the geom.
         name: The geom's name without its prefix.
         body: Id of its body; 0 is the world.
         kind: ``box``, ``ellipsoid``, ``cylinder``, ``capsule`` or ``mesh``.
@@ -51,6 +47,7 @@ class DrawnShape:
         triangles: Vertex indices of the triangles of a mesh, (m, 3).
     """
 
+    geom: int
     name: str
     body: int
     kind: str
@@ -84,25 +81,26 @@ def posed_bodies(system: System) -> list[int]:
     return list(range(1, system.mj.nbody))
 
 
-def geoms_to_draw(model: Any) -> list[int]:
-    """Ids of the geoms in the drawn groups."""
-    return [geom for geom in range(model.ngeom) if model.geom_group[geom] < _DRAWN_GROUPS]
+def robot_boxes(system: System, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper corners of the boxes around the frames of the robot's bodies in world axes, (n, 3) each, m.
+
+    Args:
+        system: Robot and objects.
+        positions: World positions of all bodies, (n, nbody, 3), m.
+    """
+    robot = positions[:, list(system.robot.bodies)]
+    return robot.min(axis=1), robot.max(axis=1)
 
 
-def colour_of(model: Any, geom: int) -> tuple[float, ...]:
-    """Colour of a geom, of its material or of its body: red, green, blue and opacity, each from 0 to 1."""
-    material, body = int(model.geom_matid[geom]), int(model.geom_bodyid[geom])
-    colour = tuple(map(float, model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]))
-    if material >= 0 or colour != _NO_COLOUR or not body:
-        return colour
-    code = _BODY_COLOURS[(body - 1) % len(_BODY_COLOURS)]
-    return (*(int(code[i : i + 2], 16) / 255 for i in (1, 3, 5)), 1.0)
+def shapes(system: System, geoms: Iterable[int] | None = None) -> Iterator[DrawnShape]:
+    """Shapes of geoms; a plane is a thin box below it, height fields are left out.
 
-
-def shapes(system: System) -> Iterator[DrawnShape]:
-    """Shapes of all drawn geoms; a plane is a thin box below it, height fields are left out."""
+    Args:
+        system: Robot and objects.
+        geoms: Ids of the geoms; None: those that viewers show.
+    """
     model, corners = system.mj, 0
-    for geom in geoms_to_draw(model):
+    for geom in geoms_to_draw(model) if geoms is None else geoms:
         kind = _KINDS.get(mujoco.mjtGeom(model.geom_type[geom]))
         if kind is None:
             continue
@@ -117,13 +115,14 @@ def shapes(system: System) -> Iterator[DrawnShape]:
             kind, mesh = "box", -1  # MuJoCo stores the half sizes of the bounding box as the size of a mesh geom
         vertices, triangles = _mesh(model, mesh)
         yield DrawnShape(
+            geom=geom,
             name=(model.geom(geom).name or f"geom_{geom}").rsplit("/", 1)[-1],
             body=int(model.geom_bodyid[geom]),
             kind=kind,
             size=size,
             position=position,
             quaternion=model.geom_quat[geom].copy(),
-            rgba=colour_of(model, geom),
+            rgba=colour_of(system, geom),
             vertices=vertices,
             triangles=triangles,
         )

@@ -29,6 +29,7 @@ class DrawnMark(NamedTuple):
         instant: Number of the earlier instants with marks of this kind.
         number: Number of the earlier marks of this kind at this instant.
         mark: Its point, text and name.
+        vector: Drawn vector of its arrow in world axes, (3,), m, which ends at its point; zero if it has no arrow.
     """
 
     kind: RecordKind
@@ -36,23 +37,24 @@ class DrawnMark(NamedTuple):
     instant: int
     number: int
     mark: Mark
+    vector: FloatArray
 
     @property
     def end_s(self) -> float:
         """Time at which viewers remove it."""
         return self.time_s + SHOWN_S
 
-    @property
-    def vector(self) -> FloatArray:
-        """Drawn vector of its arrow in world axes, (3,), m, which ends at its point; zero if it has no arrow."""
-        return drawn_vector(self.mark.direction, self.mark.magnitude)
-
 
 class MarkSequence:
     """Numbers the marks of the records of a run, which come in order of time."""
 
-    def __init__(self) -> None:
-        """Start before the first record."""
+    def __init__(self, scale: float) -> None:
+        """Start before the first record.
+
+        Args:
+            scale: Scale of markers (:func:`ffsm_mj.log.marker_scale.marker_scale`).
+        """
+        self._scale = scale
         self._last: dict[str, list[DrawnMark]] = {}
 
     def add(self, record: Any) -> list[DrawnMark]:
@@ -65,7 +67,11 @@ class MarkSequence:
         # Contacts of one impact are separate records of the same time: they share an instant, as viewers list them together.
         together = last if last and last[0].time_s == time else []
         instant = together[0].instant if together else last[0].instant + 1 if last else 0
-        added = [DrawnMark(kind, time, instant, len(together) + i, mark) for i, mark in enumerate(marks)]
+        vectors = [drawn_vector(mark.direction, mark.magnitude, self._scale) for mark in marks]
+        added = [
+            DrawnMark(kind, time, instant, len(together) + i, mark, vector)
+            for i, (mark, vector) in enumerate(zip(marks, vectors, strict=True))
+        ]
         self._last[kind.name] = together + added
         return added
 
@@ -74,9 +80,9 @@ class MarkSequence:
         return self._last.get(kind.name, [])
 
 
-def drawn_marks(records: Iterable[Any]) -> list[DrawnMark]:
-    """Marks of records in order of time."""
-    sequence = MarkSequence()
+def drawn_marks(records: Iterable[Any], scale: float) -> list[DrawnMark]:
+    """Marks of records in order of time, at a scale of markers."""
+    sequence = MarkSequence(scale)
     return [mark for record in records for mark in sequence.add(record)]
 
 

@@ -16,7 +16,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.signals import Layout, identifier
 
 PLUME_M = 0.9
-"""Drawn length of a plume at full force, m."""
+"""Drawn length of a plume at full force and scale 1, m."""
 
 
 class Thruster(NamedTuple):
@@ -89,8 +89,8 @@ def _jet(model: Any, actuator: int) -> tuple[int, FloatArray, FloatArray, bool]:
     return int(model.site_bodyid[target]), model.site_pos[target].copy(), exhaust, True
 
 
-def plume_series(thruster: Thruster, frames: Frames) -> PlumeSeries:
-    """The plume of a thruster in some frames."""
+def plume_series(thruster: Thruster, frames: Frames, scale: float) -> PlumeSeries:
+    """The plume of a thruster in some frames, at a scale of markers."""
     forces, bounds = frames.rows[:, thruster.applied], frames.rows[0, thruster.bounds]
     # An unbounded thruster is drawn relative to its greatest force in these frames.
     full = max(abs(bounds[np.isfinite(bounds)]), default=0.0) or max(np.abs(forces).max(), 1.0)
@@ -98,7 +98,7 @@ def plume_series(thruster: Thruster, frames: Frames) -> PlumeSeries:
     if thruster.turns:
         turns = frames.quaternions[:, thruster.body]
         origins, directions = origins + _rotated(turns, thruster.point), _rotated(turns, thruster.exhaust)
-    vectors = PLUME_M * forces[:, None] / full * directions
+    vectors = scale * PLUME_M * forces[:, None] / full * directions
     fires = np.asarray(np.isfinite(vectors).all(axis=1) & vectors.any(axis=1))
     return PlumeSeries(fires, origins, vectors)
 

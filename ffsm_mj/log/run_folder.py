@@ -231,6 +231,13 @@ class _Inputs:
     def close(self, outcome: OutcomeRecord | None) -> None: ...
 
 
+def holds_log(path: Path) -> bool:
+    """Whether a path is a run: a folder with a log, or a log."""
+    if path.is_file():
+        return path.name.endswith((Path(LOG).suffix, Path(LOG).suffix + Path(PARTIAL_LOG).suffix))
+    return any((path / name).is_file() for name in (LOG, PARTIAL_LOG))
+
+
 def find_log(run: Path) -> Path:
     """Path of the log of a run, given its folder or the log itself.
 

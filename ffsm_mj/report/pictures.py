@@ -19,7 +19,7 @@ from ffsm_mj.log.marks import drawn_marks
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.report.plots.motion import draw_plane, legend_columns, mark_handles, polygons, tree_colours, view_box
 from ffsm_mj.report.plots.silhouette import Plane
-from ffsm_mj.report.plots.style import BLACK, GREEN, YELLOW, plain
+from ffsm_mj.report.plots.style import BLACK, FORCE, MARK, plain
 from ffsm_mj.report.plots.subject import Subject
 
 _SIZE_PX = (960, 720)
@@ -64,9 +64,9 @@ class _View:
             for name, colour in tree_colours(subject).items()
         }
         self._tip = [axes.plot([], [], color=part.colour, linewidth=1.4, zorder=22)[0] for part in subject.tip_parts]
-        self._star = axes.plot([], [], "*", markersize=16, markerfacecolor=YELLOW, markeredgecolor=BLACK, zorder=31)[0]
+        self._star = axes.plot([], [], "*", markersize=16, markerfacecolor=MARK, markeredgecolor=BLACK, zorder=31)[0]
         log = subject.run.log
-        self._marks, self._arrows = drawn_marks(log.events()), declared_arrows(log.header)
+        self._marks, self._arrows = drawn_marks(log.events(), 1.0), declared_arrows(log.header)
 
     def show(self, row: int, speed: float) -> list[Any]:
         """Draw the state of a row; return the artists to remove before the next frame."""
@@ -126,13 +126,13 @@ def _legend(subject: Subject) -> list[Line2D]:
 def _arrows(arrows: list[ArrowColumns], row: FloatArray, plane: Plane, box: Box) -> Any:
     """Arrows of one length in space along contact forces and loads on grasped objects, ending where they act."""
     length, drawn = _ARROW * (box[3] - box[2]), []
-    for series in (arrow_series(arrow, row) for arrow in arrows if not arrow.is_torque):
+    for series in (arrow_series(arrow, row, 1.0) for arrow in arrows if not arrow.is_torque):
         if series.acts[0]:
             end = (series.origins[0] + series.vectors[0])[plane.axes]
             along = length * (series.vectors[0] / np.linalg.norm(series.vectors[0]))[plane.axes]
             across = 0.2 * np.array([-along[1], along[0]])
             drawn += [[end - along, end], [end - 0.3 * along + across, end, end - 0.3 * along - across]]
-    return LineCollection(drawn, colors=GREEN, linewidths=2.2, zorder=30)
+    return LineCollection(drawn, colors=FORCE, linewidths=2.2, zorder=30)
 
 
 def _figure_size(wide: float, high: float, words_px: float) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ffsm_mj.report.plots.style import BLUE, GREEN, VERMILLION, WIDTH_IN, publication, write
+from ffsm_mj.report.plots.style import BLUE, GREEN, VERMILION, WIDTH_IN, publication, write
 from ffsm_mj.reproduction.cases import Case, Result
 from ffsm_mj.reproduction.drift import DriftExperiment
 from ffsm_mj.reproduction.judged import ComparedNumber, decided_cases
@@ -26,7 +26,7 @@ def save_study(judged: Sequence[ComparedNumber], results: Mapping[Case, Result],
         figure, axes = _figure(0.155 * len(shown) + 1.2)
         axes.axvspan(-1.0, 1.0, color="#E8E8E8", zorder=0, label="what the print leaves open")
         labels = ("1 ms", "0.5 ms", "0.25 ms")
-        for i, (label, marker, colour) in enumerate(zip(labels, "osD", (BLUE, VERMILLION, GREEN), strict=True)):
+        for i, (label, marker, colour) in enumerate(zip(labels, "osD", (BLUE, VERMILION, GREEN), strict=True)):
             values = [results[decided_cases(c.printed.scenario)[i]].values[c.printed.key] for c in shown]
             _dots(axes, shown, values, marker, colour, f"step and control period {label}")
         declared = [np.nan if c.threshold is None else c.threshold for c in shown]
@@ -48,7 +48,7 @@ def save_drift(drifts: Mapping[str, DriftExperiment], path: Path) -> None:
     """Tip error of long runs, and below what it cannot be whatever the arm does."""
     with publication():
         figure, axes = _figure(3.4)
-        for (label, drift), colour in zip(drifts.items(), (VERMILLION, BLUE, GREEN), strict=True):
+        for (label, drift), colour in zip(drifts.items(), (VERMILION, BLUE, GREEN), strict=True):
             axes.semilogy(drift.time_s, drift.error_m, color=colour, linewidth=1.4, label=label)
             bound = np.where(drift.bound_m > 0.0, drift.bound_m, np.nan)
             axes.semilogy(drift.time_s, bound, color=colour, linewidth=1.1, linestyle=(0, (4, 2)))

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.log.arrows import ARROW_M
 from ffsm_mj.log.rerun.from_log import write_recording
 from tests.analysis.test_contacts import pushed_twice
+from tests.log.markers import scale_of
 from tests.log.test_recording import entities, read
 from tests.log.test_viewer_topics import decoded
 from tests.scenes import two_balls
@@ -39,7 +41,7 @@ def test_foxglove_draws_an_arrow_to_the_centre_of_pressure_in_every_frame_with_f
     assert all(len(update.deletions) == 1 for update in updates.values())
     row = int(shown[presses][1])
     ((arrow,),) = (entity.arrows for entity in updates[round(1e3 * pushed.time[row])].entities)
-    length = min(pushed[f"{KEY}_force_N"][row], 1.5)
+    length = scale_of(pushed) * np.clip(pushed[f"{KEY}_force_N"][row], *ARROW_M)
     assert arrow.shaft_length + arrow.head_length == pytest.approx(length)
     start = [getattr(arrow.pose.position, axis) for axis in "xyz"]
     push = [pushed[f"{KEY}_force_{axis}_N"][row] for axis in "xyz"] / pushed[f"{KEY}_force_N"][row]

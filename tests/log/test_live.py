@@ -62,7 +62,9 @@ def test_the_stream_equals_the_recording(tmp_path, caplog):
     assert not caplog.records
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what the server saves has no footer
-        assert read(received) == read(tmp_path / "out" / "run.rrd")
+        recorded = read(tmp_path / "out" / "run.rrd")
+        # The camera of a stream follows the base itself, as the path of the robot is not known in advance.
+        assert read(received) == {key: rows for key, rows in recorded.items() if key[0] != "/world/followed"}
 
 
 def wait_for(port):

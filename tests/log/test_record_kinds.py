@@ -29,6 +29,7 @@ from ffsm_mj.report.plots import comparison, figures
 from ffsm_mj.report.plots.silhouette import Plane
 from ffsm_mj.report.plots.subject import Subject
 from tests.log.grips import FIRST, GRIP, LAST, arrows, recorded
+from tests.log.markers import scale_of
 from tests.log.test_recording import read as read_recording
 
 ROOT = Path(__file__).parents[2]
@@ -73,7 +74,7 @@ def test_a_record_has_a_topic_a_text_and_marks_in_the_log(plain_run, tmp_path):
     (time, update), (later, other) = topics["/scene/grips"]
     assert (time, later) == (100_000_000, 450_000_000)
     arrow, dot = update.entities
-    assert arrow.arrows[0].shaft_length + arrow.arrows[0].head_length == pytest.approx(0.7)
+    assert arrow.arrows[0].shaft_length + arrow.arrows[0].head_length == pytest.approx(0.7 * scale_of(read))
     assert (arrow.texts[0].text, dot.texts[0].text) == ("1.5 N", "held")
     assert (dot.spheres[0].pose.position.x, dot.spheres[0].pose.position.y) == (0.2, 0.05)
     assert not {entity.id for entity in update.entities} & {entity.id for entity in other.entities}
@@ -81,12 +82,12 @@ def test_a_record_has_a_topic_a_text_and_marks_in_the_log(plain_run, tmp_path):
 
 @pytest.mark.usefixtures("grips")
 def test_arrows_that_a_kind_declares_are_drawn_alike_in_every_view(plain_run, tmp_path, monkeypatch):
-    """Along the momentum, ending at the target, 0.4 m to 1.5 m long; a torque of zero is not drawn."""
+    """Along the momentum, ending at the target, 0.4 m to 1.5 m long at scale 1; a torque of zero is not drawn."""
     monkeypatch.setitem(register_of_kinds._known(), "grip", replace(GRIP, arrows=arrows))
     _, read = recorded(plain_run, tmp_path / "out", FIRST, LAST)
     row = 20
     force, end = read.momentum("robot")[row, :3], np.array([read["state.q_target_x_m"][row], 0.0, 0.0])
-    vector = np.clip(np.linalg.norm(force), 0.4, 1.5) * force / np.linalg.norm(force)
+    vector = scale_of(read) * np.clip(np.linalg.norm(force), 0.4, 1.5) * force / np.linalg.norm(force)
     update = dict(messages(read.path)["/scene/contacts"])[round(1e9 * read.time[row])]
     (entity,) = update.entities
     (arrow,) = entity.arrows
@@ -105,7 +106,7 @@ def test_arrows_that_a_kind_declares_are_drawn_alike_in_every_view(plain_run, tm
     np.testing.assert_allclose(drawn[0], vector, rtol=1e-6)
     assert ("/world/contacts/twist", "vectors") not in data
     subject = Subject(read, [])
-    (mesh,) = moving.forces(read.log.header, poses(subject))
+    (mesh,) = moving.forces(read.log.header, poses(subject), scale_of(read))
     matrix = mesh.model_matrix[moving.tick(float(read.time[row]))]
     np.testing.assert_allclose((matrix[:3, 2], matrix[:3, 3]), (vector, end - vector), rtol=1e-6)
     (line, *_) = _arrows(

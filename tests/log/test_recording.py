@@ -69,7 +69,7 @@ def test_a_recording_holds_scene_plots_phases_and_events(tmp_path, source):
 
 
 def test_a_plume_leaves_against_the_push():
-    """Half as long at half the greatest force; a thruster on a turned body turns with it."""
+    """Half as long at half the greatest force, and at half the scale; a thruster on a turned body turns with it."""
     system = compile_paths(MJCF / "ffsm_3dof_hardware.xml", {"object": MJCF / "box_1m.xml"})
     model = system.mj
     data = mujoco.MjData(model)
@@ -80,7 +80,7 @@ def test_a_plume_leaves_against_the_push():
     jets = thrusters(system, layout)
     assert len(jets) == 8
     rows = np.tile([2.0, 0.0, 4.0], len(jets))[None]
-    plume = plume_series(jets[0], Frames(np.zeros(1), rows, data.xpos[None].copy(), data.xquat[None].copy()))
+    plume = plume_series(jets[0], Frames(np.zeros(1), rows, data.xpos[None].copy(), data.xquat[None].copy()), 0.5)
     actuator = system.names("actuator").index(jets[0].name)
     site = int(model.actuator_trnid[actuator, 0])
     np.testing.assert_allclose(plume.origins[0], data.site_xpos[site], atol=1e-12)
@@ -89,7 +89,7 @@ def test_a_plume_leaves_against_the_push():
     jacobian = np.empty((3, model.nv))
     mujoco.mj_jacSite(model, data, jacobian, None, site)
     push = np.linalg.lstsq(jacobian.T, data.qfrc_actuator, rcond=None)[0]
-    np.testing.assert_allclose(plume.vectors[0], -0.5 * PLUME_M * push / np.linalg.norm(push), atol=1e-12)
+    np.testing.assert_allclose(plume.vectors[0], -0.5 * 0.5 * PLUME_M * push / np.linalg.norm(push), atol=1e-12)
 
 
 def test_switching_is_detected_across_blocks():

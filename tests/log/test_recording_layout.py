@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 
 from ffsm_mj.log.drawing import shapes
 from ffsm_mj.log.rerun.blueprint import Contents, blueprint
+from ffsm_mj.log.rerun.camera import Framing
 from ffsm_mj.log.rerun.from_log import write_recording
 from ffsm_mj.log.rerun.marks import Marks
 from ffsm_mj.log.rerun.opening import Opening
@@ -75,7 +76,7 @@ def test_without_events_a_recording_plays_from_its_start(layout, tmp_path, ffsm_
 
 def laid_out(points, *, forces=()):
     plots = [Plot(f"plots/{name}", [0], ["total"], [(0, 0, 0)]) for name in ("energy", "balance")]
-    return Contents(points=points, plots=plots, trails=[], tip=True, forces=forces, lanes=1)
+    return Contents(framing=Framing(points), plots=plots, trails=[], tip=True, forces=forces, lanes=1)
 
 
 @pytest.mark.parametrize("forces", [(), ("a_b",)])
@@ -126,7 +127,7 @@ def test_of_many_marks_at_one_place_only_the_greatest_has_a_text(tmp_path):
             if column.component_descriptor().component.endswith(":labels"):
                 texts[entity] = column.as_arrow_array().to_pylist()[0][0]
 
-    marks = Marks(send, Opening(system))
+    marks = Marks(send, Opening(system), 1.0)
     for time_s, impulse, x in ((1.0, 2.0, 0.0), (1.1, 0.5, 0.01), (1.2, 3.0, 0.02), (1.3, 0.5, 1.0), (4.0, 0.5, 0.0)):
         marks.event(hit(time_s, impulse, x))
     assert list(texts.values()) == ["", "", "3 N s", "0.5 N s", "0.5 N s"]

@@ -17,16 +17,19 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
+from ffsm_mj.log.arrows import ARROW_M
 from ffsm_mj.log.drawing import Frames, shapes
 from ffsm_mj.log.foxglove.messages import TransformsCodec
 from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.foxglove.topics import ViewerTopics
+from ffsm_mj.log.marker_scale import marker_scale
 from ffsm_mj.log.mcap.block_writer import BlockWriter
 from ffsm_mj.records.events import OutcomeRecord, UnhandledContactRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.run_kinds import OUTCOME
 from ffsm_mj.records.signals import Layout, Signal, coordinate_keys
+from tests.log.markers import scale_of
 from tests.scenes import HEAD, ball, box, compile_paths, scene
 
 
@@ -110,7 +113,7 @@ def test_an_impact_is_an_arrow_along_the_normal(tumbling):
     mujoco.mju_rotVecQuat(direction, np.array([1.0, 0, 0]), np.array([turn.w, turn.x, turn.y, turn.z]))
     np.testing.assert_allclose(direction, record.normal, atol=1e-12)
     length = arrow.shaft_length + arrow.head_length
-    assert length == pytest.approx(min(record.impulse_N_s, 1.5))
+    assert length == pytest.approx(scale_of(run) * np.clip(record.impulse_N_s, *ARROW_M))
     start = np.array([arrow.pose.position.x, arrow.pose.position.y, arrow.pose.position.z])
     np.testing.assert_allclose(start + length * direction, record.point_m, atol=1e-12)  # it ends there
 
@@ -239,7 +242,10 @@ def test_plumes_show_the_firing_thrusters(tmp_path):
     ]
     assert all(update.deletions[0].type == 1 for _, update in sent)
     (cone,) = sent[0][1].entities[0].cylinders
-    assert (sent[0][1].entities[0].frame_id, cone.pose.position.y) == ("robot/bus", pytest.approx(0.25))
+    assert (sent[0][1].entities[0].frame_id, cone.pose.position.y) == (
+        "robot/bus",
+        pytest.approx(0.1 + 0.15 * marker_scale(system)),
+    )  # 0.3 m long
 
 
 def test_a_plume_of_a_thruster_on_a_joint_of_the_base_follows_it_in_every_frame(tmp_path):
@@ -250,7 +256,8 @@ def test_a_plume_of_a_thruster_on_a_joint_of_the_base_follows_it_in_every_frame(
         "state.q_robot_x_m",
         *(f"actuators.robot_push_x_{what}_N" for what in ("applied", "lower", "upper")),
     ]
-    viewer = ViewerTopics(compile_paths(tmp_path / "ball.xml"), 10.0)
+    system = compile_paths(tmp_path / "ball.xml")
+    viewer = ViewerTopics(system, 10.0)
     viewer.open(RunHeader("x", "", Layout(tuple(Signal(*key.split("."), "", "") for key in keys)), {}, {}))
     rows = np.zeros((5, 5))
     rows[:, 0], rows[:, 1], rows[1:4, 2] = 0.1 * np.arange(5), 0.5 * np.arange(5), 2.0
@@ -258,7 +265,8 @@ def test_a_plume_of_a_thruster_on_a_joint_of_the_base_follows_it_in_every_frame(
     cones = [
         (entity.frame_id, cone.pose.position.x) for update in sent for entity in update.entities for cone in entity.cylinders
     ]
-    assert cones == [("world", pytest.approx(0.5 * i - 0.15)) for i in (1, 2, 3)]  # 0.3 m long, against the push
+    # 0.3 m long at scale 1, against the push.
+    assert cones == [("world", pytest.approx(0.5 * i - 0.15 * marker_scale(system))) for i in (1, 2, 3)]
     assert len(sent) == 4
     assert not sent[-1].entities
 

@@ -26,6 +26,7 @@ from ffsm_mj.report.page.moving import plumes
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.solids import arrow_solid, triangles
 from ffsm_mj.report.run import Run
+from tests.log.markers import scale_of
 from tests.log.test_viewer_topics import ALL_SHAPES
 from tests.scenes import CHAIN, HEAD, compile_paths, three_balls, two_balls
 
@@ -81,7 +82,7 @@ def test_solids_enclose_the_volumes_of_their_geoms(tmp_path):
         (capsule, np.pi * 0.1**2 * 0.4 + 4 / 3 * np.pi * 0.1**3),
     ):
         assert 0.985 < made / exact < 1.0
-    assert volume(*arrow_solid()) > 0
+    assert volume(*arrow_solid(0.1)) > 0
 
 
 def test_planes_are_drawn_below_their_surface(tmp_path):
@@ -119,13 +120,14 @@ def test_a_page_draws_the_marks_of_all_records(tmp_path):
         matrix = np.frombuffer(each["model_matrix"]["data"], dtype=np.float32).reshape(4, 4)
         tip = matrix @ [0, 0, 1, 1]
         np.testing.assert_allclose(tip[:3], mark.point_m, atol=1e-6)
-        along = np.clip(mark.magnitude, 0.4, 1.5) * np.array(mark.direction)
+        along = scale_of(run) * np.clip(mark.magnitude, 0.4, 1.5) * np.array(mark.direction)
         np.testing.assert_allclose(matrix[:3, 2], along, atol=1e-6)
         assert each["visible"][repr(1000.0 * time)] is True
 
 
 def test_texts_of_marks_are_escaped():
-    *_, label = scene._mark(DrawnMark(IMPACT, 0.0, 0, 0, Mark((0.0, 0.0, 0.0), text="<script>x</script>")), 1.0)
+    drawn = DrawnMark(IMPACT, 0.0, 0, 0, Mark((0.0, 0.0, 0.0), text="<script>x</script>"), np.zeros(3))
+    *_, label = scene._mark(drawn, 1.0, 1.0)
     assert label.text == '<span class="mark">&lt;script&gt;x&lt;/script&gt;</span>'
 
 
@@ -139,12 +141,12 @@ def test_thrusters_that_fire_have_plumes(tmp_path):
     keys = ["state.time_s", *coordinate_keys(system.joints.values()), *names]
     layout = Layout(tuple(Signal(*key.split("."), "N", "") for key in keys))
     positions, quaternions = np.zeros((5, 2, 3)), np.tile([1.0, 0, 0, 0], (5, 2, 1))
-    found = list(plumes(layout, system, Poses(rows[:, 0], rows, positions, quaternions, 0)))
+    found = list(plumes(layout, system, Poses(rows[:, 0], rows, positions, quaternions, 0), 0.5))
     (cone,) = found
     assert [time for time, on in cone.visible.items() if on] == ["100.0", "200.0"]
     matrix = cone.model_matrix["100.0"]
     np.testing.assert_allclose(matrix[:3, 3], [0, 0.1, 0], atol=1e-7)
-    np.testing.assert_allclose(matrix[:3, 2], [0, 0.9 * 1.5 / 2.0, 0], atol=1e-7)  # 0.9 m at the greatest force, 2 N
+    np.testing.assert_allclose(matrix[:3, 2], [0, 0.5 * 0.9 * 1.5 / 2.0, 0], atol=1e-7)  # 0.9 m at the greatest force, 2 N
 
 
 def compile_jets(folder):

@@ -15,6 +15,7 @@ from rerun.chunk import RrdReader
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
+from ffsm_mj.log.drawn_geoms import geoms_to_draw
 from tests.robots.published import ROBOTS, write_scenario
 
 pytestmark = [pytest.mark.robots, pytest.mark.slow]
@@ -86,7 +87,8 @@ def test_a_published_robot_collides_and_proves_it(name, tmp_path, capfd, viewed)
     assert viewed[0] == viewed[1]
     assert any(entity.startswith("/world/impacts/0/") for entity in viewed[0])
     shown = {entity.rpartition("/")[2] for entity in viewed[0] if entity.startswith(("/world/robot/", "/world/rock/"))}
-    geoms = {geom.rpartition("/")[2] for geom in ffsm_mj.prepare(out).system.names("geom")}
+    model = ffsm_mj.prepare(out).system.mj
+    geoms = {model.geom(geom).name.rpartition("/")[2] for geom in geoms_to_draw(model)}
     assert geoms <= shown
 
 

@@ -19,7 +19,7 @@ from ffsm_mj.records.signals import identifier
 from ffsm_mj.report.plots.motion import draw_plane
 from ffsm_mj.report.plots.panels import envelope
 from ffsm_mj.report.plots.silhouette import Plane
-from ffsm_mj.report.plots.style import BLUE, VERMILLION, WIDTH_IN, plain, publication, write
+from ffsm_mj.report.plots.style import BLUE, VERMILION, WIDTH_IN, plain, publication, write
 from ffsm_mj.report.plots.subject import Subject
 
 if TYPE_CHECKING:
@@ -78,10 +78,10 @@ def _against_parameters(results: Results, metric: str) -> Figure:
         figure, panels = _grid(len(results.parameters), 1.6)
         for axes, name in zip(panels, results.parameters, strict=True):
             x, ticks = _axis(rows, name)
-            for side, colour, label, area in ((good, BLUE, "success", size), (~good, VERMILLION, "no success", 2 * size)):
+            for side, colour, label, area in ((good, BLUE, "success", size), (~good, VERMILION, "no success", 2 * size)):
                 axes.scatter(x[side], y[side], s=area, color=colour, alpha=0.6, linewidths=0.0, label=label)
             lacking = x[~good & ~np.isfinite(y)]
-            axes.plot(lacking, np.zeros(len(lacking)), "|", color=VERMILLION, transform=axes.get_xaxis_transform())
+            axes.plot(lacking, np.zeros(len(lacking)), "|", color=VERMILION, transform=axes.get_xaxis_transform())
             axes.set_xlabel(_in_two_lines(name), fontsize=7.0)
             axes.tick_params(labelsize=6.5)
             if ticks:
@@ -171,4 +171,4 @@ def _box(paths: Sequence[FloatArray], subject: Subject, plane: Plane) -> tuple[f
 
 def _line(row: TableRow) -> dict[str, Any]:
     good = is_good(row)
-    return {"color": BLUE if good else VERMILLION, "linestyle": "-" if good else "--", "linewidth": 0.8, "alpha": 0.7}
+    return {"color": BLUE if good else VERMILION, "linestyle": "-" if good else "--", "linewidth": 0.8, "alpha": 0.7}

@@ -24,14 +24,14 @@ from ffsm_mj.log.arrows import ArrowSeries
 from ffsm_mj.log.drawing import DrawnShape
 from ffsm_mj.log.foxglove.messages import ROOT_FRAME, duration, timestamp
 from ffsm_mj.log.marks import SHOWN_S, DrawnMark
-from ffsm_mj.log.palette import FORCE, MARK, PLUME, PLUME_OPACITY, TORQUE, YELLOW, shares
+from ffsm_mj.log.palette import FORCE, MARK, ON_ANY_GROUND, PLUME, PLUME_OPACITY, TORQUE, shares
 from ffsm_mj.log.plumes import Thruster
 from ffsm_mj.model.system import System
 
-_TARGET, _MARK, _PLUME = shares(YELLOW), shares(MARK), shares(PLUME, PLUME_OPACITY)
+_TARGET, _MARK, _PLUME = shares(ON_ANY_GROUND), shares(MARK), shares(PLUME, PLUME_OPACITY)
 _FORCE, _TORQUE = shares(FORCE), shares(TORQUE)
 _PLUME_M = 0.3
-"""Length of a plume, whatever its force: a message is sent when it appears, not when the force changes."""
+"""Length of a plume at scale 1, whatever its force: a message is sent when it appears, not when the force changes."""
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -41,9 +41,9 @@ def frame_id(system: System, body: int) -> str:
 
 
 def bodies_update(
-    system: System, drawn: Mapping[int, Sequence[DrawnShape]], target_m: FloatArray | None, time_ns: int
+    system: System, drawn: Mapping[int, Sequence[DrawnShape]], target_m: FloatArray | None, scale: float, time_ns: int
 ) -> SceneUpdate:
-    """All drawn geoms, one entity per body, and a cross at the target of the tip."""
+    """All drawn geoms, one entity per body, and a cross at the target of the tip, at a scale of markers."""
     update = SceneUpdate()
     for body, shapes in drawn.items():
         name = frame_id(system, body)
@@ -53,17 +53,18 @@ def bodies_update(
     if target_m is not None:
         cross = _entity(update, "target", ROOT_FRAME, time_ns)
         for axis in range(3):
-            size = np.full(3, 0.024)
-            size[axis] = 0.3
+            size = np.full(3, 0.024 * scale)
+            size[axis] = 0.3 * scale
             cross.cubes.add(pose=_pose(target_m, _NO_TURN), size=_vector(size), color=_colour(_TARGET))
     return update
 
 
-def marks_update(marks: Sequence[tuple[str, DrawnMark]], time_ns: int) -> SceneUpdate:
+def marks_update(marks: Sequence[tuple[str, DrawnMark]], scale: float, time_ns: int) -> SceneUpdate:
     """Marks of records of one instant, shown for two seconds: an arrow or a dot, and a text.
 
     Args:
         marks: A unique name for each mark, and the mark.
+        scale: Scale of markers.
         time_ns: Time of the records.
     """
     update = SceneUpdate()
@@ -72,40 +73,41 @@ def marks_update(marks: Sequence[tuple[str, DrawnMark]], time_ns: int) -> SceneU
         entity.lifetime.CopyFrom(duration(SHOWN_S))
         point, vector = np.array(drawn.mark.point_m), drawn.vector
         if vector.any():
-            _add_arrow(entity, point - vector, vector, _MARK)
-            away = -vector - 0.15 * np.array(drawn.mark.direction)
+            _add_arrow(entity, point - vector, vector, _MARK, scale)
+            away = -vector - 0.15 * scale * np.array(drawn.mark.direction)
         else:
-            away = np.array([0.0, 0.0, 0.15])
-            entity.spheres.add(pose=_pose(point, _NO_TURN), size=_vector(np.full(3, 0.1)), color=_colour(_MARK))
+            away = np.array([0.0, 0.0, 0.15 * scale])
+            entity.spheres.add(pose=_pose(point, _NO_TURN), size=_vector(np.full(3, 0.1 * scale)), color=_colour(_MARK))
         entity.texts.add(
             pose=_pose(point + away, _NO_TURN),
             billboard=True,
-            font_size=0.15,
+            font_size=0.15 * scale,
             color=_colour(_MARK),
             text=drawn.mark.text,
         )
     return update
 
 
-def _add_arrow(entity: Any, origin: FloatArray, vector: FloatArray, rgba: tuple[float, ...]) -> None:
+def _add_arrow(entity: Any, origin: FloatArray, vector: FloatArray, rgba: tuple[float, ...], scale: float) -> None:
     length = float(np.linalg.norm(vector))
-    head = min(0.12, 0.4 * length)
+    head = min(0.12 * scale, 0.4 * length)
     entity.arrows.add(
         pose=_pose(origin, _turn(np.array([1.0, 0.0, 0.0]), vector / length)),
         shaft_length=length - head,
-        shaft_diameter=0.05,
+        shaft_diameter=0.05 * scale,
         head_length=head,
-        head_diameter=0.1,
+        head_diameter=0.1 * scale,
         color=_colour(rgba),
     )
 
 
-def arrows_update(arrows: Sequence[ArrowSeries], row: int, time_ns: int) -> SceneUpdate:
+def arrows_update(arrows: Sequence[ArrowSeries], row: int, scale: float, time_ns: int) -> SceneUpdate:
     """The arrows of forces and torques that act in a row, and no others.
 
     Args:
         arrows: All arrows of the run.
         row: Index of the row in these series.
+        scale: Scale of markers.
         time_ns: Time of the row.
     """
     update = SceneUpdate()
@@ -114,12 +116,12 @@ def arrows_update(arrows: Sequence[ArrowSeries], row: int, time_ns: int) -> Scen
         if series.acts[row]:
             entity = _entity(update, series.columns.name, ROOT_FRAME, time_ns)
             rgba = _TORQUE if series.columns.is_torque else _FORCE
-            _add_arrow(entity, series.origins[row], series.vectors[row], rgba)
+            _add_arrow(entity, series.origins[row], series.vectors[row], rgba, scale)
     return update
 
 
 def plumes_update(
-    system: System, firing: Sequence[tuple[Thruster, int]], positions: FloatArray, time_ns: int
+    system: System, firing: Sequence[tuple[Thruster, int]], positions: FloatArray, scale: float, time_ns: int
 ) -> SceneUpdate:
     """A cone at every thruster that fires, and no others.
 
@@ -127,6 +129,7 @@ def plumes_update(
         system: The model.
         firing: Thrusters that fire and the signs of their forces.
         positions: World positions of all bodies, (nbody, 3), m.
+        scale: Scale of markers.
         time_ns: Time from which they fire.
     """
     update = SceneUpdate()
@@ -135,8 +138,8 @@ def plumes_update(
         frame = frame_id(system, thruster.body) if thruster.turns else ROOT_FRAME
         start = thruster.point if thruster.turns else positions[thruster.body]
         entity, exhaust = _entity(update, thruster.name, frame, time_ns), sign * thruster.exhaust
-        pose = _pose(start + 0.5 * _PLUME_M * exhaust, _turn(np.array([0.0, 0.0, 1.0]), exhaust))
-        size = _vector(np.array([0.16, 0.16, _PLUME_M]))
+        pose = _pose(start + 0.5 * scale * _PLUME_M * exhaust, _turn(np.array([0.0, 0.0, 1.0]), exhaust))
+        size = _vector(scale * np.array([0.16, 0.16, _PLUME_M]))
         entity.cylinders.add(pose=pose, size=size, bottom_scale=0.2, top_scale=1.0, color=_colour(_PLUME))
     return update
 

@@ -18,6 +18,7 @@ from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies, shapes_by_bod
 from ffsm_mj.log.foxglove.messages import TransformsCodec, timestamp
 from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.foxglove.scene import arrows_update, bodies_update, frame_id, marks_update, plumes_update
+from ffsm_mj.log.marker_scale import marker_scale
 from ffsm_mj.log.marks import MarkSequence, marks_topic
 from ffsm_mj.log.mcap.format import nanoseconds
 from ffsm_mj.log.plumes import thrusters
@@ -65,7 +66,8 @@ class ViewerTopics:
         bodies = posed_bodies(system)
         self._codec = TransformsCodec(bodies, [frame_id(system, body) for body in bodies])
         self._drawn = shapes_by_body(system)
-        self._marks = MarkSequence()
+        self._scale = marker_scale(system)
+        self._marks = MarkSequence(self._scale)
         self._begun = self._arrows_shown = False
 
     @property
@@ -94,7 +96,7 @@ class ViewerTopics:
         if not self._begun:
             self._begun = True
             first = int(times[0])
-            yield _packet(SCENE_TOPIC, first, bodies_update(self._system, self._drawn, self._target, first))
+            yield _packet(SCENE_TOPIC, first, bodies_update(self._system, self._drawn, self._target, self._scale, first))
             yield from self._outlines(first)
         yield from self._arrow_updates(frames, times)
         if self._thrusters:
@@ -109,12 +111,12 @@ class ViewerTopics:
         """Arrows in every frame in which a force acts, and an empty update when the last one ends."""
         if not self._arrows:
             return
-        series = [arrow_series(arrow, frames.rows) for arrow in self._arrows]
+        series = [arrow_series(arrow, frames.rows, self._scale) for arrow in self._arrows]
         shown = np.asarray(np.any([each.acts for each in series], axis=0)).tolist()
         for i, (time, acts) in enumerate(zip(times.tolist(), shown, strict=True)):
             if acts or self._arrows_shown:
                 self._arrows_shown = acts
-                yield _packet(ARROWS_TOPIC, time, arrows_update(series, i, time))
+                yield _packet(ARROWS_TOPIC, time, arrows_update(series, i, self._scale, time))
 
     def _plume_updates(self, frames: Frames, times: npt.NDArray[np.int64]) -> Iterator[Packet]:
         """Plumes when the set of firing thrusters changes; in every frame while one fires that does not turn with its body.
@@ -126,7 +128,7 @@ class ViewerTopics:
             firing = [(thruster, sign) for thruster, sign in zip(self._thrusters, row, strict=True) if sign]
             if row != self._signs or not all(thruster.turns for thruster, _ in firing):
                 self._signs = row
-                yield _packet(PLUMES_TOPIC, time, plumes_update(self._system, firing, positions, time))
+                yield _packet(PLUMES_TOPIC, time, plumes_update(self._system, firing, positions, self._scale, time))
 
     def event(self, event: Event | OutcomeRecord) -> Iterator[Packet]:
         """Text of an event, and its marks together with the earlier ones of that instant."""
@@ -139,7 +141,7 @@ class ViewerTopics:
             drawn = self._marks.of_instant(kind)
             name = f"{kind.name.replace('_', ' ')} {drawn[0].instant + 1}, contact"
             marks = [(f"{name} {mark.number + 1}", mark) for mark in drawn]
-            yield _packet(marks_topic(kind), time, marks_update(marks, time))
+            yield _packet(marks_topic(kind), time, marks_update(marks, self._scale, time))
 
 
 def _packet(topic: str, time_ns: int, message: Any) -> Packet:

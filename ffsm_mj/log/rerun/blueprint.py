@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.rerun.camera import BACKGROUND, Framing
 from ffsm_mj.log.rerun.opening import Opening, TimeRange
 from ffsm_mj.log.rerun.plots import BASE, FORCES, JOINTS, TORQUES, Plot
 
 TIMELINE = "sim_time"
-_BACKGROUND, _GRID = [24, 27, 33], [90, 98, 112, 110]
-_AXES = ((224, 82, 82), (92, 184, 92), (92, 140, 240))
-"""Colours of x, y and z."""
 _LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
 _NO_LEGEND = rrb.PlotLegend(visible=False)
 _LETTER_PX, _BESIDE_PX, _PLOT_PX = 6.4, 34.0, 290.0
 """Widths of a letter of a legend, of its remaining parts, and of a plot in a window of 1300 pixels."""
 _MOST_LANES = 5
-_HALF_VIEW = np.array([0.55, 0.42])
-"""Tangents of half the horizontal and vertical field of view of the camera, minus a margin."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +26,7 @@ class Contents:
     """Contents of a recording, as far as its layout depends on them.
 
     Attributes:
-        points: Points to keep in view, world axes, (n, 3), m.
+        framing: Points to keep in view.
         plots: Plots of columns.
         trails: Names of the trails.
         tip: Whether the tip error is plotted.
@@ -42,29 +35,13 @@ class Contents:
         lanes: Number of lanes of states: phases and thrusters.
     """
 
-    points: FloatArray
+    framing: Framing
     plots: Sequence[Plot]
     trails: Sequence[str]
     tip: bool
     forces: Sequence[str]
     torques: Sequence[str] = ()
     lanes: int
-
-    @property
-    def low(self) -> FloatArray:
-        """Lower corner of the box around the points, (3,), m."""
-        return np.asarray(self.points.min(axis=0))
-
-    @property
-    def high(self) -> FloatArray:
-        """Upper corner of the box around the points, (3,), m."""
-        return np.asarray(self.points.max(axis=0))
-
-    @property
-    def grid_m(self) -> float:
-        """Spacing of the lines of the ground, a power of ten, m."""
-        reach_m = max(float(np.linalg.norm(self.high - self.low)), 1e-3)
-        return float(10.0 ** math.floor(math.log10(reach_m / 3.0)))
 
 
 class _Curves(NamedTuple):
@@ -109,13 +86,13 @@ def blueprint(contents: Contents, opening: Opening | None) -> rrb.Blueprint:
 
 
 def _scene(contents: Contents) -> rrb.Spatial3DView:
-    ground = rr.components.Plane3D.XY.with_distance(float(contents.low[2]))
+    framing = contents.framing
     return rrb.Spatial3DView(
         origin="/world",
-        name=f"Scene, lines every {contents.grid_m:g} m",
-        line_grid=rrb.LineGrid3D(visible=True, spacing=contents.grid_m, plane=ground, color=_GRID, stroke_width=1.0),
-        background=_BACKGROUND,
-        eye_controls=_eye(contents),
+        name=f"Scene, lines every {framing.grid_m:g} m",
+        line_grid=framing.ground,
+        background=BACKGROUND,
+        eye_controls=framing.eye,
         overrides={
             f"world/trails/{name}": [
                 rrb.VisibleTimeRanges(
@@ -126,32 +103,6 @@ def _scene(contents: Contents) -> rrb.Spatial3DView:
             ]
             for name in contents.trails
         },
-    )
-
-
-def _eye(contents: Contents) -> rrb.EyeControls3D:
-    """Camera above and a little behind, so that a planar robot fills the view; as near as all points permit."""
-    back = np.array([-0.1, -0.56, 0.82]) / np.linalg.norm([-0.1, -0.56, 0.82])
-    right = np.cross([0.0, 0.0, 1.0], back) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], back))
-    view = np.stack((right, np.cross(back, right), back))
-    centre = 0.5 * (contents.low + contents.high)
-    distance = 0.0
-    for _ in range(4):  # perspective: the middle of the picture is not the projection of the middle of the box
-        viewed = (contents.points - centre) @ view.T
-        distance = float(np.max(np.abs(viewed[:, :2]) / _HALF_VIEW + viewed[:, 2:]))
-        flat = viewed[:, :2] / np.maximum(distance - viewed[:, 2:], 1e-9)
-        middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0)) * distance
-        centre = centre + middle @ view[:2]
-    # A least distance keeps a single small body from filling the view.
-    position = centre + max(distance, 2.0 * contents.grid_m) * back
-    return rrb.EyeControls3D(position=position, look_target=centre, eye_up=[0.0, 0.0, 1.0])
-
-
-def axes_of(contents: Contents) -> rr.Arrows3D:
-    """Axes of the world on the ground, each as long as the spacing of its lines, at the rear left corner of the view."""
-    corner, vectors = (contents.low[0], contents.high[1], contents.low[2]), contents.grid_m * np.eye(3)
-    return rr.Arrows3D(
-        origins=[corner] * 3, vectors=vectors, colors=_AXES, labels=["x", "y", "z"], radii=0.02 * contents.grid_m
     )
 
 

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.drawing import Frames, geoms_to_draw
+from ffsm_mj.log.bounding_box import box_corners
+from ffsm_mj.log.drawing import Frames, robot_boxes
+from ffsm_mj.log.drawn_geoms import geoms_to_draw
 from ffsm_mj.log.marks import SHOWN_S
 from ffsm_mj.model.system import System
 
 _BEFORE_S, _AFTER_S = 1.0, SHOWN_S
 _CLOSE_UP = 0.5
 """Greatest fraction of a run for which a time range gets plots of its own."""
-_SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 class TimeRange(NamedTuple):
@@ -42,6 +41,7 @@ class Opening:
         self._points: list[tuple[float, ...]] = []
         self._pose: tuple[FloatArray, FloatArray] | None = None
         self._at_event = False
+        self._boxes: list[FloatArray] = []
 
     def add_mark(self, time_s: float, point_m: tuple[float, ...]) -> None:
         """Take a mark at a time and a point; marks need not come in order of time."""
@@ -54,6 +54,7 @@ class Opening:
     def add_frames(self, frames: Frames) -> None:
         """Take the next frames."""
         self.end_s = float(frames.times[-1])
+        self._boxes.append(np.column_stack((frames.times, *robot_boxes(self._system, frames.positions))))
         if self._pose is None:
             self._pose = frames.positions[0], frames.quaternions[0]
         if self.first_s is not None and not self._at_event and self.end_s >= self.first_s:
@@ -82,6 +83,25 @@ class Opening:
     def _within(self, first_s: float, last_s: float) -> TimeRange:
         return TimeRange(max(0.0, first_s - _BEFORE_S), min(last_s + _AFTER_S, self.end_s))
 
+    def followed(self, low: FloatArray, high: FloatArray) -> FloatArray | None:
+        """Times in s and displacements in m of a camera, (n, 4); None if the robot stays in a box of the view.
+
+        The displacements are those of the middle of the robot since the first event. They are zero before it: the camera
+        stands still until then, wherever the recording opens.
+
+        Args:
+            low: Lower corner of the box, (3,), m.
+            high: Upper corner of the box, (3,), m.
+        """
+        boxes = np.concatenate(self._boxes)
+        start_s = self.first_s if self.first_s is not None else 0.0
+        first = min(int(np.searchsorted(boxes[:, 0], start_s)), len(boxes) - 1)
+        if (boxes[first:, 1:4] >= low).all() and (boxes[first:, 4:] <= high).all():
+            return None
+        middles = 0.5 * (boxes[:, 1:4] + boxes[:, 4:])
+        middles[:first] = middles[first]
+        return np.column_stack((boxes[:, 0], middles - middles[first]))
+
     def points(self, more: FloatArray) -> FloatArray:
         """Points to keep in view at the first event, or else at the start, in world axes, (n, 3), m.
 
@@ -99,11 +119,4 @@ def _corners(system: System, positions: FloatArray, quaternions: FloatArray) -> 
     """Corners of the bounding boxes of the drawn geoms of moving bodies, (n, 3), m; else the origins of all bodies."""
     model, still = system.mj, {0, *system.fixed_bodies}
     geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) not in still]
-    rotation, corners = np.empty(9), []
-    for geom in geoms:
-        body, around = int(model.geom_bodyid[geom]), model.geom_aabb[geom]
-        mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
-        local = (around[:3] + _SIGNS * around[3:]) @ rotation.reshape(3, 3).T + model.geom_pos[geom]
-        mujoco.mju_quat2Mat(rotation, quaternions[body])
-        corners.append(local @ rotation.reshape(3, 3).T + positions[body])
-    return np.vstack(corners) if corners else np.asarray(positions[1:])
+    return box_corners(model, geoms, positions, quaternions) if geoms else np.asarray(positions[1:])

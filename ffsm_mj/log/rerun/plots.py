@@ -9,15 +9,27 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import external_actuators
-from ffsm_mj.log.palette import BLUE, GREEN, GREY, ORANGE, PALE, PURPLE, SKY, VERMILION, Colour
+from ffsm_mj.log.palette import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    PURPLE,
+    ROBOT_ON_DARK,
+    SKY,
+    VERMILION,
+    Colour,
+    object_colour,
+)
 from ffsm_mj.model.system import System
 from ffsm_mj.records.metadata import free_components
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Layout, effort_key, identifier
 
 _COLOURS = {
     "total": (PALE, PALE, PALE),
-    "robot": (ORANGE, VERMILION, PURPLE),
-    "objects": (SKY, BLUE, GREEN),
+    "robot": (ROBOT_ON_DARK, BLUE, GREEN),
+    "objects": (object_colour(0), ORANGE, PURPLE),
 }
 JOINTS, BASE = "plots/joints", "plots/base"
 """Parent entities of the efforts of joint motors, and of thrusters and ideal base torques."""

@@ -8,7 +8,9 @@ import mujoco
 import numpy as np
 import rerun as rr
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.drawing import DrawnShape, shapes
+from ffsm_mj.log.palette import TARGET_ON_DARK
 from ffsm_mj.model.system import System
 from ffsm_mj.records.signals import identifier
 
@@ -19,14 +21,26 @@ def body_path(system: System, body: int) -> str:
     return f"world/{identifier(tree)}/{identifier(name)}"
 
 
-def log_shapes(recording: rr.RecordingStream, system: System) -> None:
-    """Log every drawn geom once, in the frame of its body."""
+def log_shapes(recording: rr.RecordingStream, system: System) -> dict[int, str]:
+    """Log every drawn geom once, in the frame of its body; returns the entity of the first one of each body."""
+    first: dict[int, str] = {}
     for shape in shapes(system):
         parent = body_path(system, shape.body) if shape.body else "world/static"
-        recording.log(f"{parent}/{identifier(shape.name)}", _archetype(shape), static=True)
+        entity = f"{parent}/{identifier(shape.name)}"
+        recording.log(entity, archetype(shape), static=True)
+        first.setdefault(shape.body, entity)
+    return first
 
 
-def _archetype(shape: DrawnShape) -> Any:
+def target_cross(point_m: FloatArray, name: str, scale: float) -> rr.LineStrips3D:
+    """A small cross at a target, on a pole that carries its name above the motion, at a scale of markers."""
+    x, y, z = scale * np.eye(3)
+    arms = [[point_m, point_m + 0.6 * z], *([point_m - 0.2 * axis, point_m + 0.2 * axis] for axis in (x, y))]
+    return rr.LineStrips3D(arms, colors=[TARGET_ON_DARK], radii=[0.02 * scale], labels=[name, "", ""], show_labels=True)
+
+
+def archetype(shape: DrawnShape) -> Any:
+    """A shape in the frame of its body."""
     colour = [round(255 * c) for c in shape.rgba]
     if shape.kind == "mesh":
         rotation = np.empty(9)

@@ -16,14 +16,24 @@ import rerun as rr
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies
-from ffsm_mj.log.palette import ORANGE, PLUME, PLUME_OPACITY, PURPLE, SKY, VERMILION, YELLOW
+from ffsm_mj.log.marker_scale import marker_scale
+from ffsm_mj.log.palette import (
+    ORANGE,
+    PLUME,
+    PLUME_OPACITY,
+    ROBOT_ON_DARK,
+    TIP_AFTER,
+    TIP_BEFORE_ON_DARK,
+    object_colour,
+)
 from ffsm_mj.log.plumes import plume_series, thrusters
-from ffsm_mj.log.rerun.blueprint import TIMELINE, Contents, axes_of, blueprint
+from ffsm_mj.log.rerun.blueprint import TIMELINE, Contents, blueprint
+from ffsm_mj.log.rerun.camera import FOLLOWED, Framing
 from ffsm_mj.log.rerun.forces import Forces
 from ffsm_mj.log.rerun.marks import Marks
 from ffsm_mj.log.rerun.opening import Opening
 from ffsm_mj.log.rerun.plots import plots
-from ffsm_mj.log.rerun.scene import body_path, log_shapes
+from ffsm_mj.log.rerun.scene import body_path, log_shapes, target_cross
 from ffsm_mj.log.rerun.states import OFF, Switching, phase_looks, thruster_looks
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
@@ -33,8 +43,6 @@ from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.signals import TIP
 
 _PLUME = (*PLUME, round(255 * PLUME_OPACITY))
-_TIP_AFTER = PURPLE
-"""Colour of the path of the tip from the first event on."""
 
 
 class RerunSink:
@@ -49,6 +57,7 @@ class RerunSink:
             view_rate_hz: Frames per simulated second.
         """
         self._output, self._system = output, system
+        self._scale = marker_scale(system)
         self._view_rate_hz, self._pending = view_rate_hz, list[Frames]()
 
     def open(self, header: RunHeader) -> None:
@@ -61,19 +70,19 @@ class RerunSink:
         )
         self._connect()
         self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        log_shapes(self._recording, self._system)
+        self._base = log_shapes(self._recording, self._system).get(self._system.robot.root, "")
         self._target(header)
         self._plots = plots(layout, self._system, header.metadata)
         for plot in self._plots:
             lines = rr.SeriesLines(names=plot.names, colors=plot.colours, widths=[1.5] * len(plot.names))
             self._recording.log(plot.entity, lines, static=True)
         self._thrusters = {thruster.short_name: thruster for thruster in thrusters(self._system, layout)}
-        self._forces = Forces(self._recording, header)
+        self._forces = Forces(self._recording, header, self._scale)
         self._switching = Switching(layout.time, {name: thruster.applied for name, thruster in self._thrusters.items()})
         self._fired: set[str] = set()
         self._trail_colours()
         self._opening = Opening(self._system)
-        self._marks = Marks(self._at, self._opening)
+        self._marks = Marks(self._at, self._opening, self._scale)
         self._framed, self._states = False, dict[str, list[tuple[float, str]]]()
 
     def _connect(self) -> None:
@@ -89,21 +98,17 @@ class RerunSink:
             raise LogWriteError(self._path, error) from error
 
     def _target(self, header: RunHeader) -> None:
-        """Draw a small cross at the target of the tip, on a pole that carries its name above the motion."""
+        """Draw the target of the tip."""
         self._task = task = logged_task(header.metadata)
         if task is None:
             return
-        goal = task.point_m
         line = rr.SeriesLines(names=["tip error"], colors=[ORANGE], widths=[1.5])
         self._recording.log("plots/tip_error", line, static=True)
-        x, y, z = np.eye(3)
-        arms = [[goal, goal + 0.6 * z], *([goal - 0.2 * axis, goal + 0.2 * axis] for axis in (x, y))]
-        cross = rr.LineStrips3D(arms, colors=[YELLOW], radii=[0.02], labels=["target", "", ""], show_labels=True)
-        self._recording.log("world/target", cross, static=True)
+        self._recording.log("world/target", target_cross(task.point_m, "target", self._scale), static=True)
 
     def _trail_colours(self) -> None:
-        names = [tree.name for tree in self._system.trees]
-        self._colours = dict(zip(names, (ORANGE, *[SKY] * len(names)), strict=False)) | {"tip": VERMILION}
+        objects = {tree.name: object_colour(i) for i, tree in enumerate(self._system.objects)}
+        self._colours = {self._system.robot.name: ROBOT_ON_DARK} | objects | {"tip": TIP_BEFORE_ON_DARK}
 
     def rows(self, block: FloatArray) -> None:
         """Buffer the frames of a block for the next flush, and send the switching of thrusters in it."""
@@ -112,7 +117,7 @@ class RerunSink:
                 self._fired.add(name)
                 self._at(0.0, f"states/thrusters/{name}", rr.StateChange.columns(state=[OFF]))
                 self._recording.log(f"states/thrusters/{name}", thruster_looks(), static=True)
-                look = rr.Arrows3D.from_fields(colors=[_PLUME], radii=[0.06])
+                look = rr.Arrows3D.from_fields(colors=[_PLUME], radii=[0.06 * self._scale])
                 self._recording.log(f"world/plumes/{name}", look, static=True)
             self._send(
                 f"states/thrusters/{name}", [rr.TimeColumn(TIMELINE, duration=times)], rr.StateChange.columns(state=states)
@@ -165,8 +170,9 @@ class RerunSink:
         """Send the layout, with the ground and the axes; ``acting`` gives the names of the forces or torques to plot."""
         self._framed = True
         targets = np.empty((0, 3)) if self._task is None else self._task.point_m[None]
+        framing = self._framing(self._opening.points(targets))
         contents = Contents(
-            points=self._opening.points(targets),
+            framing=framing,
             plots=self._plots,
             trails=list(self._colours),
             tip=self._task is not None,
@@ -174,8 +180,21 @@ class RerunSink:
             torques=acting(torques=True),
             lanes=1 + len(self._thrusters if self._streams else self._fired),
         )
-        self._recording.log("world/axes", axes_of(contents), static=True)
+        self._recording.log("world/axes", framing.axes, static=True)
         self._recording.send_blueprint(blueprint(contents, None if self._streams else self._opening))
+
+    def _framing(self, points: FloatArray) -> Framing:
+        """View of some points, with a camera that follows the robot if it leaves them; in a stream it always follows."""
+        if self._streams:
+            return Framing(points, self._base)
+        framing = Framing(points)
+        path = self._opening.followed(framing.low, framing.high)
+        if path is None:
+            return framing
+        index = [rr.TimeColumn(TIMELINE, duration=path[:, 0])]
+        self._recording.log(FOLLOWED, rr.Points3D.from_fields(radii=[0.0], colors=[(0, 0, 0, 0)]), static=True)
+        self._send(FOLLOWED, index, rr.Points3D.columns(positions=framing.centre + path[:, 1:]))
+        return Framing(points, FOLLOWED)
 
     def _trails(self, frames: Frames, index: Any) -> None:
         trails = {tree.name: frames.positions[:, tree.root] for tree in self._system.trees}
@@ -185,16 +204,16 @@ class RerunSink:
         after = frames.times >= (np.inf if first_s is None else first_s)
         for name, points in trails.items():
             count = len(points)
-            late = _TIP_AFTER if name == "tip" else self._colours[name]
+            late = TIP_AFTER if name == "tip" else self._colours[name]
             colours = np.where(after[:, None], late, self._colours[name])
-            looks = rr.Points3D.columns(positions=points, colors=colours, radii=[0.015] * count)
+            looks = rr.Points3D.columns(positions=points, colors=colours, radii=[0.015 * self._scale] * count)
             self._send(f"world/trails/{name}", index, looks)
 
     def _plumes(self, frames: Frames, index: Any) -> None:
         for name, thruster in self._thrusters.items():
             if name not in self._fired:
                 continue
-            series = plume_series(thruster, frames)
+            series = plume_series(thruster, frames, self._scale)
             plume = rr.Arrows3D.columns(origins=series.origins, vectors=series.vectors)
             self._send(f"world/plumes/{name}", index, plume)
 

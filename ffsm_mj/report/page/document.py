@@ -19,7 +19,9 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
+from ffsm_mj.log import palette
 from ffsm_mj.log.arrows import declared_arrows
+from ffsm_mj.log.palette import hexadecimal
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.report.check_report import verdict
 from ffsm_mj.report.page import moving, scene
@@ -50,7 +52,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         policy=_policy(script),
         name=_escaped(run.name),
         headline=_escaped(_headline(run)),
-        style=_part("page.css"),
+        style=_style(),
         events="\n".join(_events(run)),
         note=_escaped(_note(run, drawn, poses)),
         key="".join(_key(run, drawn)),
@@ -69,6 +71,12 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
 
 def _part(name: str) -> str:
     return files("ffsm_mj.report.page").joinpath(name).read_text(encoding="utf-8")
+
+
+def _style() -> str:
+    """Style sheet, with the colours of the palette."""
+    colours = {"robot": palette.ROBOT, "event": palette.MARK, "cursor": palette.VERMILION}
+    return Template(_part("page.css")).substitute({name: hexadecimal(colour) for name, colour in colours.items()})
 
 
 @cache

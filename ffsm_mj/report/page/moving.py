@@ -20,8 +20,8 @@ from ffsm_mj.records.signals import Layout
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.solids import Triangles, arrow_solid, plume_solid
 
-FORCE, TORQUE, PLUME = packed(palette.FORCE), packed(palette.YELLOW), packed(palette.PLUME)
-"""Colours of forces, of torques (the path of the tip is orange here) and of plumes."""
+FORCE, TORQUE, PLUME = packed(palette.FORCE), packed(palette.TORQUE), packed(palette.PLUME)
+"""Colours of forces, of torques and of plumes."""
 TICKS_PER_S = 1000.0
 """K3D's time in ms: it merges times that differ by less than 0.001, whatever their unit."""
 FAR_M = 1e6
@@ -30,19 +30,19 @@ SWITCH_S = 1e-5
 """Transition time to appear or disappear: K3D switches values half-way between two times."""
 
 
-def forces(header: RunHeader, poses: Poses) -> Iterator[Any]:
+def forces(header: RunHeader, poses: Poses, scale: float) -> Iterator[Any]:
     """An arrow along each force and torque that a contact model declares; it ends at the point of application."""
     for arrow in declared_arrows(header):
-        series = arrow_series(arrow, poses.rows)
+        series = arrow_series(arrow, poses.rows, scale)
         colour = TORQUE if arrow.is_torque else FORCE
-        yield from _while(series.acts, arrow_solid(), colour, poses.times, series.origins, series.vectors)
+        yield from _while(series.acts, arrow_solid(scale), colour, poses.times, series.origins, series.vectors)
 
 
-def plumes(layout: Layout, system: System, poses: Poses) -> Iterator[Any]:
+def plumes(layout: Layout, system: System, poses: Poses, scale: float) -> Iterator[Any]:
     """A cone along the exhaust of each firing thruster, with length proportional to force over maximum force."""
     for thruster in thrusters(system, layout):
-        series = plume_series(thruster, poses)
-        yield from _while(series.fires, plume_solid(), PLUME, poses.times, series.origins, series.vectors)
+        series = plume_series(thruster, poses, scale)
+        yield from _while(series.fires, plume_solid(scale), PLUME, poses.times, series.origins, series.vectors)
 
 
 def _while(

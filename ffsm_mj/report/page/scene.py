@@ -13,15 +13,20 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import one_line
+from ffsm_mj.log import palette
+from ffsm_mj.log.bounding_box import box_corners
 from ffsm_mj.log.drawing import DrawnShape, shapes
+from ffsm_mj.log.drawn_geoms import geoms_to_draw
+from ffsm_mj.log.marker_scale import marker_scale
 from ffsm_mj.log.marks import DrawnMark, drawn_marks
+from ffsm_mj.log.palette import packed
 from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.report.page.moving import FAR_M, SWITCH_S, along_z, during, forces, plumes, single, solid, tick
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.solids import arrow_solid, joined, triangles
 from ffsm_mj.report.plots.subject import Subject
 
-BEFORE, AFTER, MARK, TARGET = 0x56B4E9, 0xE69F00, 0xD55E00, 0xCC79A7
+BEFORE, AFTER, MARK, TARGET = map(packed, (palette.ROBOT_ON_DARK, palette.TIP_AFTER, palette.MARK, palette.ON_ANY_GROUND))
 """Colours of the tip's path before and after the first mark, of marks and of the target."""
 MOST_MARKS = 200
 
@@ -47,16 +52,17 @@ class PageScene:
 
 def scene(subject: Subject, poses: Poses) -> PageScene:
     """Draw the scene of a run."""
-    marks = drawn_marks(subject.run.log.events())
+    scale = marker_scale(subject.system)
+    marks = drawn_marks(subject.run.log.events(), scale)
     low, high = _box(subject, poses, marks)
     plot = k3d.plot(menu_visibility=False, camera_auto_fit=False, grid_auto_fit=False, axes_helper=0, camera_fov=45.0)
     middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, 0.6 * np.max(high - low))
     plot.grid = [*np.floor(middle - half).tolist(), *np.ceil(middle + half).tolist()]
     plot.axes = ["x,\\,m", "y,\\,m", "z,\\,m"]
-    others = list(_others(subject, poses, marks[:MOST_MARKS]))
+    others = list(_others(subject, poses, marks[:MOST_MARKS], scale))
     for drawn in (*_bodies(subject, poses), *others):
         plot += drawn
-    radius = 0.5 * float(np.linalg.norm(high - low))
+    radius = 0.5 * float(np.linalg.norm(high - low)) or 1.0
     colours = frozenset(int(each.color) for each in others)
     return PageScene(plot.get_binary_snapshot(), middle, radius, max(0, len(marks) - MOST_MARKS), colours)
 
@@ -64,28 +70,31 @@ def scene(subject: Subject, poses: Poses) -> PageScene:
 def _box(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> tuple[FloatArray, FloatArray]:
     """Corners of the initial view box: bodies at the start and at the first mark, marks, the target."""
     moments = [0, *(poses.nearest(marks[0].time_s) for _ in marks[:1])]
-    points = [poses.positions[moments, 1:].reshape(-1, 3), *(np.array([each.mark.point_m]) for each in marks[:MOST_MARKS])]
+    model, still = subject.system.mj, {0, *subject.system.fixed_bodies}
+    geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) not in still]
+    points = [box_corners(model, geoms, poses.positions[i], poses.quaternions[i]) for i in moments]
+    points += [poses.positions[moments, 1:].reshape(-1, 3), *(np.array([each.mark.point_m]) for each in marks[:MOST_MARKS])]
     task = logged_task(subject.run.log.header.metadata)
     points += [task.point_m[None]] if task is not None else []
     everything = np.concatenate(points)
     everything = everything[(np.abs(everything) < FAR_M).all(axis=1)]  # a log may hold any double
     if not len(everything):
         return np.full(3, -1.0), np.full(3, 1.0)
-    return everything.min(axis=0) - 0.8, everything.max(axis=0) + 0.8
+    return everything.min(axis=0), everything.max(axis=0)
 
 
-def _others(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> Iterator[Any]:
-    yield from _paths(subject, marks)
+def _others(subject: Subject, poses: Poses, marks: list[DrawnMark], scale: float) -> Iterator[Any]:
+    yield from _paths(subject, marks, scale)
     task = logged_task(subject.run.log.header.metadata)
     if task is not None:
-        arms = [task.point_m + sign * 0.2 * axis for axis in np.eye(3) for sign in (-1, 1)]
-        yield k3d.lines(single(arms), [[0, 1], [2, 3], [4, 5]], indices_type="segment", width=0.03, color=TARGET)
+        arms = [task.point_m + sign * 0.2 * scale * axis for axis in np.eye(3) for sign in (-1, 1)]
+        yield k3d.lines(single(arms), [[0, 1], [2, 3], [4, 5]], indices_type="segment", width=0.03 * scale, color=TARGET)
     for drawn in marks:
         ahead = min((other.time_s for other in marks if other.time_s > drawn.time_s), default=np.inf)
-        yield from _mark(drawn, min(drawn.end_s, ahead - 2.0 * SWITCH_S))
+        yield from _mark(drawn, min(drawn.end_s, ahead - 2.0 * SWITCH_S), scale)
     header = subject.run.log.header
-    yield from forces(header, poses)
-    yield from plumes(header.layout, subject.system, poses)
+    yield from forces(header, poses, scale)
+    yield from plumes(header.layout, subject.system, poses, scale)
 
 
 def _bodies(subject: Subject, poses: Poses) -> Iterator[Any]:
@@ -117,7 +126,7 @@ def _matrices(poses: Poses, body: int) -> Any:
     return dict(zip(map(tick, poses.times.tolist()), matrices, strict=True))
 
 
-def _paths(subject: Subject, marks: list[DrawnMark]) -> Iterator[Any]:
+def _paths(subject: Subject, marks: list[DrawnMark], scale: float) -> Iterator[Any]:
     """Path of the tip, or of the robot's base without a tip; it changes colour at the first mark."""
     robot = subject.system.robot
     path = subject.tip if subject.tip is not None else subject.roots[robot.name]
@@ -125,17 +134,17 @@ def _paths(subject: Subject, marks: list[DrawnMark]) -> Iterator[Any]:
     first = marks[0].time_s if marks else np.inf
     for part, colour in ((path[times <= first], BEFORE), (path[times >= first], AFTER)):
         if len(part) > 1:
-            yield k3d.line(single(part), color=colour, width=0.02)
+            yield k3d.line(single(part), color=colour, width=0.02 * scale)
 
 
-def _mark(drawn: DrawnMark, labelled_until: float) -> Iterator[Any]:
+def _mark(drawn: DrawnMark, labelled_until: float, scale: float) -> Iterator[Any]:
     """An arrow that ends at its point and is never occluded, or a dot; its text is shown until that of the next mark."""
     time, mark, vector = drawn.time_s, drawn.mark, drawn.vector
     shown, point = during([(time, drawn.end_s)]), np.array(mark.point_m)
     if vector.any():
-        yield solid(arrow_solid(), MARK, along_z(point - vector, vector), shown)
+        yield solid(arrow_solid(scale), MARK, along_z(point - vector, vector), shown)
     else:
-        yield k3d.points(single([point]), color=MARK, point_size=0.12, shader="3d", visible=shown)
+        yield k3d.points(single([point]), color=MARK, point_size=0.12 * scale, shader="3d", visible=shown)
     text = f'<span class="mark">{html.escape(one_line(mark.text))}</span>'
     look = {"color": MARK, "is_html": True, "label_box": False, "max_length": 0.08}
     yield k3d.label(text, (point - vector).tolist(), visible=during([(time, max(time, labelled_until))]), **look)

@@ -38,14 +38,15 @@ def triangles(shape: DrawnShape) -> Triangles:
     return corners @ rotation.reshape(3, 3).T + shape.position, faces
 
 
-def arrow_solid() -> Triangles:
-    """An arrow from the origin to 1 m up the z axis."""
-    return joined([_revolved(np.array(line)) for line in _ARROW])
+def arrow_solid(scale: float) -> Triangles:
+    """An arrow from the origin to 1 m up the z axis, its thickness at a scale of markers."""
+    return joined([_revolved(np.array(line) * (scale, 1.0)) for line in _ARROW])
 
 
-def plume_solid() -> Triangles:
-    """A cone that opens from the origin to 1 m up the z axis."""
-    return joined([_revolved(np.array(line)) for line in ([(0.02, 0.0), (0.14, 1.0)], [(0.14, 1.0), (0.0, 1.0)])])
+def plume_solid(scale: float) -> Triangles:
+    """A cone that opens from the origin to 1 m up the z axis, its thickness at a scale of markers."""
+    meridians = ([(0.02, 0.0), (0.14, 1.0)], [(0.14, 1.0), (0.0, 1.0)])
+    return joined([_revolved(np.array(line) * (scale, 1.0)) for line in meridians])
 
 
 def joined(parts: list[Triangles]) -> Triangles:

@@ -13,15 +13,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log import palette
+from ffsm_mj.log.palette import hexadecimal
 from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.report.plots.silhouette import WORLD, Plane, ProjectedOutline
-from ffsm_mj.report.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, WIDTH_IN, YELLOW, plain
+from ffsm_mj.report.plots.style import BLACK, MARK, TARGET, WIDTH_IN, plain
 from ffsm_mj.report.plots.subject import Subject
 
 _POSES = 6
 _HANDLE_IN, _LETTER_IN = 0.5, 0.062
 """Widths of the handle before a legend entry, and of a letter of it."""
-_OBJECT_COLOURS = (VERMILLION, ORANGE, GREEN, SKY, PURPLE)
 _TIP_STYLE, _BASE_STYLE, _OBJECT_STYLE = "-", (0, (5.0, 1.5)), (0, (6.0, 1.5, 1.2, 1.5))
 
 
@@ -97,7 +98,7 @@ def draw_plane(axes: Axes, subject: Subject, plane: Plane, box: tuple[float, flo
             marker="+",
             markersize=10,
             markeredgewidth=1.6,
-            color=BLACK,
+            color=TARGET,
             zorder=30,
             linestyle="none",
         )
@@ -123,8 +124,8 @@ def polygons(outlines: Sequence[ProjectedOutline], subject: Subject, strength: f
 def tree_colours(subject: Subject) -> dict[str, str]:
     """Colour of the robot and of each object."""
     names = [tree.name for tree in subject.system.objects]
-    hues = {name: _OBJECT_COLOURS[i % len(_OBJECT_COLOURS)] for i, name in enumerate(names)}
-    return {subject.system.robot.name: BLUE} | hues
+    hues = {name: hexadecimal(palette.object_colour(i)) for i, name in enumerate(names)}
+    return {subject.system.robot.name: hexadecimal(palette.ROBOT)} | hues
 
 
 def _mix(colour: str, share: float) -> tuple[float, ...]:
@@ -157,9 +158,7 @@ def _draw_marks(axes: Axes, subject: Subject, plane: Plane) -> None:
     """Draw a star for simultaneous records of a kind, at the point of the last one."""
     shown = {(kind.name, time): mark for kind, time, mark in subject.marks}
     points: FloatArray = np.array([np.array(mark.point_m)[plane.axes] for mark in shown.values()]).reshape(-1, 2)
-    axes.plot(
-        *points.T, marker="*", markersize=9, markerfacecolor=YELLOW, markeredgecolor=BLACK, linestyle="none", zorder=31
-    )
+    axes.plot(*points.T, marker="*", markersize=9, markerfacecolor=MARK, markeredgecolor=BLACK, linestyle="none", zorder=31)
 
 
 def _draw_times(axes: Axes, subject: Subject, plane: Plane, rows: Sequence[int], inch_m: float) -> None:
@@ -205,10 +204,10 @@ def mark_handles(subject: Subject) -> list[Line2D]:
     if subject.marks:
         label = ", ".join(dict.fromkeys(plain(kind.name).replace("_", " ") for kind, *_ in subject.marks))
         star = Line2D([], [], linestyle="none", marker="*", markersize=10, markeredgecolor=BLACK, label=label)
-        star.set_markerfacecolor(YELLOW)
+        star.set_markerfacecolor(MARK)
         handles.append(star)
     if logged_task(subject.run.log.header.metadata) is not None:
-        cross = Line2D([], [], linestyle="none", marker="+", markersize=9, markeredgewidth=1.6, color=BLACK, label="target")
+        cross = Line2D([], [], linestyle="none", marker="+", markersize=9, markeredgewidth=1.6, color=TARGET, label="target")
         handles.append(cross)
     return handles
 

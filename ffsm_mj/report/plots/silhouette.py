@@ -10,7 +10,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.hull import hull
-from ffsm_mj.log.drawing import colour_of, geoms_to_draw
+from ffsm_mj.log.drawn_geoms import colour_of, geoms_to_draw
 from ffsm_mj.model.system import System
 
 _TURN = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
@@ -61,7 +61,7 @@ class Silhouette:
         """Find the geoms to draw."""
         model = system.mj
         self._system, self._data = system, mujoco.MjData(model)
-        shown = geoms_to_draw(model) or list(range(model.ngeom))  # a model without visual geoms shows its contact geoms
+        shown = geoms_to_draw(model)
         self._geoms = [(g, system.tree_of_body(int(model.geom_bodyid[g]))) for g in shown]
         meshes = {int(model.geom_dataid[g]) for g in shown if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH}
         self._corners = {mesh: _corners(model, mesh) for mesh in meshes}
@@ -81,7 +81,7 @@ class Silhouette:
             flat = self._outline(geom, rotation[plane.axes])
             if flat is not None:
                 depth = float(centre @ plane.towards)
-                lightness = _lightness(colour_of(self._system.mj, geom))
+                lightness = _lightness(colour_of(self._system, geom))
                 shape = ProjectedOutline(flat + centre[plane.axes], tree.name if tree else WORLD, lightness)
                 found.append((depth, shape))
         return [shape for _, shape in sorted(found, key=lambda pair: pair[0])]

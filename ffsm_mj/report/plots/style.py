@@ -10,12 +10,18 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from ffsm_mj.errors import one_line
+from ffsm_mj.log import palette
+from ffsm_mj.log.palette import hexadecimal
 from ffsm_mj.report.output_place import new_file
 
-# Okabe & Ito: distinct with every kind of colour vision; line styles distinguish the curves in greyscale.
-BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
-COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
+BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = map(
+    hexadecimal,
+    (palette.BLACK, palette.ORANGE, palette.SKY, palette.GREEN, palette.BLUE, palette.VERMILION, palette.PURPLE),
+)
+MARK, FORCE, TARGET = map(hexadecimal, (palette.MARK, palette.FORCE, palette.TARGET))
+TIP_BEFORE, TIP_AFTER = map(hexadecimal, (palette.TIP_BEFORE, palette.TIP_AFTER))
+COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK)
+# Line styles distinguish the curves in greyscale.
 LINE_STYLES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
     "-",
     (0, (5.0, 1.5)),

@@ -17,7 +17,7 @@ from ffsm_mj.model.system import Joint
 from ffsm_mj.records.kinds import Mark, RecordKind
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.report.plots.silhouette import Plane, Silhouette
-from ffsm_mj.report.plots.style import BLACK, PURPLE
+from ffsm_mj.report.plots.style import TIP_AFTER, TIP_BEFORE
 from ffsm_mj.report.plots.thinning import thinned
 
 _POSES = 1500
@@ -94,12 +94,12 @@ class Subject:
         if self.tip is None:
             return ()
         if not self.marks:
-            return (TipPart("tip", BLACK, self.chosen, self.tip),)
+            return (TipPart("tip", TIP_BEFORE, self.chosen, self.tip),)
         first = int(np.searchsorted(self.run.time[self.chosen], self.first_mark_s - 1e-9))
         before, after = slice(0, first + 1), slice(first, None)  # they share the row of the mark
         return (
-            TipPart("tip, before", BLACK, self.chosen[before], self.tip[before]),
-            TipPart("tip, after", PURPLE, self.chosen[after], self.tip[after]),
+            TipPart("tip, before", TIP_BEFORE, self.chosen[before], self.tip[before]),
+            TipPart("tip, after", TIP_AFTER, self.chosen[after], self.tip[after]),
         )
 
     @cached_property

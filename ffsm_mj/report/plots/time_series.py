@@ -11,7 +11,7 @@ from ffsm_mj.model.system import Joint, Tree
 from ffsm_mj.records.metadata import free_components, logged_task
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, coordinate_names, identifier, rate_names
 from ffsm_mj.report.plots.panels import Curve, Panel, running_maximum, stacked
-from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILLION, plain
+from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILION, plain
 from ffsm_mj.report.plots.subject import Subject
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
 from ffsm_mj.verification.residuals import BalanceColumns, norms, stretch_s
@@ -142,7 +142,7 @@ def inputs(subject: Subject) -> Figure:
     spent = [key for n in thrusters if (key := f"actuators.{identifier(n)}_impulse_N_s") in subject.run.keys]
     if spent:
         total = np.sum([subject.run[key] for key in spent], axis=0)
-        panels.append(Panel("impulse spent, N s", [Curve("impulse", total, VERMILLION)]))
+        panels.append(Panel("impulse spent, N s", [Curve("impulse", total, VERMILION)]))
     if wheels:
         lines = [Curve(short(n), _effort(subject, n, "applied")[0], width=0.9) for n in wheels]
         panels.append(Panel("wheel torque, N m", lines))
@@ -199,7 +199,7 @@ def energies(subject: Subject) -> Figure:
     run, first = subject.run, subject.run["energy.total_J"][0]
     kinetic = [
         Curve(_named(subject, p), run[f"energy.{p}_J"], c, s)
-        for p, c, s in zip(_moving(subject), (BLUE, VERMILLION), _STYLES, strict=False)
+        for p, c, s in zip(_moving(subject), (BLUE, VERMILION), _STYLES, strict=False)
     ]
     account = [
         Curve("energy change", run["energy.total_J"] - first, BLUE, "-"),
@@ -226,7 +226,7 @@ def conservation(subject: Subject) -> Figure:
             x.subsystem: x.tolerance for x in checks if x.name == check and x.subsystem in ("total", *_moving(subject))
         }
         lines = []
-        for subsystem, colour, style in zip(SUBSYSTEMS, (BLACK, BLUE, VERMILLION), _STYLES, strict=True):
+        for subsystem, colour, style in zip(SUBSYSTEMS, (BLACK, BLUE, VERMILION), _STYLES, strict=True):
             if subsystem not in allowed:
                 continue
             time, worst = running_maximum(run.time, sizes[subsystem][i])

@@ -11,6 +11,7 @@ from ffsm_mj.log.arrows import ARROW_M
 from ffsm_mj.log.marks import marks_topic
 from ffsm_mj.log.rerun.from_log import write_recording
 from tests.contact_models.grasp.scenes import grasping
+from tests.log.markers import scale_of
 from tests.log.test_recording import entities, read
 from tests.log.test_viewer_topics import decoded
 
@@ -54,7 +55,7 @@ def test_foxglove_has_both_arrows_in_every_frame_in_which_it_is_held_and_no_othe
     for entity in entities_there:
         load, centre = vectors(held, entity.id)
         (arrow,) = entity.arrows
-        length = np.clip(np.linalg.norm(load[row]), *ARROW_M)
+        length = scale_of(held) * np.clip(np.linalg.norm(load[row]), *ARROW_M)
         assert arrow.shaft_length + arrow.head_length == pytest.approx(length)
         start = [getattr(arrow.pose.position, axis) for axis in "xyz"]
         np.testing.assert_allclose(start + length * load[row] / np.linalg.norm(load[row]), centre[row], atol=1e-9)
