@@ -23,9 +23,9 @@ def run_report(run: Run, notes: Sequence[str] = (), lines: int = MOST_LINES) -> 
     Args:
         run: The run.
         notes: What ``ffsm check`` notes about the scenario; they are repeated under checks that fail.
-        lines: Greatest number of lines; series of records are folded, then cut, until the report has as many.
+        lines: Greatest number of lines; series of records are folded, then cut, then only counted, until it has as many.
     """
-    for most in (8, 5, 3, 2, 1):
+    for most in (8, 5, 3, 2, 1, 0):
         report = _report(run, notes, most)
         if report.count("\n") < lines:
             break
@@ -39,8 +39,8 @@ def _report(run: Run, notes: Sequence[str], most: int) -> str:
     result = "" if failures else worst_check(checks)
     if not run.conservative:
         result = f"{result}{result and '; '}not conservative: {one_line(run.why_not_conservative)}"
-    impacts = impact_table(run.impacts, changes=False, most=most)
-    parts = [headline(run), failures, _sub_steps(run), impacts, *details(run, most), result]
+    records = [impact_table(run.impacts, changes=False, most=most), *details(run, most)] if most else [_counts(run)]
+    parts = [headline(run), failures, _sub_steps(run), *records, result]
     return _stacked(wrapped(part, 2) if "\n" not in part else part for part in parts if part)
 
 
@@ -54,7 +54,13 @@ def _failures(checks: Sequence[Check], notes: Sequence[str], most: int) -> str:
     if len(failing) > shown:
         lines.append(f"  and {len(failing) - shown} more")
     lines += [step_hint()] if fail_by_truncation(checks) else []
-    return "\n".join([*lines, *(wrapped(f"  note: {note}", 4) for note in notes[:most])])
+    return "\n".join([*lines, *(wrapped(f"  note: {note}", 4) for note in notes[: max(most, 1)])])
+
+
+def _counts(run: Run) -> str:
+    """Numbers of records by kind, where there is no room for the records."""
+    counted = [f"{len(found)} {name.replace('_', ' ')}" for name, found in run.records.items() if found]
+    return f"records, shown by analyze: {', '.join(counted)}"
 
 
 def _stacked(parts: Iterable[str]) -> str:
