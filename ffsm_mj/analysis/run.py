@@ -153,7 +153,7 @@ class Run:
 
     @property
     def unhandled_contacts(self) -> tuple[UnhandledContactRecord, ...]:
-        """Overlaps of geoms that are neither an impact pair nor ignored."""
+        """Overlaps of geoms that are neither of a contact rule nor ignored."""
         return self.log.unhandled
 
     @property

@@ -1,4 +1,4 @@
-"""Builds the components of a run from a scenario: model, initial state, impact pairs, actuator limits, controllers."""
+"""Builds the components of a run from a scenario: model, initial state, contacts, actuator limits, controllers."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class RunFolder:
         except FileNotFoundError:
             pass
         except OSError as error:
-            raise InputError(f"{self.path}: cannot be used as a folder to write to ({error.strerror})") from error
+            raise InputError(f"{self.path}: cannot be used as a run folder ({error.strerror})") from error
         if not self._next_name:
             self._refuse(existing(self.path, _RUN_FILES))
 

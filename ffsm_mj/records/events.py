@@ -169,7 +169,7 @@ class PhaseRecord:
 
 @dataclass(frozen=True)
 class UnhandledContactRecord:
-    """Overlap of two geoms that are neither an impact pair nor ignored; no contact force acted.
+    """Overlap of two geoms that are neither of a contact rule nor ignored; no contact force acted.
 
     Attributes:
         geoms: The two geoms.

@@ -74,7 +74,7 @@ class YamlSource:
 def read_yaml(path: Path, overrides: Sequence[str] = ()) -> YamlSource:
     """Read a scenario with what it extends, and apply ``key.to.value=yaml`` overrides.
 
-    A list item is addressed by its position or by its name (a phase, an impact pair).
+    A list item is addressed by its position or by its name (a phase, a contact rule).
 
     Raises:
         InputError: A file cannot be read or parsed, is no mapping, or an override has no place in it.

@@ -39,7 +39,7 @@ from ffsm_mj.verification.truncation import Truncation
 DEFAULT_TOLERANCE = CHECK_TOLERANCE
 """A check passes if its residual is at most this times (1 + scale), in SI units."""
 DEEPEST_M = CONTACT_GAP_M
-"""Greatest allowed penetration of an impact pair, m, and travel of a joint past its limit, rad or m."""
+"""Greatest allowed penetration of a pair of the contact rules, m, and travel of a joint past its limit, rad or m."""
 FORCE_TOLERANCE = 1e-8
 """Tolerance of the complementarity residual of contact forces, times (1 N + force)."""
 

@@ -1,4 +1,4 @@
-"""Deepest overlap of the impact pairs, and how far joints moved beyond their limits: columns of the log."""
+"""Deepest overlap of all pairs, and how far joints moved beyond their limits: columns of the log."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class DeepestOverlap:
         self._column = {unit: k for k, unit in enumerate(units, start=1)}
         self._deepest, self._logged = [0.0] * (1 + len(units)), np.zeros(1 + len(units))
         signals = (
-            Signal("balance", OVERLAP, "m", f"deepest overlap of an impact pair {_SINCE}"),
+            Signal("balance", OVERLAP, "m", f"deepest overlap of a pair of the contact rules {_SINCE}"),
             *(
                 Signal(
                     "balance",
