@@ -88,7 +88,7 @@ def reference() -> Iterator[str]:
         "Scenarios with fixed bodies have six columns each of `balance.fixed_on_robot_...` and\n"
         "`balance.fixed_on_objects_...`, their impulses. With gravity there are three columns\n"
         "`balance.total_gravity_work_J` and so on, and six each of `balance.gravity_on_robot_...` and\n"
-        "`balance.gravity_on_objects_...`: its work and its impulses, which the residuals subtract. With contact rules that\n"
+        "`balance.gravity_on_objects_...`: its work and its impulses, which the residuals subtract. With rules that\n"
         "have `mu` above 0 there is `balance.friction_heat_J`: the kinetic energy lost in impacts with friction, minus the\n"
         "work of their normal impulses.\n"
     )
