@@ -1,4 +1,4 @@
-"""How the ratio to the bare loop grows: with joints, with objects, with the duration, and with joints under control.
+"""How the ratio to the bare loop grows: with joints, objects, duration, pairs, and joints under control.
 
 ``uv run --extra fast python benchmarks/growth.py`` prints, for generated scenes (``scenes.py``, beside this file), the CPU
 time of the loop of ``mj_step`` and of the whole run in memory; medians over interleaved repeats, ratios within each.
@@ -24,6 +24,7 @@ from loops import bare, in_memory, steps
 from ffsm_mj.assembly.prepare import PreparedRun
 
 JOINTS, OBJECTS, DURATIONS_S = (3, 7, 14, 28), (1, 4, 16), (1.0, 10.0, 60.0)
+PAIRS = (1, 200, 2000)
 CASES: dict[str, Callable[[], PreparedRun]] = {
     **{f"no control, {n} joints, 1 object, 10 s": partial(scenes.coasting, n) for n in JOINTS},
     **{f"no control, 7 joints, {n} objects, 10 s": partial(scenes.coasting, 7, objects=n) for n in OBJECTS[1:]},
@@ -32,6 +33,7 @@ CASES: dict[str, Callable[[], PreparedRun]] = {
         for t in DURATIONS_S
         if t != 10.0
     },
+    **{f"no control, 7 joints, {n} distant pairs, 3 s": partial(scenes.beset, n) for n in PAIRS},
     **{f"OSDRE, p = 3, 1 kHz, {n} joints, 3 s": partial(scenes.regulated, n) for n in JOINTS[1:]},
 }
 BARE = "bare"

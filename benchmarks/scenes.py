@@ -14,6 +14,7 @@ import numpy as np
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 
 LINK_M, AWAY_M = 0.3, 20.0
+MOST_KNOBS = 223
 BENT_RAD, RATE_RAD_S = 0.3, 0.005
 OFFSET_M = (-0.3, 0.3, 0.2)
 HEAD = '<compiler angle="radian"/><option gravity="0 0 0" integrator="RK4"/>'
@@ -48,6 +49,23 @@ def coasting(joints: int, *, objects: int = 1, duration_s: float = 10.0) -> Prep
     return _prepared(joints, objects, duration_s, {})
 
 
+def beset(pairs: int, *, joints: int = 7, duration_s: float = 3.0) -> PreparedRun:
+    """As :func:`coasting`, with so many pairs in one contact rule: every geom of the robot with knobs on the object.
+
+    The object has the same geoms for every number of pairs; those of no pair collide with nothing.
+    """
+    colliding = 0 if pairs == 1 else -(-pairs // (joints + 2))
+    knobs = "".join(
+        f'<geom name="knob_{i}" size="0.02" pos="{0.3 * math.cos(i)} {0.3 * math.sin(i)} {0.01 * (i % 60 - 30)}" mass="0"'
+        f' contype="{int(i < colliding)}" conaffinity="{int(i < colliding)}"/>'
+        for i in range(MOST_KNOBS)
+    )
+    between = ["gripper", "box_0/box"] if pairs == 1 else ["robot", "box_0"]
+    rules = [{"between": between, "restitution": 0.8}]
+    box = BOX.replace('mass="0"/>', f'mass="0"/>{knobs}')
+    return _prepared(joints, 1, duration_s, {"contacts": {"rules": rules}}, box)
+
+
 def regulated(joints: int, *, duration_s: float = 3.0) -> PreparedRun:
     """OSDRE of three outputs at 1 kHz, towards half a metre from where the tip is; an object with a pair far away."""
     osdre = {
@@ -76,7 +94,7 @@ def _tip(joints: int) -> np.ndarray:
     return data.site("tip").xpos.copy()
 
 
-def _prepared(joints: int, objects: int, duration_s: float, changes: dict[str, Any]) -> PreparedRun:
+def _prepared(joints: int, objects: int, duration_s: float, changes: dict[str, Any], box: str = BOX) -> PreparedRun:
     names = [f"box_{i}" for i in range(objects)]
     angles = {name: 2.0 * math.pi * i / objects for i, name in enumerate(names)}
     poses = {
@@ -101,7 +119,7 @@ def _prepared(joints: int, objects: int, duration_s: float, changes: dict[str, A
         "phases": [{"name": "coast", "until": "end", "controller": {"kind": "off"}}],
     }
     with TemporaryDirectory() as folder:
-        for name, text in (("robot.xml", robot(joints)), ("box.xml", BOX)):
+        for name, text in (("robot.xml", robot(joints)), ("box.xml", box)):
             (Path(folder) / name).write_text(text)
         path = Path(folder) / "scene.yaml"
         path.write_text(json.dumps(scenario | changes))  # JSON is YAML
