@@ -68,7 +68,7 @@ def _iiwa(folder: Path) -> dict[str, Any]:
         "robot": {
             "mjcf": "bus.xml",
             "asset_folders": [os.path.relpath(file.parent, folder)],
-            "strip": ["damping", "limits"],
+            "strip": ["damping"],
             "sites": {"tip": {"body": "arm_right_hand"}},
         },
         "initial": {
@@ -92,7 +92,7 @@ def _panda(folder: Path) -> dict[str, Any]:
         "robot": {
             "mjcf": "bus.xml",
             "asset_folders": [os.path.relpath(share, folder)],
-            "strip": ["damping", "limits", "equalities"],
+            "strip": ["damping", "equalities"],
         },
         "initial": {
             "joints": {
@@ -116,7 +116,6 @@ def _ur5(folder: Path) -> dict[str, Any]:
         "robot": {
             "mjcf": "ur5_robot.urdf",
             "package_paths": [os.path.relpath(share.parent, folder)],
-            "strip": ["limits"],
         },
         "initial": {
             "joints": {"rock/rock": [0.53, 0.38, 0.32, 1, 0, 0, 0], "shoulder_lift_joint": -1.2, "elbow_joint": 1.4},
@@ -142,7 +141,7 @@ def _quadruped(folder: Path) -> dict[str, Any]:
         "robot": {
             "mjcf": "walker.xml",
             "asset_folders": [os.path.relpath(file.parent, folder)],
-            "strip": ["damping", "limits", "equalities", "tendons", "servos"],
+            "strip": ["damping", "equalities", "tendons", "servos"],
         },
         "initial": {
             "joints": {"rock/rock": [0.8, 0.8, 0.13, 1, 0, 0, 0], "q_root": [0, 0, 0.57, 1, 0, 0, 0]},
