@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ffsm_mj.log.run_folder import RunFolder
     from ffsm_mj.report.run import Run
 
-_MOST_NOTES = 3
+_MOST_NOTE_LINES = 4
 _REASON_LINES = 3
 _VIEWER = "127.0.0.1:9876"
 
@@ -70,10 +70,16 @@ def _notes(notes: Sequence[str], options: argparse.Namespace) -> str:
     """The first notes on a scenario, as lines; empty if there are none."""
     from ffsm_mj.report.text_table import wrapped
 
-    lines = [wrapped(f"note: {note}", 2) for note in notes[:_MOST_NOTES]]
-    if len(notes) > _MOST_NOTES:
+    lines: list[str] = []
+    for note in notes:
+        text = wrapped(f"note: {note}", 2)
+        if lines and "\n".join([*lines, text]).count("\n") >= _MOST_NOTE_LINES:
+            break
+        lines.append(text)
+    left = len(notes) - len(lines)
+    if left:
         again = [word for text in options.overrides for word in ("-s", text)]
-        lines.append(wrapped(f"and {len(notes) - _MOST_NOTES} more notes: {command('check', options.scenario, *again)}", 2))
+        lines.append(wrapped(f"and {left} more note{'s' * (left > 1)}: {command('check', options.scenario, *again)}", 2))
     return "\n".join(lines)
 
 

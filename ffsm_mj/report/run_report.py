@@ -15,6 +15,8 @@ from ffsm_mj.verification.checks import Check
 MOST_LINES = 19
 """Of the 24 lines of a terminal; the others show the run folder, the next commands and the prompt."""
 _LEAST_FAILURES = 4
+_LAYOUTS = (*((most, False) for most in (8, 5, 3, 2, 1)), *((most, True) for most in (3, 2, 1, 0)))
+"""Greatest number of rows of a part, and whether there are no empty lines between parts; tried in this order."""
 
 
 def run_report(run: Run, notes: Sequence[str] = (), lines: int = MOST_LINES) -> str:
@@ -25,14 +27,14 @@ def run_report(run: Run, notes: Sequence[str] = (), lines: int = MOST_LINES) -> 
         notes: What ``ffsm check`` notes about the scenario; they are repeated under checks that fail.
         lines: Greatest number of lines; series of records are folded, then cut, then only counted, until it has as many.
     """
-    for most in (8, 5, 3, 2, 1, 0):
-        report = _report(run, notes, most)
+    for most, tight in _LAYOUTS:
+        report = _report(run, notes, most, tight=tight)
         if report.count("\n") < lines:
             break
     return report
 
 
-def _report(run: Run, notes: Sequence[str], most: int) -> str:
+def _report(run: Run, notes: Sequence[str], most: int, *, tight: bool) -> str:
     """The report with at most so many rows in each of its parts."""
     checks = run.checks()
     failures = _failures(checks, notes, most)
@@ -41,7 +43,8 @@ def _report(run: Run, notes: Sequence[str], most: int) -> str:
         result = f"{result}{result and '; '}not conservative: {one_line(run.why_not_conservative)}"
     records = [impact_table(run.impacts, changes=False, most=most), *details(run, most)] if most else [_counts(run)]
     parts = [headline(run), failures, _sub_steps(run), *records, result]
-    return _stacked(wrapped(part, 2) if "\n" not in part else part for part in parts if part)
+    shown = [wrapped(part, 2) if "\n" not in part else part for part in parts if part]
+    return "\n".join(shown) if tight else _stacked(shown)
 
 
 def _failures(checks: Sequence[Check], notes: Sequence[str], most: int) -> str:

@@ -285,12 +285,14 @@ def test_a_folder_that_holds_a_run_is_refused_before_the_scenario_is_read(tmp_pa
 
 
 def test_notes_are_shown_before_the_run(capsys):
-    """Three at most, then the command that shows all of them; the changes of masses are notes."""
+    """Four lines at most, then the command that shows all of them; the changes of masses are notes."""
     changes = [f"-smodel.robot.link_{i}.mass_kg={i}.5" for i in (1, 2, 3)] + ["-smodel.object.box.mass_kg=7"]
+    changes += ["-scontroller_model.object.box.mass_kg=8"]
     assert main(["run", "coasting", "--no-rerun", "-s", "duration_s=0.01", *changes]) == 0
     head = capsys.readouterr().out.split("coasting: completed")[0].splitlines()
     assert main(["check", "coasting", *changes]) == 0
     notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
-    assert head[:3] == notes[:3]
+    assert head[:4] == notes[:4]
     again = " ".join(f"-s {change[2:]}" for change in changes)
-    assert head[3:] == [f"and {len(notes) - 3} more notes: ffsm check coasting -s duration_s=0.01 {again}"]
+    left = len(notes) - 4
+    assert head[4:] == [f"and {left} more note{'s' * (left > 1)}: ffsm check coasting -s duration_s=0.01 {again}"]
