@@ -81,17 +81,6 @@ def posed_bodies(system: System) -> list[int]:
     return list(range(1, system.mj.nbody))
 
 
-def robot_boxes(system: System, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper corners of the boxes around the frames of the robot's bodies in world axes, (n, 3) each, m.
-
-    Args:
-        system: Robot and objects.
-        positions: World positions of all bodies, (n, nbody, 3), m.
-    """
-    robot = positions[:, list(system.robot.bodies)]
-    return robot.min(axis=1), robot.max(axis=1)
-
-
 def shapes(system: System, geoms: Iterable[int] | None = None) -> Iterator[DrawnShape]:
     """Shapes of geoms; a plane is a thin box below it, height fields are left out.
 

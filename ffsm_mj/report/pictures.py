@@ -27,6 +27,8 @@ _DPI = 120
 _FLASH_S = 0.5
 _ARROW = 0.12
 """Length of force arrows as a fraction of the height of the frame."""
+_AROUND, _SMALL = 3.0, 0.4
+"""Size of a view that follows the robot: relative to the robot, and at most relative to the whole motion."""
 _TOP, _FRONT, _SIDE = Plane(0, 1), Plane(0, 2), Plane(1, 2)
 
 Box = tuple[float, float, float, float]
@@ -37,13 +39,17 @@ def pictures(subject: Subject, times: FloatArray, speed: float) -> Iterator[Any]
     run = subject.run
     rows = [min(int(np.searchsorted(run.time, time - 1e-9)), len(run.time) - 1) for time in times]
     some = rows[:: max(1, len(rows) // 40)]
-    figure, views = _from_one_side(subject, some) if len(subject.planes) == 1 else _from_three_sides(subject, some)
+    side_m = _followed_m(subject, some)
+    arranged = _from_one_side if len(subject.planes) == 1 else _from_three_sides
+    figure, views = arranged(subject, some, side_m)
     canvas: Any = FigureCanvasAgg(figure)
     title = figure.suptitle(_caption(run, 0.0, speed), x=0.03, ha="left", fontsize=9.0)
     figure.draw_without_rendering()  # compute the layout once
     figure.set_layout_engine("none")
     for row in rows:
         time = float(run.time[row])
+        for view in views if side_m else ():
+            view.follow(row, side_m)
         passing = [artist for view in views for artist in view.show(row, speed)]
         title.set_text(_caption(run, time, speed))
         canvas.draw()
@@ -68,6 +74,11 @@ class _View:
         log = subject.run.log
         self._marks, self._arrows = drawn_marks(log.events(), 1.0), declared_arrows(log.header)
 
+    def follow(self, row: int, side_m: float) -> None:
+        """Show a square around the robot."""
+        for middle, limit in zip(_robot(self._subject, row, self._plane).mean(axis=0), "xy", strict=True):
+            self._axes.set(**{f"{limit}lim": (middle - 0.5 * side_m, middle + 0.5 * side_m)})
+
     def show(self, row: int, speed: float) -> list[Any]:
         """Draw the state of a row; return the artists to remove before the next frame."""
         subject, plane, time = self._subject, self._plane, float(self._subject.run.time[row])
@@ -80,14 +91,32 @@ class _View:
         flashing = [drawn for drawn in self._marks if 0.0 <= time - drawn.time_s <= _FLASH_S * speed]
         hits = [np.array(drawn.mark.point_m)[plane.axes] for drawn in flashing]
         self._star.set_data(*np.array(hits).reshape(-1, 2).T)
-        pushes = _arrows(self._arrows, np.asarray(subject.run.log.rows[row : row + 1]), plane, self._box)
+        shown = (*self._axes.get_xlim(), *self._axes.get_ylim())
+        pushes = _arrows(self._arrows, np.asarray(subject.run.log.rows[row : row + 1]), plane, shown)
         return [self._axes.add_collection(part, autolim=False) for part in (shapes, pushes)]
 
 
-def _from_one_side(subject: Subject, rows: Sequence[int]) -> tuple[Figure, list[_View]]:
+def _followed_m(subject: Subject, rows: Sequence[int]) -> float:
+    """Side of the square views that follow the robot, m; zero if views of the whole motion show it large enough."""
+    sizes = [np.ptp(_robot(subject, row, plane), axis=0) for row in rows for plane in subject.planes]
+    side = _AROUND * float(np.max(sizes))
+    boxes = [view_box(subject, plane, rows) for plane in subject.planes]
+    whole = max(max(box[1] - box[0], box[3] - box[2]) for box in boxes)
+    return side if side < _SMALL * whole else 0.0
+
+
+def _robot(subject: Subject, row: int, plane: Plane) -> FloatArray:
+    """Corners of the box around the robot in a row, (2, 2), m."""
+    name = subject.system.robot.name
+    shapes = [each for each in subject.silhouette.outlines(subject.run.qpos[row], plane) if each.tree == name]
+    points = np.vstack([shape.points for shape in shapes] or [subject.roots[name][:1, plane.axes]])
+    return np.array((points.min(axis=0), points.max(axis=0)))
+
+
+def _from_one_side(subject: Subject, rows: Sequence[int], side_m: float) -> tuple[Figure, list[_View]]:
     """Figure with one view of the plane of motion, and the legend below it."""
     plane = subject.planes[0]
-    box = view_box(subject, plane, rows)
+    box = (0.0, side_m, 0.0, side_m) if side_m else view_box(subject, plane, rows)
     handles = _legend(subject)
     columns = legend_columns(handles, _SIZE_PX[0] / _DPI)
     words = 60 + 24 * -(-len(handles) // columns)
@@ -96,7 +125,7 @@ def _from_one_side(subject: Subject, rows: Sequence[int]) -> tuple[Figure, list[
     return figure, [_View(figure.subplots(), subject, plane, box)]
 
 
-def _from_three_sides(subject: Subject, rows: Sequence[int]) -> tuple[Figure, list[_View]]:
+def _from_three_sides(subject: Subject, rows: Sequence[int], side_m: float) -> tuple[Figure, list[_View]]:
     """Figure with top, front and side views to one scale, and the legend in the corner."""
     ranges: dict[int, tuple[float, float]] = {}
     for plane in (_TOP, _FRONT, _SIDE):
@@ -104,6 +133,8 @@ def _from_three_sides(subject: Subject, rows: Sequence[int]) -> tuple[Figure, li
         for axis, low, high in ((plane.right, *box[:2]), (plane.up, *box[2:])):
             before = ranges.get(axis, (low, high))
             ranges[axis] = min(low, before[0]), max(high, before[1])
+    if side_m:
+        ranges = dict.fromkeys(ranges, (0.0, side_m))
     x, y, z = (high - low for _, (low, high) in sorted(ranges.items()))
     figure = Figure(figsize=_figure_size(x + y, y + z, 80), dpi=_DPI, layout="constrained")
     grid = figure.subplots(2, 2, width_ratios=(x, y), height_ratios=(y, z))

@@ -207,7 +207,7 @@ def test_a_fixed_body_is_drawn_at_its_pose(tmp_path, ffsm_run):
 def test_a_film_of_motion_in_space_has_three_views(spatial):
     """To one scale, with the legend in the fourth corner, without overlap."""
     subject = Subject(spatial)
-    figure, views = pictures._from_three_sides(subject, [0, len(spatial.time) - 1])
+    figure, views = pictures._from_three_sides(subject, [0, len(spatial.time) - 1], 0.0)
     figure.draw_without_rendering()
     top, corner, front, side = figure.axes
     assert [axes.get_xlabel()[1] + axes.get_ylabel()[1] for axes in (top, front, side)] == ["xy", "xz", "yz"]
@@ -252,3 +252,18 @@ def test_time_labels_of_poses_do_not_overlap(spatial):
         times = [text.get_window_extent() for text in axes.texts if text.get_text().endswith(" s")]
         assert times
         assert not [(i, j) for i in range(len(times)) for j in range(i) if times[i].overlaps(times[j])]
+
+
+ENDS = np.array([0.0, 0.5])
+
+
+@pytest.mark.parametrize(("speed", "follows"), [(20.0, True), (0.5, False)])
+def test_a_film_follows_a_robot_that_would_be_small(tmp_path, ffsm_run, speed, follows):
+    """A ball of 0.2 m is shown in a square of 0.6 m around it if it flies 10 m, and in its whole motion of 0.25 m."""
+    path = scene(tmp_path, ball("ball"), {}, initial={"rates": {"robot/free": [speed, 0, 0, 0, 0, 0]}}, duration_s=0.5)
+    subject = Subject(ffsm_run(path))
+    first, last = (
+        (picture[..., 2].astype(int) - picture[..., 0] > 40).mean() for picture in pictures.pictures(subject, ENDS, 1.0)
+    )
+    assert min(first, last) > 0.005  # blue: a circle of 0.2 m in a view of 0.6 m, or in one of the whole motion
+    assert (pictures._followed_m(subject, [0, -1]) == pytest.approx(0.6)) == follows

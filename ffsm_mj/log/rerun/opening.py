@@ -8,8 +8,9 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.bounding_box import box_corners
-from ffsm_mj.log.drawing import Frames, robot_boxes
+from ffsm_mj.log.drawing import Frames
 from ffsm_mj.log.drawn_geoms import geoms_to_draw
+from ffsm_mj.log.following import View, camera_path, robot_boxes
 from ffsm_mj.log.marks import SHOWN_S
 from ffsm_mj.model.system import System
 
@@ -54,7 +55,7 @@ class Opening:
     def add_frames(self, frames: Frames) -> None:
         """Take the next frames."""
         self.end_s = float(frames.times[-1])
-        self._boxes.append(np.column_stack((frames.times, *robot_boxes(self._system, frames.positions))))
+        self._boxes.append(np.column_stack((frames.times, robot_boxes(self._system, frames.positions))))
         if self._pose is None:
             self._pose = frames.positions[0], frames.quaternions[0]
         if self.first_s is not None and not self._at_event and self.end_s >= self.first_s:
@@ -83,24 +84,11 @@ class Opening:
     def _within(self, first_s: float, last_s: float) -> TimeRange:
         return TimeRange(max(0.0, first_s - _BEFORE_S), min(last_s + _AFTER_S, self.end_s))
 
-    def followed(self, low: FloatArray, high: FloatArray) -> FloatArray | None:
-        """Times in s and displacements in m of a camera, (n, 4); None if the robot stays in a box of the view.
-
-        The displacements are those of the middle of the robot since the first event. They are zero before it: the camera
-        stands still until then, wherever the recording opens.
-
-        Args:
-            low: Lower corner of the box, (3,), m.
-            high: Upper corner of the box, (3,), m.
-        """
-        boxes = np.concatenate(self._boxes)
-        start_s = self.first_s if self.first_s is not None else 0.0
-        first = min(int(np.searchsorted(boxes[:, 0], start_s)), len(boxes) - 1)
-        if (boxes[first:, 1:4] >= low).all() and (boxes[first:, 4:] <= high).all():
-            return None
-        middles = 0.5 * (boxes[:, 1:4] + boxes[:, 4:])
-        middles[:first] = middles[first]
-        return np.column_stack((boxes[:, 0], middles - middles[first]))
+    def followed(self, view: View) -> FloatArray | None:
+        """Times in s and displacements in m of a camera that follows the robot, (n, 4); None if it stays in a view."""
+        times, boxes = np.split(np.concatenate(self._boxes), [1], axis=1)
+        path = camera_path(times[:, 0], boxes, self.first_s or 0.0, view)
+        return None if path is None else np.hstack((times, path))
 
     def points(self, more: FloatArray) -> FloatArray:
         """Points to keep in view at the first event, or else at the start, in world axes, (n, 3), m.

@@ -188,7 +188,7 @@ class RerunSink:
         if self._streams:
             return Framing(points, self._base)
         framing = Framing(points)
-        path = self._opening.followed(framing.low, framing.high)
+        path = self._opening.followed((framing.low, framing.high))
         if path is None:
             return framing
         index = [rr.TimeColumn(TIMELINE, duration=path[:, 0])]

@@ -182,4 +182,5 @@ def _script_data(run: Run, drawn: PageScene, poses: Poses) -> dict[str, Any]:
         "phases": [[phase.start_s, phase.name.replace("_", " ")] for phase in run.phases],
         "centre": drawn.centre.tolist(),
         "radius": drawn.radius,
+        "path": [] if drawn.path is None else np.column_stack((poses.times, drawn.path)).round(6).tolist(),
     }

@@ -8,6 +8,7 @@
   let shown = data.start;
   let wanted = null;
   let playing = null;
+  let followed = [0, 0, 0];
 
   const bytesOf = (id) => Uint8Array.from(atob(byId(id).textContent), (letter) => letter.charCodeAt(0));
 
@@ -37,6 +38,22 @@
     viewer.setCamera([...data.centre.map((value, axis) => value + far * toEye[axis]), ...data.centre, 0, 0, 1]);
   }
 
+  function displacement(time) {
+    const after = data.path.findIndex(([at]) => at >= time);
+    if (after < 1) return (after ? data.path.at(-1) : data.path[0]).slice(1);
+    const [[start, ...from], [end, ...to]] = [data.path[after - 1], data.path[after]];
+    return from.map((value, axis) => value + (to[axis] - value) * (time - start) / (end - start));
+  }
+
+  function follow(time) {
+    if (!data.path.length) return;
+    const now = displacement(time);
+    // K3D's camera: eye, target and upward direction.
+    const camera = viewer.getWorld().controls.getCameraArray();
+    viewer.setCamera(camera.map((value, i) => i < 6 ? value + now[i % 3] - followed[i % 3] : value));
+    followed = now;
+  }
+
   function showTime(time) {
     slider.value = time;
     const phase = data.phases.filter(([start]) => start <= time).pop();
@@ -63,6 +80,7 @@
     while (wanted !== null) {
       const next = wanted;
       wanted = null;
+      follow(next);
       await viewer.setTime(data.ticks_per_s * next);
       shown = next;
     }

@@ -17,6 +17,7 @@ from ffsm_mj.log import palette
 from ffsm_mj.log.bounding_box import box_corners
 from ffsm_mj.log.drawing import DrawnShape, shapes
 from ffsm_mj.log.drawn_geoms import geoms_to_draw
+from ffsm_mj.log.following import camera_path, robot_boxes
 from ffsm_mj.log.marker_scale import marker_scale
 from ffsm_mj.log.marks import DrawnMark, drawn_marks
 from ffsm_mj.log.palette import packed
@@ -39,6 +40,7 @@ class PageScene:
         snapshot: Compressed snapshot for K3D's viewer.
         centre: Target of the camera, (3,), m.
         radius: Radius of the sphere around it that must be in view, m.
+        path: Displacements of the camera at the times of the poses, (n, 3), m; None if it stands still.
         undrawn: Number of marks that are not drawn.
         colours: Colours of everything except bodies.
     """
@@ -46,6 +48,7 @@ class PageScene:
     snapshot: bytes
     centre: FloatArray
     radius: float
+    path: FloatArray | None
     undrawn: int
     colours: frozenset[int]
 
@@ -63,8 +66,11 @@ def scene(subject: Subject, poses: Poses) -> PageScene:
     for drawn in (*_bodies(subject, poses), *others):
         plot += drawn
     radius = 0.5 * float(np.linalg.norm(high - low)) or 1.0
+    first_s = marks[0].time_s if marks else 0.0
+    boxes = robot_boxes(subject.system, poses.positions)
+    path = camera_path(poses.times, single(boxes).astype(np.float64), first_s, (low, high))
     colours = frozenset(int(each.color) for each in others)
-    return PageScene(plot.get_binary_snapshot(), middle, radius, max(0, len(marks) - MOST_MARKS), colours)
+    return PageScene(plot.get_binary_snapshot(), middle, radius, path, max(0, len(marks) - MOST_MARKS), colours)
 
 
 def _box(subject: Subject, poses: Poses, marks: list[DrawnMark]) -> tuple[FloatArray, FloatArray]:
