@@ -26,6 +26,8 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 Indices = npt.NDArray[np.intp]
+_STEPS_AHEAD = 16
+"""A pair that the present motion could bring near contact within so many steps is evaluated with those that are exhausted."""
 NO_PAIRS: Indices = np.zeros(0, dtype=np.intp)
 
 
@@ -105,8 +107,12 @@ class Clearances:
             motion_bound: Motion bound at the state in ``data``.
         """
         left = np.where(self._skipped, math.inf, self._clearance - closed)
-        spent = np.flatnonzero(~(left > 0.0))
-        before = left[spent] + last[spent]
+        before = left + last
+        if len(self._pairs) > FEW:
+            left = np.maximum(left, self._spheres.gaps(self._data) - DISTANCE_QUERY_M)
+        # Pairs that would be exhausted soon are evaluated with those that are: one by one they would spoil many steps.
+        spent = np.flatnonzero(~(left > _STEPS_AHEAD * last))
+        before = before[spent]
         self._clearance = left
         self._measure(spent)
         # A pair is at least ``before`` apart at the start of the step and ``apart`` at its end: contact in between needs a
