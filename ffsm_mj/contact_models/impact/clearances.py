@@ -27,7 +27,7 @@ from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 Indices = npt.NDArray[np.intp]
 _STEPS_AHEAD = 16
-"""A pair that the present motion could bring near contact within so many steps is evaluated with those that are exhausted."""
+"""A pair that the present motion could bring near contact within so many steps is evaluated with the exhausted ones."""
 NO_PAIRS: Indices = np.zeros(0, dtype=np.intp)
 
 
