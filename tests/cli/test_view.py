@@ -24,7 +24,7 @@ def scenario(tmp_path: Path) -> Path:
         ball("ball", mass=2.0, joints="x", extra=ARM),
         {"target": ball("target", mass=3.0, joints="x")},
         initial={"joints": {"target/x": 2.0}, "rates": {"robot/x": 1.0}},
-        impact_pairs=[{"robot_geom": "ball", "object_geom": "target/target", "restitution": 0.5}],
+        contacts={"rules": [{"between": ["ball", "target/target"], "restitution": 0.5}]},
         task=TASK,
         duration_s=0.05,
     )
