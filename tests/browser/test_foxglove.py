@@ -50,7 +50,7 @@ def test_an_independent_reader_draws_the_scene(reader, tmp_path):
     struck = draw(reader, HIT_S + 1e-6)
     assert (reader.counts["arrows"], reader.counts["texts"]) == (1, [run.log.marks()[0][2].text])
     yellow = (struck[:, :, 0] > 150) & (struck[:, :, 1] > 140) & (struck[:, :, 2] < 110)
-    assert yellow.mean() > 5e-4  # the arrow
+    assert yellow.mean() > 1e-4  # the arrow, about as long as the ball: 100 pixels of 800 x 480
     assert (np.abs(struck - start).max(axis=2) > 30).mean() > 2e-3
     np.testing.assert_array_equal(draw(reader, 0.0), start)
     assert reader.faults() == []
