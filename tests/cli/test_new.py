@@ -288,3 +288,27 @@ def test_a_robot_from_which_no_run_can_start(tmp_path, capfd, far, axis):
     assert captured.out == ""
     assert re.fullmatch(rf"{robot}: as q\.xml: in its starting pose the mass matrix is .+\n", captured.err)
     assert list((tmp_path / "o").iterdir()) == []
+
+
+def test_the_pose_that_is_written_is_within_the_limits(vendor):
+    """A keyframe past a limit ends at it; without one, each joint begins well inside its range."""
+    past = SERVO_ARM.replace('qpos="0.4 1.2 0 0"', 'qpos="1.00004 2.6 0 0"')
+    vendor("servos.xml", past)
+    assert main(["new", "my", "--robot", "../vendor/servos.xml"]) == 0
+    joints = ffsm_mj.prepare("my.yaml").scenario.initial.joints
+    assert (joints["lift"], joints["bend"]) == (1.0, 2.5)
+    vendor("other.xml", re.sub(r"<keyframe>.*</keyframe>", "", SERVO_ARM))
+    assert main(["new", "other", "--robot", "../vendor/other.xml"]) == 0
+    joints = ffsm_mj.prepare("other.yaml").scenario.initial.joints
+    assert (joints["lift"], joints["bend"]) == (0.3, 1.5)
+
+
+def test_a_tendon_with_limits_is_removed(vendor, capfd):
+    """Its limits would be refused; a tendon without any stays."""
+    joints = '<joint joint="lift" coef="1"/><joint joint="bend" coef="1"/>'
+    fixed = f'<tendon><fixed name="strap"{{}}>{joints}</fixed></tendon><actuator>'
+    for name, limits, removed in (("plain", "", ""), ("limited", ' range="-9 9" limited="true"', ", tendons")):
+        vendor(f"{name}.xml", SERVO_ARM.replace("<actuator>", fixed.format(limits)))
+        assert main(["new", name, "--robot", f"../vendor/{name}.xml"]) == 0
+        said = capfd.readouterr().out
+        assert f"removed from the robot: damping, frictionloss, equalities, servos, gravcomp{removed}\n" in said
