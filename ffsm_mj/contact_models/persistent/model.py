@@ -26,11 +26,11 @@ from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.changes import ContactChanges
 from ffsm_mj.contact_models.persistent.closure import (
     closed_and_still,
     held_rate_tolerance,
     rate_tolerance,
-    switched_rate_tolerance,
 )
 from ffsm_mj.contact_models.persistent.drift import DriftProjection, sum_exchanges
 from ffsm_mj.contact_models.persistent.exchange import Shares, exchanged, robot_dofs
@@ -46,7 +46,6 @@ from ffsm_mj.contact_models.persistent.sharing import pieces
 from ffsm_mj.dynamics.forced_stepper import WEIGHTS
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
-from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M
@@ -77,7 +76,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         super().__init__(None, scene)
         self._pairs, self._overlap, self._active_set = tuple(pairs), overlap, ActiveContactSet(scene)
         self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
-        self._logged_pairs: list[UnilateralConstraint] = []
+        self._changes = ContactChanges(scene, self._active_set)
         geoms, limits = _by_kind(self._pairs)
         self._report = ContactReport(scene, geoms, self._active_set)
         self._limits = LimitReport(scene, limits, self._active_set)
@@ -153,7 +152,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         for pair in [
             pair
             for pair, contact_points in self._active_set.by_pair.items()
-            if not contact_points and pair not in self._logged_pairs
+            if not contact_points and pair not in self._changes.logged
         ]:
             self._active_set.remove(pair)
         self.active = bool(self._active_set.by_pair)
@@ -167,16 +166,16 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         data, model = self.scene.data, self.scene.system.mj
         for pair in tuple(self._active_set.by_pair):
             self._active_set.remove(pair)
-        self._logged_pairs = [*self._listed_pairs(events), *self._limits.logged_limits()]
+        self._changes.logged = [*self._listed_pairs(events), *self._limits.logged_limits()]
         # Records may be lost with a damaged part of the log: columns then say of which rules pairs are closed.
-        listed = {pair.rule for pair in self._logged_pairs if isinstance(pair, ContactPair)}
+        listed = {pair.rule for pair in self._changes.logged if isinstance(pair, ContactPair)}
         unlisted = self._report.closed_rules() - listed
         for pair in (self._pairs[i] for i in self._broad_phase.within(data, CLEARLY_APART_M)):
             if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
                 near = pair.proximity(model, data)
-                held = pair in self._logged_pairs or pair.rule in unlisted
+                held = pair in self._changes.logged or pair.rule in unlisted
                 self._update_pair(pair, near, held_rate_tolerance(near) if held else near.rate_tolerance)
-        self._logged_pairs += [pair for pair in self._active_set.by_pair if pair.rule in unlisted]
+        self._changes.logged += [pair for pair in self._active_set.by_pair if pair.rule in unlisted]
         self._update_activity()
 
     def _listed_pairs(self, events: Sequence[LoggedEvent]) -> list[ContactPair]:
@@ -190,7 +189,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Whether a contact begins, ends or changes at the state in ``data`` under the efforts of the next step."""
         if not self.active:
             return False
-        return bool(self._left_at_once() or self._pending_change() or self._active_set.touches_elsewhere())
+        return bool(self._changes.left_at_once() or self._changes.pending() or self._active_set.touches_elsewhere())
 
     def begin_step(self) -> None:
         """Start a (sub-)step: project out the drift of closed contacts, and choose the active set.
@@ -198,7 +197,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         Raises:
             RunEnded: A pair with friction carries a force.
         """
-        self._drop(self._left_at_once())  # in a log replay, which has no event for it
+        self._drop(self._changes.left_at_once())  # in a log replay, which has no event for it
         self._projection_exchange = self._drift.remove_drift()
         self._active_set.update_pressing()
         refuse_friction(self._active_set)
@@ -277,8 +276,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if self._landing or self._active_set.touches_elsewhere():
             self._landing = False
             return EventEffect((), leaves_to_impacts=True)
-        self._drop(self._left_at_once())
-        news = self._pending_change() or self._change_during_step()
+        self._drop(self._changes.left_at_once())
+        news = self._changes.pending() or self._changes.during_step()
         if news is None:
             return None
         (kind, pairs), qvel = news, self.scene.system.by_joint(self.scene.data.qvel)
@@ -286,32 +285,22 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         before, places = self._report.forces_before(geoms), self._report.places(geoms)
         at_limits = self._limits.forces_before(limits)
         if kind is CONTACT_BEGINS:
-            self._logged_pairs += pairs
+            self._changes.logged += pairs
         elif kind is CONTACT_ENDS:
             for pair in pairs:
-                self._logged_pairs.remove(pair)
+                self._changes.logged.remove(pair)
                 self._active_set.remove(pair)
         else:
-            self._apply_change(pairs)
+            self._changes.apply(pairs)
         self._update_activity()
         places |= self._report.places([pair for pair in geoms if self.holds(pair)])
         number, limit_kind = self.scene.numbers.next_number(), LIMIT_KINDS[_KINDS.index(kind)]
-        closed = [pair for pair in self._logged_pairs if isinstance(pair, ContactPair)]
+        closed = [pair for pair in self._changes.logged if isinstance(pair, ContactPair)]
         records = (
             *self._report.records(kind, places, before, instant, number, qvel, closed),
             *self._limits.records(limit_kind, at_limits, instant, number, qvel),
         )
         return EventEffect(records, triggers_control=False)
-
-    def _left_at_once(self) -> list[JointLimit]:
-        """Limits at which joints are at rest, as at the start of a run, but which they leave under the present efforts.
-
-        Neither a start nor an end is logged: the joint does not stay there.
-        """
-        closed = self._active_set
-        new = [pair for pair in closed.by_pair if isinstance(pair, JointLimit) and pair not in self._logged_pairs]
-        leaving = closed.leaving() if new else ()
-        return [limit for limit in new if set(closed.by_pair[limit]).issubset(leaving)]
 
     def _drop(self, limits: Sequence[JointLimit]) -> None:
         """Remove limits without a record."""
@@ -319,48 +308,6 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             self._active_set.remove(limit)
         if limits:
             self._update_activity()
-
-    def _pending_change(self) -> tuple[RecordKind, list[UnilateralConstraint]] | None:
-        """The next change at the state in ``data`` under its efforts: one record kind at a time, and the pairs concerned."""
-        closed = self._active_set
-        begins = [pair for pair in closed.by_pair if pair not in self._logged_pairs]
-        if begins:
-            return CONTACT_BEGINS, begins
-        leaving, beyond = closed.leaving(), closed.pairs_outside_feature()
-        lost = [pair for pair in beyond if not self._features_now(pair)]
-        ends = [
-            pair for pair, contact_points in closed.by_pair.items() if set(contact_points).issubset(leaving) or pair in lost
-        ]
-        if ends:
-            return CONTACT_ENDS, ends
-        changes = [*beyond, *(contact.pair for contact in leaving)]
-        return (CONTACT_CHANGES, list(dict.fromkeys(changes))) if changes else None
-
-    def _change_during_step(self) -> tuple[RecordKind, list[UnilateralConstraint]] | None:
-        """Pairs that ended a step early without opening: they entered the active set, or drifted or tilted to the limit."""
-        closed = self._active_set
-        decision = closed.decide() if closed.contact_points else None
-        if decision is None:
-            return None
-        presses = [
-            decision.contact_points[i].pair for i in decision.pressing if decision.contact_points[i] not in closed.pressing
-        ]
-        pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
-        return (CONTACT_CHANGES, pairs) if pairs else None
-
-    def _apply_change(self, pairs: Sequence[UnilateralConstraint]) -> None:
-        """Remove the contact points that open, and redetermine the features of pairs that left one."""
-        closed, leaving, beyond = self._active_set, self._active_set.leaving(), self._active_set.pairs_outside_feature()
-        for pair in pairs:
-            if pair in beyond:
-                closed.set_points(pair, self._features_now(pair))
-            else:
-                closed.set_points(pair, [contact for contact in closed.by_pair[pair] if contact not in leaving])
-
-    def _features_now(self, pair: UnilateralConstraint) -> tuple[ContactPoint, ...]:
-        """Contact points of a pair that left a feature: none if, for example, a corner slid off a face."""
-        near = pair.proximity(self.scene.system.mj, self.scene.data)
-        return self._active_set.found(pair, near, switched_rate_tolerance(near))
 
 
 def _by_kind(pairs: Sequence[UnilateralConstraint]) -> tuple[list[ContactPair], list[JointLimit]]:

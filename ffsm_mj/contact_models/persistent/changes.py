@@ -1,0 +1,83 @@
+"""Changes of persistent contact at one state under its efforts: which pairs and joint limits begin, end or change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.closure import switched_rate_tolerance
+from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.records.kinds import RecordKind
+
+Change: TypeAlias = tuple[RecordKind, list[UnilateralConstraint]]
+"""Kind of record of a change, as for pairs, and the pairs and limits concerned."""
+
+
+class ContactChanges:
+    """Finds and applies the changes of the closed contacts of a scene.
+
+    Attributes:
+        logged: Pairs and limits whose start is logged, and not yet their end.
+    """
+
+    def __init__(self, scene: Scene, closed: ActiveContactSet) -> None:
+        """Initialise with nothing logged."""
+        self._scene, self._active_set = scene, closed
+        self.logged: list[UnilateralConstraint] = []
+
+    def left_at_once(self) -> list[JointLimit]:
+        """Limits at which joints are at rest, as at the start of a run, but which they leave under the present efforts.
+
+        Neither a start nor an end is logged: the joint does not stay there.
+        """
+        closed = self._active_set
+        new = [pair for pair in closed.by_pair if isinstance(pair, JointLimit) and pair not in self.logged]
+        leaving = closed.leaving() if new else ()
+        return [limit for limit in new if set(closed.by_pair[limit]).issubset(leaving)]
+
+    def pending(self) -> Change | None:
+        """The next change at the state in ``data`` under its efforts: one record kind at a time, and the pairs concerned."""
+        closed = self._active_set
+        begins = [pair for pair in closed.by_pair if pair not in self.logged]
+        if begins:
+            return CONTACT_BEGINS, begins
+        leaving, beyond = closed.leaving(), closed.pairs_outside_feature()
+        lost = [pair for pair in beyond if not self._features_now(pair)]
+        ends = [
+            pair for pair, contact_points in closed.by_pair.items() if set(contact_points).issubset(leaving) or pair in lost
+        ]
+        if ends:
+            return CONTACT_ENDS, ends
+        changes = [*beyond, *(contact.pair for contact in leaving)]
+        return (CONTACT_CHANGES, list(dict.fromkeys(changes))) if changes else None
+
+    def during_step(self) -> Change | None:
+        """Pairs that ended a step early without opening: they entered the active set, or drifted or tilted to the limit."""
+        closed = self._active_set
+        decision = closed.decide() if closed.contact_points else None
+        if decision is None:
+            return None
+        presses = [
+            decision.contact_points[i].pair for i in decision.pressing if decision.contact_points[i] not in closed.pressing
+        ]
+        pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
+        return (CONTACT_CHANGES, pairs) if pairs else None
+
+    def apply(self, pairs: Sequence[UnilateralConstraint]) -> None:
+        """Remove the contact points that open, and redetermine the features of pairs that left one."""
+        closed, leaving, beyond = self._active_set, self._active_set.leaving(), self._active_set.pairs_outside_feature()
+        for pair in pairs:
+            if pair in beyond:
+                closed.set_points(pair, self._features_now(pair))
+            else:
+                closed.set_points(pair, [contact for contact in closed.by_pair[pair] if contact not in leaving])
+
+    def _features_now(self, pair: UnilateralConstraint) -> tuple[ContactPoint, ...]:
+        """Contact points of a pair that left a feature: none if, for example, a corner slid off a face."""
+        near = pair.proximity(self._scene.system.mj, self._scene.data)
+        return self._active_set.found(pair, near, switched_rate_tolerance(near))
