@@ -59,7 +59,7 @@ def mesh_notes(contacts: Contacts, system: System) -> Iterator[str]:
     """Notes on meshes in contacts, which collide as their convex hulls; takes up to a second for a large mesh."""
     model = system.mj
     geoms = sorted({geom for pair in contacts.pairs for geom in pair.geom_ids})
-    found = [(hull_offset(model, geom), system.geom_labels[geom]) for geom in geoms]
+    found = [(hull_offset(model, geom), system.mj.geom(geom).name) for geom in geoms]
     offsets = sorted(((offset, name) for offset, name in found if offset > _SHOWN_M), reverse=True)
     for offset, name in offsets[:_MOST_MESHES]:
         yield f"{name} collides as the convex hull of its mesh, up to {1e3 * offset:.3g} mm off its triangles"

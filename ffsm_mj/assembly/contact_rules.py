@@ -8,11 +8,10 @@ from itertools import combinations
 
 import numpy as np
 
-from ffsm_mj.assembly.geom_selection import SELF, GeomSelection, GeomSelector
+from ffsm_mj.assembly.geom_selection import SELF, GeomSelection, GeomSelector, geom_names, short_names
 from ffsm_mj.contact.collidable import Matrix, collidable
 from ffsm_mj.contact.pairs import ContactPair, shape_fault
 from ffsm_mj.errors import Fault, ScenarioFaults
-from ffsm_mj.model.geom_labels import short_labels
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.contacts import ContactRuleConfig, ContactsConfig
 
@@ -244,7 +243,7 @@ def _pairs(rules: Sequence[ContactRule], system: System) -> tuple[tuple[ContactP
     Raises:
         ScenarioFaults: A pair that a rule names by its two geoms cannot meet, or has no exact distance.
     """
-    labels = short_labels(system.geom_labels)
+    names = short_names(geom_names(system))
     pairs: list[ContactPair] = []
     unsupported: dict[frozenset[int], str] = {}
     faults = []
@@ -254,7 +253,7 @@ def _pairs(rules: Sequence[ContactRule], system: System) -> tuple[tuple[ContactP
             if fault and rule.matched > 1:
                 unsupported[frozenset((a, b))] = fault
                 continue
-            name = rule.name if rule.matched == 1 else f"{labels[a]}-{labels[b]}"
+            name = rule.name if rule.matched == 1 else f"{names[a]}-{names[b]}"
             try:
                 pairs.append(ContactPair(system, name, a, b, rule.restitution, rule.mu, rule=rule.name))
             except LookupError as error:

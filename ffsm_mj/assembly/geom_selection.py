@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.errors import unknown_name
-from ffsm_mj.model.geom_labels import short_labels
 from ffsm_mj.model.system import System
 
 ALL, SELF, SUBTREE = "*", "self", "/*"
@@ -45,9 +45,8 @@ class GeomSelector:
             part_of_body[list(part.bodies)] = number
         self.part = part_of_body[self._bodies]
         self._parts = {part.name: number for number, part in enumerate(system.models)}
-        self._geoms: dict[str, int] = {}
-        for names in (short_labels(system.geom_labels), system.geom_labels):
-            self._geoms |= {name: geom for geom, name in enumerate(names)}
+        names = geom_names(system)
+        self._geoms = {name: geom for some in (short_names(names), names) for geom, name in enumerate(some)}
 
     def side(self, name: str) -> GeomSelection:
         """Geoms of a side other than ``self``.
@@ -86,5 +85,19 @@ class GeomSelector:
         except LookupError as error:
             if "ambiguous" in str(error):
                 raise
-            known = {*self._parts, *system.names("body"), *system.geom_labels}
+            known = {*self._parts, *system.names("body"), *system.names("geom")}
             raise LookupError(unknown_name("model, body or geom", name, known)) from None
+
+
+def geom_names(system: System) -> tuple[str, ...]:
+    """Full names of all geoms by id."""
+    return tuple(system.mj.geom(geom).name for geom in range(system.mj.ngeom))
+
+
+def short_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names without the prefix of their model, where what remains is unique."""
+    bare = [name.split("/", 1)[-1] for name in names]
+    count = Counter(bare)
+    return tuple(
+        short if count[short] == 1 and short not in names else name for short, name in zip(bare, names, strict=True)
+    )

@@ -95,7 +95,7 @@ def simulate(
     block = np.zeros((BLOCK_ROWS, len(layout.signals)))
     rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)
     recorder = Recorder(block, sinks, rows.complete, by_clock=clock is None)
-    watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs)
+    watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs, assembly.contacts.unsupported)
     simulation = Simulation(assembly.plant, watch, assembly.controller, rows, recorder, _settings(config))
     try:
         with noted() as interrupted, recorder:

@@ -35,7 +35,7 @@ _GAP_ROUNDING_M = 1e-14
 def shape_fault(system: System, geom: int) -> str:
     """Why a geom (id) has no exact distance; empty if it has."""
     shape = _UNSUPPORTED.get(int(system.mj.geom_type[geom]))
-    name = system.geom_labels[geom]
+    name = system.mj.geom(geom).name
     return f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...)" if shape else ""
 
 
@@ -45,8 +45,8 @@ class ContactPair:
     Attributes:
         name: Name, unique among the pairs of a run.
         rule: Name of the contact rule that it belongs to; its own name without one.
-        geom_a: Label of the geom that the normal points away from: its full name, or ``<body>[k]`` if it has none.
-        geom_b: Label of the geom that the normal points to.
+        geom_a: Full name of the geom that the normal points away from.
+        geom_b: Full name of the geom that the normal points to.
         body_a: Id of the body of a.
         body_b: Id of the body of b.
         robot_on_object: Whether a belongs to the robot and b to an object, floating or fixed.
@@ -77,7 +77,7 @@ class ContactPair:
         model = system.mj
         self._g1, self._g2 = (system.index("geom", g) if isinstance(g, str) else g for g in (geom_a, geom_b))
         self.name, self.rule = name, rule or name
-        self.geom_a, self.geom_b = system.geom_labels[self._g1], system.geom_labels[self._g2]
+        self.geom_a, self.geom_b = model.geom(self._g1).name, model.geom(self._g2).name
         self.body_a, self.body_b = int(model.geom_bodyid[self._g1]), int(model.geom_bodyid[self._g2])
         self.geom_ids = frozenset((self._g1, self._g2))
         self._kinds = {int(model.geom_type[g]) for g in self.geom_ids}
@@ -104,7 +104,7 @@ class ContactPair:
 
     @property
     def geoms(self) -> tuple[str, str]:
-        """Labels of a and b."""
+        """Full names of a and b."""
         return self.geom_a, self.geom_b
 
     @property

@@ -14,7 +14,6 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.contact.collidable import Matrix, collidable
-from ffsm_mj.model.geom_labels import geom_labels
 from ffsm_mj.records.events import Outcome, RunEnded, UnhandledContactRecord
 
 _MOST_GROUPS = 31
@@ -102,8 +101,7 @@ class ContactWatch:
         return UnhandledContactRecord(self._names(pair), start, end_s, depth)
 
     def _names(self, pair: frozenset[int]) -> tuple[str, ...]:
-        labels = geom_labels(self._model)
-        return tuple(sorted(labels[geom] for geom in pair))
+        return tuple(sorted(self._model.geom(geom).name for geom in pair))
 
 
 def _without(can: Matrix, known: Iterable[frozenset[int]]) -> Matrix:

@@ -16,7 +16,6 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.model.files import ModelFiles, logged_name
 from ffsm_mj.model.fixed import FixedModel
-from ffsm_mj.model.geom_labels import geom_labels
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import PropertyChange
 
@@ -110,11 +109,6 @@ class System:
     def copy(self) -> System:
         """A copy with its own MuJoCo model."""
         return replace(self, mj=copy.copy(self.mj))
-
-    @cached_property
-    def geom_labels(self) -> tuple[str, ...]:
-        """Labels of all geoms by id: the name, or ``<body>[k]`` for a geom without one."""
-        return geom_labels(self.mj)
 
     @cached_property
     def _names(self) -> dict[str, tuple[str, ...]]:

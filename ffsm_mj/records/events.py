@@ -60,7 +60,7 @@ class ImpactRecord:
         time_s: Time of the impact.
         step: Integration step of the impact, from 0.
         pair: Name of the pair of geoms.
-        geoms: Geoms a and b: full names, or ``<body>[k]`` of geoms without a name.
+        geoms: Geoms a and b.
         robot_geom: Geom a if it is of the robot and b of an object, floating or fixed; else empty.
         object_geom: Geom b if it is of an object, floating or fixed, and a of the robot; else empty.
         point_m: Contact point, the midpoint of the witness points, in world axes.
