@@ -45,6 +45,7 @@ class DrawnShape:
         rgba: Red, green, blue and opacity, each from 0 to 1.
         vertices: Vertices of a mesh in the frame of the geom, (n, 3), m.
         triangles: Vertex indices of the triangles of a mesh, (m, 3).
+        normals: Unit normals at the vertices of a mesh, for shading, (n, 3).
     """
 
     geom: int
@@ -57,6 +58,7 @@ class DrawnShape:
     rgba: tuple[float, ...]
     vertices: FloatArray
     triangles: npt.NDArray[np.int32]
+    normals: FloatArray
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def shapes(system: System, geoms: Iterable[int] | None = None) -> Iterator[Drawn
         corners += 3 * int(model.mesh_facenum[mesh]) if mesh >= 0 else 0
         if mesh >= 0 and corners > _MOST_VERTICES:
             kind, mesh = "box", -1  # MuJoCo stores the half sizes of the bounding box as the size of a mesh geom
-        vertices, triangles = _mesh(model, mesh)
+        vertices, triangles, normals = _mesh(model, mesh)
         yield DrawnShape(
             geom=geom,
             name=(model.geom(geom).name or f"geom_{geom}").rsplit("/", 1)[-1],
@@ -114,6 +116,7 @@ def shapes(system: System, geoms: Iterable[int] | None = None) -> Iterator[Drawn
             rgba=colour_of(system, geom),
             vertices=vertices,
             triangles=triangles,
+            normals=normals,
         )
 
 
@@ -132,12 +135,16 @@ def shapes_by_body(system: System) -> dict[int, list[DrawnShape]]:
     return found
 
 
-def _mesh(model: Any, mesh: int) -> tuple[FloatArray, npt.NDArray[np.int32]]:
+def _mesh(model: Any, mesh: int) -> tuple[FloatArray, npt.NDArray[np.int32], FloatArray]:
+    """Vertices, triangles and normals at the vertices; a vertex on a sharp edge is repeated for each of its normals."""
     if mesh < 0:
-        return np.empty((0, 3)), np.empty((0, 3), dtype=np.int32)
-    vertex, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
-    vertices = model.mesh_vert[vertex : vertex + int(model.mesh_vertnum[mesh])]
-    return vertices.astype(np.float64), model.mesh_face[face : face + int(model.mesh_facenum[mesh])].copy()
+        return np.empty((0, 3)), np.empty((0, 3), dtype=np.int32), np.empty((0, 3))
+    vertex, normal, face = (int(each[mesh]) for each in (model.mesh_vertadr, model.mesh_normaladr, model.mesh_faceadr))
+    faces = slice(face, face + int(model.mesh_facenum[mesh]))
+    corners = np.column_stack((model.mesh_face[faces].ravel(), model.mesh_facenormal[faces].ravel()))
+    used, places = np.unique(corners, axis=0, return_inverse=True)
+    vertices, normals = model.mesh_vert[vertex + used[:, 0]], model.mesh_normal[normal + used[:, 1]]
+    return vertices.astype(np.float64), places.reshape(-1, 3).astype(np.int32), normals.astype(np.float64)
 
 
 class FramePicker:

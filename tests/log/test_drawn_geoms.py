@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ffsm_mj.log.drawing import shapes
 from ffsm_mj.log.drawn_geoms import colour_of, geoms_to_draw
 from ffsm_mj.log.marker_scale import NOMINAL_M, marker_scale
 from ffsm_mj.log.palette import ROBOT, WHITE, mixed, object_colour, shares
@@ -95,3 +96,23 @@ def test_markers_scale_with_the_robot(compiled, size):
     """The diagonal of a cube of edge 2a is 2 sqrt(3) a; geoms are stored in double precision."""
     system = compiled(f'<geom type="box" size="{size} {size} {size}"/>')
     assert marker_scale(system) == pytest.approx(2.0 * np.sqrt(3.0) * size / NOMINAL_M, rel=1e-12)
+
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 -1\nvn 0 -1 0\nvn -1 0 0\nvn .577350 .577350 .577350\n"
+FACES = "f 1//1 3//1 2//1\nf 1//2 2//2 4//2\nf 1//3 4//3 3//3\nf 2//4 3//4 4//4\n"
+
+
+def test_meshes_have_the_normals_of_their_files(tmp_path):
+    """A tetrahedron with four flat faces: each corner of a face has its normal. MuJoCo keeps both in single precision."""
+    (tmp_path / "wedge.obj").write_text(OBJ + FACES)
+    mesh, body = (
+        '<mesh name="wedge" file="wedge.obj"/>',
+        '<body name="b"><freejoint/><geom type="mesh" mesh="wedge"/></body>',
+    )
+    (tmp_path / "b.xml").write_text(f"<mujoco>{HEAD}<asset>{mesh}</asset><worldbody>{body}</worldbody></mujoco>")
+    (shape,) = shapes(compile_paths(tmp_path / "b.xml"))
+    assert shape.vertices.shape == shape.normals.shape == (12, 3)
+    a, b, c = shape.vertices[shape.triangles.T]
+    flat = np.cross(b - a, c - a)
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    np.testing.assert_allclose(shape.normals[shape.triangles], np.repeat(flat[:, None], 3, axis=1), atol=1e-5)

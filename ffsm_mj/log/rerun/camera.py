@@ -17,8 +17,8 @@ _GRID = [90, 98, 112, 110]
 BACKGROUND = [24, 27, 33]
 FOLLOWED = "world/followed"
 """Entity of the point that the camera follows, which is not drawn."""
-_HALF_VIEW = np.array([0.55, 0.42])
-"""Tangents of half the horizontal and vertical field of view of the camera, minus a margin."""
+_WIDE_VIEW, UPRIGHT_VIEW = (0.55, 0.42), (0.36, 0.42)
+"""Tangents of half the horizontal and vertical field of view of the camera, minus a margin: over and beside other views."""
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,12 @@ class Framing:
     Attributes:
         points: The points in world axes, (n, 3), m.
         follows: Entity that the camera follows; empty if it stands still.
+        half_view: Tangents of half the horizontal and vertical field of view.
     """
 
     points: FloatArray
     follows: str = ""
+    half_view: tuple[float, float] = _WIDE_VIEW
 
     @property
     def low(self) -> FloatArray:
@@ -72,7 +74,7 @@ class Framing:
         distance = 0.0
         for _ in range(4):  # perspective: the middle of the picture is not the projection of the middle of the box
             viewed = (self.points - centre) @ view.T
-            distance = float(np.max(np.abs(viewed[:, :2]) / _HALF_VIEW + viewed[:, 2:]))
+            distance = float(np.max(np.abs(viewed[:, :2]) / self.half_view + viewed[:, 2:]))
             flat = viewed[:, :2] / np.maximum(distance - viewed[:, 2:], 1e-9)
             middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0)) * distance
             centre = centre + middle @ view[:2]

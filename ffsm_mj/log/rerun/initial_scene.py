@@ -19,7 +19,7 @@ from ffsm_mj.log.drawn_geoms import geoms_to_draw, is_visual
 from ffsm_mj.log.initial_scene import CheckedPair, InitialScene
 from ffsm_mj.log.marker_scale import marker_scale
 from ffsm_mj.log.palette import AXES, BLUE, FORCE, GREY, MARK, PALE, VERMILION, Colour, shares
-from ffsm_mj.log.rerun.camera import BACKGROUND, Framing
+from ffsm_mj.log.rerun.camera import BACKGROUND, UPRIGHT_VIEW, Framing
 from ffsm_mj.log.rerun.scene import archetype, body_path, log_shapes, target_cross
 from ffsm_mj.records.signals import identifier
 
@@ -70,7 +70,7 @@ def _draw(recording: rr.RecordingStream, scene: InitialScene) -> None:
     log_shapes(recording, system)
     for body in range(1, system.mj.nbody):
         log(body_path(system, body), _pose(data.xpos[body], data.xquat[body]))
-    framing = Framing(_framed(scene))
+    framing = Framing(_framed(scene), half_view=UPRIGHT_VIEW)
     log("world/axes", framing.axes)
     _sites(log, scene, scale)
     for target in scene.targets:

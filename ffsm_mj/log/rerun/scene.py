@@ -45,8 +45,13 @@ def archetype(shape: DrawnShape) -> Any:
     if shape.kind == "mesh":
         rotation = np.empty(9)
         mujoco.mju_quat2Mat(rotation, shape.quaternion)
-        vertices = shape.vertices @ rotation.reshape(3, 3).T + shape.position
-        return rr.Mesh3D(vertex_positions=vertices, triangle_indices=shape.triangles, albedo_factor=colour)
+        turn = rotation.reshape(3, 3)
+        return rr.Mesh3D(  # without normals it would not be shaded
+            vertex_positions=shape.vertices @ turn.T + shape.position,
+            vertex_normals=shape.normals @ turn.T,
+            triangle_indices=shape.triangles,
+            albedo_factor=colour,
+        )
     look: dict[str, Any] = {
         "quaternions": [np.roll(shape.quaternion, -1)],  # xyzw
         "colors": [colour],
