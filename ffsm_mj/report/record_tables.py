@@ -168,7 +168,13 @@ def unhandled_table(contacts: Sequence[UnhandledContactRecord], *, most: int = M
 def record_lines(run: Run, *, most: int = MOST_ROWS) -> str:
     """Lines for the records of contact models, by kind; impacts, phases and unhandled contacts have their own tables."""
     kinds = [(kind, run.records.get(kind.plural, ())) for kind in run.log.kinds if not kind.in_every_run]
-    lines = [line for kind, records in kinds if records for line in _lines(run, kind, records, most)]
+    # Where there is room for one row only, kinds with several records are counted: the first one would say little.
+    counted = [(kind, records) for kind, records in kinds if most == 1 and len(records) > 1]
+    listed = [(kind, records) for kind, records in kinds if records and (kind, records) not in counted]
+    lines = [line for kind, records in listed for line in _lines(run, kind, records, most)]
+    if counted:
+        counts = ", ".join(f"{kind.plural.replace('_', ' ')}: {len(records)}" for kind, records in counted)
+        lines.append(wrapped(f"{counts} (listed by analyze)", 2))
     missing = [kind.plural.replace("_", " ") for kind, records in kinds if not records]
     return "\n".join([*lines, *([f"no {', no '.join(missing)}"] if missing else [])])
 

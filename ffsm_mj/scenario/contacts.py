@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.scenario.element_names import element_name
@@ -72,6 +72,21 @@ class ContactsConfig(StrictModel):
     """Contacts that are resolved; all other overlaps are reported. Default: a rule for each pair of models; ``[]``: none."""
     ignored: tuple[IgnoredContactConfig, ...] = ()
     """Contacts that are neither resolved nor reported; they are taken out of every rule."""
+
+    @field_validator("rules")
+    @classmethod
+    def _with_defaults(
+        cls, rules: tuple[ContactRuleConfig, ...] | None, info: ValidationInfo
+    ) -> tuple[ContactRuleConfig, ...] | None:
+        """Rules with the default of what they do not state: dispersions and resolved scenarios have numbers."""
+        default = info.data.get("default")
+        if rules is None or default is None:
+            return rules
+        unstated = [{key for key in ("restitution", "mu") if getattr(rule, key) is None} for rule in rules]
+        return tuple(
+            rule.model_copy(update={key: getattr(default, key) for key in keys})
+            for rule, keys in zip(rules, unstated, strict=True)
+        )
 
     def restitution_of(self, rule: ContactRuleConfig) -> float:
         """Coefficient of restitution of a rule."""

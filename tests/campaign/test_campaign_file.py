@@ -57,7 +57,7 @@ def line_of(folder, dispersions=None, samples=None, **more):
         ),
         (
             {"contacts.rules.0.restition": {"values": [1]}},
-            "unknown key 'restition' (did you mean 'restitution'?); allowed: geoms, ",
+            "unknown key 'restition' (did you mean 'restitution'?); allowed: between, ",
         ),
         (
             {"contacts.rules.2.restitution": {"values": [1]}},

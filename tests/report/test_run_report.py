@@ -11,7 +11,7 @@ from ffsm_mj.report import text_table
 from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.report.run_report import MOST_LINES, run_report
 from ffsm_mj.report.verification_report import check_table
-from tests.scenes import two_balls
+from tests.scenes import ball, scene, two_balls
 
 
 @pytest.fixture(scope="module")
@@ -102,3 +102,28 @@ def test_a_report_without_room_counts_its_records(hit):
     assert any(line.endswith("FAILED") for line in lines)
     assert "  note: first" in lines
     assert lines[-1].startswith("records, shown by analyze: 2 impacts")
+
+
+def test_records_of_models_are_counted_before_tables_are_given_up(tmp_path):
+    """A mast between two stops rattles while a ball bounces: at one row per part, limits are one line, impacts a table."""
+    mast = """<mujoco><compiler angle="radian"/><option gravity="0 0 0"/><worldbody><body name="hub"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="5" diaginertia="1 1 1"/><geom name="hub" size="0.1" mass="0"/>
+      <body name="mast"><joint name="mast" axis="0 0 1" range="-0.1 0.1"/>
+        <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></body></worldbody></mujoco>"""
+    rates = {"mast": 3.0, "target/free": [-1, 0, 0, 0, 0, 0]}
+    path = scene(
+        tmp_path,
+        mast,
+        {"target": ball("target")},
+        initial={"joints": {"target/free": [0.3, 0, 0, 1, 0, 0, 0]}, "rates": rates},
+        joint_limits={"mast": {"restitution": 0.9}},
+        contacts={},
+    )
+    run = ffsm_mj.run(path)
+    assert len(run.records["limit_impacts"]) > 5
+    for room in (24, 12):
+        report = run_report(run, [], room)
+        assert report.count("\n") < room
+        assert "robot-target" in report
+    assert "limit impacts: " in report
+    assert "(listed by analyze)" in report

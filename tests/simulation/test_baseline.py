@@ -96,7 +96,7 @@ def test_summary_has_the_contracted_keys(baseline):
         *("controller", "conservation", "versions", "checks"),
     ]
     assert list(summary["impacts"][0]) == [
-        *("event", "time_s", "pair", "geoms", "robot_geom", "object_geom", "point_m", "normal", "manifold"),
+        *("event", "time_s", "pair", "rule", "geoms", "robot_geom", "object_geom", "point_m", "normal", "manifold"),
         *("law", "status", "theta", "restitution", "restitution_used", "dropped_gap_m", "dropped_flights_s"),
         *("approach_speed_m_s", "separation_speed_m_s", "impulse_N_s", "angular_impulse_N_m_s"),
         *("mu", "tangential_impulse_N_s", "slip_before_m_s", "slip_after_m_s", "path"),
