@@ -65,6 +65,8 @@ def _periods(time_s: float) -> int:
 
 def _smallest(rule: BroadPhase, model: Any, data: Any) -> float:
     """Smallest gap of some pairs: the nearest by their spheres first, until no sphere is nearer than a gap found."""
+    if len(rule.pairs) == 1:
+        return rule.pairs[0].gap(model, data, DISTANCE_LIMIT_M)
     bounds = rule.gaps(data)
     smallest = DISTANCE_LIMIT_M
     for i in np.argsort(bounds).tolist():
