@@ -18,7 +18,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.manifold import facing, opposite
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.dynamics.rigid_body import cross
-from ffsm_mj.tolerances import EPSILON
+from ffsm_mj.tolerances import EPSILON, PARALLEL
 
 _WIDTH = 1e-4
 """An estimate is accurate to about 1e-5 rad: edges and faces within this angle may be those in contact."""
@@ -42,9 +42,12 @@ def refine_normal(first: Shape, second: Shape, estimate: FloatArray) -> FloatArr
     It is not known beforehand which of the edges and faces near the estimate are in contact. Each choice of them gives a
     direction, and the normal is the direction with the largest separation.
     """
-    edges = np.vstack((first.edges(estimate, _WIDTH), second.edges(-estimate, _WIDTH)))
-    best = _best_direction(first, second, estimate, _choices(edges))
-    if (first.position_tolerance or second.position_tolerance) and not is_normal(first, second, best):
+    best = _best_direction(first, second, estimate, _choices(_edges(first, second, estimate, _WIDTH)))
+    if not first.position_tolerance and not second.position_tolerance:
+        return best
+    # Facets of a fine mesh differ by less than the width, and which of them were tried depends on the estimate.
+    best = _best_direction(first, second, best, _choices(_edges(first, second, best, PARALLEL)))
+    if not is_normal(first, second, best):
         # For a face of a mesh only two directions that span it were tried; contact at one of its sides needs that edge.
         finer = _best_direction(
             first, second, best, _crossed_choices(first.hull_edges(best, _WIDTH), second.hull_edges(-best, _WIDTH))
@@ -52,6 +55,11 @@ def refine_normal(first: Shape, second: Shape, estimate: FloatArray) -> FloatArr
         if separation(first, second, finer) >= separation(first, second, best) - _ROUNDING:
             best = finer
     return best
+
+
+def _edges(first: Shape, second: Shape, normal: FloatArray, width: float) -> FloatArray:
+    """Directions of edges of both geoms within ``width`` rad of perpendicular to a normal, (k, 3)."""
+    return np.vstack((first.edges(normal, width), second.edges(-normal, width)))
 
 
 def is_normal(first: Shape, second: Shape, direction: FloatArray) -> bool:

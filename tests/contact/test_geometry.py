@@ -243,3 +243,32 @@ def test_a_corner_near_the_centre_of_a_cap(rng):
         mujoco.mj_forward(model, data)
         normal = refine_normal(Shape(model, data, 0), Shape(model, data, 1), estimate)
         np.testing.assert_allclose(normal, axis, atol=1e-14)
+
+
+def test_the_normal_at_the_border_of_a_small_facet_does_not_depend_on_the_estimate(rng):
+    """A ball 1e-9 m inside the border of a facet of a fine mesh: the normal is that of the facet, from any estimate.
+
+    That of the border is as good to rounding, 1e-9 m / 0.1 m off: forces in persistent contact would differ as much between
+    a run and the replay of its log, which begins with another estimate.
+    """
+    radius, vertices = 0.1, rng.normal(size=(1500, 3))
+    vertices *= 0.2 / np.linalg.norm(vertices, axis=1)[:, None]
+    mesh = " ".join(f"{x:.6f}" for x in vertices.ravel())
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><asset><mesh name="dome" vertex="{mesh}"/></asset><worldbody>
+      <geom type="mesh" mesh="dome"/><geom type="sphere" size="{radius}"/></worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    turn = data.geom_xmat[0].reshape(3, 3)
+    for polygon in rng.integers(model.mesh_polynum[0], size=20):
+        start = model.mesh_polyvertadr[polygon]
+        a, b, c = model.mesh_vert[model.mesh_polyvert[start : start + 3]].astype(float) @ turn.T + data.geom_xpos[0]
+        normal = np.cross(b - a, c - a)
+        normal /= np.linalg.norm(normal)
+        inwards = np.cross(normal, b - a)
+        data.geom_xpos[1] = 0.5 * (a + b) + radius * normal + 1e-9 * inwards / np.linalg.norm(inwards)
+        shapes = Shape(model, data, 0), Shape(model, data, 1)
+        for _ in range(5):
+            estimate = normal + 1e-5 * rng.normal(size=3)
+            found = refine_normal(*shapes, estimate / np.linalg.norm(estimate))
+            # A facet of 1e-2 m and corners at 0.2 m rounded to 1e-16 m: its normal is known to 1e-13 rad.
+            np.testing.assert_allclose(found, normal, rtol=0, atol=1e-12)

@@ -35,8 +35,12 @@ class PolytopeOutline(Outline):
         self._name = _NAMES.get(self._kind, "vertex")
         self._radius = self._size[0] if self._kind in _NAMES else 0.0
         self.position_tolerance = position_tolerance(model, geom)
-        self._corners = self._ordered(Shape(model, data, geom).extreme(outward, PARALLEL) - self._radius * outward)
+        level = Shape(model, data, geom).extreme(outward, PARALLEL) - self._radius * outward
+        self._corners = self._ordered(level)
         self.flat = len(self._corners) > 2
+        # Facets of a mesh that are level within its precision are one face, with a fitted plane: edges and corners around it
+        # are bounded by that plane, not by the facets. Otherwise a contact between the two bounds would have no feature.
+        self._merged = level if self.flat and self._kind == _MESH else _NO_CONE
 
     def _ordered(self, points: FloatArray) -> FloatArray:
         """Corners of the convex hull of points in the plane across the normal, in order around it."""
@@ -53,7 +57,14 @@ class PolytopeOutline(Outline):
 
     def corners(self) -> list[Core]:
         """Corners, bounded by the directions to all other points of the geom."""
-        return [self._point(corner, self._towards(self._all() - corner)) for corner in self._corners]
+        if not len(self._merged):
+            return [self._point(corner, self._towards(self._all() - corner)) for corner in self._corners]
+        return [
+            self._point(corner, self._towards(np.vstack((self._beyond(), before, after)) - corner))
+            for before, corner, after in zip(
+                np.roll(self._corners, 1, axis=0), self._corners, np.roll(self._corners, -1, axis=0), strict=True
+            )
+        ]
 
     def edges(self, *, bounded: bool) -> Iterator[Line]:
         """The edge between two corners, or the edges around a face."""
@@ -112,7 +123,17 @@ class PolytopeOutline(Outline):
         # All points of a convex body lie within the angle between the faces: measured from the mean, they need no wrapping.
         middle = across.mean(axis=0)
         turned = np.arctan2(across @ np.cross(direction, middle), across @ middle)
-        return self._turned(across[np.argmin(turned)]), self._turned(across[np.argmax(turned)])
+        sides = across[[np.argmin(turned), np.argmax(turned)]]
+        if len(self._merged):
+            into = cross(self._normal(), direction)
+            sides[np.argmax(sides @ into)] = into / np.linalg.norm(into)
+        return self._turned(sides[0]), self._turned(sides[1])
+
+    def _beyond(self) -> FloatArray:
+        """All points but those of the merged face, (n, 3)."""
+        points = self._all()
+        apart = np.linalg.norm(points[:, None] - self._merged, axis=2).min(axis=1)
+        return np.asarray(points[apart > MERGED_M])
 
     def _all(self) -> FloatArray:
         """All points of the polytope (for a capsule both ends of its axis) in the world, (n, 3)."""

@@ -24,6 +24,8 @@ from ffsm_mj.dynamics.motion import Motion
 
 _SHARE_CHANGE = 1e-9
 """Relative change of a force at the end of a step below which its kink came so late that the impulse error is rounding."""
+_OTHER_MOTION = 1e-8
+"""Generalised force of a redistribution over that of its parts: they cancel to rounding, which a redundant set amplifies."""
 _ALONG_JOINT = np.array((1.0, 0.0, 0.0))
 """Direction that stands for the joint of a limit, whose force has none in space."""
 _SHARP = 1e-6
@@ -71,12 +73,17 @@ def pieces(closed: ActiveContactSet, motion: Motion, duration_s: float) -> Piece
 
 
 def _shares_change(closed: ActiveContactSet) -> bool:
-    """Whether the force of a pair at the end of a step differs between the active set and the non-negative distribution."""
+    """Whether redundant contacts redistribute their load: active set and non-negative forces, of equal effect, differ."""
     decision = closed.decide()
     held = decision.problem.bilateral_forces([decision.contact_points.index(contact) for contact in closed.pressing])
     apart = np.abs(decision.forces - held)
     allowed = _SHARE_CHANGE * (1.0 + float(np.abs(decision.forces).max(initial=0.0)))
     if apart.max(initial=0.0) <= allowed:
+        return False
+    # Redistribution leaves the motion as it is. A contact that opens within a trial step does not: the step as it was made
+    # has a tensile force there, which is what moved the bodies, and the step will end at the opening.
+    effect, J = decision.forces - held, decision.rows.J
+    if np.abs(effect.dot(J)).max() > _OTHER_MOTION * np.abs(effect).dot(np.abs(J)).max():
         return False
     # Redistribution among the points of one pair does not change its resultant, which alone is logged.
     changes: dict[object, FloatArray] = {}

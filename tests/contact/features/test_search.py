@@ -193,6 +193,33 @@ def test_a_feature_ends_where_the_foot_leaves_it(tmp_path):
     assert state.gap == pytest.approx(math.hypot(0.01, math.sqrt(0.05**2 - 0.02**2)) - 0.05, abs=1e-15)
 
 
+def test_a_ball_keeps_a_feature_over_the_edge_of_a_face_of_several_facets(tmp_path):
+    """The top of a mesh is two facets tilted by 1e-5 rad, level within its precision and thus one face with one plane.
+
+    The normals of the ball at the edge end at that of the facet, 6e-7 m of its way short of that of the plane: over all this
+    way it must be on the edge or on the face.
+    """
+    half, high, ridge, radius = 0.005, 0.1, 3e-8, 0.1
+    top = [(x, y, high + math.copysign(ridge, x * y)) for x in (-half, half) for y in (-half, half)]
+    bottom = [(x, y, -high) for x in (-0.1, 0.1) for y in (-0.1, 0.1)]
+    mesh = " ".join(str(number) for corner in top + bottom for number in corner)
+    robot = body(MESH).replace(CUBE, mesh)
+    pair, model, data = pair_of(tmp_path, robot, body(f'type="sphere" size="{radius}"'))
+    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
+    names = Counter()
+    for way in np.arange(-4e-6, 4e-6, 5e-8):
+        data.qpos[7:] = [half + way, 0.001, high + radius, 1, 0, 0, 0]
+        for _ in range(3):
+            mujoco.mj_forward(model, data)
+            near = pair.proximity(model, data)
+            data.qpos[7:10] -= near.gap * near.normal
+        mujoco.mj_forward(model, data)
+        (feature,) = features(pair, model, data, pair.proximity(model, data))
+        names[feature.name] += 1
+    assert set(names) == {"sphere on face", "sphere on edge"}
+    assert min(names.values()) > 20
+
+
 @pytest.mark.parametrize("beyond", [-0.02, 0.02])
 def test_an_edge_ends_at_its_end(tmp_path, rng, beyond):
     """A capsule across the vertical edge of a box, above or below the upper end of the edge."""
