@@ -85,8 +85,8 @@ def resolve_contacts(config: ContactsConfig, system: System) -> Contacts:
         a, b = np.array(rule.geoms, dtype=np.intp).reshape(-1, 2).T
         can[a, b] = can[b, a] = False
     left_out = frozenset(frozenset(pair) for pair in np.argwhere(np.triu(can & ~ignored)).tolist())
-    ignored_pairs = frozenset(frozenset(pair) for pair in np.argwhere(np.triu(ignored, 1)).tolist())
-    return Contacts(rules, pairs, unsupported, ignored_pairs, left_out, is_default)
+    ignored_ids = frozenset(frozenset(pair) for pair in np.argwhere(np.triu(ignored, 1)).tolist())
+    return Contacts(rules, pairs, unsupported, ignored_ids, left_out, is_default)
 
 
 @dataclass(frozen=True)

@@ -207,7 +207,7 @@ def test_a_ball_keeps_a_feature_over_the_edge_of_a_face_of_several_facets(tmp_pa
     pair, model, data = pair_of(tmp_path, robot, body(f'type="sphere" size="{radius}"'))
     data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
     names = Counter()
-    for way in np.arange(-4e-6, 4e-6, 5e-8):
+    for way in np.arange(-2e-6, 2e-6, 1e-7):
         data.qpos[7:] = [half + way, 0.001, high + radius, 1, 0, 0, 0]
         for _ in range(3):
             mujoco.mj_forward(model, data)
@@ -217,7 +217,7 @@ def test_a_ball_keeps_a_feature_over_the_edge_of_a_face_of_several_facets(tmp_pa
         (feature,) = features(pair, model, data, pair.proximity(model, data))
         names[feature.name] += 1
     assert set(names) == {"sphere on face", "sphere on edge"}
-    assert min(names.values()) > 20
+    assert min(names.values()) > 10
 
 
 @pytest.mark.parametrize("beyond", [-0.02, 0.02])
