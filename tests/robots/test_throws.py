@@ -42,7 +42,7 @@ def throw_passes(robot: str, seed: int, folder: Path) -> None:
 def judge(run: Run, model: mujoco.MjModel) -> None:
     """No overlap and no joint past its limit in any sample nor at any impact."""
     data, distances = mujoco.MjData(model), Distances(model)
-    joints = np.flatnonzero(model.jnt_limited & (model.jnt_type >= mujoco.mjtJoint.mjJNT_SLIDE))
+    joints = np.flatnonzero(model.jnt_limited & (model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)))
     coordinates, (low, high) = model.jnt_qposadr[joints], model.jnt_range[joints].T
     assert len(joints)
     events = [
