@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import mujoco
@@ -32,7 +33,7 @@ def controllable_directions(model: Any, site: int, dofs: Any, *, attitude: bool)
     data, jacobian = mujoco.MjData(model), np.empty((6, model.nv))
     rank = 0
     for k in range(1, _TRIALS + 1):
-        mujoco.mj_integratePos(model, data.qpos, np.sin(k * np.e * np.arange(1.0, model.nv + 1.0)), 1.0)
+        mujoco.mj_integratePos(model, data.qpos, np.sin(k * math.e * np.arange(1.0, model.nv + 1.0)), 1.0)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
