@@ -19,7 +19,7 @@ def rule_lines(contacts: Contacts) -> Iterator[str]:
     if not contacts.rules:
         yield "contacts: none"
         return
-    default = ": a rule for each two models, as the scenario states none" if contacts.is_default else ""
+    default = ": one rule for each pair of models (default)" if contacts.is_default else ""
     yield f"contacts{default}"
     for rule in contacts.rules:
         yield f"  {_sentence(rule, contacts)}"
@@ -31,7 +31,7 @@ def _sentence(rule: ContactRule, contacts: Contacts) -> str:
     pairs = [pair for pair in contacts.pairs if pair.rule == rule.name]
     which = f"{pairs[0]}" if count == 1 and pairs else f"{count} pairs"
     lost = rule.matched - count
-    left = f", without {lost} that are ignored or of later rules" if lost else ""
+    left = f" ({lost} more ignored or in later rules)" if lost else ""
     return f"{rule.name}: e = {rule.restitution:g}{friction}, {which}{left}"
 
 

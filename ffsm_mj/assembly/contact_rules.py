@@ -182,7 +182,7 @@ def _no_pair(between: Sequence[str], selector: GeomSelector, can: Matrix) -> str
         if not can[side.geoms].any():
             return f"no geom of {name!r} can collide with anything: see contype and conaffinity in its model"
     if len({*selector.part[sides[0].geoms], *selector.part[sides[1].geoms]}) == 1:
-        return "names no two geoms that can collide: bodies joined by a joint do not, by MuJoCo's filters"
+        return "names no two geoms that can collide: MuJoCo's filters exclude those of one body or of joined bodies"
     return "names no two geoms that can collide: see contype, conaffinity and exclude in their models"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,26 @@ def refuse_outside(scenario: Scenario, system: System, data: Any, limits: tuple[
             low, high = system.mj.jnt_range[system.mj.joint(limit.joint).id]
             message = f"joint {limit.joint} starts at {limit.value(data):.6g} {limit.unit}"
             path = ("initial", "joints", given[limit.joint]) if limit.joint in given else ("initial",)
-            faults.append(Fault(f"{message}, outside its limits of {low:.6g} to {high:.6g} {limit.unit}", path))
+            outside = f"{message}, outside its limits of {low:.6g} to {high:.6g} {limit.unit}"
+            hint = _degrees_hint(limit.value(data), low, high) if limit.unit == "rad" else ""
+            faults.append(Fault(f"{outside}{hint}", path))
     if faults:
         raise ScenarioFaults(faults)
+
+
+def _degrees_hint(value: float, low: float, high: float) -> str:
+    """What to change where an angle was probably written in the unit of the other file; empty where it was not.
+
+    Both mistakes show only if the numbers would fit in the other unit and exceed a turn in it: a start of more than a turn
+    in rad that lies within the limits as degrees, or limits that span at most two turns if their degrees were meant as rad.
+    """
+    turn = 2.0 * math.pi
+    if abs(value) > turn and low <= math.radians(value) <= high:
+        return f"; angles in a scenario are in rad, and {value:g} degrees are {math.radians(value):.6g} rad"
+    stated_low, stated_high = math.degrees(low), math.degrees(high)
+    if stated_high - stated_low <= 2.0 * turn and stated_low <= value <= stated_high:
+        return (
+            f"; if the model file states {stated_low:.6g} to {stated_high:.6g} in rad, it needs"
+            ' <compiler angle="radian"/>: angles in MJCF are in degrees by default'
+        )
+    return ""

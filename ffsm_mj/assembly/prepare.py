@@ -196,10 +196,12 @@ class PreparedRun:
 
     def notes(self) -> list[str]:
         """What a user should know about the scenario before it runs, one line each."""
-        assembly, system = self.assemble(), self.system
+        return self._notes(self.assemble())
+
+    def _notes(self, assembly: Assembly) -> list[str]:
         return [
             *(change.sentence for change in self.changes),
-            *system.notes,
+            *self.system.notes,
             *contact_notes(assembly.contacts, assembly.system),
             *(
                 f"{a} and {b} overlap at the start, and no contact force will separate them"
@@ -232,11 +234,15 @@ class PreparedRun:
         lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
             falls or "conservative: nothing in the models breaks it"
         ]
-        return lines + [f"note: {note}" for note in (*self.notes(), *mesh_notes(assembly.contacts, assembly.system))]
+        return lines + [
+            f"note: {note}" for note in (*self._notes(assembly), *mesh_notes(assembly.contacts, assembly.system))
+        ]
 
 
 def _limited_joints(limits: Sequence[JointLimit]) -> list[str]:
-    """A line on the joints that stop at limits; none if there are no such joints."""
+    """A heading and a line for each joint that stops at its limits; none if there are no such joints."""
     ends = zip(limits[::2], limits[1::2], strict=True)
-    joints = [f"{low.joint} ({low.limit:.4g} to {high.limit:.4g} {low.unit}, e = {low.restitution:g})" for low, high in ends]
-    return [f"  joints that stop at their limits: {', '.join(joints)}"] if joints else []
+    joints = [
+        f"    {low.joint}: {low.limit:.4g} to {high.limit:.4g} {low.unit}, e = {low.restitution:g}" for low, high in ends
+    ]
+    return ["  joints that stop at their limits", *joints] if joints else []

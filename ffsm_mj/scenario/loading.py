@@ -141,7 +141,8 @@ def _impact_law_faults(scenario: Scenario) -> list[Fault]:
     if contacts.default.mu > 0.0 and not law.covers.friction:
         faults.append(Fault(friction, ("contacts", "default", "mu")))
     for i, rule in enumerate(contacts.rules or ()):
-        if (rule.mu or 0.0) > 0.0 and not law.covers.friction:
+        # A rule that states no mu has that of the default, whose fault is listed above.
+        if contacts.mu_of(rule) not in (0.0, contacts.default.mu) and not law.covers.friction:
             faults.append(Fault(friction, ("contacts", "rules", i, "mu")))
         if contacts.restitution_of(rule) > 1.0 and not law.covers.super_elastic:
             faults.append(Fault(super_elastic, ("contacts", "rules", i, "restitution")))

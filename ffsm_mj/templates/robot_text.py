@@ -146,12 +146,12 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], hit: Hit, places:
         places: Folders of the robot's files, and of the packages it names, relative to the scenario.
     """
     lines = [
-        f"# {robot} and a ball that meets its tip after a second. Change what you like:",
-        f"# 'ffsm check {name}.yaml' says what is wrong, the user guide what every key means.",
+        f"# A ball hits the tip of {robot} after one second. Edit this file freely:",
+        f"# 'ffsm check {name}.yaml' validates it; the user guide describes every key.",
         f"name: {_word(name)}",
         "duration_s: 4.0",
         "time_step_s: 0.001",
-        "accuracy: 1e-9 # cuts the steps that are too long for what moves fast",
+        "accuracy: 1e-9 # steps that are too long for this accuracy are divided",
         "control_period_s: 0.005",
         "",
         "robot:",
@@ -167,25 +167,25 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], hit: Hit, places:
         "  rates: # the ball: m/s in world axes, rad/s in its own",
         f"    ball/free: {_flow([*hit.velocity, 0, 0, 0])}",
         "",
-        "# The report tells how far the tip is from here, where it begins: the hit throws it off.",
+        "# The report states the distance of the tip from this point, its initial position.",
         f"task: {{tip: {_word(hit.tip)}, target_m: {_flow(hit.target)}}}",
         "",
-        "# restitution: 1 keeps the energy, 0 takes all that the hit can take.",
-        "# Every geom of the robot may touch the ball; links overlap where they are joined.",
+        "# restitution: 1 conserves the energy, 0 gives the largest loss.",
+        "# Every geom of the robot may touch the ball. Contacts of the robot with itself are ignored.",
         "contacts:",
         "  default: {restitution: 0.8}",
         "  ignored:",
-        "    - {between: [robot, self], reason: links overlap where they are joined}",
+        "    - {between: [robot, self], reason: links overlap at their joints}",
         "",
         "phases:",
-        "  # Each joint is held where it begins, critically damped for the inertia that it moves.",
+        "  # Each joint is held at its initial position, critically damped for the inertia that it moves.",
         "  - name: wait",
         "    until: impact",
         "    controller: &hold",
         "      kind: pd",
         f"      kp: {_flow(hit.kp)} # N m/rad, N/m",
         f"      kd: {_flow(hit.kd)} # N m s/rad, N s/m",
-        "  # After a hit the motors rest for a while, as in the paper.",
+        "  # After the impact the motors are off for a while, as in the paper.",
         "  - name: pause",
         "    for_s: 0.5",
         '    controller: {kind: "off"}',
@@ -200,18 +200,18 @@ def _robot_lines(strip: Sequence[str], hit: Hit, places: tuple[list[str], list[s
     folders, packages = places
     lines = []
     if folders:
-        lines += ["  # Where the vendor's files lie; no others are read.", f"  asset_folders: {_flow(folders)}"]
+        lines += ["  # Folders of the vendor's files; no others are read.", f"  asset_folders: {_flow(folders)}"]
     if packages:
         lines.append(f"  package_paths: {_flow(packages)}")
     if strip:
         lines += [
-            "  # Taken out when the models are compiled, as free motion would not conserve energy or momentum with it.",
+            "  # Removed before compilation: with these elements free motion would not conserve energy and momentum.",
             f"  strip: {_flow(strip)}",
         ]
     if hit.on:
         body, place = hit.on
         lines += [
-            "  # The end of the arm, which the vendor's file has no site at: the body it is fixed to, its place there in m.",
+            "  # A site at the end of the arm, where the vendor's file has none: its body, and its position in it in m.",
             f"  sites: {{{_word(hit.tip)}: {{body: {_word(body)}, pos_m: {_flow(place)}}}}}",
         ]
     return lines

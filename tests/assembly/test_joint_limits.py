@@ -99,6 +99,28 @@ def test_a_start_that_is_not_stated_is_refused_too(tmp_path):
     assert "initial: joint robot/hinge starts at 0 rad, outside its limits of 0.174533 to 0.523599 rad" in line
 
 
+@pytest.mark.parametrize(
+    ("limits", "start", "hint"),
+    [
+        ("-30 30", "20", "; angles in a scenario are in rad, and 20 degrees are 0.349066 rad"),
+        ("-30 30", "-40", ""),
+        (
+            "-1.5 1.5",
+            "0.3",
+            '; if the model file states -1.5 to 1.5 in rad, it needs <compiler angle="radian"/>: '
+            "angles in MJCF are in degrees by default",
+        ),
+        ("-1.5 1.5", "1.6", ""),
+        ("-30 30", "3", ""),
+    ],
+    ids=["start in degrees", "outside in degrees too", "range in radians", "outside in radians too", "plainly outside"],
+)
+def test_a_start_past_a_limit_says_where_degrees_were_probably_meant(tmp_path, limits, start, hint):
+    path = scene(tmp_path, ROTOR.replace("-30 30", limits), {})
+    (line,) = refused(path, f"initial.joints.hinge={start}")
+    assert line.partition(" rad, outside its limits of ")[2].partition(" rad")[2] == hint
+
+
 def test_a_start_at_a_limit_is_none_past_it(tmp_path):
     """Degrees of the file and radians of the scenario differ by rounding."""
     path = rotor(tmp_path, 0.5, duration_s=0.01, initial={"joints": {"hinge": math.radians(30.0) + 1e-15}})
@@ -122,7 +144,8 @@ def test_wrong_entries_are_refused(tmp_path, limits, what):
 
 def test_check_names_the_joints_that_stop(tmp_path):
     lines = prepare(rotor(tmp_path, 0.25)).describe()
-    assert "  joints that stop at their limits: robot/hinge (-0.5236 to 0.5236 rad, e = 0.25)" in lines
+    heading = lines.index("  joints that stop at their limits")
+    assert lines[heading + 1] == "    robot/hinge: -0.5236 to 0.5236 rad, e = 0.25"
     ignored = prepare(rotor(tmp_path, 0.25), ["robot.limits=ignore", "joint_limits={}"]).describe()
     assert not any("stop at their limits" in line for line in ignored)
     assert "note: removed from robot: limits of 1 joint (hinge)" in ignored

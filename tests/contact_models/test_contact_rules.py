@@ -167,7 +167,7 @@ def test_the_last_rule_that_names_a_pair_has_it(tmp_path):
     assert found["floor/left", "robot/foot"] == ("left-foot", 0.7, 0.0)
     assert len(found) == 8
     text = "\n".join(prepared.describe())
-    assert "rough: e = 0.5, mu = 0.2, 4 pairs, without 1 that are ignored or of later rules" in text
+    assert "rough: e = 0.5, mu = 0.2, 4 pairs (1 more ignored or in later rules)" in text
     assert "left-foot: e = 0.7, floor/left - robot/foot" in text
 
 

@@ -53,7 +53,7 @@ def refused(path, *overrides):
         ({"restitution": 0.5}, "contacts.rules.0.between: is missing"),
         (
             {"between": ["upper", "robot/lower/*"]},
-            "rules.0.between: names no two geoms that can collide: bodies joined",
+            "rules.0.between: names no two geoms that can collide: MuJoCo's filters exclude those of one body",
         ),
         ({"between": ["wall", "rock"]}, "contacts.rules.0.between: no geom of 'wall' can collide with anything"),
         ({"between": ["tip/*", "rock"]}, "contacts.rules.0.between.0: unknown model, body or geom 'tip/*'"),
