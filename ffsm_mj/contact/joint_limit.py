@@ -151,4 +151,5 @@ class LimitFeature:
         """Evaluate at the state in ``data``; normal and points are zero, as no force acts in space."""
         limit = self._limit
         gap = limit.gap(None, data, math.inf)
-        return FeatureState(gap, limit.rate(data), _NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE, 0.0, 0.0, math.inf)
+        rate, still = limit.rate(data), (0.0, 0.0, 0.0)
+        return FeatureState(gap, rate, _NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE, 0.0, 0.0, math.inf, still)

@@ -56,6 +56,7 @@ def test_gap_rate_and_second_rate(chain, rng):
         assert near.gap == limit.gap(model, data, math.inf) == (q - low if side == "lower" else high - q)
         assert near.rate == limit.rate(data) == (1 if side == "lower" else -1) * data.qvel[limit.dof]
         assert limit.gap(model, data, -7.0) == -7.0
+        assert limit.feature.at(data).point_rate == (0.0, 0.0, 0.0)
         assert limit.unit == ("m" if name == "robot/slide" else "rad")
         second = limit.second_rate(model, data, near, near.points[0])
         rates = []

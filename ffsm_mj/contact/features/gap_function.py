@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.features.body_motion import Vector
+from ffsm_mj.contact.features.body_motion import Vector, shifted
 
 
 class FeatureState(NamedTuple):
@@ -26,6 +26,7 @@ class FeatureState(NamedTuple):
         scale: Largest term of ``bend``, in m/s^2; rounding is a share of it.
         inside: Distance to the bounds of the feature, in m: negative beyond an edge of a face or an end of an edge; inf if
             the feature is unbounded.
+        point_rate: Velocity of ``point``, which moves over both surfaces (it is not a material point), in m/s.
     """
 
     gap: float
@@ -37,6 +38,7 @@ class FeatureState(NamedTuple):
     bend: float
     scale: float
     inside: float
+    point_rate: Vector
 
 
 class Feature(Protocol):
@@ -92,20 +94,26 @@ class GapFunction:
         core_gap: float,
         rate: float,
         normal: Vector,
+        turning: Vector,
         points: tuple[Vector, Vector],
+        moving: Vector,
         terms: Sequence[float],
         inside: float,
     ) -> FeatureState:
-        """Build the state from the normal from the first core to the second, and the material point of each."""
+        """Build the state from the normal (first core to second) and its rate ``turning``, and the material point of each.
+
+        ``moving`` is the velocity of the second core's contact point, which slides over the core.
+        """
         gap = core_gap - self._radius
         (x, y, z), (here, there) = normal, points
         u, v, w = there
         # From the second point back to the first core, and out of it to the middle between the surfaces.
         level = self._first_radius + 0.5 * gap - core_gap
         point = np.array((u + level * x, v + level * y, w + level * z))
+        point_rate = shifted(shifted(moving, level, turning), -0.5 * rate, normal)  # the level changes by -rate / 2
         second = np.array(there)
         first = second if here is there else np.array(here)
         bend, scale = math.fsum(terms), max(map(abs, terms))
         if self._swapped:
-            return FeatureState(gap, rate, np.array((-x, -y, -z)), point, second, first, bend, scale, inside)
-        return FeatureState(gap, rate, np.array(normal), point, first, second, bend, scale, inside)
+            return FeatureState(gap, rate, np.array((-x, -y, -z)), point, second, first, bend, scale, inside, point_rate)
+        return FeatureState(gap, rate, np.array(normal), point, first, second, bend, scale, inside, point_rate)

@@ -39,10 +39,11 @@ class PointOnFace(GapFunction):
         first_arm = minus(point, first.origin)
         local = first.local(first_arm)
         normal = first.turned(face.normal)
-        w = minus(second.velocity_at(arm), first.velocity_at(first_arm))
-        turning = 2.0 * dot(cross(first.omega, normal), w)
+        velocity, turning = second.velocity_at(arm), cross(first.omega, normal)
+        w = minus(velocity, first.velocity_at(first_arm))
+        terms = (2.0 * dot(turning, w),)
         gap = dot(face.normal, local) - self._level
-        return self._state(gap, dot(normal, w), normal, (point, point), (turning,), face.inside(local))
+        return self._state(gap, dot(normal, w), normal, turning, (point, point), velocity, terms, face.inside(local))
 
 
 class PointOnPoint(GapFunction):
@@ -61,11 +62,13 @@ class PointOnPoint(GapFunction):
         offset = minus(there, here)
         distance = math.hypot(*offset)
         normal = unit(offset)
-        w = minus(second.velocity_at(other_arm), first.velocity_at(arm))
+        velocity = second.velocity_at(other_arm)
+        w = minus(velocity, first.velocity_at(arm))
         rate = dot(normal, w)
         across = shifted(w, -rate, normal)
+        turning, terms = scaled(1.0 / distance, across), (dot(across, across) / distance,)
         inside = min(self._first.inside(first, offset), self._second.inside(second, minus(here, there)))
-        return self._state(distance, rate, normal, (here, there), (dot(across, across) / distance,), inside)
+        return self._state(distance, rate, normal, turning, (here, there), velocity, terms, inside)
 
 
 class PointOnCurve(GapFunction):
@@ -86,7 +89,8 @@ class PointOnCurve(GapFunction):
         offset = minus(point, here)
         distance = math.hypot(*offset)
         normal = unit(offset)
-        w = minus(second.velocity_at(arm), first.velocity_at(foot))
+        velocity = second.velocity_at(arm)
+        w = minus(velocity, first.velocity_at(foot))
         rate, along = dot(normal, w), dot(tangent, w)
         across = shifted(shifted(w, -rate, normal), -along, tangent)
         turn, curved = dot(normal, cross(first.omega, tangent)), dot(normal, outward)
@@ -98,8 +102,9 @@ class PointOnCurve(GapFunction):
             -along * turn / stretch,
             -slide * turn,
         )
+        turning = shifted(scaled(1.0 / distance, across), slide * curved - turn, tangent)
         inside = min(curve.inside(first, foot, offset), self._point.inside(second, minus(here, point)))
-        return self._state(distance, rate, normal, (here, point), terms, inside)
+        return self._state(distance, rate, normal, turning, (here, point), velocity, terms, inside)
 
 
 class LineOnCurve(GapFunction):
@@ -129,23 +134,27 @@ class LineOnCurve(GapFunction):
         foot = shifted(arm, sideways, c)
         here, there = shifted(first.origin, 1.0, foot), shifted(middle, length, d)
         gap = dot(normal, minus(there, here))
-        w = minus(second.velocity_at(minus(there, second.origin)), first.velocity_at(foot))
+        velocity = second.velocity_at(minus(there, second.origin))
+        w = minus(velocity, first.velocity_at(foot))
         turn_c, turn_d = dot(normal, cross(first.omega, c)), dot(normal, cross(second.omega, d))
         curved = dot(normal, outward)
         drive_c, drive_d = dot(w, c) + gap * turn_c, dot(w, d) + gap * turn_d
         slide_c = (drive_c - cosine * drive_d) / (square + gap * curved)
         slide_d = cosine * slide_c - drive_d
         bound_c = turn_c - slide_c * curved
+        turning_c, turning_d = cosine * turn_d - bound_c, cosine * bound_c - turn_d
+        turning = shifted(scaled(turning_c / square, c), turning_d / square, d)
         terms = (
-            (cosine * turn_d - bound_c) * dot(w, c) / square,
-            (cosine * bound_c - turn_d) * dot(w, d) / square,
+            turning_c * dot(w, c) / square,
+            turning_d * dot(w, d) / square,
             slide_d * turn_d,
             -slide_c * turn_c,
         )
         inside = line.half - abs(length)
         if isinstance(curve, Line):
             inside = min(inside, curve.half - abs(sideways))
-        return self._state(gap, dot(normal, w), normal, (here, there), terms, inside)
+        moving = shifted(velocity, slide_d, d)
+        return self._state(gap, dot(normal, w), normal, turning, (here, there), moving, terms, inside)
 
     def _contact_on_circle(
         self, circle: Circle, motion: BodyMotion, middle: Vector, d: Vector

@@ -45,11 +45,13 @@ class RoundOnFace(GapFunction):
         point = shifted(second.origin, 1.0, arm)
         first_arm = minus(point, first.origin)
         local = first.local(first_arm)
-        w = minus(second.velocity_at(arm), first.velocity_at(first_arm))
+        velocity, turning = second.velocity_at(arm), cross(first.omega, normal)
+        w = minus(velocity, first.velocity_at(first_arm))
         rolling = cross(minus(first.omega, second.omega), normal)
-        terms = (2.0 * dot(cross(first.omega, normal), w), -dot(rolling, core.extreme_rate(second, against, rolling)))
-        gap = dot(face.normal, minus(local, face.centre))
-        return self._state(gap, dot(normal, w), normal, (point, point), terms, face.inside(local))
+        slide = core.extreme_rate(second, against, rolling)  # backwards: the extreme point is the one along -n
+        terms = (2.0 * dot(turning, w), -dot(rolling, slide))
+        gap, moving = dot(face.normal, minus(local, face.centre)), minus(velocity, slide)
+        return self._state(gap, dot(normal, w), normal, turning, (point, point), moving, terms, face.inside(local))
 
 
 class OnEllipsoid(GapFunction):
@@ -72,7 +74,8 @@ class OnEllipsoid(GapFunction):
         here = shifted(first.origin, 1.0, foot)
         gap = dot(normal, minus(anchor, here))
         there = shifted(here, gap, normal)
-        w = minus(second.velocity_at(minus(there, second.origin)), first.velocity_at(foot))
+        velocity = first.velocity_at(foot)
+        w = minus(second.velocity_at(minus(there, second.origin)), velocity)
         turn = 0.0 if direction is None else dot(normal, cross(second.omega, direction))
         turning, slide = self._turning(first, normal, direction, turn, gap, w)
         terms = [dot(turning, w), -dot(normal, cross(first.omega, slide))]
@@ -85,7 +88,9 @@ class OnEllipsoid(GapFunction):
             inside = other.inside(second, offset)
         else:
             inside = other.inside(second, minus(there, second.origin), offset)
-        return self._state(gap, dot(normal, w), normal, (here, there), terms, inside)
+        rate = dot(normal, w)
+        moving = shifted(shifted(shifted(velocity, 1.0, slide), gap, turning), rate, normal)
+        return self._state(gap, rate, normal, turning, (here, there), moving, terms, inside)
 
     def _normal(self, motion: BodyMotion, anchor: Vector, direction: Vector | None) -> Vector:
         """Outward normal of the ellipsoid towards a point, or towards a line, along which its projection is an ellipse."""

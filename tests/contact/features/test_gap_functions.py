@@ -77,8 +77,28 @@ def moved(model, data):
     mujoco.mj_fwdVelocity(model, data)
 
 
-def derivatives(model, data, feature):
-    """Rate and second rate of a gap function along the motion with the accelerations in ``data``, and their errors.
+def turn_at_point(data, body, point):
+    """Velocity of the material point of a body at a point, and the angular velocity of the body."""
+    omega, linear = data.cvel[body, :3], data.cvel[body, 3:]
+    return linear + np.cross(omega, point - data.subtree_com[data.model.body_rootid[body]]), omega
+
+
+def slip(pair, data, point):
+    """Velocity of b relative to a at a point."""
+    return turn_at_point(data, pair.body_b, point)[0] - turn_at_point(data, pair.body_a, point)[0]
+
+
+def slip_rate(pair, model, data, state):
+    """Rate of the relative velocity at the contact point, which moves at ``point_rate``: a_b + omega_b x (c' - v_b) - ..."""
+    rates = []
+    for body in (pair.body_b, pair.body_a):
+        velocity, omega = turn_at_point(data, body, state.point)
+        rates.append(acceleration(model, data, body, state.point) + np.cross(omega, state.point_rate - velocity))
+    return rates[0] - rates[1]
+
+
+def derivatives(pair, model, data, feature):
+    """Derivatives of gap, rate, contact point and slip along the motion with the accelerations in ``data``; their errors.
 
     Differences of order 4; over twice the time the error is 16 times as large.
     """
@@ -88,7 +108,8 @@ def derivatives(model, data, feature):
         data.qpos[:], data.qvel[:] = start, velocity + time * data.qacc
         mujoco.mj_integratePos(model, data.qpos, velocity + 0.5 * time * data.qacc, time)
         moved(model, data)
-        return np.array(feature.at(data)[:2])
+        state = feature.at(data)
+        return np.concatenate((state[:2], state.point, slip(pair, data, state.point)))
 
     first, second, fourth = ((at(k * _STEP) - at(-k * _STEP)) / (2.0 * k * _STEP) for k in (1, 2, 4))
     at(0.0)
@@ -97,9 +118,17 @@ def derivatives(model, data, feature):
 
 
 def check_motion(pair, model, data, feature):
-    """The rates are derivatives of the gap: the rounding of differences is 1e-16 / h = 1e-12, 1e-9 is allowed."""
+    """The rates are derivatives of the gap, and those of the contact point and the slip derivatives of theirs.
+
+    The rounding of differences is 1e-16 / h = 1e-12, that of the places of points on rims and ellipsoids NEWTON_STEP / h =
+    1e-8; 1e-9 and 1e-7 are allowed, of the fastest motion of the contact point.
+    """
     state = feature.at(data)
-    (rate, second), error = derivatives(model, data, feature)
+    slip_rates = slip_rate(pair, model, data, state)
+    (rate, second, *others), error = derivatives(pair, model, data, feature)
+    fastest = 1.0 + np.abs(others).max()
+    np.testing.assert_array_less(np.abs(others[:3] - np.array(state.point_rate)), 1e-7 * fastest + error[2:5])
+    np.testing.assert_array_less(np.abs(others[3:] - slip_rates), 1e-7 * fastest + error[5:])
     assert state.rate == pytest.approx(rate, abs=1e-9 + error[0])
     found = second_rate(pair, model, data, state)
     assert found == pytest.approx(second, abs=1e-9 * (1.0 + state.scale) + error[1])
