@@ -60,6 +60,7 @@ class ExchangeIntegrator:
         model, data, scratch = self._system.mj, self._data, self._scratch
         middle = hermite_midpoint(model, self._qpos, self._qvel, data.qpos, data.qvel, duration_s)
         scratch.qpos[:], scratch.qvel[:] = middle
+        scratch.time = data.time - 0.5 * duration_s
         mujoco.mj_fwdPosition(model, scratch)
         mujoco.mj_fwdVelocity(model, scratch)
         done = simpson(self._first, self._rates(scratch), self._rates(data), duration_s)
