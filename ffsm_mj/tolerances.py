@@ -62,6 +62,8 @@ It is below CONTACT_GAP_M, so a point that lands is found before the check ``no 
 """
 PROJECTED_GAP_M, PROJECTED_RATE_M_S = 1e-11, 1e-10
 """Gaps and gap rates within these are not projected: far below DRIFT_M, above the rounding of a gap (about 1e-13 m)."""
+PROJECTED_SLIP_M_S = 1e-12
+"""Slip of a sticking point that is not projected: RATE, so that it creeps by less than CONTACT_GAP_M in 1000 s."""
 LIFT_OFF_M = PROJECTED_GAP_M
 """Contacts that would lift off by less than this height stay closed: a gap of this size is not projected either."""
 DISTANCE_QUERY_M = 1e-7

@@ -7,7 +7,12 @@ from ffsm_mj.contact_models.grasp.record import KINDS as CAPTURES
 from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
-from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
+from ffsm_mj.contact_models.persistent.record import (
+    CONTACT_BEGINS,
+    CONTACT_CHANGES,
+    CONTACT_ENDS,
+    FRICTION_KINDS,
+)
 from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE
 
 IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, INTERNAL_ERROR, OUTCOME)
@@ -15,5 +20,5 @@ IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED
 LIMITS = (LIMIT_IMPACT, *LIMIT_KINDS)
 """Kinds of runs with joint limits."""
 
-BUILT_IN = (*IN_EVERY_RUN, *LIMITS, *CAPTURES)
+BUILT_IN = (*IN_EVERY_RUN, *FRICTION_KINDS, *LIMITS, *CAPTURES)
 """The last ones belong to runs whose scenario declares grasps."""

@@ -27,7 +27,7 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import ContactModel
-from ffsm_mj.contact_models.persistent.refusals import FRICTION, refusal
+from ffsm_mj.contact_models.persistent.refusals import refusal
 from ffsm_mj.controller_protocol import ControllerContext, Task
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.properties import PropertyChange
@@ -231,7 +231,7 @@ def refused_rest(assembly: Assembly) -> Iterator[str]:
     """Messages for pairs that end the run if they come to rest, with the reason; those of a rule together."""
     found: dict[tuple[str, str], list[str]] = {}
     for pair in assembly.pairs:
-        why = FRICTION if pair.mu > 0.0 else refusal(assembly.system.mj, pair) if pair.restitution < 1.0 else ""
+        why = refusal(assembly.system.mj, pair) if pair.restitution < 1.0 else ""
         if why:
             found.setdefault((pair.rule, why), []).append(pair.name)
     for (rule, why), names in found.items():

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from ffsm_mj.analysis.built_in_kinds import LIMITS
 from ffsm_mj.assembly.grasps import GraspedSystem, grasp_models_of
+from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.record import KINDS
@@ -14,6 +15,7 @@ from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.contact_models.interface import ContactModel, ForceSource, Scene
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
+from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
 from ffsm_mj.contact_models.registry import contact_model_of, record_kinds_of
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults
@@ -79,9 +81,11 @@ def _declared(scenario: Scenario, scene: Scene) -> tuple[ContactModel, ...]:
     return tuple(made)
 
 
-def record_kinds(scenario: Scenario, limits: Sequence[JointLimit]) -> tuple[str, ...]:
-    """Names of the kinds of records of joint limits, grasps and declared contact models."""
+def record_kinds(scenario: Scenario, constraints: Sequence[UnilateralConstraint]) -> tuple[str, ...]:
+    """Names of the kinds of records of friction, joint limits, grasps and declared contact models."""
+    limits = any(isinstance(each, JointLimit) for each in constraints)
     kinds = [
+        *(FRICTION_KINDS if any(each.mu > 0.0 for each in constraints) else ()),
         *(LIMITS if limits else ()),
         *(KINDS if scenario.captures else ()),
         *(kind for each in scenario.contact_models for kind in record_kinds_of(each.kind)),

@@ -82,7 +82,12 @@ def simulate(
     refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
     text = resolved_yaml(config, system) if columns is None else ""
     header = RunHeader(
-        config.name, text, layout, system.logged_files, _metadata(assembly), record_kinds(config, assembly.limits)
+        config.name,
+        text,
+        layout,
+        system.logged_files,
+        _metadata(assembly),
+        record_kinds(config, (*assembly.pairs, *assembly.limits)),
     )
     memory, digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
     sinks: list[Sink] = [memory, digested, *watchers]

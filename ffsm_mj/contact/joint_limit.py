@@ -124,7 +124,7 @@ class JointLimit:
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:  # noqa: ARG002
         """Second rate of the gap; accelerations in ``data`` must be current."""
         # The acceleration of the joint is a difference of terms of the size of the other accelerations.
-        return SecondRate(self.sign * float(data.qacc[self.dof]), float(np.abs(data.qacc).max()))
+        return SecondRate(self.sign * float(data.qacc[self.dof]), float(np.abs(data.qacc).max()), _NOWHERE)
 
     def is_pressed(self, model: Any, data: Any, near: Proximity) -> bool:
         """Whether the joint, at rest at this limit, begins to move beyond it under the efforts in ``data``."""

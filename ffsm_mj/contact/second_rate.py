@@ -29,10 +29,18 @@ _AT_END = 1e-7
 
 @dataclass(frozen=True)
 class SecondRate:
-    """Second rate of a gap in m/s^2, and the magnitude of the largest of its terms."""
+    """Second rate of a gap in m/s^2, and the magnitude of the largest of its terms.
+
+    Attributes:
+        value: Second rate of the gap, m/s^2.
+        scale: Magnitude of its largest term, m/s^2.
+        acceleration: Rate of the velocity of b relative to a at the contact point, which moves over both surfaces, m/s^2,
+            world axes, (3,).
+    """
 
     value: float
     scale: float
+    acceleration: FloatArray
 
     @property
     def rounding(self) -> float:
@@ -76,7 +84,8 @@ def second_rate(
         float(normal @ np.cross(b.omega, s_b)),
         -float(normal @ np.cross(a.omega, s_a)),
     )
-    return SecondRate(sum(terms), max(map(abs, terms)))
+    relative = b.acceleration - a.acceleration + np.cross(b.omega, s_b) - np.cross(a.omega, s_a)
+    return SecondRate(sum(terms), max(map(abs, terms)), relative)
 
 
 def _motion(model: Any, data: Any, body: int, point: FloatArray) -> _PointMotion:

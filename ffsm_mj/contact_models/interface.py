@@ -191,6 +191,15 @@ class ForceSource(ContactModel):
         """Called at the start of a (sub-)step while it is active."""
         self._exchange.begin(self.motion.grasped_bodies)
 
+    def step_limit(self, left_s: float) -> float:
+        """Longest (sub-)step that its forces allow from the state in ``data``, s; called after :meth:`begin_step`.
+
+        Args:
+            left_s: Remaining time of the grid step, s. The result may depend on it, but on no shorter step: a log replay
+                makes the same sub-steps.
+        """
+        return left_s
+
     def end_step(self, duration_s: float) -> Exchange | None:
         """Called at the end of a (sub-)step: energy and momentum exchanged by its wrenches."""
         return self._exchange.end(duration_s)

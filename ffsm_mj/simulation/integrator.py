@@ -189,11 +189,13 @@ class EventDrivenIntegrator:
     def _step(self, left_s: float, most_s: float) -> tuple[float, bool]:
         """Integrate a (sub-)step of at most ``most_s``: its duration, and whether no event is possible in it."""
         control = self.control
-        if control is None:
-            self._begin_step()
-            return most_s, self.motion.step(most_s)
-        control.begin(left_s, pushed=bool(self._active))
+        if control is not None:
+            control.begin(left_s, pushed=bool(self._active))
         self._begin_step()
+        for contact_model in self._active:
+            most_s = min(most_s, contact_model.step_limit(left_s))
+        if control is None:
+            return most_s, self.motion.step(most_s)
         return control.step(self.motion, left_s, most_s, self.exchanged)
 
     def exchanged(self, duration_s: float) -> list[Exchange]:

@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
@@ -18,12 +18,19 @@ from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
+from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, Mode
+from ffsm_mj.contact_models.persistent.friction.rows import FrictionalRows, frictional_rows
+from ffsm_mj.contact_models.persistent.friction.stage import stage_of, step_limit
+from ffsm_mj.contact_models.persistent.projection import ClosedRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, rows
 from ffsm_mj.contact_models.persistent.smooth import Smooth
+from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.tolerances import (
@@ -52,6 +59,8 @@ class ActiveContactSet:
         contact_points: All of them, pair by pair.
         pressing: The active set: contact points constrained in the stages of a step.
         stages: Contact forces of the stages since the start of the step.
+        modes: Friction modes of the contact points.
+        has_friction: Whether a closed pair has friction.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -62,12 +71,14 @@ class ActiveContactSet:
         self.contact_points: tuple[ContactPoint, ...] = ()
         self.pressing: tuple[ContactPoint, ...] = ()
         self.stages: list[Stage] = []
+        self.modes = FrictionModes()
         self._multi_point_pairs: list[ContactPair] = []
         self._tilts: list[tuple[ContactPoint, Vector, float]] = []
         self._other_forces = np.zeros(self._model.nv)
         self._rows_cache: tuple[tuple[Any, ...], ContactRows] | None = None
         self._problem_cache: tuple[tuple[Any, ...], ContactAcceleration] | None = None
         self._decision_cache: Decision | None = None
+        self._friction_cache: tuple[tuple[Any, ...], FrictionalDecision] | None = None
         self._gap_cache: tuple[tuple[Any, ...], float] | None = None
 
     @property
@@ -79,7 +90,7 @@ class ActiveContactSet:
         """Use another motion, with all caches cleared."""
         self.motion, self._smooth = motion, Smooth(motion, self._scene.data)
         self._other_forces = np.zeros(motion.model.nv)
-        self._rows_cache = self._problem_cache = self._decision_cache = self._gap_cache = None
+        self._rows_cache = self._problem_cache = self._decision_cache = self._gap_cache = self._friction_cache = None
         self.clear_stages()
 
     def clear_stages(self) -> None:
@@ -97,6 +108,7 @@ class ActiveContactSet:
         self._count()
 
     def _count(self) -> None:
+        self.has_friction = any(pair.mu > 0.0 for pair, contact_points in self.by_pair.items() if contact_points)
         self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
         self._multi_point_pairs = [
             pair for pair in self.by_pair if isinstance(pair, ContactPair) and may_touch_at_several_points(pair)
@@ -167,15 +179,28 @@ class ActiveContactSet:
         self._other_forces = applied.copy()
         if not self.pressing:
             return
-        rows_now, forces = self.active_forces()
-        generalised = forces.dot(rows_now.J)
-        applied += generalised
-        self.stages.append(Stage(rows_now, forces, generalised * data.qvel))
-
-    def active_forces(self) -> tuple[ContactRows, FloatArray]:
-        """Rows of the active set at the state in ``data`` under its efforts, and its forces, N, (k,)."""
+        if self.has_friction:
+            self._push_with_friction(data)
+            return
         problem = self._problem(self.pressing)
-        return problem.rows, problem.bilateral_forces(range(len(self.pressing)))
+        forces = problem.bilateral_forces(range(len(self.pressing)))
+        generalised = forces.dot(problem.rows.J)
+        applied += generalised
+        self.stages.append(Stage(problem.rows, forces, generalised * data.qvel))
+
+    def _push_with_friction(self, data: Any) -> None:
+        flight = self.motion.flight
+        assert isinstance(flight, ForcedStepper)
+        rows_now, force = (
+            frictional_rows(self.motion, self._scene.data, self.pressing),
+            self._smooth.force(self._other_forces),
+        )
+        stage, generalised = stage_of(rows_now, force, data, self.modes, self.pressing, flight.stage)
+        data.qfrc_applied += generalised
+        if flight.repeats:
+            self.stages[-1] = stage
+        else:
+            self.stages.append(stage)
 
     def _problem(self, contact_points: tuple[ContactPoint, ...]) -> ContactAcceleration:
         """Gap accelerations of some contact points at the state and efforts in ``data``, cached bit by bit.
@@ -192,13 +217,50 @@ class ActiveContactSet:
             self._problem_cache = key, ContactAcceleration(M, self._rows_cache[1], smooth.force(self._other_forces))
         return self._problem_cache[1]
 
-    def decide(self) -> Decision:
+    def decide(self) -> Decision | FrictionalDecision:
         """Solve for the contact points that carry force at the state in ``data`` under its efforts."""
         contact_points = self.contact_points
+        if self.has_friction:
+            return self._decide_with_friction()
         problem = self._problem(contact_points)
         if self._decision_cache is None or self._decision_cache.problem is not problem:
             self._decision_cache = Decision(contact_points, problem)
         return self._decision_cache
+
+    def _decide_with_friction(self) -> FrictionalDecision:
+        contact_points, motion, smooth = self.contact_points, self.motion, self._smooth
+        now = smooth.state(), smooth.efforts(), self._other_forces.tobytes()
+        key = contact_points, now, self.modes.fingerprint(contact_points)
+        if self._friction_cache is None or self._friction_cache[0] != key:
+            rows_now = frictional_rows(motion, self._scene.data, contact_points)
+            force = smooth.force(self._other_forces)
+            found = FrictionalDecision(contact_points, rows_now, force, np.array(motion.data.qvel), self.modes)
+            self._friction_cache = key, found
+        return self._friction_cache[1]
+
+    def closed_rows(self) -> ClosedRows:
+        """Rows of all closed contact points at the state in ``data``, as a projection needs them."""
+        every = self.decide().rows
+        if not isinstance(every, FrictionalRows):
+            return ClosedRows(every.states, every.J, np.empty((0, self.motion.model.nv)))
+        J = every.J.reshape(len(self.contact_points), 3, -1)
+        sticking = J[self.modes.kinds(self.contact_points) == Mode.STICK, 1:]
+        return ClosedRows(every.states, J[:, 0], sticking.reshape(-1, J.shape[2]))
+
+    def unit_wrenches(self, which: BoolArray) -> FloatArray:
+        """Wrenches about the world origin of unit forces on geom b, (m, 6), at some contact points, (k,).
+
+        Along the normals, and at sticking points along two tangents.
+        """
+        points = [contact for contact, taken in zip(self.contact_points, which.tolist(), strict=True) if taken]
+        states = [contact.feature.at(self._scene.data) for contact in points]
+        kinds = self.modes.kinds(points).tolist()
+        forces = [
+            (here.point, along)
+            for here, kind in zip(states, kinds, strict=True)
+            for along in (here.normal, *(tangents(here.normal) if kind == Mode.STICK else ()))
+        ]
+        return np.array([np.concatenate((along, np.cross(point, along))) for point, along in forces]).reshape(-1, 6)
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap acceleration is positive: they open."""
@@ -208,8 +270,25 @@ class ActiveContactSet:
         """Set the active set to the contact points that carry force at the state in ``data``."""
         decision = self.decide() if self.contact_points else None
         self.pressing = tuple(decision.contact_points[i] for i in decision.pressing) if decision else ()
+        if isinstance(decision, FrictionalDecision):
+            decision.keep_modes()
         tilts = ((contact, contact.feature.tilt(self._scene.data)) for contact in self.pressing)
         self._tilts = [(contact, tilt, _TILT_SHARE * math.hypot(*tilt)) for contact, tilt in tilts if tilt is not None]
+
+    def step_limit(self, left_s: float) -> float:
+        """Longest (sub-)step from the state in ``data``, s; sets whether its stages are implicit.
+
+        Args:
+            left_s: Remaining time of the grid step, s.
+        """
+        flight = self.motion.flight
+        if not isinstance(flight, ForcedStepper):
+            return left_s
+        flight.implicit, limit = False, left_s
+        decision = self.decide() if self.has_friction and self.contact_points else None
+        if isinstance(decision, FrictionalDecision):
+            limit, flight.implicit = step_limit(decision, left_s)
+        return limit
 
     def witness_value(self) -> float:
         """Witness function of the active set: positive while it is valid at the state in ``data``, negative after a change.
@@ -224,7 +303,16 @@ class ActiveContactSet:
         inside, drift = min([here.inside for here in held]) + FEATURE_BOUND_M, max([abs(here.gap) for here in held])
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
         tilt = min([left for _, left, _ in self._tilts_left()], default=math.inf)
-        return min(inside, DRIFT_M - drift, tilt, self._clearance_elsewhere(), decision.validity_margin(self.pressing))
+        if isinstance(decision, FrictionalDecision):
+            valid = decision.validity_margin()
+        else:
+            valid = decision.validity_margin(self.pressing)
+        return min(inside, DRIFT_M - drift, tilt, self._clearance_elsewhere(), valid)
+
+    def note_release(self) -> None:
+        """Note whether sticking points are at the limit of friction at the state in ``data``: they slide from there."""
+        decision = self.decide() if self.has_friction else None
+        self.modes.released = isinstance(decision, FrictionalDecision) and decision.releases
 
     def _tilts_left(self) -> Iterator[tuple[ContactPoint, float, float]]:
         """Rims that carry force, with what their tilt may still change in this step and may change in one step."""

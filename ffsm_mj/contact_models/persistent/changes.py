@@ -10,7 +10,15 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import switched_rate_tolerance
-from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS
+from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
+from ffsm_mj.contact_models.persistent.friction.modes import Mode
+from ffsm_mj.contact_models.persistent.record import (
+    CONTACT_BEGINS,
+    CONTACT_CHANGES,
+    CONTACT_ENDS,
+    CONTACT_SLIPS,
+    CONTACT_STICKS,
+)
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.records.kinds import RecordKind
 
@@ -54,7 +62,19 @@ class ContactChanges:
         if ends:
             return CONTACT_ENDS, ends
         changes = [*beyond, *(contact.pair for contact in leaving)]
-        return (CONTACT_CHANGES, list(dict.fromkeys(changes))) if changes else None
+        return (CONTACT_CHANGES, list(dict.fromkeys(changes))) if changes else self._slips_or_sticks()
+
+    def _slips_or_sticks(self) -> Change | None:
+        """Pairs with friction that begin to slide, or else those that begin to stick."""
+        closed = self._active_set
+        decision = closed.decide() if closed.has_friction else None
+        if not isinstance(decision, FrictionalDecision):
+            return None
+        before = _slides(decision.contact_points, closed.modes.kinds(decision.contact_points).tolist())
+        after = _slides(decision.contact_points, decision.kinds.tolist())
+        changed = [pair for pair, slides in after.items() if pair in before and before[pair] != slides]
+        slips, sticks = [pair for pair in changed if after[pair]], [pair for pair in changed if not after[pair]]
+        return (CONTACT_SLIPS, slips) if slips else (CONTACT_STICKS, sticks) if sticks else None
 
     def during_step(self) -> Change | None:
         """Pairs that ended a step early without opening: they entered the active set, or drifted or tilted to the limit."""
@@ -81,3 +101,12 @@ class ContactChanges:
         """Contact points of a pair that left a feature: none if, for example, a corner slid off a face."""
         near = pair.proximity(self._scene.system.mj, self._scene.data)
         return self._active_set.found(pair, near, switched_rate_tolerance(near))
+
+
+def _slides(contact_points: Sequence[ContactPoint], kinds: Sequence[int]) -> dict[UnilateralConstraint, bool]:
+    """Pairs with friction that carry force, and whether any of their points slides."""
+    found: dict[UnilateralConstraint, bool] = {}
+    for contact, kind in zip(contact_points, kinds, strict=True):
+        if contact.pair.mu > 0.0 and kind in (Mode.SLIDE, Mode.STICK):
+            found[contact.pair] = found.get(contact.pair, False) or kind == Mode.SLIDE
+    return found

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
@@ -41,6 +43,16 @@ class Decision:
             own_acceleration = zip(self.problem.own_acceleration(self.forces).tolist(), self.problem.rounding, strict=True)
             self._pressing = [i for i, (rate, rounding) in enumerate(own_acceleration) if rate > rounding]
         return self._pressing
+
+    @property
+    def held_forces(self) -> FloatArray:
+        """Forces in the stages of a step that starts here, N, (k,): of either sign, zero outside the active set."""
+        return self.problem.bilateral_forces(self.pressing)
+
+    @property
+    def friction(self) -> FloatArray:
+        """Friction forces: none, (k, 3)."""
+        return np.zeros((len(self.contact_points), 3))
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap opens, in the order of ``contact_points``: a ``set`` would order them by address."""

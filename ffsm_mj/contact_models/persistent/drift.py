@@ -13,9 +13,8 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.exchange import Shares, wrenches
+from ffsm_mj.contact_models.persistent.exchange import Shares
 from ffsm_mj.contact_models.persistent.projection import needs_projection, project
-from ffsm_mj.contact_models.persistent.rows import rows
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
 
 
@@ -35,14 +34,13 @@ class DriftProjection:
     def remove_drift(self) -> Exchange | None:
         """Project the state in ``data`` at the start of a step if needed; returns the energy and momentum this changed."""
         closed, system, data = self._active_set, self._scene.system, self._scene.data
-        here = closed.decide().rows if closed.contact_points else None
-        if here is None or not needs_projection(here):
+        if not closed.contact_points or not needs_projection(closed.closed_rows(), closed.motion.data.qvel):
             return None
         contact_points, motion = closed.contact_points, closed.motion
         outside = Shares.of(system, contact_points, motion.grasped_bodies).outside != 0.0
-        taken = np.array(wrenches(here, np.ones(len(contact_points))))[outside.any(axis=0)]
+        taken = closed.unit_wrenches(outside.any(axis=0))
         before, qpos = self._energy_and_momenta(), data.qpos.copy()
-        project(motion, lambda: rows(motion, data, contact_points), self._free, taken)
+        project(motion, closed.closed_rows, self._free, taken)
         motion.path.on_event_located()
         motion.flight.account(0.0)  # its energy and momentum are those of other velocities
         energy, impulse, total = (after - then for after, then in zip(self._energy_and_momenta(), before, strict=True))

@@ -17,12 +17,14 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact_models.persistent.friction.rows import FrictionalRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 
 Wrench = tuple[float, float, float, float, float, float]
 """Force, and moment about the world origin."""
+_NO_FRICTION = [(0.0, 0.0, 0.0)]
 
 
 class Stage(NamedTuple):
@@ -32,11 +34,15 @@ class Stage(NamedTuple):
         rows: States and Jacobians of the contact points.
         forces: Normal forces, N, (k,).
         power: Power of the contact forces by degree of freedom, W, (nv,).
+        friction: Friction force on geom b of each point, world axes, N, (k, 3); None without friction.
+        heat: Heat of friction at each point, W, (k,); None without friction.
     """
 
-    rows: ContactRows
+    rows: ContactRows | FrictionalRows
     forces: FloatArray
     power: FloatArray
+    friction: FloatArray | None = None
+    heat: FloatArray | None = None
 
 
 class Shares(NamedTuple):
@@ -98,7 +104,7 @@ def exchanged(
         shares: Signs of the contact forces.
         robot: Degrees of freedom of the robot in the motion.
     """
-    on_b = [wrenches(stage.rows, stage.forces) for stage in stages]
+    on_b = [wrenches(stage.rows, stage.forces, stage.friction) for stage in stages]
     work = parts.dot(np.array([stage.power for stage in stages])).tolist()
     total, own = sum(work), sum(work[robot])
     weights, sizes = parts.tolist(), dict.fromkeys(shares.of_pairs, 0.0)
@@ -113,12 +119,19 @@ def exchanged(
     return Exchange(energy, shares.from_robot.dot(impulses), shares.outside.dot(impulses)), sizes
 
 
-def wrenches(rows: ContactRows, forces: FloatArray) -> list[Wrench]:
-    """Force, and moment about the world origin, on geom b of each contact."""
+def wrenches(rows: ContactRows | FrictionalRows, forces: FloatArray, friction: FloatArray | None = None) -> list[Wrench]:
+    """Force, and moment about the world origin, on geom b of each contact.
+
+    Args:
+        rows: States of the contacts.
+        forces: Normal forces, N, (k,).
+        friction: Friction forces, world axes, N, (k, 3).
+    """
     out = []
-    for here, force in zip(rows.states, forces.tolist(), strict=True):
+    across = _NO_FRICTION * len(forces) if friction is None else friction.tolist()
+    for here, force, (p, q, r) in zip(rows.states, forces.tolist(), across, strict=True):
         (x, y, z), (a, b, c) = here.normal.tolist(), here.point.tolist()
-        x, y, z = force * x, force * y, force * z
+        x, y, z = force * x + p, force * y + q, force * z + r
         out.append((x, y, z, b * z - c * y, c * x - a * z, a * y - b * x))
     return out
 

@@ -31,6 +31,7 @@ from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import closed_and_still, held_rate_tolerance
+from ffsm_mj.contact_models.persistent.friction.force_check import PointAgain, resultants_with_friction
 from ffsm_mj.contact_models.persistent.limit_report import force_key, state_key
 from ffsm_mj.contact_models.persistent.report import force_keys, mode_key
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
@@ -110,9 +111,14 @@ class ForceCheck:
         contacts = [as_contact(pair, near, point, motion, 0.0) for pair, near, point in points]
         with self._free_motion(motion) as (seen, moving):
             model = self._scene.system.mj
-            rates = np.array([pair.second_rate(model, seen, near, point).value for pair, near, point in points])
+            found_rates = [pair.second_rate(model, seen, near, point) for pair, near, point in points]
+            rates = np.array([rate.value for rate in found_rates])
+            M = mass_matrix(motion.model, moving)
+            if self._closed_set.has_friction:
+                again = [PointAgain(*each, rate) for each, rate in zip(points, found_rates, strict=True)]
+                return resultants_with_friction(self._closed_set, again, contacts, motion.model, moving, M)
             J = np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts])
-            A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, moving)), J.T).T
+            A = np.linalg.solve(np.linalg.cholesky(M), J.T).T
         forces = least_norm(A, project(A, np.linalg.lstsq(A, rates, rcond=None)[0]))
         found: dict[UnilateralConstraint, Any] = {}
         for (pair, near, _), force in zip(points, forces.tolist(), strict=True):

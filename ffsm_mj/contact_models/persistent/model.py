@@ -38,12 +38,19 @@ from ffsm_mj.contact_models.persistent.force_check import ForceCheck
 from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.limit_report import LimitReport
 from ffsm_mj.contact_models.persistent.localisation import first_change
-from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS, ContactRecord
-from ffsm_mj.contact_models.persistent.refusals import refusal, refuse_friction
+from ffsm_mj.contact_models.persistent.record import (
+    CONTACT_BEGINS,
+    CONTACT_CHANGES,
+    CONTACT_ENDS,
+    FRICTION_KINDS,
+    ContactRecord,
+    ContactSlips,
+)
+from ffsm_mj.contact_models.persistent.refusals import refusal
 from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.contact_models.persistent.sharing import pieces
-from ffsm_mj.dynamics.forced_stepper import WEIGHTS
+from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.signals import Layout
@@ -61,7 +68,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     """Constrains the pairs that impacts leave closed; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
 
     kind = "contact"
-    records = (*_KINDS, *LIMIT_KINDS)
+    records = (*_KINDS, *FRICTION_KINDS, *LIMIT_KINDS)
     is_reactive = True
 
     def __init__(self, scene: Scene, pairs: Sequence[UnilateralConstraint], overlap: DeepestOverlap) -> None:
@@ -132,6 +139,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def prepare_replay(self, records: Sequence[Any]) -> None:
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
+        self._active_set.modes.released = isinstance(records[0], ContactSlips)
         if set(map(_name, records)) - {pair.name for pair in self._active_set.by_pair}:
             self.close(closed_pairs(self._broad_phase, self.scene, self.motion))
 
@@ -195,13 +203,16 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Start a (sub-)step: project out the drift of closed contacts, and choose the active set.
 
         Raises:
-            RunEnded: A pair with friction carries a force.
+            RunEnded: No friction modes are possible.
         """
         self._drop(self._changes.left_at_once())  # in a log replay, which has no event for it
         self._projection_exchange = self._drift.remove_drift()
         self._active_set.update_pressing()
-        refuse_friction(self._active_set)
         self._active_set.stages.clear()
+
+    def step_limit(self, left_s: float) -> float:
+        """Longest (sub-)step for points whose slip is about to stop; see :class:`ForceSource`."""
+        return self._active_set.step_limit(left_s)
 
     def is_clear(self) -> bool:
         """Whether the active set and the features of the step's start are still valid at its end."""
@@ -252,7 +263,10 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             parts = np.array(redistributed.weights_s)
             booking, impulses = exchanged(redistributed.stages, parts, shares, robot_dofs(system, self.motion))
             return sum_exchanges(self._projection_exchange, booking), impulses
-        stages = closed.stages[-5:-1]  # the four RK4 stages; the last entry is the evaluation at the end of the step
+        flight = self.motion.flight
+        assert isinstance(flight, ForcedStepper)
+        weights = flight.weights
+        stages = closed.stages[-1 - len(weights) : -1]  # the last entry is the evaluation at the end of the step
         key = closed.pressing, self.motion
         if self._shares_cache is None or self._shares_cache[0] != key:
             self._shares_cache = (
@@ -260,7 +274,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
                 Shares.of(system, closed.pressing, self.motion.grasped_bodies),
                 robot_dofs(system, self.motion),
             )
-        booking, impulses = exchanged(stages, duration_s * WEIGHTS, *self._shares_cache[1:])
+        booking, impulses = exchanged(stages, duration_s * weights, *self._shares_cache[1:])
         return sum_exchanges(self._projection_exchange, booking), impulses
 
     def force_check(self, layout: Layout) -> Callable[[FloatArray], float]:
@@ -290,11 +304,14 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             for pair in pairs:
                 self._changes.logged.remove(pair)
                 self._active_set.remove(pair)
+        elif kind in FRICTION_KINDS:
+            self._active_set.update_pressing()
         else:
             self._changes.apply(pairs)
         self._update_activity()
         places |= self._report.places([pair for pair in geoms if self.holds(pair)])
-        number, limit_kind = self.scene.numbers.next_number(), LIMIT_KINDS[_KINDS.index(kind)]
+        number = self.scene.numbers.next_number()
+        limit_kind = LIMIT_KINDS[_KINDS.index(kind)] if limits else LIMIT_KINDS[0]
         closed = [pair for pair in self._changes.logged if isinstance(pair, ContactPair)]
         records = (
             *self._report.records(kind, places, before, instant, number, qvel, closed),

@@ -1,32 +1,49 @@
 """Projection of a state onto the closed contacts, preserving the conserved momenta.
 
 Positions: q <- q - M^-1 J^T G^-1 gap, repeated (Newton's method). Velocities: the nearest in the metric of M (the kinetic
-energy norm) with gap' = 0 and unchanged momenta, except for components that fixed bodies in contact can absorb.
+energy norm) with gap' = 0, no slip of sticking points and unchanged momenta, except for components that fixed bodies in
+contact can absorb.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray
-from ffsm_mj.contact_models.persistent.rows import ContactRows
+from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
-from ffsm_mj.tolerances import PROJECTED_GAP_M, PROJECTED_RATE_M_S, RANK
+from ffsm_mj.tolerances import PROJECTED_GAP_M, PROJECTED_RATE_M_S, PROJECTED_SLIP_M_S, RANK
 
 _PASSES = 3
 
 
-def needs_projection(rows: ContactRows) -> bool:
-    """Whether a gap or gap rate has drifted beyond tolerance."""
-    return any(abs(here.gap) > PROJECTED_GAP_M or abs(here.rate) > PROJECTED_RATE_M_S for here in rows.states)
+class ClosedRows(NamedTuple):
+    """What a projection needs of the closed contacts at one state.
+
+    Attributes:
+        states: Gap and rate of each contact point.
+        normals: Rows of the gap rates, (k, nv).
+        sticking: Rows of the slip of sticking points, (m, nv). Slip is not integrable: only their velocities are projected.
+    """
+
+    states: Sequence[FeatureState]
+    normals: FloatArray
+    sticking: FloatArray
 
 
-def project(motion: Motion, rows_now: Callable[[], ContactRows], free: BoolArray, taken: FloatArray) -> None:
+def needs_projection(rows: ClosedRows, qvel: FloatArray) -> bool:
+    """Whether a gap, a gap rate or the slip of a sticking point has drifted beyond tolerance."""
+    if any(abs(here.gap) > PROJECTED_GAP_M or abs(here.rate) > PROJECTED_RATE_M_S for here in rows.states):
+        return True
+    return bool(np.abs(rows.sticking @ qvel).max(initial=0.0) > PROJECTED_SLIP_M_S)
+
+
+def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray, taken: FloatArray) -> None:
     """Set gaps and gap rates to zero; positions and velocities must be current, derived quantities are updated.
 
     Args:
@@ -42,16 +59,17 @@ def project(motion: Motion, rows_now: Callable[[], ContactRows], free: BoolArray
         gaps = np.array([here.gap for here in rows.states])
         if np.abs(gaps).max() <= 0.01 * PROJECTED_GAP_M:
             break
-        mujoco.mj_integratePos(model, data.qpos, _least_change(model, data, rows.J, -gaps), 1.0)
+        mujoco.mj_integratePos(model, data.qpos, _least_change(model, data, rows.normals, -gaps), 1.0)
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         motion.follow()
     rows = rows_now()
-    constraints, wanted = rows.J, np.zeros(len(rows.J))
+    constraints = np.vstack((rows.normals, rows.sticking))
+    wanted = np.zeros(len(constraints))
     kept = _conserved_directions(free, taken)
     if len(kept):
         of_all = kept @ momentum_matrix(model, data, 0)
-        constraints, wanted = np.vstack((rows.J, of_all)), np.append(wanted, kept @ momentum)
+        constraints, wanted = np.vstack((constraints, of_all)), np.append(wanted, kept @ momentum)
     data.qvel[:] += _least_change(model, data, constraints, wanted - constraints @ data.qvel)
     mujoco.mj_forward(model, data)
 

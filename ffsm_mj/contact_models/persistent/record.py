@@ -71,6 +71,16 @@ class ContactChanges(ContactRecord):
     """A closed pair changes its contact features or starts to carry force; fields as in :class:`ContactRecord`."""
 
 
+@dataclass(frozen=True)
+class ContactSlips(ContactRecord):
+    """A pair with friction that sticks begins to slide; fields as in :class:`ContactRecord`."""
+
+
+@dataclass(frozen=True)
+class ContactSticks(ContactRecord):
+    """All points of a pair with friction that slides begin to stick; fields as in :class:`ContactRecord`."""
+
+
 def _marks(record: Any) -> list[Mark]:
     if record.force_after_N == 0.0:
         return [Mark(record.point_m, text="touches" if record.mode else "opens", name=record.pair)]
@@ -115,6 +125,8 @@ def _kind(
     when: str,
     says: str,
     arrows: Callable[[Layout], Iterable[ArrowColumns]] | None = None,
+    *,
+    in_every_run: bool = True,
 ) -> RecordKind:
     def sentence(record: Any) -> str:
         features = f", {record.mode}" if record.mode else ""
@@ -133,7 +145,7 @@ def _kind(
         lengths=_LENGTHS,
         marks=_marks,
         arrows=arrows,
-        in_every_run=True,
+        in_every_run=in_every_run,
         event_group="contact",
     )
 
@@ -147,6 +159,24 @@ CONTACT_BEGINS = _kind(
     _force_arrows,  # of all closed pairs: declared once
 )
 CONTACT_ENDS = _kind(ContactEnds, "contact_ends", "contact_endings", "when it opens", "ends")
+CONTACT_SLIPS = _kind(
+    ContactSlips,
+    "contact_slips",
+    "contact_slips",
+    "when a pair with friction begins to slide",
+    "slips",
+    in_every_run=False,
+)
+CONTACT_STICKS = _kind(
+    ContactSticks,
+    "contact_sticks",
+    "contact_sticks",
+    "when a pair with friction that slides begins to stick",
+    "sticks",
+    in_every_run=False,
+)
+FRICTION_KINDS = (CONTACT_SLIPS, CONTACT_STICKS)
+"""Kinds of runs with friction."""
 CONTACT_CHANGES = _kind(
     ContactChanges, "contact_changes", "contact_changes", "when its features change or it starts to carry force", "changes"
 )

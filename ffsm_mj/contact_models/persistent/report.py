@@ -14,6 +14,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import EventTime, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.friction.rows import FrictionalRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
@@ -75,12 +76,19 @@ class Resultant(NamedTuple):
         return math.hypot(*self.force.tolist())
 
 
-def resultant(contact_points: Sequence[ContactPoint], rows: ContactRows, forces: FloatArray, pair: ContactPair) -> Resultant:
-    """Resultant over the contact points of one pair."""
+def resultant(
+    contact_points: Sequence[ContactPoint],
+    rows: ContactRows | FrictionalRows,
+    forces: FloatArray,
+    pair: ContactPair,
+    friction: FloatArray | None = None,
+) -> Resultant:
+    """Resultant over the contact points of one pair, of normal forces (k,) and friction forces (k, 3)."""
     mine = [i for i, contact in enumerate(contact_points) if contact.pair is pair]
     if len(mine) == 1:  # the usual case, evaluated in every stage
         only, here = mine[0], rows.states[mine[0]]
-        return Resultant(forces[only] * here.normal, here.point, here.normal, 1, contact_points[only].feature.name)
+        force = forces[only] * here.normal if friction is None else forces[only] * here.normal + friction[only]
+        return Resultant(force, here.point, here.normal, 1, contact_points[only].feature.name)
     normals, points = (
         np.array([getattr(rows.states[i], name) for i in mine]).reshape(-1, 3) for name in ("normal", "point")
     )
@@ -90,7 +98,8 @@ def resultant(contact_points: Sequence[ContactPoint], rows: ContactRows, forces:
     normal = weights @ normals
     length = math.hypot(*normal.tolist())
     names = " + ".join(dict.fromkeys(contact_points[i].feature.name for i in mine))
-    return Resultant(pushed @ normals, weights @ points, normal / length if length else normal, len(mine), names)
+    force = pushed @ normals if friction is None else pushed @ normals + friction[mine].sum(axis=0)
+    return Resultant(force, weights @ points, normal / length if length else normal, len(mine), names)
 
 
 def _row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[UnilateralConstraint]) -> tuple[float, ...]:
@@ -154,7 +163,7 @@ class ContactReport:
         decision = closed.decide()
         forces, contact_points = decision.forces, decision.contact_points
         pressing = {contact_points[i].pair for i in decision.pressing}
-        held = decision.problem.bilateral_forces(decision.pressing)
+        held, friction = decision.held_forces, decision.friction if closed.has_friction else None
         differ = held.tolist() != forces.tolist()
         by_rule: dict[str, list[tuple[ContactPair, Resultant]]] = {}
         for pair, own in closed.by_pair.items():
@@ -162,10 +171,10 @@ class ContactReport:
                 here = [i for i, contact in enumerate(contact_points) if contact.pair is pair]
                 self._residual[0] = max(self._residual[0], *np.abs(held[here] - forces[here]).tolist(), 0.0)
             elif own:
-                found = resultant(contact_points, decision.rows, forces, pair)
+                found = resultant(contact_points, decision.rows, forces, pair, friction)
                 by_rule.setdefault(pair.rule, []).append((pair, found))
                 if pair in pressing and differ:
-                    again = resultant(contact_points, decision.rows, held, pair).force
+                    again = resultant(contact_points, decision.rows, held, pair, friction).force
                     self._residual[0] = max(self._residual[0], math.dist(found.force, again))
         for rule, each in by_rule.items():
             self._values[self._rules[rule], :_IMPULSE] = _row_of(each, pressing)
@@ -182,9 +191,11 @@ class ContactReport:
         if not closed.contact_points:
             return []
         decision, out = closed.decide(), []
-        for contact, here, size in zip(decision.contact_points, decision.rows.states, decision.forces.tolist(), strict=True):
+        for contact, here, size, along in zip(
+            decision.contact_points, decision.rows.states, decision.forces.tolist(), decision.friction, strict=True
+        ):
             if size and not isinstance(contact.pair, JointLimit):
-                force = size * here.normal
+                force = size * here.normal + along
                 out += [Wrench(contact.pair.body_a, here.point, -force), Wrench(contact.pair.body_b, here.point, force)]
         return out
 
@@ -199,16 +210,19 @@ class ContactReport:
         stage = self._active_set.stages[-1] if self._active_set.stages else None
         if stage is None:
             return dict.fromkeys(pairs, 0.0)
-        return {pair: resultant(self._active_set.pressing, stage.rows, stage.forces, pair).size for pair in pairs}
+        return {
+            pair: resultant(self._active_set.pressing, stage.rows, stage.forces, pair, stage.friction).size for pair in pairs
+        }
 
     def places(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, Resultant]:
         """Resultant force and centre of pairs at the state in ``data`` under its efforts."""
         closed, found = self._active_set, {}
         decision = closed.decide() if closed.contact_points else None
         forces = decision.forces if decision else np.zeros(0)
+        friction = decision.friction if decision and closed.has_friction else None
         for pair in pairs:
             if decision and closed.by_pair.get(pair):
-                found[pair] = resultant(decision.contact_points, decision.rows, forces, pair)
+                found[pair] = resultant(decision.contact_points, decision.rows, forces, pair, friction)
             else:
                 near = pair.proximity(self._scene.system.mj, self._scene.data)
                 found[pair] = Resultant(np.zeros(3), near.points.mean(axis=0), near.normal, 0, "")

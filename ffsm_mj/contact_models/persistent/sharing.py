@@ -18,6 +18,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.dynamics.motion import Motion
@@ -54,7 +55,7 @@ def pieces(closed: ActiveContactSet, motion: Motion, duration_s: float) -> Piece
         motion: The current motion; its state is restored.
         duration_s: Length of the step.
     """
-    if sum(map(bool, closed.by_pair.values())) < 2 or not _shares_change(closed):
+    if closed.has_friction or sum(map(bool, closed.by_pair.values())) < 2 or not _shares_change(closed):
         return None
     path, data = motion.path, motion.data
     kept = path.at_s, data.qpos.copy(), data.qvel.copy(), list(closed.stages)
@@ -75,6 +76,7 @@ def pieces(closed: ActiveContactSet, motion: Motion, duration_s: float) -> Piece
 def _shares_change(closed: ActiveContactSet) -> bool:
     """Whether redundant contacts redistribute their load: active set and non-negative forces, of equal effect, differ."""
     decision = closed.decide()
+    assert isinstance(decision, Decision)
     held = decision.problem.bilateral_forces([decision.contact_points.index(contact) for contact in closed.pressing])
     apart = np.abs(decision.forces - held)
     allowed = _SHARE_CHANGE * (1.0 + float(np.abs(decision.forces).max(initial=0.0)))

@@ -52,6 +52,8 @@ class CoulombProblem:
         mu: Coefficients of friction, (k,).
         least: Least normal impulses, >= 0, (k,), N s.
         speed: Unit of speeds: the largest contact speed before the impact, m/s.
+        inertia: Symmetric matrix that scales the unknowns, (3k, 3k); None for G itself, which need not be symmetric
+            otherwise.
     """
 
     G: FloatArray
@@ -59,12 +61,13 @@ class CoulombProblem:
     mu: FloatArray
     least: FloatArray
     speed: float
+    inertia: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        count = len(self.mu)
+        count, inertia = len(self.mu), self.G if self.inertia is None else self.inertia
         self.rows = self.G.reshape(count, 3, 3 * count)
-        normal = np.diag(self.G)[::3]
-        largest = np.array([np.linalg.eigvalsh(self.G[i : i + 2, i : i + 2])[-1] for i in range(1, 3 * count, 3)])
+        normal = np.diag(inertia)[::3]
+        largest = np.array([np.linalg.eigvalsh(inertia[i : i + 2, i : i + 2])[-1] for i in range(1, 3 * count, 3)])
         # A tangent along which nothing moves has no slip to correct: any scale serves.
         across = np.where(largest > 0.0, largest, normal)
         self.r = 1.0 / np.stack((normal, across, across), axis=1)

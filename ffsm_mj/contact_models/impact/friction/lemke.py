@@ -35,7 +35,7 @@ def pyramid_impulses(
     """
     count = len(mu)
     # In units of the speed and of G_nn^(1/2) of each contact, entries are of the order of one.
-    unit = 1.0 / np.sqrt(np.diag(G)[::3])
+    unit = 1.0 / np.sqrt(np.abs(np.diag(G)[::3]))
     normals, directions = np.zeros((3 * count, count)), np.zeros((3 * count, count * facets))
     for i in range(count):
         angles = first[i] + 2.0 * np.pi / facets * np.arange(facets)

@@ -1,0 +1,1 @@
+"""Coulomb friction in persistent contact: rows, modes, stage problem, decision and margins."""

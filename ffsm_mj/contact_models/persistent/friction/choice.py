@@ -1,0 +1,275 @@
+"""Choice of the friction modes of all closed contact points at one state.
+
+Several motions may solve the same problem of accelerations, so the choice follows a rule: modes that are still valid are
+kept; otherwise all points without slip stick if forces inside their cones exist that hold them; otherwise Coulomb's
+conditions are solved by Newton's method, with a small compliance that shares forces among redundant points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
+from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
+from ffsm_mj.contact_models.persistent.friction.modes import Mode
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity, unit_slips
+from ffsm_mj.tolerances import SOLVED
+
+_COMPLIANCE = 1e-9
+"""Compliance of the contacts in the choice of modes, as a share of the mean inverse mass."""
+_SLIPS, _SATURATED = 1e-7, 1e-6
+"""A tangential acceleration above the first share of the largest one is slip; at the event from stick to slip, so is a
+friction force within the second of its limit: the acceleration is zero there."""
+_ON_CONE = 1e-13
+"""Rounding of the margin to a friction cone, as a share of the largest force."""
+_CORRECTIONS = 3
+"""Corrections of modes per contact point before the choice fails."""
+_OPENS = 10.0
+"""A gap opens where its second rate exceeds its rounding by this factor."""
+
+
+class NoModesError(Exception):
+    """No modes satisfy Coulomb's conditions (Painleve's paradox), or none were found."""
+
+
+@dataclass(frozen=True)
+class PointStates:
+    """What the choice of modes depends on besides the problem; k points.
+
+    Attributes:
+        slips: Slip velocities along (t1, t2), m/s, (k, 2).
+        slides: Points whose slip is not zero, (k,).
+        kinds: Present modes, (k,); -1 for a point without one.
+        directions: Present directions of slip, (k, 2).
+        rounding: Rounding of the accelerations of each point, m/s^2, (k,).
+        released: Whether sticking points have just reached the limit of friction: those at their limit slide.
+    """
+
+    slips: FloatArray
+    slides: BoolArray
+    kinds: IntArray
+    directions: FloatArray
+    rounding: FloatArray
+    released: bool
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Forces in given modes at one state.
+
+    Attributes:
+        kinds: Modes, (k,).
+        directions: Directions of slip along (t1, t2), (k, 2).
+        rank: Number of independent rows held.
+        forces: Forces (n, t1, t2), N, (k, 3).
+        accelerations: Relative accelerations (n, t1, t2), m/s^2, (k, 3).
+        validity: Least margin of all conditions, m/s^2; negative if one is violated.
+        releases: Whether the condition violated most is the limit of friction of sticking points.
+    """
+
+    kinds: IntArray
+    directions: FloatArray
+    rank: int
+    forces: FloatArray
+    accelerations: FloatArray
+    validity: float
+    releases: bool
+
+    @property
+    def valid(self) -> bool:
+        """Whether all conditions hold."""
+        return self.validity >= 0.0
+
+
+class ModeChoice:
+    """Evaluates and chooses modes for one problem."""
+
+    def __init__(self, problem: FrictionProblem, states: PointStates) -> None:
+        """Bind to a problem and the states of its points."""
+        self._problem, self._states = problem, states
+        self._still = ~states.slides
+        self._scale = float(np.abs(problem.b).max(initial=0.0))
+
+    def choose(self) -> Solution:
+        """Choose the modes.
+
+        Raises:
+            NoModesError: No modes are valid.
+        """
+        states = self._states
+        if not states.released:
+            if np.all(states.kinds >= 0) and np.all((states.kinds != Mode.STICK) | self._still):
+                kept = self.evaluate(states.kinds, self._directions(states.kinds))
+                if kept.valid:
+                    return kept
+            kinds = np.where(states.slides | (self._problem.mu == 0.0), Mode.SLIDE, Mode.STICK)
+            held = self.evaluate(self._movable(kinds), self._directions(kinds))
+            if held.valid:
+                return self._without_idle(held)
+        return self._solved()
+
+    def _movable(self, kinds: IntArray) -> IntArray:
+        """Modes with points that no normal force can move closed."""
+        return np.where(self._problem.movable_normals, kinds, Mode.CLOSED)
+
+    def _without_idle(self, found: Solution) -> Solution:
+        """The solution with points closed that carry no force, where that leaves all else as it is."""
+        load = np.abs(found.forces).max(axis=1) * self._problem.inverse_mass
+        idle = (found.kinds != Mode.CLOSED) & (load <= self._states.rounding)
+        if not idle.any():
+            return found
+        closed = self.evaluate(np.where(idle, Mode.CLOSED, found.kinds), found.directions)
+        return closed if closed.valid else found
+
+    def _directions(self, kinds: IntArray) -> FloatArray:
+        """Directions of slip: along the slip of a point that slides, the present one at a point that begins to."""
+        states, mu = self._states, self._problem.mu
+        directions = np.where(states.slides[:, None], unit_slips(states.slips), states.directions)
+        return np.where(((kinds == Mode.SLIDE) & (mu > 0.0))[:, None], directions, 0.0)
+
+    def evaluate(self, kinds: IntArray, directions: FloatArray) -> Solution:
+        """Forces in given modes, and whether these are valid."""
+        problem, states = self._problem, self._states
+        rank = problem.rank(kinds)
+        forces = problem.forces(kinds, directions, rank)
+        accelerations = (problem.b + problem.G @ forces.ravel()).reshape(-1, 3)
+        validity, releases = self._validity(kinds, rank, forces, accelerations)
+        begins = (kinds == Mode.SLIDE) & self._still & (problem.mu > 0.0)
+        if begins.any():
+            along = (
+                np.sum(accelerations[:, 1:] * directions, axis=1)[begins] + _SLIPS * self._scale + states.rounding[begins]
+            )
+            validity = min(validity, float(along.min()))
+        return Solution(kinds, directions, rank, forces, accelerations, validity, releases)
+
+    def _validity(self, kinds: IntArray, rank: int, forces: FloatArray, accelerations: FloatArray) -> tuple[float, bool]:
+        """Least margin of the conditions on forces and gaps, m/s^2, and whether it is that of sticking points."""
+        problem, rounding = self._problem, _OPENS * self._states.rounding
+        slides, sticks, closed = (kinds == mode for mode in (Mode.SLIDE, Mode.STICK, Mode.CLOSED))
+        least = np.inf
+        if slides.any():
+            least = float((forces[:, 0] * problem.inverse_mass + rounding)[slides].min())
+        if closed.any():
+            least = min(least, float((accelerations[:, 0] + rounding)[closed].min()))
+            idle = closed & (accelerations[:, 0] <= rounding) & (accelerations[:, 0] >= -rounding)
+            if idle.any() and rank < len(problem.held_rows(np.where(idle & problem.movable_normals, Mode.SLIDE, kinds))):
+                shares = problem.virtual_shares(kinds, forces, rank)
+                least = min(least, float((rounding - shares * problem.inverse_mass)[idle].min()))
+        if not sticks.any():
+            return least, False
+        held = self.stick_margin(kinds, rank, forces)
+        return (held, held < 0.0) if held < least else (least, False)
+
+    def stick_margin(self, kinds: IntArray, rank: int, forces: FloatArray) -> float:
+        """Margin of the sticking points to their friction cones, m/s^2: own forces, or others of the same effect."""
+        problem, sticks = self._problem, np.flatnonzero(kinds == Mode.STICK)
+        of_own = problem.mu * forces[:, 0] - np.hypot(forces[:, 1], forces[:, 2])
+        inertia = float(problem.inverse_mass[sticks].mean())
+        allowed = _ON_CONE * float(np.abs(forces).max()) * inertia + float(self._states.rounding[sticks].max()) * _ON_CONE
+        own = float(of_own[sticks].min()) * inertia + allowed
+        rows = problem.held_rows(kinds)
+        if own >= 0.0 or rank == len(rows):
+            return own
+        return self._joint_margin(kinds, forces) * inertia + allowed
+
+    def _joint_margin(self, kinds: IntArray, forces: FloatArray) -> float:
+        """Largest margin that any forces with the effect of the given ones have at the sticking points, N."""
+        problem, sticks = self._problem, np.flatnonzero(kinds == Mode.STICK)
+        every = (3 * sticks[:, None] + np.arange(3)).ravel()
+        sizes, U = np.linalg.eigh(problem.G[np.ix_(every, every)])
+        own_rank = int(np.count_nonzero(sizes > 1e-10 * sizes[-1]))
+        return cone_margin(forces[sticks], U[:, : len(every) - own_rank], problem.mu[sticks])
+
+    def _solved(self) -> Solution:
+        """Modes from a solution of Coulomb's conditions.
+
+        Raises:
+            NoModesError: There is none, or its modes are not valid.
+        """
+        forces, residual = self._newton()
+        if residual > SOLVED:
+            raise NoModesError
+        kinds, directions = self._classified(forces)
+        if not self._states.released:
+            holding = np.where(self._still & (kinds == Mode.SLIDE) & (self._problem.mu > 0.0), Mode.STICK, kinds)
+            if np.any(holding != kinds) and (held := self.evaluate(holding, self._directions(holding))).valid:
+                return held
+        return self._corrected(kinds, directions)
+
+    def _newton(self) -> tuple[FloatArray, float]:
+        """Forces (n, t1, t2) that satisfy Coulomb's conditions with a small compliance, (k, 3), and their residual."""
+        problem, states = self._problem, self._states
+        which = np.flatnonzero(problem.movable_normals)
+        forces = np.zeros((len(states.slides), 3))
+        if not len(which) or self._scale == 0.0:
+            return forces, 0.0
+        rows = (3 * which[:, None] + np.arange(3)).ravel()
+        G, mu = problem.G[np.ix_(rows, rows)], np.where(states.slides, 0.0, problem.mu)[which]
+        # Friction of a sliding point follows its normal force: the column of the latter gets both.
+        along = np.eye(len(rows))
+        slips = self._directions(np.full(len(states.slides), int(Mode.SLIDE)))
+        for place, i in enumerate(which.tolist()):
+            if states.slides[i]:
+                along[3 * place + 1 : 3 * place + 3, 3 * place] = -problem.mu[i] * slips[i]
+        compliant = G @ along + _COMPLIANCE * float(G.diagonal()[::3].mean()) * np.eye(len(rows))
+        contacts = CoulombProblem(compliant, problem.b[rows], mu, np.zeros(len(which)), self._scale, inertia=G)
+        found, residual = coulomb(contacts)
+        forces[which] = (along @ found.ravel()).reshape(-1, 3)
+        return forces, residual
+
+    def _classified(self, forces: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Modes and directions of slip that a solution of Coulomb's conditions shows."""
+        problem, states = self._problem, self._states
+        accelerations = (problem.b + problem.G @ forces.ravel()).reshape(-1, 3)
+        friction, limit = np.hypot(forces[:, 1], forces[:, 2]), problem.mu * forces[:, 0]
+        share = _SATURATED if states.released else SOLVED
+        saturated = friction >= limit * (1.0 - share)
+        moves = np.hypot(accelerations[:, 1], accelerations[:, 2]) > _SLIPS * self._scale
+        sticks = self._still & (problem.mu > 0.0) & ~(saturated & (moves | states.released))
+        kinds = np.where(sticks, Mode.STICK, Mode.SLIDE)
+        kinds = np.where(forces[:, 0] * problem.inverse_mass > states.rounding, kinds, Mode.CLOSED)
+        directions = self._directions(kinds)
+        begins = (kinds == Mode.SLIDE) & self._still & (problem.mu > 0.0)
+        directions[begins] = -unit_slips(forces[begins, 1:])
+        return kinds, self._along_acceleration(kinds, directions, begins & moves)
+
+    def _along_acceleration(self, kinds: IntArray, directions: FloatArray, begins: BoolArray) -> FloatArray:
+        """Directions of slip along the accelerations of points that begin to slide, with the shares of equal springs."""
+        lines, _ = self._problem.lines()
+        free = np.flatnonzero(begins & ~lines)
+        if not len(free):
+            return directions
+        velocity = OwnVelocity(self._problem.b, np.ones(len(self._problem.b)), free)
+        return self._problem.forces_along_slip(kinds, directions, self._problem.rank(kinds), velocity)[1]
+
+    def _corrected(self, kinds: IntArray, directions: FloatArray) -> Solution:
+        """The solution in given modes, with modes corrected where they are not valid.
+
+        Raises:
+            NoModesError: No valid modes were found.
+        """
+        problem, states = self._problem, self._states
+        for _ in range(_CORRECTIONS * len(kinds)):
+            found = self.evaluate(kinds, directions)
+            if found.valid:
+                return found
+            kinds, directions = kinds.copy(), directions.copy()
+            pulls = (kinds != Mode.CLOSED) & (found.forces[:, 0] * problem.inverse_mass < -_OPENS * states.rounding)
+            overlaps = (kinds == Mode.CLOSED) & (found.accelerations[:, 0] < -_OPENS * states.rounding)
+            friction = np.hypot(found.forces[:, 1], found.forces[:, 2])
+            over = (kinds == Mode.STICK) & ~pulls & (friction > problem.mu * found.forces[:, 0])
+            back = (kinds == Mode.SLIDE) & self._still & (problem.mu > 0.0) & ~pulls
+            back &= np.sum(found.accelerations[:, 1:] * directions, axis=1) < -_SLIPS * self._scale
+            if not np.any(pulls | overlaps | over | back):
+                break
+            kinds[pulls], kinds[overlaps & problem.movable_normals] = Mode.CLOSED, Mode.STICK
+            kinds[overlaps & (states.slides | (problem.mu == 0.0)) & problem.movable_normals] = Mode.SLIDE
+            kinds[over], kinds[back] = Mode.SLIDE, Mode.STICK
+            directions[over] = -unit_slips(found.forces[over, 1:])
+            moving = states.slides & (kinds == Mode.SLIDE)
+            directions[moving] = self._directions(kinds)[moving]
+            directions[kinds != Mode.SLIDE] = 0.0
+        raise NoModesError

@@ -1,0 +1,174 @@
+"""Margin of sticking contacts: how far forces with a required effect can stay inside all friction cones.
+
+    margin = max m   subject to   lam = given + freedom y,   |lam_t,i| <= mu_i lam_n,i - m   for every contact i
+
+The margin is signed: a set of contacts can stick if and only if it is not negative. It is a second-order cone program in a
+few unknowns, solved by a primal-dual interior-point method with the scaling of Nesterov and Todd (Vandenberghe, *The CVXOPT
+linear and quadratic cone program solvers*, 2010).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+
+_MIRROR = np.array((1.0, -1.0, -1.0))
+_ACCURACY = 1e-14
+"""Duality gap and residual at which iterations end, in units of the largest force."""
+_ITERATIONS = 60
+_STEP = 0.99
+"""Share of the step to the boundary of the cones that is taken."""
+_CAP = 10.0
+"""Bound on the margin in units of the largest force: internal forces of a wedge have no other."""
+
+
+def cone_margin(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> float:
+    """Largest margin to the friction cones, N; at most ten times the largest given force.
+
+    Args:
+        given: Forces (normal, t1, t2) of each contact with the required effect, N, (k, 3).
+        freedom: Orthonormal forces without effect, as columns, (3k, d).
+        mu: Coefficient of friction of each contact, (k,); a contact with mu = 0 only needs a normal force >= 0.
+    """
+    unit = float(np.abs(given).max())
+    if unit == 0.0:
+        return 0.0
+    # s = h - A x in second-order cones, x = (y, m); the last cone bounds m.
+    k, d = len(mu), freedom.shape[1]
+    scale = np.ones((k, 3))
+    scale[:, 0] = np.where(mu > 0.0, mu, 1.0)
+    A = np.zeros((k + 1, 3, d + 1))
+    A[:k, :, :d] = -(scale[:, :, None] * freedom.reshape(k, 3, d))
+    A[:k, 0, d] = np.where(mu > 0.0, 1.0, 0.0)
+    A[k, 0, d] = 1.0
+    h = np.zeros((k + 1, 3))
+    h[:k] = scale * given / unit
+    h[k, 0] = _CAP
+    return unit * _largest(A.reshape(-1, d + 1), h)
+
+
+def _largest(A: FloatArray, h: FloatArray) -> float:
+    """Largest last unknown of x with h - A x in all cones; cones (k, 3)."""
+    c = np.zeros(A.shape[1])
+    c[-1] = -1.0
+    x = np.asarray(np.linalg.lstsq(A, h.ravel(), rcond=None)[0], dtype=np.float64)
+    s = _interior(h - (A @ x).reshape(h.shape))
+    dual = np.asarray(np.linalg.lstsq(A.T, -c, rcond=None)[0], dtype=np.float64)
+    z = _interior(dual.reshape(h.shape))
+    for _ in range(_ITERATIONS):
+        r_x, r_z = c + A.T @ z.ravel(), s + (A @ x).reshape(h.shape) - h
+        gap = float(np.sum(s * z)) / len(s)
+        if max(gap, float(np.abs(r_z).max())) < _ACCURACY:
+            break
+        W, W_inverse = _scaling(s, z)
+        lam = np.einsum("kij,kj->ki", W, z)
+        target = -_product(lam, lam)
+        dx, ds, dz = _direction(A, W_inverse, lam, r_x, r_z, target)
+        step = min(1.0, _to_boundary(s, ds), _to_boundary(z, dz))
+        centring = (1.0 - step) ** 3
+        both = _product(np.einsum("kij,kj->ki", W_inverse, ds), np.einsum("kij,kj->ki", W, dz))
+        target = target - both + centring * gap * np.array((1.0, 0.0, 0.0))
+        dx, ds, dz = _direction(A, W_inverse, lam, (1.0 - centring) * r_x, (1.0 - centring) * r_z, target)
+        step = min(1.0, _STEP * _to_boundary(s, ds), _STEP * _to_boundary(z, dz))
+        if not math.isfinite(step) or step < _ACCURACY:
+            break
+        if _depth(s + step * ds) <= 0.0 or _depth(z + step * dz) <= 0.0:  # the last digits
+            break
+        x, s, z = x + step * dx, s + step * ds, z + step * dz
+    return float(x[-1])
+
+
+def _direction(
+    A: FloatArray,
+    W_inverse: FloatArray,
+    lam: FloatArray,
+    r_x: FloatArray,
+    r_z: FloatArray,
+    target: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Newton direction (dx, ds, dz) with lam o (W dz + W^-1 ds) = target."""
+    shape = r_z.shape
+    scaled = _divide(lam, target)
+    # W dz = scaled - W^-1 ds and ds = -r_z - A dx give A^T W^-2 A dx = -r_x - A^T W^-1 (scaled + W^-1 r_z).
+    B = np.einsum("kij,kjd->kid", W_inverse, A.reshape(*shape, -1)).reshape(A.shape)
+    right = scaled + np.einsum("kij,kj->ki", W_inverse, r_z)
+    dx = _least(B, right.ravel(), r_x)
+    ds = -r_z - (A @ dx).reshape(shape)
+    dz = np.einsum("kij,kj->ki", W_inverse, scaled - np.einsum("kij,kj->ki", W_inverse, ds))
+    return dx, ds, dz
+
+
+def _least(B: FloatArray, right: FloatArray, r_x: FloatArray) -> FloatArray:
+    """Solution of B^T B dx = -r_x - B^T right by the QR factors of B, which squares no condition number."""
+    Q, R = np.linalg.qr(B)
+    inner = np.linalg.lstsq(R.T, -r_x, rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(R, inner - Q.T @ right, rcond=None)[0])
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Jordan product of elements of second-order cones, (k, 3)."""
+    across = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:]
+    return np.column_stack((np.sum(a * b, axis=1), across))
+
+
+def _divide(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The element x with a o x = b, (k, 3)."""
+    first, rest = a[:, 0], a[:, 1:]
+    size = first * first - np.sum(rest * rest, axis=1)
+    along = np.sum(rest * b[:, 1:], axis=1)
+    head = (first * b[:, 0] - along) / size
+    return np.column_stack((head, (b[:, 1:] - head[:, None] * rest) / first[:, None]))
+
+
+def _scaling(s: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Scaling W of Nesterov and Todd with W z = W^-1 s for each cone, and its inverse, (k, 3, 3) each."""
+    s_size, z_size = (np.sqrt(_determinant(each)) for each in (s, z))
+    s_unit, z_unit = s / s_size[:, None], z / z_size[:, None]
+    gamma = np.sqrt(0.5 * (1.0 + np.sum(s_unit * z_unit, axis=1)))
+    w = (s_unit + _MIRROR * z_unit) / (2.0 * gamma[:, None])
+    v = w + np.array((1.0, 0.0, 0.0))
+    v /= np.sqrt(2.0 * (w[:, :1] + 1.0))
+    beta = np.sqrt(s_size / z_size)[:, None, None]
+    W = beta * (2.0 * v[:, :, None] * v[:, None, :] - np.diag(_MIRROR))
+    mirrored = _MIRROR * v
+    inverse = (2.0 * mirrored[:, :, None] * mirrored[:, None, :] - np.diag(_MIRROR)) / beta
+    return W, inverse
+
+
+def _determinant(s: FloatArray) -> FloatArray:
+    """First component squared less the rest squared, positive inside a cone, (k,)."""
+    size = np.hypot(s[:, 1], s[:, 2])
+    return np.asarray(np.maximum((s[:, 0] - size) * (s[:, 0] + size), 1e-300))
+
+
+def _interior(s: FloatArray) -> FloatArray:
+    """The same point, moved along the axes of the cones until all are well inside."""
+    least = _depth(s)
+    shift = 0.0 if least > 1e-3 else 1.0 - least
+    return s + shift * np.array((1.0, 0.0, 0.0))
+
+
+def _depth(s: FloatArray) -> float:
+    """Least distance of a point inside all cones from their boundaries, along the axis."""
+    return float((s[:, 0] - np.hypot(s[:, 1], s[:, 2])).min())
+
+
+def _to_boundary(s: FloatArray, step: FloatArray) -> float:
+    """Largest share of a step that stays inside all cones."""
+    best = math.inf
+    for (a, b, c), (p, q, r) in zip(s.tolist(), step.tolist(), strict=True):
+        # a + t p = hypot(b + t q, c + t r): the first positive root of a quadratic.
+        square, linear, constant = p * p - q * q - r * r, a * p - b * q - c * r, a * a - b * b - c * c
+        if p < 0.0:  # the tip of the cone, a double root
+            best = min(best, -a / p)
+        inside = linear * linear - square * constant
+        if inside >= 0.0:
+            root = math.sqrt(inside)
+            divisor = -linear + root if linear < 0.0 else -(linear + root)
+            for t in ((constant / divisor if divisor else math.inf), (divisor / square if square else math.inf)):
+                if 0.0 < t < best and a + t * p >= 0.0:
+                    best = t
+    return best

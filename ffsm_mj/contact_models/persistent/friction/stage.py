@@ -1,0 +1,97 @@
+"""Contact forces with friction in one stage of a step, in modes that are frozen for the step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision, slip_directions
+from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, Mode
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity
+from ffsm_mj.contact_models.persistent.friction.rows import FrictionalRows
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.dynamics.implicit_stages import StageVelocity
+
+_STIFF = 0.5
+"""Friction damps a turn of the slip at the rate k / |u|, k = mu lambda_n times the inverse mass: stages are implicit where
+the duration of the step times this rate exceeds this number. Explicit ones are unstable above 2.8."""
+_NEAR_STOP = 12.0
+"""A step is divided where a point would stop within this many durations of the step."""
+_STOP_SHARE = 0.5
+"""Such a step takes at most this share of the time to the stop."""
+_TURN_ERROR_M_S = 1e-12
+"""Error of the slip velocity in such a step."""
+_TURN = 1.5
+"""Turn of the slip, rad, at which a step of order four errs by the whole slip."""
+
+
+def stage_of(
+    rows: FrictionalRows,
+    force: FloatArray,
+    data: Any,
+    modes: FrictionModes,
+    contact_points: Sequence[ContactPoint],
+    implicit: StageVelocity | None,
+) -> tuple[Stage, FloatArray]:
+    """Contact forces in a stage.
+
+    Args:
+        rows: Rows of the points that slide or stick.
+        force: Generalised forces without the contact forces, less the bias, (nv,).
+        data: Data of the motion, at the state of the stage.
+        modes: Modes of the step.
+        contact_points: The points.
+        implicit: Velocity of the stage as a function of its accelerations; None in an explicit method.
+
+    Returns:
+        The stage, and the generalised contact forces, (nv,).
+    """
+    kinds, mu = modes.kinds(contact_points), np.array([contact.pair.mu for contact in contact_points])
+    problem = FrictionProblem(rows.G, rows.response @ force + rows.gamma, mu)
+    across = rows.axes[:, 1:]
+    at_start = np.einsum("kij,kj->ki", across, modes.directions(contact_points))
+    slides = (kinds == Mode.SLIDE) & (mu > 0.0)
+    u = (rows.J @ data.qvel).reshape(-1, 3)[:, 1:]
+    directions, _ = slip_directions(problem, u, at_start, slides)
+    rank = problem.rank(kinds)
+    free = np.flatnonzero(slides & ~problem.lines()[0]) if implicit is not None else np.zeros(0, dtype=np.int64)
+    if implicit is not None and len(free):
+        without = rows.J @ implicit.given + implicit.step_s * (rows.response @ force)
+        velocity = OwnVelocity(without, np.full(len(without), implicit.step_s), free)
+        forces, _ = problem.forces_along_slip(kinds, directions, rank, velocity)
+    else:
+        forces = problem.forces(kinds, directions, rank)
+    generalised = forces.ravel() @ rows.J
+    friction = np.einsum("ki,kij->kj", forces[:, 1:], across)
+    heat = -np.sum(forces[:, 1:] * u, axis=1) * slides
+    return Stage(rows, forces[:, 0], generalised * data.qvel, friction, heat), generalised
+
+
+def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool]:
+    """Longest (sub-)step for the points that slide in a plane, s, and whether its stages must be implicit.
+
+    Args:
+        decision: Choice of modes at the start of the step.
+        left_s: Remaining time of the grid step, s.
+    """
+    problem, solution = decision.problem, decision.solution
+    slides = (solution.kinds == Mode.SLIDE) & (problem.mu > 0.0)
+    slides &= ~problem.lines()[0]
+    if not slides.any():
+        return left_s, False
+    u = np.einsum("kij,kj->ki", decision.rows.axes[:, 1:], decision.slips)[slides]
+    s, a = solution.directions[slides], solution.accelerations[slides, 1:]
+    speeds = np.hypot(u[:, 0], u[:, 1])
+    slowing = -np.sum(s * a, axis=1)
+    turning = np.abs(s[:, 0] * a[:, 1] - s[:, 1] * a[:, 0])
+    limit = left_s
+    for speed, brake, turn in zip(speeds.tolist(), slowing.tolist(), turning.tolist(), strict=True):
+        if brake > 0.0 and speed < _NEAR_STOP * left_s * brake:
+            share = (_TURN_ERROR_M_S / speed) ** 0.2 if speed > _TURN_ERROR_M_S else 1.0
+            limit = min(limit, _STOP_SHARE * speed / brake, _TURN * share * speed / turn if turn else np.inf)
+    rates = (problem.mu * solution.forces[:, 0] * problem.tangent_inertia())[slides]
+    return limit, bool(np.any(limit * rates > _STIFF * speeds))
