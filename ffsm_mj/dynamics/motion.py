@@ -23,7 +23,6 @@ class Motion:
         model: MuJoCo model, with RK4.
         data: Its data.
         momentum: Generalised momentum M qdot at the state in ``data``, (nv,).
-        jacobian_buffers: Work arrays for Jacobians, four of (3, nv).
         path: The last step as a path.
         flight: Stepper in use; it accumulates the motion bound.
         bodies: Id in this model of each body of the logged system.
@@ -42,7 +41,6 @@ class Motion:
         """Start at the state in ``data`` (all derived quantities current)."""
         self.model, self.data = model, data
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
-        self.jacobian_buffers = tuple(np.empty((4, 3, model.nv)))
         self.bodies: Sequence[int] = range(model.nbody)
         self.dofs: Sequence[int] = range(model.nv)
         self.pushes: Sequence[Push] = ()

@@ -74,11 +74,15 @@ class BodyMotion(NamedTuple):
 
 
 class Body:
-    """Reads the motion of one body; the body may be fixed."""
+    """Reads the motion of one body; the body may be fixed.
+
+    Attributes:
+        id: Id of the body.
+    """
 
     def __init__(self, model: Any, body: int) -> None:
         """Look up a body by id."""
-        self._body, self._root = body, int(model.body_rootid[body])
+        self.id, self._root = body, int(model.body_rootid[body])
         self._data: Any = None
 
     def motion(self, data: Any) -> BodyMotion:
@@ -95,6 +99,6 @@ class Body:
 
     def _bind(self, data: Any) -> None:
         """Take views of the arrays of ``data``, which MuJoCo does not move."""
-        self._data, body = data, self._body
+        self._data, body = data, self.id
         self._xpos, self._xmat, self._cvel = data.xpos[body], data.xmat[body], data.cvel[body]
         self._centre = data.subtree_com[self._root]

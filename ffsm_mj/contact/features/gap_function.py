@@ -63,12 +63,13 @@ class GapFunction:
 
     Attributes:
         name: The two features in contact.
+        swapped: Whether the first core belongs to geom b.
     """
 
     def __init__(self, name: str, swapped: bool, first_radius: float, second_radius: float) -> None:
-        """Store the radii of the two cores in m; ``swapped`` if the first core belongs to b."""
+        """Store the radii of the two cores in m."""
         self.name = name
-        self._swapped = swapped
+        self.swapped = swapped
         self._first_radius = first_radius
         self._radius = first_radius + second_radius
 
@@ -83,6 +84,11 @@ class GapFunction:
         point travels at the rate of the tilt over the tilt itself: there is no other scale of time.
         """
         return None
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """Radius of the first core, and the sum of both radii, m."""
+        return self._first_radius, self._radius
 
     def subtract_length(self, length: float) -> None:
         """Subtract a constant length in m from the gap: mesh vertices are known to single precision only."""
@@ -114,6 +120,6 @@ class GapFunction:
         second = np.array(there)
         first = second if here is there else np.array(here)
         bend, scale = math.fsum(terms), max(map(abs, terms))
-        if self._swapped:
+        if self.swapped:
             return FeatureState(gap, rate, np.array((-x, -y, -z)), point, second, first, bend, scale, inside, point_rate)
         return FeatureState(gap, rate, np.array(normal), point, first, second, bend, scale, inside, point_rate)

@@ -22,19 +22,24 @@ _TURNS = 30
 
 
 class PointOnFace(GapFunction):
-    """Gap of a point over a plane; both material points are at the point."""
+    """Gap of a point over a plane; both material points are at the point.
+
+    Attributes:
+        face: The face.
+        point: The point.
+    """
 
     def __init__(self, name: str, swapped: bool, face: Face, point: Point) -> None:
         """Store the cores."""
         super().__init__(name, swapped, face.radius, point.radius)
-        self._face, self._point = face, point
+        self.face, self.point = face, point
         self._face_body, self._point_body = face.body, point.body
         self._level = dot(face.normal, face.centre)
 
     def at(self, data: Any) -> FeatureState:
         """Evaluate the gap: the normal is fixed to the body of the face, so n' = omega x n."""
-        face, first, second = self._face, self._face_body.motion(data), self._point_body.motion(data)
-        arm = second.turned(self._point.centre)
+        face, first, second = self.face, self._face_body.motion(data), self._point_body.motion(data)
+        arm = second.turned(self.point.centre)
         point = shifted(second.origin, 1.0, arm)
         first_arm = minus(point, first.origin)
         local = first.local(first_arm)

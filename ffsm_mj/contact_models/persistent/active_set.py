@@ -25,10 +25,9 @@ from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, Mode
-from ffsm_mj.contact_models.persistent.friction.rows import FrictionalRows, frictional_rows
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of, step_limit
 from ffsm_mj.contact_models.persistent.projection import ClosedRows
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, rows
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, FrictionalRows, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.motion import Motion
@@ -75,6 +74,7 @@ class ActiveContactSet:
         self._multi_point_pairs: list[ContactPair] = []
         self._tilts: list[tuple[ContactPoint, Vector, float]] = []
         self._other_forces = np.zeros(self._model.nv)
+        self._evaluators: dict[tuple[ContactPoint, ...], RowEvaluator] = {}
         self._rows_cache: tuple[tuple[Any, ...], ContactRows] | None = None
         self._problem_cache: tuple[tuple[Any, ...], ContactAcceleration] | None = None
         self._decision_cache: Decision | None = None
@@ -90,6 +90,7 @@ class ActiveContactSet:
         """Use another motion, with all caches cleared."""
         self.motion, self._smooth = motion, Smooth(motion, self._scene.data)
         self._other_forces = np.zeros(motion.model.nv)
+        self._evaluators.clear()
         self._rows_cache = self._problem_cache = self._decision_cache = self._gap_cache = self._friction_cache = None
         self.clear_stages()
 
@@ -110,6 +111,7 @@ class ActiveContactSet:
     def _count(self) -> None:
         self.has_friction = any(pair.mu > 0.0 for pair, contact_points in self.by_pair.items() if contact_points)
         self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
+        self._evaluators.clear()
         self._multi_point_pairs = [
             pair for pair in self.by_pair if isinstance(pair, ContactPair) and may_touch_at_several_points(pair)
         ]
@@ -192,7 +194,7 @@ class ActiveContactSet:
         flight = self.motion.flight
         assert isinstance(flight, ForcedStepper)
         rows_now, force = (
-            frictional_rows(self.motion, self._scene.data, self.pressing),
+            self._evaluator(self.pressing).frictional_rows(),
             self._smooth.force(self._other_forces),
         )
         stage, generalised = stage_of(rows_now, force, data, self.modes, self.pressing, flight.stage)
@@ -212,10 +214,17 @@ class ActiveContactSet:
         key = place, smooth.efforts(), self._other_forces.tobytes()
         if self._problem_cache is None or self._problem_cache[0] != key:
             if self._rows_cache is None or self._rows_cache[0] != place:
-                self._rows_cache = place, rows(motion, self._scene.data, contact_points)
+                self._rows_cache = place, self._evaluator(contact_points).rows()
             M = partial(mass_matrix, motion.model, motion.data)
             self._problem_cache = key, ContactAcceleration(M, self._rows_cache[1], smooth.force(self._other_forces))
         return self._problem_cache[1]
+
+    def _evaluator(self, contact_points: tuple[ContactPoint, ...]) -> RowEvaluator:
+        """Evaluator of the rows of some contact points; kept for the present contact points and parts of them."""
+        found = self._evaluators.get(contact_points)
+        if found is None:
+            found = self._evaluators[contact_points] = RowEvaluator(self.motion, self._scene.data, contact_points)
+        return found
 
     def decide(self) -> Decision | FrictionalDecision:
         """Solve for the contact points that carry force at the state in ``data`` under its efforts."""
@@ -232,7 +241,7 @@ class ActiveContactSet:
         now = smooth.state(), smooth.efforts(), self._other_forces.tobytes()
         key = contact_points, now, self.modes.fingerprint(contact_points)
         if self._friction_cache is None or self._friction_cache[0] != key:
-            rows_now = frictional_rows(motion, self._scene.data, contact_points)
+            rows_now = self._evaluator(contact_points).frictional_rows()
             force = smooth.force(self._other_forces)
             found = FrictionalDecision(contact_points, rows_now, force, np.array(motion.data.qvel), self.modes)
             self._friction_cache = key, found

@@ -17,8 +17,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.persistent.friction.rows import FrictionalRows
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 
@@ -38,7 +37,7 @@ class Stage(NamedTuple):
         heat: Heat of friction at each point, W, (k,); None without friction.
     """
 
-    rows: ContactRows | FrictionalRows
+    rows: PointRows
     forces: FloatArray
     power: FloatArray
     friction: FloatArray | None = None
@@ -119,7 +118,7 @@ def exchanged(
     return Exchange(energy, shares.from_robot.dot(impulses), shares.outside.dot(impulses)), sizes
 
 
-def wrenches(rows: ContactRows | FrictionalRows, forces: FloatArray, friction: FloatArray | None = None) -> list[Wrench]:
+def wrenches(rows: PointRows, forces: FloatArray, friction: FloatArray | None = None) -> list[Wrench]:
     """Force, and moment about the world origin, on geom b of each contact.
 
     Args:

@@ -14,8 +14,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import EventTime, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.friction.rows import FrictionalRows
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
@@ -78,7 +77,7 @@ class Resultant(NamedTuple):
 
 def resultant(
     contact_points: Sequence[ContactPoint],
-    rows: ContactRows | FrictionalRows,
+    rows: PointRows,
     forces: FloatArray,
     pair: ContactPair,
     friction: FloatArray | None = None,

@@ -1,9 +1,19 @@
-"""Contact Jacobians: gap' = J qdot and gap'' = J qddot + gamma for each contact point and joint limit, at one state."""
+"""Contact Jacobians: gap' = J qdot and gap'' = J qddot + gamma for each contact point and joint limit, at one state.
+
+With friction, rows of two tangents follow each normal: the relative velocity u = v_b(c) - v_a(c) of the two material points
+at the contact point c, which moves at c' over both, has the rate
+
+    u' = a_b(c) + omega_b x (c' - v_b(c)) - a_a(c) - omega_a x (c' - v_a(c))
+
+along tangents that are fixed in space, with the accelerations a(c) of the material points.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import mujoco
@@ -12,7 +22,12 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
+from ffsm_mj.contact.features.point_line_gaps import PointOnFace
+from ffsm_mj.contact.features.points_on_face import PointsOnFace
 from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact_models.impact.friction.tangents import tangents
+from ffsm_mj.contact_models.persistent.point_groups import FaceGroup, GroupState, PointGroup, SinglePoint
+from ffsm_mj.dynamics.body_twists import BodyTwists, RelativeScrews
 from ffsm_mj.dynamics.motion import Motion
 
 
@@ -24,52 +39,156 @@ class ContactPoint:
     feature: Feature
 
 
-class ContactRows(NamedTuple):
+class PointRows:
     """Contact points at one state, in the coordinates of a motion.
 
     Attributes:
-        states: Gap, rate, normal and contact points of each contact point.
-        J: Derivative of each gap rate with respect to the generalised velocity, (k, nv).
-        gamma: Part of each gap'' that does not depend on accelerations, m/s^2, (k,).
-        response: J M^-1, (k, nv).
-        G: Delassus matrix J M^-1 J^T, 1/kg, (k, k): gap'' at one contact per unit force at another.
+        J: Derivative of velocities at the contact points with respect to the generalised velocity.
+        gamma: Part of their accelerations that does not depend on those of the joints, m/s^2.
+        response: J M^-1, like J.
+        G: Delassus matrix J M^-1 J^T, 1/kg: accelerations per unit force.
     """
 
-    states: tuple[FeatureState, ...]
-    J: FloatArray
-    gamma: FloatArray
-    response: FloatArray
-    G: FloatArray
+    def __init__(self, groups: Sequence[GroupState], J: FloatArray, gamma: FloatArray, response: FloatArray) -> None:
+        """Store the rows of some groups of points."""
+        self._groups, self.J, self.gamma, self.response, self.G = groups, J, gamma, response, response.dot(J.T)
+
+    @cached_property
+    def states(self) -> tuple[FeatureState, ...]:
+        """Gap, rate, normal and contact points of each contact point."""
+        return tuple([state for group in self._groups for state in group.states])
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Normals from a to b, (k, 3); zero for a joint limit."""
+        return _stacked([group.normals for group in self._groups])
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Points of application of the forces, m, (k, 3)."""
+        return _stacked([group.points for group in self._groups])
+
+
+class ContactRows(PointRows):
+    """Rows of the normals: gap' = J qdot and gap'' = J qddot + gamma, J (k, nv)."""
+
+
+class FrictionalRows(PointRows):
+    """Rows of normals and tangents, J (3k, nv); row 3 i + j is axis j (n, t1, t2) of point i.
+
+    A joint limit, and a pair without friction, has zero tangents.
+
+    Attributes:
+        axes: Normal and tangents of each point, world axes, (k, 3, 3).
+    """
+
+    def __init__(
+        self, groups: Sequence[GroupState], axes: FloatArray, J: FloatArray, gamma: FloatArray, response: FloatArray
+    ) -> None:
+        """Store the rows of some groups of points."""
+        super().__init__(groups, J, gamma, response)
+        self.axes = axes
+
+
+def _stacked(parts: list[FloatArray]) -> FloatArray:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+class _Group(NamedTuple):
+    """Points evaluated together, their places among all, which bodies are b and a, and whether the pair has friction."""
+
+    points: PointGroup
+    places: slice
+    b: int
+    a: int
+    rubs: bool
+
+
+class RowEvaluator:
+    """Evaluates the rows of some contact points of a motion, state by state.
+
+    Attributes:
+        at_limits: Indices of the joint limits among the contact points.
+    """
+
+    def __init__(self, motion: Motion, data: Any, contact_points: Sequence[ContactPoint]) -> None:
+        """Group the contact points.
+
+        Args:
+            motion: The motion.
+            data: Data of the logged system.
+            contact_points: Pairs and features.
+        """
+        self._motion, self._data, self._shape = motion, data, (len(contact_points), motion.model.nv)
+        bodies: dict[int, int] = {}
+        self._groups = []
+        for places in _together(contact_points):
+            alike, pair = contact_points[places], contact_points[places.start].pair
+            b, a = motion.bodies[pair.body_b], motion.bodies[pair.body_a]
+            screws = RelativeScrews(motion.model, motion.data, b, a)
+            on_face = [each.feature for each in alike if isinstance(each.feature, PointOnFace)]
+            points = FaceGroup(on_face, screws) if len(alike) > 1 else SinglePoint(alike[0].feature, screws)
+            own, other = (bodies.setdefault(body, len(bodies)) for body in (b, a))
+            self._groups.append(_Group(points, places, own, other, pair.mu > 0.0))
+        self._twists = BodyTwists(motion.model, motion.data, list(bodies))
+        limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
+        self.at_limits = list(limits)
+        self._limits = [(i, motion.dofs[limit.dof], limit.sign) for i, limit in limits.items()]
+
+    def rows(self) -> ContactRows:
+        """Rows of the normals; positions and velocities current, mass matrix factored."""
+        states = self._at_state()
+        J, gamma = np.empty(self._shape), np.empty(self._shape[0])
+        for group, state in zip(self._groups, states, strict=True):
+            state.normal_rows(J[group.places], gamma[group.places])
+        for i, dof, sign in self._limits:
+            J[i, dof] = sign
+        return ContactRows(states, J, gamma, self._response(J))
+
+    def frictional_rows(self) -> FrictionalRows:
+        """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
+        groups, (k, nv) = self._at_state(), self._shape
+        J, gamma, axes = np.zeros((k, 3, nv)), np.zeros((k, 3)), np.zeros((k, 3, 3))
+        for group, state in zip(self._groups, groups, strict=True):
+            places, normals = group.places, state.normals
+            axes[places, 0] = normals
+            state.normal_rows(J[places, 0], gamma[places, 0])
+            if group.rubs:
+                across = axes[places, 1:] = tangents(normals[0])
+                state.tangential_rows(across, J[places, 1:], gamma[places, 1:])
+        for i, dof, sign in self._limits:
+            J[i, 0, dof] = sign
+        J = J.reshape(3 * k, nv)
+        return FrictionalRows(groups, axes, J, gamma.reshape(-1), self._response(J))
+
+    def _at_state(self) -> list[GroupState]:
+        twists = self._twists.at_state()
+        return [group.points.at_state(self._data, twists[group.b], twists[group.a]) for group in self._groups]
+
+    def _response(self, J: FloatArray) -> FloatArray:
+        """J M^-1, like J."""
+        response = np.empty_like(J)
+        mujoco.mj_solveM(self._motion.model, self._motion.data, response, J)
+        return response
+
+
+def _together(contact_points: Sequence[ContactPoint]) -> list[slice]:
+    """Runs of contact points that are evaluated together."""
+    starts = [
+        i
+        for i, each in enumerate(contact_points)
+        if i == 0
+        or each.pair is not contact_points[i - 1].pair
+        or not PointsOnFace.together(contact_points[i - 1].feature, each.feature)
+    ]
+    return [slice(start, end) for start, end in pairwise([*starts, len(contact_points)])]
 
 
 def rows(motion: Motion, data: Any, contact_points: Sequence[ContactPoint]) -> ContactRows:
-    """Compute the rows of some contact points.
+    """Compute the rows of some contact points once; see :class:`RowEvaluator`."""
+    return RowEvaluator(motion, data, contact_points).rows()
 
-    Args:
-        motion: The current motion; positions and velocities current, mass matrix factored.
-        data: Data of the logged system, at the same state.
-        contact_points: Pairs and features.
-    """
-    model, moving, bodies = motion.model, motion.data, motion.bodies
-    k, nv, qvel = len(contact_points), model.nv, moving.qvel
-    J, gamma = np.empty((k, nv)), np.empty(k)
-    of_b, of_a, rate_b, rate_a = motion.jacobian_buffers
-    states = tuple([contact.feature.at(data) for contact in contact_points])
-    for i, (contact, here) in enumerate(zip(contact_points, states, strict=True)):
-        if isinstance(contact.pair, JointLimit):
-            J[i], gamma[i] = 0.0, 0.0
-            J[i, motion.dofs[contact.pair.dof]] = contact.pair.sign
-            continue
-        a, b = bodies[contact.pair.body_a], bodies[contact.pair.body_b]
-        mujoco.mj_jac(model, moving, of_b, None, here.point, b)
-        mujoco.mj_jac(model, moving, of_a, None, here.point, a)
-        mujoco.mj_jacDot(model, moving, rate_b, None, here.point_b, b)
-        mujoco.mj_jacDot(model, moving, rate_a, None, here.point_a, a)
-        of_b -= of_a
-        rate_b -= rate_a
-        J[i] = here.normal.dot(of_b)
-        # n . (Jdot qdot) of the material points, and the curvature terms of the moving contact point.
-        gamma[i] = here.normal.dot(rate_b).dot(qvel) + here.bend
-    response = np.empty((k, nv))
-    mujoco.mj_solveM(model, moving, response, J)
-    return ContactRows(states, J, gamma, response, response.dot(J.T))
+
+def frictional_rows(motion: Motion, data: Any, contact_points: Sequence[ContactPoint]) -> FrictionalRows:
+    """Compute the rows of normals and tangents of some contact points once; see :class:`RowEvaluator`."""
+    return RowEvaluator(motion, data, contact_points).frictional_rows()

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.persistent import active_set, rows
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
+from ffsm_mj.contact_models.persistent.rows import RowEvaluator
 from ffsm_mj.replay import replay_log
 from ffsm_mj.simulation import loop
 from tests.contact_models.grasp.scenes import ARM as HAND
@@ -264,17 +263,16 @@ def test_wrong_signs_are_noticed(tmp_path, monkeypatch):
         wrong.setattr(ContactAcceleration, "bilateral_forces", lambda self, which: -held(self, which))
         run = gripper(tmp_path, 1.5)
     assert judged(run)
-    right = rows.rows
+    right = RowEvaluator.rows
 
-    def turned(motion, data, contact_points):
-        found = right(motion, data, contact_points)
-        at_limits = [i for i, contact in enumerate(contact_points) if isinstance(contact.pair, JointLimit)]
-        found.J[at_limits] *= -1.0
+    def turned(evaluator):
+        found = right(evaluator)
+        found.J[evaluator.at_limits] *= -1.0
         return found
 
     with monkeypatch.context() as wrong:
         wrong.setattr(loop, "MOST_EVENTS_PER_STEP", 20)
-        wrong.setattr(active_set, "rows", turned)
+        wrong.setattr(RowEvaluator, "rows", turned)
         run = gripper(tmp_path, 1.5)
     assert judged(run)
 

@@ -10,8 +10,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates, Solution
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, Mode, sliding
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, unit_slips
-from ffsm_mj.contact_models.persistent.friction.rows import FrictionalRows
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, RATE
 

@@ -12,8 +12,7 @@ from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision, slip_directions
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, Mode
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity
-from ffsm_mj.contact_models.persistent.friction.rows import FrictionalRows
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
 from ffsm_mj.dynamics.implicit_stages import StageVelocity
 
 _STIFF = 0.5

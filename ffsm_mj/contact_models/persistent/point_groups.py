@@ -1,0 +1,238 @@
+"""Contact points whose Jacobians are evaluated together: points on one face, or a single one.
+
+With the arm r of a material point from the mass centre of its body's tree, its velocity is v + omega x r; along an axis n
+
+    n . (v + omega x r) = n . v + r . (n x omega)
+    n . (a + alpha x r + omega x (v + omega x r)) = n . a + (n x omega) . v + r . (n x alpha + (n x omega) x omega)
+
+are affine in r. The arm from the centre of the other body's tree differs by the offset of the centres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted
+from ffsm_mj.contact.features.gap_function import Feature, FeatureState
+from ffsm_mj.contact.features.point_line_gaps import PointOnFace
+from ffsm_mj.contact.features.points_on_face import PointsOnFace
+from ffsm_mj.dynamics.body_twists import BodyTwist, RelativeScrews
+
+Affine = tuple[float, Vector]
+"""Constant and gradient of an affine function of the arm of a point."""
+
+
+class GroupState(Protocol):
+    """The m points of a group at one state.
+
+    Attributes:
+        states: States of the features.
+        normals: Normals from a to b, (m, 3).
+        points: Points of application of the forces, (m, 3).
+    """
+
+    @property
+    def states(self) -> Sequence[FeatureState]: ...  # noqa: D102
+
+    @property
+    def normals(self) -> FloatArray: ...  # noqa: D102
+
+    @property
+    def points(self) -> FloatArray: ...  # noqa: D102
+
+    def normal_rows(self, J: FloatArray, gamma: FloatArray) -> None:
+        """Write the rows of the gap rates, (m, nv), and the second rates of the gaps at qacc = 0, (m,)."""
+        ...
+
+    def tangential_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
+        """Write the rows of relative velocities along two tangents.
+
+        Args:
+            axes: Tangents of all points, (2, 3).
+            J: Rows, (m, 2, nv).
+            gamma: Rates of the relative velocity at the contact points, which move over both surfaces, at qacc = 0, (m, 2).
+        """
+        ...
+
+
+class PointGroup(Protocol):
+    """Contact points of one pair, evaluated together."""
+
+    def at_state(self, data: Any, b: BodyTwist, a: BodyTwist) -> GroupState:
+        """Evaluate at the state in ``data``, with the twists of both bodies there."""
+        ...
+
+
+class FaceGroup:
+    """Points of one body over a face of another; the first body is that of the face, the second that of the points."""
+
+    def __init__(self, features: Sequence[PointOnFace], screws: RelativeScrews) -> None:
+        """Store the points, see :meth:`PointsOnFace.together`, and the screws of b relative to a."""
+        self._gaps = PointsOnFace(features)
+        self._screws = screws.reversed() if self._gaps.swapped else screws
+
+    def at_state(self, data: Any, b: BodyTwist, a: BodyTwist) -> FaceState:
+        """Evaluate; see :class:`PointGroup`."""
+        first, second = (b, a) if self._gaps.swapped else (a, b)
+        return FaceState(self._gaps, self._screws, data, first, second)
+
+
+class FaceState:
+    """Points over a face at one state; see :class:`GroupState`."""
+
+    def __init__(self, gaps: PointsOnFace, screws: RelativeScrews, data: Any, first: BodyTwist, second: BodyTwist) -> None:
+        """Place the points."""
+        self._gaps, self._screws, self._first, self._second = gaps, screws, first, second
+        self._places, self._local, normal = gaps.place(data)
+        x, y, z = normal.tolist()
+        self._normal: Vector = (x, y, z)
+        self._offset = minus(second.centre, first.centre)
+        self._arms = self._places - second.centre
+
+    def normal_rows(self, J: FloatArray, gamma: FloatArray) -> None:
+        """See :class:`GroupState`; gap'' contains 2 n' times the relative velocity, as the normal is fixed to the face."""
+        normal = self._normal
+        J[:] = self._screws.rows(normal, self._arms, self._offset)
+        turning = scaled(2.0, cross(self._first.omega, normal))
+        gamma[:] = self._relative(
+            self._arms, _acceleration(normal, self._second, turning), _acceleration(normal, self._first, turning)
+        )
+
+    def tangential_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
+        """See :class:`GroupState`."""
+        first, second = self._first, self._second
+        arms, rates, spin = self.points - second.centre, self.point_rates, minus(second.omega, first.omega)
+        # The second body moves along minus an axis relative to the first one if it is a, which b moves along it from.
+        for j, axis in enumerate((-axes if self._gaps.swapped else axes).tolist()):
+            J[:, j] = self._screws.rows(axis, arms, self._offset)
+            gamma[:, j] = self._relative(arms, _spatial(axis, second), _spatial(axis, first))
+            gamma[:, j] += rates.dot(cross(axis, spin))
+
+    def _relative(self, arms: FloatArray, of_second: Affine, of_first: Affine) -> FloatArray:
+        """Difference of affine functions of the two bodies at some arms from the centre of the second one, (m,)."""
+        (c, gradient), (d, other) = of_second, of_first
+        values: FloatArray = arms.dot(minus(gradient, other))
+        values += c - d - dot(self._offset, other)
+        return values
+
+    @cached_property
+    def _levels(self) -> tuple[FloatArray, FloatArray]:
+        return self._gaps.levels(self._local)
+
+    @cached_property
+    def _rates(self) -> FloatArray:
+        """Rates of the gaps, m/s, (m,)."""
+        return self._relative(self._arms, _velocity(self._normal, self._second), _velocity(self._normal, self._first))
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """See :class:`GroupState`."""
+        return self._places + np.multiply.outer(self._levels[1], self._normal)
+
+    @cached_property
+    def point_rates(self) -> FloatArray:
+        """Velocities of ``points``, which move over both surfaces, (m, 3)."""
+        second, turning = self._second, cross(self._first.omega, self._normal)
+        rates = np.array([shifted(second.velocity, 1.0, cross(second.omega, arm)) for arm in self._arms.tolist()])
+        rates += np.multiply.outer(self._levels[1], turning)
+        rates -= np.multiply.outer(0.5 * self._rates, self._normal)
+        return rates
+
+    @property
+    def normals(self) -> FloatArray:
+        """See :class:`GroupState`."""
+        normal = np.array(self._normal)
+        return np.broadcast_to(-normal if self._gaps.swapped else normal, self._places.shape)
+
+    @cached_property
+    def states(self) -> list[FeatureState]:
+        """See :class:`GroupState`."""
+        turning = scaled(2.0, cross(self._first.omega, self._normal))
+        bends = self._relative(self._arms, _velocity(turning, self._second), _velocity(turning, self._first)).tolist()
+        insides = map(self._gaps.face.inside, self._local.tolist())
+        scalars = zip(self._levels[0].tolist(), self._rates.tolist(), bends, insides, strict=True)
+        vectors = zip(self.normals, self.points, self._places, map(tuple, self.point_rates.tolist()), strict=True)
+        return [
+            FeatureState(gap, rate, normal, point, place, place, bend, abs(bend), inside, point_rate)
+            for (gap, rate, bend, inside), (normal, point, place, point_rate) in zip(scalars, vectors, strict=True)
+        ]
+
+
+class SinglePoint:
+    """A contact point by itself, or a joint limit: its normal is zero, and so are the rows that this gives."""
+
+    def __init__(self, feature: Feature, screws: RelativeScrews) -> None:
+        """Store the feature and the screws of b relative to a."""
+        self._feature, self._screws = feature, screws
+
+    def at_state(self, data: Any, b: BodyTwist, a: BodyTwist) -> SingleState:
+        """Evaluate; see :class:`PointGroup`."""
+        return SingleState(self._feature.at(data), self._screws, b, a)
+
+
+class SingleState:
+    """A contact point at one state; see :class:`GroupState`."""
+
+    def __init__(self, here: FeatureState, screws: RelativeScrews, b: BodyTwist, a: BodyTwist) -> None:
+        """Store its state and the twists of both bodies."""
+        self.states = (here,)
+        self._here, self._screws, self._b, self._a = here, screws, b, a
+
+    @property
+    def normals(self) -> FloatArray:
+        """See :class:`GroupState`."""
+        return self._here.normal[None]
+
+    @property
+    def points(self) -> FloatArray:
+        """See :class:`GroupState`."""
+        return self._here.point[None]
+
+    def normal_rows(self, J: FloatArray, gamma: FloatArray) -> None:
+        """See :class:`GroupState`."""
+        here, b, a = self._here, self._b, self._a
+        normal, point = here.normal.tolist(), here.point.tolist()
+        J[0] = self._screws.row(normal, minus(point, b.centre), minus(point, a.centre))
+        of_b = _at(_acceleration(normal, b), minus(here.point_b.tolist(), b.centre))
+        of_a = _at(_acceleration(normal, a), minus(here.point_a.tolist(), a.centre))
+        gamma[0] = of_b - of_a + here.bend
+
+    def tangential_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
+        """See :class:`GroupState`."""
+        here, b, a = self._here, self._b, self._a
+        point, spin = here.point.tolist(), minus(b.omega, a.omega)
+        arm, other = minus(point, b.centre), minus(point, a.centre)
+        for j, axis in enumerate(axes.tolist()):
+            J[0, j] = self._screws.row(axis, arm, other)
+            spatial = _at(_spatial(axis, b), arm) - _at(_spatial(axis, a), other)
+            gamma[0, j] = spatial + dot(here.point_rate, cross(axis, spin))
+
+
+_STILL = (0.0, 0.0, 0.0)
+
+
+def _velocity(axis: Vector, body: BodyTwist) -> Affine:
+    """Velocity of material points along an axis."""
+    return dot(axis, body.velocity), cross(axis, body.omega)
+
+
+def _acceleration(axis: Vector, body: BodyTwist, turning: Vector = _STILL) -> Affine:
+    """Acceleration of material points along an axis at qacc = 0, with their velocity along another vector added."""
+    turned = shifted(turning, 1.0, cross(axis, body.omega))
+    gradient = shifted(cross(axis, body.alpha), 1.0, cross(turned, body.omega))
+    return dot(axis, body.acceleration) + dot(turned, body.velocity), gradient
+
+
+def _spatial(axis: Vector, body: BodyTwist) -> Affine:
+    """Rate of the velocity along an axis, at qacc = 0, of those material points that pass a place fixed in space."""
+    return dot(axis, body.acceleration), cross(axis, body.alpha)
+
+
+def _at(affine: Affine, arm: Vector) -> float:
+    """Value of an affine function."""
+    return affine[0] + dot(affine[1], arm)
