@@ -86,6 +86,11 @@ PARALLEL = 1e-6
 
 Vertices of meshes are stored in single precision, which tilts a face by about MESH_PRECISION over its width.
 """
+CROSSING = 1e-4
+"""Least angle, in rad, at which the rims of two caps that lie on each other cross.
+
+Discs with rims at a smaller angle overlap by less than 1e-8 of their radius, or one lies within the other but for as much.
+"""
 MESH_PRECISION = 2e-7
 """Vertices of a mesh are known to this share of its bounding radius: single precision is 6e-8 per coordinate."""
 STRAIGHT = 1e-9

@@ -231,7 +231,7 @@ def refused_rest(assembly: Assembly) -> Iterator[str]:
     """Messages for pairs that end the run if they come to rest, with the reason; those of a rule together."""
     found: dict[tuple[str, str], list[str]] = {}
     for pair in assembly.pairs:
-        why = refusal(assembly.system.mj, pair) if pair.restitution < 1.0 else ""
+        why = refusal(assembly.system.mj) if pair.restitution < 1.0 else ""
         if why:
             found.setdefault((pair.rule, why), []).append(pair.name)
     for (rule, why), names in found.items():

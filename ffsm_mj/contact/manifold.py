@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.cap import cap_of, on_each_other
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.hull import hull, turn
 from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, PARALLEL, STRAIGHT
@@ -27,13 +28,15 @@ def facing(first: Shape, second: Shape, normal: FloatArray) -> tuple[FloatArray,
 
     A cap of a cylinder is represented by points of its rim: a fixed few, and those at which the sides of the other geom's
     polygon, extended, cross the rim. The hull of these points then contains every corner of that polygon within the rim. If
-    both geoms show a cap, the fixed points alone are used.
+    both geoms show a cap, each has its fixed points, those of the other that are over it, and the crossings of the rims.
     """
     a, b = first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL)
-    of_first, of_second = first.shows_cap(normal), second.shows_cap(-normal)
-    if of_first and not of_second:
+    of_first, of_second = cap_of(first, normal), cap_of(second, -normal)
+    if of_first and of_second:
+        a, b = on_each_other(of_first, of_second, a, b)
+    elif of_first:
         a = np.vstack((a, first.rim_points(normal, b)))
-    elif of_second and not of_first:
+    elif of_second:
         b = np.vstack((b, second.rim_points(-normal, a)))
     return a, b
 

@@ -12,6 +12,7 @@ points stay opposite each other: s_B - s_A = gap n_dot - (v_B - v_A) across n.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,9 +20,9 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.caps import Cap, cap_of
+from ffsm_mj.contact.cap import Cap, cap_of
 from ffsm_mj.contact.shape import Shape
-from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, PARALLEL
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CROSSING, PARALLEL
 
 _AT_END = 1e-7
 """A contact point within this share of the length of an edge or face from its end is at its end."""
@@ -110,11 +111,7 @@ def _turning(
     system, right = np.zeros((6, 6)), np.zeros(6)
     across, tangents = np.eye(2), np.linalg.svd(normal[None])[2][1:]
     caps = cap_of(shapes[0], normal), cap_of(shapes[1], -normal)
-    flats = [
-        _flat(tangents @ (shape.extreme(outward * normal, PARALLEL) - point).T)
-        for shape, point, outward in zip(shapes, points, (1.0, -1.0), strict=True)
-    ]
-    flats = [flats[k] if cap is None else _flat_of_cap(cap, points[k], tangents, flats[1 - k]) for k, cap in enumerate(caps)]
+    flats = _flats(shapes, normal, points, caps, tangents)
     for k, (shape, motion, cap, flat, outward) in enumerate(zip(shapes, motions, caps, flats, (1.0, -1.0), strict=True)):
         turn = tangents @ np.cross(motion.omega, normal)
         radii = np.zeros((2, 2)) if cap else outward * tangents @ shape.radii(outward * normal) @ tangents.T
@@ -131,6 +128,24 @@ def _turning(
     right[4:] = -(tangents @ (motions[1].velocity - motions[0].velocity))
     solution = np.linalg.lstsq(system, right, rcond=None)[0].reshape(3, 2) @ tangents
     return solution[0], solution[1], solution[2]
+
+
+def _flats(
+    shapes: tuple[Shape, Shape],
+    normal: FloatArray,
+    points: tuple[FloatArray, FloatArray],
+    caps: tuple[Cap | None, Cap | None],
+    tangents: FloatArray,
+) -> Sequence[FloatArray]:
+    """Projectors on the flat directions of both features at the contact point, (2, 2) each."""
+    first, second = caps
+    if first and second:
+        return _flats_of_caps(first, second, points, tangents)
+    flats = [
+        _flat(tangents @ (shape.extreme(outward * normal, PARALLEL) - point).T)
+        for shape, point, outward in zip(shapes, points, (1.0, -1.0), strict=True)
+    ]
+    return [flats[k] if cap is None else _flat_of_cap(cap, points[k], tangents, flats[1 - k]) for k, cap in enumerate(caps)]
 
 
 def _flat(points: FloatArray) -> FloatArray:
@@ -154,10 +169,32 @@ def _flat_of_cap(cap: Cap, point: FloatArray, tangents: FloatArray, other: Float
 
     On a face, a point of the rim is a material point of the body, like the fixed points of the rim.
     """
+    along = _along_rim(cap, point, tangents)
+    if along is None:
+        return np.eye(2)
+    return along if _rank(other) == 1 else np.zeros((2, 2))
+
+
+def _flats_of_caps(
+    first: Cap, second: Cap, points: tuple[FloatArray, FloatArray], tangents: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The same where two caps lie on each other: both tangents where the rims cross, else a point of one rim on a face."""
+    one, other = (_along_rim(cap, point, tangents) for cap, point in zip((first, second), points, strict=True))
+    face, corner = np.eye(2), np.zeros((2, 2))
+    if one is None:
+        return face, corner
+    if other is None:
+        return corner, face
+    # Of one point of both rims: the trace of the product is the squared cosine of the angle between the tangents.
+    return (one, other) if 1.0 - float(np.trace(one @ other)) > CROSSING**2 else (corner, face)
+
+
+def _along_rim(cap: Cap, point: FloatArray, tangents: FloatArray) -> FloatArray | None:
+    """Projector on the tangent of the rim of a cap at one of its points, (2, 2); None for other points."""
     rim = tangents @ (point - cap.centre)
     if abs(float(np.linalg.norm(rim)) - cap.radius) > 2.0 * _AT_END * cap.radius:
-        return np.eye(2)
-    return _along(np.array((-rim[1], rim[0]))) if _rank(other) == 1 else np.zeros((2, 2))
+        return None
+    return _along(np.array((-rim[1], rim[0])))
 
 
 def _rank(projector: FloatArray) -> int:

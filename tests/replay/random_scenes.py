@@ -90,7 +90,7 @@ class _Drawing:
         self.rng, self.folder = rng, folder
         self.step, self.presses = float(rng.choice(STEPS_S)), bool(rng.random() < 0.5)
         self.motors, self.switched = [], []
-        self.pairs, self.kinds = [], {}
+        self.pairs = []
 
     def written(self):
         rng = self.rng
@@ -145,7 +145,6 @@ class _Drawing:
     def geom(self, name, size, at=(0.0, 0.0, 0.0)):
         """A geom of any convex kind; returns its element and that of its mesh, if it has one."""
         rng, kind = self.rng, str(self.rng.choice(KINDS))
-        self.kinds[name] = kind
         a, b, c = (size * rng.uniform(0.5, 1.3, 3)).tolist()
         place = f'name="{name}" pos="{_numbers(at)}" quat="{_numbers(self.turn())}" mass="0"'
         if kind == "mesh":
@@ -240,8 +239,6 @@ class _Drawing:
         usual = 0.0 if self.presses else float(rng.choice(RESTITUTIONS))
         for a, b in geoms:
             e = usual if rng.random() < 0.6 else float(rng.choice(RESTITUTIONS))
-            if {self.kinds.get(each.rpartition("/")[2]) for each in (a, b)} <= {"cylinder", "ellipsoid"}:
-                e = 1.0  # two that are round cannot stay in contact
             if self.presses and e == 1.0:
                 continue  # what is pressed and never rests bounces a thousand times in a step
             mu = {"mu": float(rng.uniform(0.05, 0.8))} if rough and rng.random() < 0.6 else {}

@@ -67,6 +67,10 @@ class BodyMotion(NamedTuple):
         a, b, c, d, e, f, g, h, i = self.axes
         return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
 
+    def place(self, local: Vector) -> Vector:
+        """Position in the world of a point in body axes, relative to the origin."""
+        return shifted(self.origin, 1.0, self.turned(local))
+
     def velocity_at(self, arm: Vector) -> Vector:
         """Velocity of the material point at a position relative to the origin (arm), world axes, m/s."""
         (p, q, r), (x, y, z), (u, v, w) = self.omega, arm, self.velocity

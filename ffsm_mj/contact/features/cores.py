@@ -131,6 +131,7 @@ class Circle:
         start: Unit vector perpendicular to the axis, towards the initial contact point: angle 0.
         size: Radius of the circle.
         radius: Radius around it, 0.
+        bounded: Whether the normal must lie between those of the cap and of the side; not on a level cap or along a side.
     """
 
     name: str
@@ -140,6 +141,13 @@ class Circle:
     start: Vector
     size: float
     radius: float = 0.0
+    bounded: bool = True
+
+    def at_angle(self, motion: BodyMotion, angle: float) -> tuple[Vector, Vector, Vector]:
+        """Arm of the point at an angle from the start, the tangent there, and the unit vector outwards; world axes."""
+        axis, start = motion.turned(self.axis), motion.turned(self.start)
+        outward = shifted(scaled(math.cos(angle), start), math.sin(angle), cross(axis, start))
+        return shifted(motion.turned(self.centre), self.size, outward), cross(axis, outward), outward
 
     def foot(self, motion: BodyMotion, arm: Vector) -> tuple[Vector, Vector, Vector]:
         """Nearest point to a given one (arms), tangent there, and minus the curvature vector; world axes."""

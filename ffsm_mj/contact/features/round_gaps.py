@@ -1,4 +1,4 @@
-"""Gap functions of round cores: a rim or an ellipsoid over a plane, an ellipsoid against a point or a line.
+"""Gap functions of round cores: a rim or an ellipsoid over a plane, an ellipsoid against a point, a line or an ellipsoid.
 
 With the radii of curvature K at the extreme point along n, that point slides over its surface at K (n' - omega x n). For the
 notation see :mod:`.point_line_gaps`.
@@ -7,7 +7,8 @@ notation see :mod:`.point_line_gaps`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from ffsm_mj.contact.features.body_motion import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
@@ -17,6 +18,8 @@ from ffsm_mj.tolerances import NEWTON_STEP
 
 _TURNS = 100
 """Largest number of Newton steps for the closest point."""
+_SHORTEST = 2.0**-20
+"""Smallest share of a Newton step that is tried while the direction is far from the normal."""
 
 
 class RoundOnFace(GapFunction):
@@ -69,7 +72,7 @@ class OnEllipsoid(GapFunction):
         arm = second.turned(other.centre)
         anchor = shifted(second.origin, 1.0, arm)
         direction = second.turned(other.direction) if isinstance(other, Line) else None
-        normal = self._normal(first, anchor, direction)
+        normal = outward_normal(core, first, anchor, direction)
         foot = core.extreme(first, normal)
         here = shifted(first.origin, 1.0, foot)
         gap = dot(normal, minus(anchor, here))
@@ -92,21 +95,6 @@ class OnEllipsoid(GapFunction):
         moving = shifted(shifted(shifted(velocity, 1.0, slide), gap, turning), rate, normal)
         return self._state(gap, rate, normal, turning, (here, there), moving, terms, inside)
 
-    def _normal(self, motion: BodyMotion, anchor: Vector, direction: Vector | None) -> Vector:
-        """Outward normal of the ellipsoid towards a point, or towards a line, along which its projection is an ellipse."""
-        core = self._ellipsoid
-        axes = [motion.turned(axis) for axis in core.axes]
-        offset = minus(anchor, shifted(motion.origin, 1.0, motion.turned(core.centre)))
-        projected = (
-            list(zip(axes, core.squares, strict=True)) if direction is None else _ellipse(axes, core.squares, direction)
-        )
-        places = [dot(axis, offset) for axis, _ in projected]
-        root = _root([square for _, square in projected], places)
-        normal = (0.0, 0.0, 0.0)
-        for (axis, square), place in zip(projected, places, strict=True):
-            normal = shifted(normal, place / (square + root), axis)
-        return unit(normal)
-
     def _turning(
         self, first: BodyMotion, normal: Vector, direction: Vector | None, turn: float, gap: float, w: Vector
     ) -> tuple[Vector, Vector]:
@@ -127,6 +115,98 @@ class OnEllipsoid(GapFunction):
             turning = scaled((right * stiff_other - right_other * mixed) / whole, one)
             turning = shifted(turning, (right_other * stiff - right * mixed) / whole, other)
         return turning, core.extreme_rate(first, normal, minus(turning, own))
+
+
+class EllipsoidOnEllipsoid(GapFunction):
+    """Gap of two ellipsoids: the largest separation over all directions, found by Newton's method from the last one."""
+
+    def __init__(self, name: str, swapped: bool, first: Ellipsoid, second: Ellipsoid) -> None:
+        """Store the cores."""
+        super().__init__(name, swapped, first.radius, second.radius)
+        self._first, self._second = first, second
+        self._last: Vector | None = None
+
+    def at(self, data: Any) -> FeatureState:
+        """Evaluate the gap: opposite contact points give (K1 + K2 + gap) n' = w + K1 (omega1 x n) + K2 (omega2 x n)."""
+        first, second = self._first.body.motion(data), self._second.body.motion(data)
+        normal = self._last = self._normal(first, second)
+        against = scaled(-1.0, normal)
+        arm, other_arm = self._first.extreme(first, normal), self._second.extreme(second, against)
+        here, there = shifted(first.origin, 1.0, arm), shifted(second.origin, 1.0, other_arm)
+        gap = dot(normal, minus(there, here))
+        velocity = second.velocity_at(other_arm)
+        w = minus(velocity, first.velocity_at(arm))
+        own, other = cross(first.omega, normal), cross(second.omega, normal)
+        right = shifted(w, 1.0, self._first.extreme_rate(first, normal, own))
+        right = shifted(right, 1.0, self._second.extreme_rate(second, against, other))
+        turning = across_solution(partial(self._stiffness, first, second, normal, gap), normal, right)
+        slide = self._first.extreme_rate(first, normal, minus(turning, own))
+        other_slide = self._second.extreme_rate(second, against, minus(other, turning))
+        terms = (
+            dot(turning, w),
+            -dot(normal, cross(first.omega, slide)),
+            dot(normal, cross(second.omega, other_slide)),
+        )
+        moving = shifted(velocity, 1.0, other_slide)
+        return self._state(gap, dot(normal, w), normal, turning, (here, there), moving, terms, math.inf)
+
+    def _normal(self, first: BodyMotion, second: BodyMotion) -> Vector:
+        """Direction of largest separation.
+
+        The separation has the gradient ``offset`` across the direction, and the Hessian -(K1 + K2 + separation).
+        """
+        normal = self._last or unit(minus(second.place(self._second.centre), first.place(self._first.centre)))
+        offset = self._offset(first, second, normal)
+        for _ in range(_TURNS):
+            separation = dot(offset, normal)
+            stiffness = partial(self._stiffness, first, second, normal, max(separation, 0.0))
+            step = across_solution(stiffness, normal, offset)
+            share = 1.0
+            while True:
+                turned = unit(shifted(normal, share, step))
+                offset = self._offset(first, second, turned)
+                share *= 0.5
+                if dot(offset, turned) >= separation - NEWTON_STEP or share < _SHORTEST:
+                    break
+            normal = turned
+            if math.hypot(*step) < NEWTON_STEP:
+                break
+        return normal
+
+    def _offset(self, first: BodyMotion, second: BodyMotion, normal: Vector) -> Vector:
+        """Vector from the extreme point of the first along a direction to that of the second against it."""
+        here = shifted(first.origin, 1.0, self._first.extreme(first, normal))
+        return minus(shifted(second.origin, 1.0, self._second.extreme(second, scaled(-1.0, normal))), here)
+
+    def _stiffness(self, first: BodyMotion, second: BodyMotion, normal: Vector, gap: float, vector: Vector) -> Vector:
+        """Product of K1 + K2 + gap and a vector across the normal."""
+        bent = self._first.extreme_rate(first, normal, vector)
+        bent = shifted(bent, 1.0, self._second.extreme_rate(second, scaled(-1.0, normal), vector))
+        return shifted(bent, gap, vector)
+
+
+def outward_normal(core: Ellipsoid, motion: BodyMotion, anchor: Vector, direction: Vector | None = None) -> Vector:
+    """Outward normal of an ellipsoid towards a point, or towards a line, along which its projection is an ellipse."""
+    axes = [motion.turned(axis) for axis in core.axes]
+    offset = minus(anchor, shifted(motion.origin, 1.0, motion.turned(core.centre)))
+    projected = list(zip(axes, core.squares, strict=True)) if direction is None else _ellipse(axes, core.squares, direction)
+    places = [dot(axis, offset) for axis, _ in projected]
+    root = _root([square for _, square in projected], places)
+    normal = (0.0, 0.0, 0.0)
+    for (axis, square), place in zip(projected, places, strict=True):
+        normal = shifted(normal, place / (square + root), axis)
+    return unit(normal)
+
+
+def across_solution(matrix: Callable[[Vector], Vector], normal: Vector, right: Vector) -> Vector:
+    """Solution across a normal of a symmetric linear system, given by products of its matrix and vectors."""
+    one = _across(normal)
+    other = cross(normal, one)
+    of_one, of_other = matrix(one), matrix(other)
+    a, b, c = dot(one, of_one), dot(one, of_other), dot(other, of_other)
+    p, q = dot(one, right), dot(other, right)
+    whole = a * c - b * b
+    return shifted(scaled((c * p - b * q) / whole, one), (a * q - b * p) / whole, other)
 
 
 def _across(vector: Vector) -> Vector:

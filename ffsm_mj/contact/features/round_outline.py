@@ -63,7 +63,8 @@ class CylinderOutline(Outline):
         """The side: the axis with the radius around it."""
         if self._side:
             centre, axis = self._place(self._position), self._turned(self._axis)
-            yield Line("side", self._body, centre, axis, self._half, self._radius, (), self._rims())
+            one, other = (replace(rim, bounded=False) for rim in self._rims())
+            yield Line("side", self._body, centre, axis, self._half, self._radius, (), (one, other))
 
     def curves(self, *, bounded: bool) -> Iterator[Curve]:
         """The side, or the rim around a cap."""
@@ -89,7 +90,7 @@ class CylinderOutline(Outline):
         if under > 0.0:
             for root in (math.sqrt(under), -math.sqrt(under)):
                 towards = unit(shifted(offset, (root - half) / square, along))
-                yield replace(circle, start=self._motion.local(towards))
+                yield replace(circle, start=self._motion.local(towards), bounded=False)
 
     def _rims(self) -> tuple[Circle, Circle]:
         return self._rim(self._axis), self._rim(-self._axis)

@@ -20,27 +20,19 @@ from ffsm_mj.contact.features.gap_function import Feature, FeatureState, GapFunc
 from ffsm_mj.contact.features.outline import Outline
 from ffsm_mj.contact.features.point_line_gaps import LineOnCurve, PointOnCurve, PointOnFace, PointOnPoint
 from ffsm_mj.contact.features.polytope_outline import PolytopeOutline
-from ffsm_mj.contact.features.round_gaps import OnEllipsoid, RoundOnFace
+from ffsm_mj.contact.features.rim_gaps import RimOnEllipsoid, RimOnRim, SideOnRim, level_crossings
+from ffsm_mj.contact.features.round_gaps import EllipsoidOnEllipsoid, OnEllipsoid, RoundOnFace
 from ffsm_mj.contact.features.round_outline import CylinderOutline, EllipsoidOutline
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL
 
 _CYLINDER, _ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
-_ROUND = {_CYLINDER: "a cylinder", _ELLIPSOID: "an ellipsoid"}
 _FIRST: tuple[type[Core], ...] = (Face, Ellipsoid, Circle, Line, Point)
 """The first of two cores is the one whose kind comes first here."""
 _NAMES = ("sphere", "end", "side", "rim", "ellipsoid", "vertex", "edge", "cap", "face")
 """Names of two cores of one kind are given in this order."""
 _OUTLINES: dict[int, type[Outline]] = {_CYLINDER: CylinderOutline, _ELLIPSOID: EllipsoidOutline}
-
-
-def persistence_fault(model: Any, geom_a: int, geom_b: int) -> str:
-    """Why two geoms (ids) cannot stay in persistent contact; empty if they can."""
-    kinds = [_ROUND.get(int(model.geom_type[geom])) for geom in (geom_a, geom_b)]
-    if None in kinds:
-        return ""
-    return f"{kinds[0]} on {kinds[1]} cannot stay in contact: one of the two must be a sphere, a capsule, a box or a mesh"
 
 
 def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple[Feature, ...]:
@@ -126,7 +118,9 @@ class _Search:
         others = list(b.curves(bounded=False))
         for one in a.curves(bounded=False):
             for other in others:
-                if isinstance(one, Circle) and isinstance(other, Line):
+                if isinstance(one, Circle) and isinstance(other, Circle):
+                    yield from level_crossings(one, other, self._data)
+                elif isinstance(one, Circle) and isinstance(other, Line):
                     yield from ((circle, other) for circle in a.crossings(one, b.centre(other), b.direction(other)))
                 elif isinstance(one, Line) and isinstance(other, Circle):
                     yield from ((one, circle) for circle in b.crossings(other, a.centre(one), a.direction(one)))
@@ -137,12 +131,18 @@ class _Search:
         """Whether two curves are parallel at the contact."""
         return math.hypot(*cross(self._a.direction(one), self._b.direction(other))) <= PARALLEL
 
+    def _have_no_normal(self, one: Core, other: Core) -> bool:
+        """Whether two cores are parallel curves: these have no cross product, and they touch at their ends."""
+        if not (isinstance(one, Line | Circle) and isinstance(other, Line | Circle)) or not self._are_parallel(one, other):
+            return False
+        # A round side along the tangent of a rim touches it at one point.
+        return type(one) is type(other) or one.radius + other.radius <= 0.0
+
     def _touching(self, cores: Iterable[tuple[Core, Core]]) -> list[tuple[GapFunction, FeatureState]]:
         """Features of those pairs of cores, of a and of b, that are in contact, with their states."""
         found = []
         for one, other in cores:
-            # The cross product of parallel curves defines no normal; their contact is at their ends.
-            if isinstance(one, Line | Circle) and isinstance(other, Line | Circle) and self._are_parallel(one, other):
+            if self._have_no_normal(one, other):
                 continue
             feature = gap_function(one, other, self._sense(one, other))
             if feature is None:
@@ -209,8 +209,16 @@ def gap_function(a: Core, b: Core, sense: float) -> GapFunction | None:
             feature = PointOnFace(name, swapped, first, second)
         case Face(), Circle() | Ellipsoid():
             feature = RoundOnFace(name, swapped, first, second)
+        case Ellipsoid(), Ellipsoid():
+            feature = EllipsoidOnEllipsoid(name, swapped, first, second)
+        case Ellipsoid(), Circle():
+            feature = RimOnEllipsoid(name, swapped, first, second)
         case Ellipsoid(), Point() | Line():
             feature = OnEllipsoid(name, swapped, first, second)
+        case Circle(), Line() if not sharp:
+            feature = SideOnRim(name, swapped, first, second)
+        case Circle(), Circle():
+            feature = RimOnRim(name, swapped, first, second, sense)
         case Circle() | Line(), Line():
             feature = LineOnCurve(name, swapped, first, second, sense)
         case Circle() | Line(), Point() if not sharp:

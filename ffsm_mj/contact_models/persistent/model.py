@@ -143,11 +143,11 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if set(map(_name, records)) - {pair.name for pair in self._active_set.by_pair}:
             self.close(closed_pairs(self._broad_phase, self.scene, self.motion))
 
-    def refusal(self, pair: UnilateralConstraint) -> str:
+    def refusal(self, _: UnilateralConstraint) -> str:
         """Why a pair cannot stay in contact; empty if it can."""
         if self.motion.data is not self.scene.data and not self.motion.grasp:
             return _OTHER_MODEL
-        return refusal(self.scene.system.mj, pair)
+        return refusal(self.scene.system.mj)
 
     def _update_pair(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
         if closed_and_still(near, still) and not self.refusal(pair):

@@ -7,16 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact.features.search import persistence_fault
-from ffsm_mj.contact.joint_limit import JointLimit
 
-
-def refusal(model: Any, pair: UnilateralConstraint) -> str:
-    """Why a pair cannot stay in contact; empty if it can."""
-    shapes = "" if isinstance(pair, JointLimit) else persistence_fault(model, *pair.ids)
-    if shapes:
-        return shapes
+def refusal(model: Any) -> str:
+    """Why no pair of a model can stay in contact; empty if all can."""
     forces = ", ".join(_soft_forces(model))
     return f"persistent contact does not support {forces}, which MuJoCo models as soft constraints" if forces else ""
 

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from ffsm_mj.contact.features.search import features
-from ffsm_mj.tolerances import FEATURE_BOUND_M
+from ffsm_mj.tolerances import CROSSING, FEATURE_BOUND_M
 from tests.contact.features.test_gap_functions import pair_of
 from tests.scenes import HEAD
 
 BOX, LONG = 'type="box" size="0.1 0.15 0.2"', 'type="box" size="0.02 0.02 0.1"'
 CAPSULE, CYLINDER = 'type="capsule" size="0.05 0.1"', 'type="cylinder" size="0.05 0.1"'
+THIN = 'type="cylinder" size="0.02 0.1"'
 BALL, EGG, MESH = 'type="sphere" size="0.05"', 'type="ellipsoid" size="0.1 0.08 0.05"', 'type="mesh" mesh="cube"'
 CUBE = " ".join(f"{x} {y} {z}" for x in (-0.1, 0.1) for y in (-0.15, 0.15) for z in (-0.2, 0.2))
 UPRIGHT, FALLEN, TURNED = (1, 0, 0, 0), (1, 1, 0, 0), (math.cos(math.pi / 12), 0, 0, math.sin(math.pi / 12))
@@ -62,6 +63,18 @@ TOUCHES = {
     "a capsule over a cap": (CYLINDER, CAPSULE, (0.02, 0.1, 0.15), FALLEN, {"end on cap": 1, "side on rim": 1}),
     "a capsule beside a cylinder": (CYLINDER, CAPSULE, (0.1, 0, 0.05), UPRIGHT, {"end on side": 1, "side on rim": 1}),
     "a box on an ellipsoid": (EGG, BOX, (0.01, 0.02, 0.25), UPRIGHT, {"ellipsoid on face": 1}),
+    "cylinders stacked, turned": (CYLINDER, CYLINDER, (0, 0, 0.2), TURNED, {"rim on cap": 16}),
+    "cylinders stacked, shifted": (CYLINDER, CYLINDER, (0.02, 0.01, 0.2), TURNED, {"rim on cap": 7, "rim on rim": 2}),
+    "a cylinder inside a cap": (CYLINDER, THIN, (0.01, 0.01, 0.2), TURNED, {"rim on cap": 8}),
+    "a cylinder over a rim": (CYLINDER, THIN, (0.05, 0, 0.2), TURNED, {"rim on cap": 5, "rim on rim": 2}),
+    "cylinders side by side": (CYLINDER, CYLINDER, (0.1, 0, 0.05), UPRIGHT, {"side on rim": 2}),
+    "cylinders side by side, ends level": (CYLINDER, CYLINDER, (0.1, 0, 0), UPRIGHT, {"side on rim": 4}),
+    "cylinders crossed": (CYLINDER, CYLINDER, (0.1, 0, 0.05), FALLEN, {"side on side": 1}),
+    "a cylinder across a cap": (CYLINDER, CYLINDER, (0.01, 0, 0.15), FALLEN, {"side on rim": 2}),
+    "a cylinder over a cap": (CYLINDER, CYLINDER, (0.01, 0.08, 0.15), FALLEN, {"rim on cap": 1, "side on rim": 1}),
+    "an ellipsoid on a cap": (CYLINDER, EGG, (0.01, 0.02, 0.15), UPRIGHT, {"ellipsoid on cap": 1}),
+    "an ellipsoid beside a cylinder": (CYLINDER, EGG, (0.15, 0, 0.05), UPRIGHT, {"side on ellipsoid": 1}),
+    "two ellipsoids": (EGG, EGG, (0.2, 0, 0), UPRIGHT, {"ellipsoid on ellipsoid": 1}),
 }
 
 
@@ -139,12 +152,40 @@ def test_the_contact_patch_of_two_boxes_is_their_overlap(tmp_path, rng):
     for _ in range(10):
         angle, (x, y) = rng.uniform(0, 1), rng.uniform(-0.15, 0.15, 2)
         pair, model, data = placed(tmp_path, BOX, BOX, (x, y, 0.4), (math.cos(angle), 0, 0, math.sin(angle)), rng)
-        near = pair.proximity(model, data)
-        points = np.array([feature.at(data).point for feature in features(pair, model, data, near)])
-        apart = np.linalg.norm(points[:, None] - near.points, axis=2)
-        assert len(points) == len(near.points)
-        assert apart.min(axis=0).max() < 1e-12
-        assert apart.min(axis=1).max() < 1e-12
+        check_patch(pair, model, data)
+
+
+def check_patch(pair, model, data):
+    near = pair.proximity(model, data)
+    points = np.array([feature.at(data).point for feature in features(pair, model, data, near)])
+    apart = np.linalg.norm(points[:, None] - near.points, axis=2)
+    assert len(points) == len(near.points)
+    assert apart.min(axis=0).max() < 1e-12
+    assert apart.min(axis=1).max() < 1e-12
+
+
+def test_the_contact_patch_of_two_caps_is_their_overlap(tmp_path, rng):
+    """The points of the rim of each over the other, and the crossings of the rims."""
+    crossings = 0
+    for _ in range(20):
+        angle, (x, y) = rng.uniform(0, 1), rng.uniform(-0.05, 0.05, 2)
+        other = str(rng.choice([CYLINDER, THIN]))
+        pair, model, data = placed(tmp_path, CYLINDER, other, (x, y, 0.2), (math.cos(angle), 0, 0, math.sin(angle)), rng)
+        data.qvel[:] = 0.0  # else the point of a rim that approaches fastest is one more
+        mujoco.mj_forward(model, data)
+        check_patch(pair, model, data)
+        found = features(pair, model, data, pair.proximity(model, data))
+        crossings += any(feature.name == "rim on rim" for feature in found)
+    assert 10 <= crossings < 20
+
+
+def test_rims_that_hardly_cross_have_no_crossings(tmp_path, rng):
+    """Equal caps shifted by d cross at the angle d / radius: below CROSSING the fixed points of their rims are the patch."""
+    for share, expected in ((0.9, 0), (1.1, 2)):
+        pair, model, data = placed(tmp_path, CYLINDER, CYLINDER, (share * CROSSING * 0.05, 0, 0.2), TURNED, rng)
+        found = features(pair, model, data, pair.proximity(model, data))
+        assert sum(feature.name == "rim on rim" for feature in found) == expected
+        assert sum(feature.name == "rim on cap" for feature in found) >= 7
 
 
 def over_edge(folder, offset, corner):

@@ -52,7 +52,8 @@ LAWS = {"pushes": Pushes}
 def geom(rng, name, kind, size=0.1):
     """A geom of a kind and about this size, turned at will."""
     a, b, c = size * rng.uniform(0.5, 1.5, 3)
-    sizes = {"sphere": f"{a}", "capsule": f"{a} {b}", "box": f"{a} {b} {c}"}[kind]
+    several = f"{a} {b} {c}"
+    sizes = {"sphere": f"{a}", "capsule": f"{a} {b}", "cylinder": f"{a} {b}", "box": several, "ellipsoid": several}[kind]
     turn = "0 0 0" if rng.random() < 0.4 else " ".join(str(x) for x in rng.uniform(-90, 90, 3))
     return f'<geom name="{name}" type="{kind}" size="{sizes}" euler="{turn}" mass="0"/>'
 
