@@ -60,6 +60,8 @@ def stage_of(
     free = np.flatnonzero(slides & ~problem.lines()[0]) if implicit is not None else np.zeros(0, dtype=np.int64)
     if implicit is not None and len(free):
         without = rows.J @ implicit.given + implicit.step_s * (rows.response @ force)
+        # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
+        directions[free] = at_start[free]
         velocity = OwnVelocity(without, np.full(len(without), implicit.step_s), free)
         forces, _ = problem.forces_along_slip(kinds, directions, rank, velocity)
     else:
@@ -89,8 +91,9 @@ def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool
     turning = np.abs(s[:, 0] * a[:, 1] - s[:, 1] * a[:, 0])
     limit = left_s
     for speed, brake, turn in zip(speeds.tolist(), slowing.tolist(), turning.tolist(), strict=True):
-        if brake > 0.0 and speed < _NEAR_STOP * left_s * brake:
-            share = (_TURN_ERROR_M_S / speed) ** 0.2 if speed > _TURN_ERROR_M_S else 1.0
+        # A point that begins to slide has a slip of rounding: nothing that stops.
+        if brake > 0.0 and _TURN_ERROR_M_S < speed < _NEAR_STOP * left_s * brake:
+            share = (_TURN_ERROR_M_S / speed) ** 0.2
             limit = min(limit, _STOP_SHARE * speed / brake, _TURN * share * speed / turn if turn else np.inf)
     rates = (problem.mu * solution.forces[:, 0] * problem.tangent_inertia())[slides]
     return limit, bool(np.any(limit * rates > _STIFF * speeds))
