@@ -1,4 +1,4 @@
-"""Twists of bodies, their accelerations at zero joint accelerations, and rows of relative velocities of two bodies.
+"""Twists of bodies, their accelerations at zero joint accelerations, and Jacobians of relative velocities of two bodies.
 
 Quantities are those of MuJoCo's spatial vectors: about the mass centre of the body's kinematic tree, in world axes. With the
 arm r of a material point from there, its velocity is v + omega x r, and its acceleration at zero joint accelerations is
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
@@ -62,10 +63,9 @@ class RelativeScrews:
     def __init__(self, model: Any, data: Any, body: int, other: int) -> None:
         """Take views of the arrays of ``data``: velocities of ``body`` relative to ``other``."""
         self._pair = model, data, body, other
-        own, others = chain(model, body), chain(model, other)
-        self._own, self._others, self._either = own, others, own - others
-        screws: FloatArray = data.cdof.T
-        self._screws, self._angular, self._linear = screws, screws[:3], screws[3:]
+        self._others = chain(model, other)
+        self._either = chain(model, body) - self._others
+        self._angular, self._linear = data.cdof[:, :3].T, data.cdof[:, 3:]
 
     def reversed(self) -> RelativeScrews:
         """The screws of the other body relative to this one."""
@@ -86,33 +86,34 @@ class RelativeScrews:
         moments = np.array((0.0, -z, y, z, 0.0, -x, -y, x, 0.0, j * z - k * y, k * x - i * z, i * y - j * x)).reshape(4, 3)
         turned = moments.dot(self._angular)
         rows: FloatArray = arms.dot(turned[:3])
-        rows += self._linear.T.dot(axis)
+        rows += self._linear.dot(axis)
         rows *= self._either
         rows -= self._others * turned[3]
         return rows
 
-    def row(self, axis: Vector, arm: Vector, other_arm: Vector) -> FloatArray:
-        """The same at one point, from the arms of both bodies, (nv,)."""
-        x, y, z = axis
-        (a, b, c), (i, j, k) = arm, other_arm
-        wrenches = (
-            b * z - c * y,
-            c * x - a * z,
-            a * y - b * x,
-            x,
-            y,
-            z,
-            j * z - k * y,
-            k * x - i * z,
-            i * y - j * x,
-            x,
-            y,
-            z,
-        )
-        own, others = np.array(wrenches).reshape(2, 6).dot(self._screws)
-        row: FloatArray = self._own * own
-        row -= self._others * others
-        return row
+
+class RelativeJacobian:
+    """Jacobian of the velocity of one body relative to another at a point."""
+
+    def __init__(self, model: Any, data: Any, body: int, other: int) -> None:
+        """Bind to a model: velocities of ``body`` relative to ``other``."""
+        self._model, self._data, self._body, self._other, self._qvel = model, data, body, other, data.qvel
+        self._own: FloatArray = np.empty((3, model.nv))
+        self._others: FloatArray = np.empty((3, model.nv))
+
+    def at(self, point: FloatArray) -> FloatArray:
+        """Relative velocity of the two material points at a point per unit rate, (3, nv); valid until the next call."""
+        mujoco.mj_jac(self._model, self._data, self._own, None, point, self._body)
+        mujoco.mj_jac(self._model, self._data, self._others, None, point, self._other)
+        self._own -= self._others
+        return self._own
+
+    def acceleration(self, axis: FloatArray, point: FloatArray, other_point: FloatArray) -> float:
+        """Relative acceleration along an axis at zero joint accelerations, of a material point of each body, m/s^2."""
+        mujoco.mj_jacDot(self._model, self._data, self._own, None, point, self._body)
+        mujoco.mj_jacDot(self._model, self._data, self._others, None, other_point, self._other)
+        self._own -= self._others
+        return float(axis.dot(self._own).dot(self._qvel))
 
 
 def chain(model: Any, body: int) -> FloatArray:

@@ -23,15 +23,18 @@ class PointsOnFace:
     Attributes:
         face: The face.
         swapped: Whether it belongs to geom b: the normal of the contact is minus that of the face.
+        count: Number of points, m.
     """
 
     def __init__(self, features: Sequence[PointOnFace]) -> None:
         """Store the points; see :meth:`together` for which may be given."""
-        self.face, self.swapped = features[0].face, features[0].swapped
+        self.face, self.swapped, self.count = features[0].face, features[0].swapped, len(features)
         self._bodies = self.face.body.id, features[0].point.body.id
         self._places = np.array([each.point.centre for each in features])
         self._first_radius, self._radius = np.array([each.radii for each in features]).T
         self._normal, self._level = np.array(self.face.normal), float(np.dot(self.face.normal, self.face.centre))
+        sides = np.array([(*inwards, level) for inwards, level in self.face.sides]).reshape(-1, 4)
+        self._inwards, self._sides = sides[:, :3].T, sides[:, 3]
         self._data: Any = None
 
     @staticmethod
@@ -65,3 +68,10 @@ class PointsOnFace:
         heights = local.dot(self._normal) - self._level
         gaps = heights - self._radius
         return gaps, self._first_radius + 0.5 * gaps - heights
+
+    def insides(self, local: FloatArray) -> list[float]:
+        """Distances by which points are inside the nearest side of the face; see :meth:`Face.inside`."""
+        if not len(self._sides):
+            return [self.face.inside((x, y, z)) for x, y, z in local.tolist()]
+        found: list[float] = (local.dot(self._inwards) - self._sides).min(axis=1).tolist()
+        return found

@@ -12,6 +12,7 @@ accelerations are unique even if contacts are redundant and their forces are not
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.persistent.rows import ContactRows
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED, RANK
 
+_CLEARLY = 10.0
+"""Forces and second rates of gaps that exceed their rounding by this factor are not rounding."""
 _IMMOVABLE = CANCELLED
 """A contact with a diagonal element of G below this, 1/kg, cannot move along its normal: it is never active."""
 
@@ -42,21 +45,17 @@ class ContactAcceleration:
         """
         self._M, self.rows, self._G, self._force = M, rows, rows.G, force
         self.free = rows.response.dot(force) + rows.gamma
-        self._rounding: list[float] | None = None
+        self._held: dict[tuple[int, ...], FloatArray] = {}
 
-    @property
+    @cached_property
     def rounding(self) -> list[float]:
         """Rounding of each gap'', m/s^2, (k,): a share of its largest term. Not needed in the stages of a step."""
-        if self._rounding is None:
-            rows = self.rows
-            terms = zip((rows.response * self._force).tolist(), rows.gamma.tolist(), rows.states, strict=True)
-            self._rounding = [
-                ACCELERATION_M_S2 + ACCELERATION * max(*map(abs, each), abs(gamma), here.scale)
-                for each, gamma, here in terms
-            ]
-        return self._rounding
+        terms = np.abs(self.rows.response * self._force).max(axis=1, initial=0.0).tolist()
+        return [
+            ACCELERATION_M_S2 + ACCELERATION * max(term, scale) for term, scale in zip(terms, self.rows.scales, strict=True)
+        ]
 
-    @property
+    @cached_property
     def _movable(self) -> list[int]:
         """Contacts that a normal force can accelerate."""
         return [i for i, parted in enumerate(self._G.diagonal().tolist()) if parted > _IMMOVABLE]
@@ -68,14 +67,24 @@ class ContactAcceleration:
 
     def bilateral_forces(self, which: Sequence[int]) -> FloatArray:
         """Forces that keep gap'' = 0 at some contacts, of either sign, N, (k,); zero at the others."""
-        forces = np.zeros(len(self.free))
+        held = tuple(which)
+        if held not in self._held:
+            self._held[held] = self._bilateral_forces(held)
+        return self._held[held]
+
+    def _bilateral_forces(self, which: tuple[int, ...]) -> FloatArray:
+        k = len(self.free)
+        if len(which) == k > 1:
+            # Redundant contacts make G singular; the least-norm solution is one of the force distributions.
+            every: FloatArray = np.linalg.lstsq(self._G, -self.free, rcond=RANK)[0]
+            return every
+        forces = np.zeros(k)
         if len(which) == 1:
             i = which[0]
             forces[i] = -self.free.item(i) / self._G.item(i, i)
-        elif len(which):
-            # Redundant contacts make G singular; the least-norm solution is one of the force distributions.
-            picked = np.asarray(which)
-            forces[picked] = np.linalg.lstsq(self._G[np.ix_(picked, picked)], -self.free[picked], rcond=RANK)[0]
+        elif which:
+            picked = np.array(which)
+            forces[picked] = np.linalg.lstsq(self._G[picked[:, None], picked], -self.free[picked], rcond=RANK)[0]
         return forces
 
     def gap_accelerations(self, forces: FloatArray) -> FloatArray:
@@ -83,16 +92,39 @@ class ContactAcceleration:
         opening: FloatArray = self.free + self._G.dot(forces)
         return opening
 
-    def unilateral_forces(self) -> FloatArray:
-        """Solution of the complementarity problem, N, (k,); redundant contacts share the load by least norm."""
+    def unilateral_forces(self, expected: Sequence[int] = ()) -> FloatArray:
+        """Solution of the complementarity problem, N, (k,); redundant contacts share the load by least norm.
+
+        Where every contact either pushes or opens by more than rounding, the set of those that push is unique and the forces
+        are those that hold it: they do not depend on how it was found.
+
+        Args:
+            expected: Contacts that probably carry force, such as the active set of the last step; tried first.
+        """
         forces, movable = np.zeros(len(self.free)), self._movable
         if len(movable) == 1:
             i = movable[0]
             forces[i] = max(0.0, -self.free.item(i) / self._G.item(i, i))
-        elif movable:
+            return forces
+        for which in dict.fromkeys((tuple(expected), tuple(movable))):
+            if self._is_strict(which):
+                return self.bilateral_forces(which)
+        if movable:
             A, w = self._mass_weighted(movable)
             forces[movable] = least_norm(A, project(A, w))
-        return forces
+        pushes = zip(self.own_acceleration(forces).tolist(), self.rounding, strict=True)
+        which = tuple([i for i, (push, rounding) in enumerate(pushes) if push > rounding])
+        return self.bilateral_forces(which) if self._is_strict(which) else forces
+
+    def _is_strict(self, which: tuple[int, ...]) -> bool:
+        """Whether the forces that hold some contacts push by more than rounding, and the others open by more than it."""
+        forces = self.bilateral_forces(which)
+        pushes, opens = self.own_acceleration(forces).tolist(), self.gap_accelerations(forces).tolist()
+        for i in self._movable:
+            allowed = _CLEARLY * self.rounding[i]
+            if opens[i] <= allowed and not (i in which and pushes[i] > allowed and opens[i] >= -allowed):
+                return False
+        return all(opens[i] <= _CLEARLY * self.rounding[i] for i in which)
 
     def _mass_weighted(self, which: list[int]) -> tuple[FloatArray, FloatArray]:
         """The problem in the form of a plastic impact: A A^T = G, A w = free, with A = J L^-T and M = L L^T."""

@@ -233,7 +233,7 @@ class ActiveContactSet:
             return self._decide_with_friction()
         problem = self._problem(contact_points)
         if self._decision_cache is None or self._decision_cache.problem is not problem:
-            self._decision_cache = Decision(contact_points, problem)
+            self._decision_cache = Decision(contact_points, problem, self.pressing)
         return self._decision_cache
 
     def _decide_with_friction(self) -> FrictionalDecision:

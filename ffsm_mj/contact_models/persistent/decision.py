@@ -23,9 +23,12 @@ class Decision:
         rows: Their states and Jacobians.
     """
 
-    def __init__(self, contact_points: tuple[ContactPoint, ...], problem: ContactAcceleration) -> None:
-        """Store the contact points and their problem."""
+    def __init__(
+        self, contact_points: tuple[ContactPoint, ...], problem: ContactAcceleration, last: Sequence[ContactPoint] = ()
+    ) -> None:
+        """Store the contact points and their problem; ``last`` is the active set of the last step, which may still hold."""
         self.contact_points, self.problem, self.rows = contact_points, problem, problem.rows
+        self._last = last
         self._forces: FloatArray | None = None
         self._pressing: list[int] | None = None
 
@@ -33,7 +36,7 @@ class Decision:
     def forces(self) -> FloatArray:
         """Non-negative contact forces, shared by redundant contacts by least norm, N, (k,)."""
         if self._forces is None:
-            self._forces = self.problem.unilateral_forces()
+            self._forces = self.problem.unilateral_forces(self._indices(self._last))
         return self._forces
 
     @property
@@ -43,6 +46,11 @@ class Decision:
             own_acceleration = zip(self.problem.own_acceleration(self.forces).tolist(), self.problem.rounding, strict=True)
             self._pressing = [i for i, (rate, rounding) in enumerate(own_acceleration) if rate > rounding]
         return self._pressing
+
+    def _indices(self, contact_points: Sequence[ContactPoint]) -> list[int]:
+        """Indices of some of the contact points, ascending."""
+        chosen = set(contact_points)
+        return [i for i, contact in enumerate(self.contact_points) if contact in chosen]
 
     @property
     def held_forces(self) -> FloatArray:
@@ -57,7 +65,7 @@ class Decision:
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap opens, in the order of ``contact_points``: a ``set`` would order them by address."""
         rates = zip(self.contact_points, self._gap_accelerations(self.forces), self.problem.rounding, strict=True)
-        return tuple(contact for contact, rate, rounding in rates if rate > _OPENS * rounding)
+        return tuple([contact for contact, rate, rounding in rates if rate > _OPENS * rounding])
 
     def validity_margin(self, held: Sequence[ContactPoint]) -> float:
         """Margin by which an active set still solves the complementarity problem, m/s^2; negative where it does not.
@@ -65,8 +73,7 @@ class Decision:
         With redundant contacts an active force may become negative although the motion is unchanged, because the load can be
         redistributed: the set then counts as valid if it gives the same gap'' as the solution of the problem.
         """
-        problem = self.problem
-        forces = problem.bilateral_forces([self.contact_points.index(contact) for contact in held])
+        problem, forces = self.problem, self.problem.bilateral_forces(self._indices(held))
         allowed = [_OPENS * rounding for rounding in problem.rounding]
         own_acceleration, opening = problem.own_acceleration(forces).tolist(), self._gap_accelerations(forces)
         least = min([min(push + a, a - abs(rate)) for push, rate, a in zip(own_acceleration, opening, allowed, strict=True)])

@@ -6,9 +6,7 @@ need no evaluation at a midpoint.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -20,10 +18,6 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
-
-Wrench = tuple[float, float, float, float, float, float]
-"""Force, and moment about the world origin."""
-_NO_FRICTION = [(0.0, 0.0, 0.0)]
 
 
 class Stage(NamedTuple):
@@ -50,7 +44,7 @@ class Shares(NamedTuple):
     Attributes:
         from_robot: As forces of the robot on the objects, (k,).
         outside: As external forces on the robot and on the objects, (2, k).
-        of_pairs: Indices of the contact points of each pair.
+        of_pairs: Indices of the contact points of each pair, which are consecutive.
     """
 
     from_robot: FloatArray
@@ -103,39 +97,15 @@ def exchanged(
         shares: Signs of the contact forces.
         robot: Degrees of freedom of the robot in the motion.
     """
-    on_b = [wrenches(stage.rows, stage.forces, stage.friction) for stage in stages]
+    on_b = np.array([stage.rows.wrenches(stage.forces, stage.friction) for stage in stages])
+    impulses, starts = parts.dot(on_b.reshape(len(parts), -1)).reshape(-1, 6), stages[0].rows.starts
     work = parts.dot(np.array([stage.power for stage in stages])).tolist()
     total, own = sum(work), sum(work[robot])
-    weights, sizes = parts.tolist(), dict.fromkeys(shares.of_pairs, 0.0)
-    for part, stage, pushed in zip(weights, stages, on_b, strict=True):
-        for pair, mine in shares.of_pairs.items():
-            at_limit = isinstance(pair, JointLimit)
-            sizes[pair] += part * (stage.forces.item(mine[0]) if at_limit else _size([pushed[i] for i in mine]))
-    # Plain Python sums: for a few numbers, numpy's call overhead costs more.
-    columns = [zip(*of_contact, strict=True) for of_contact in zip(*on_b, strict=True)]
-    impulses = np.array([[sum(map(mul, weights, column)) for column in six] for six in columns])
+    firsts = [mine[0] for mine in shares.of_pairs.values()]
+    resultants = np.add.reduceat(on_b[:, :, :3], [starts.index(first) for first in firsts], axis=1)
+    sizes = dict(zip(shares.of_pairs, parts.dot(np.sqrt(np.square(resultants).sum(axis=2))).tolist(), strict=True))
+    for pair, first in zip(shares.of_pairs, firsts, strict=True):
+        if isinstance(pair, JointLimit):
+            sizes[pair] = float(parts.dot([stage.forces.item(first) for stage in stages]))
     energy = np.array((total, own, total - own))
-    return Exchange(energy, shares.from_robot.dot(impulses), shares.outside.dot(impulses)), sizes
-
-
-def wrenches(rows: PointRows, forces: FloatArray, friction: FloatArray | None = None) -> list[Wrench]:
-    """Force, and moment about the world origin, on geom b of each contact.
-
-    Args:
-        rows: States of the contacts.
-        forces: Normal forces, N, (k,).
-        friction: Friction forces, world axes, N, (k, 3).
-    """
-    out = []
-    across = _NO_FRICTION * len(forces) if friction is None else friction.tolist()
-    for here, force, (p, q, r) in zip(rows.states, forces.tolist(), across, strict=True):
-        (x, y, z), (a, b, c) = here.normal.tolist(), here.point.tolist()
-        x, y, z = force * x + p, force * y + q, force * z + r
-        out.append((x, y, z, b * z - c * y, c * x - a * z, a * y - b * x))
-    return out
-
-
-def _size(wrenches: Sequence[Wrench]) -> float:
-    """Magnitude of the sum of the forces of some wrenches."""
-    total = wrenches[0] if len(wrenches) == 1 else [*map(sum, zip(*wrenches, strict=True))]
-    return math.hypot(*total[:3])
+    return Exchange(energy, shares.from_robot[starts].dot(impulses), shares.outside[:, starts].dot(impulses)), sizes

@@ -21,20 +21,25 @@ from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scal
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.points_on_face import PointsOnFace
-from ffsm_mj.dynamics.body_twists import BodyTwist, RelativeScrews
+from ffsm_mj.dynamics.body_twists import BodyTwist, RelativeJacobian, RelativeScrews
 
 Affine = tuple[float, Vector]
 """Constant and gradient of an affine function of the arm of a point."""
+Wrench = tuple[float, float, float, float, float, float]
+"""Force, and moment about the world origin."""
 
 
 class GroupState(Protocol):
     """The m points of a group at one state.
 
     Attributes:
+        count: Number of points, m.
         states: States of the features.
         normals: Normals from a to b, (m, 3).
         points: Points of application of the forces, (m, 3).
     """
+
+    count: int
 
     @property
     def states(self) -> Sequence[FeatureState]: ...  # noqa: D102
@@ -59,12 +64,19 @@ class GroupState(Protocol):
         """
         ...
 
+    def wrench(self, forces: FloatArray, friction: FloatArray | None) -> Wrench:
+        """Resultant on geom b of normal forces, (m,), and of friction forces in world axes, (m, 3)."""
+        ...
+
 
 class PointGroup(Protocol):
     """Contact points of one pair, evaluated together."""
 
-    def at_state(self, data: Any, b: BodyTwist, a: BodyTwist) -> GroupState:
-        """Evaluate at the state in ``data``, with the twists of both bodies there."""
+    def at_state(self, data: Any, b: BodyTwist | None, a: BodyTwist | None) -> GroupState:
+        """Evaluate at the state in ``data``, with the twists of both bodies there; None if only normals are needed.
+
+        Several points on a face always need them.
+        """
         ...
 
 
@@ -76,8 +88,10 @@ class FaceGroup:
         self._gaps = PointsOnFace(features)
         self._screws = screws.reversed() if self._gaps.swapped else screws
 
-    def at_state(self, data: Any, b: BodyTwist, a: BodyTwist) -> FaceState:
+    def at_state(self, data: Any, b: BodyTwist | None, a: BodyTwist | None) -> FaceState:
         """Evaluate; see :class:`PointGroup`."""
+        assert b is not None
+        assert a is not None
         first, second = (b, a) if self._gaps.swapped else (a, b)
         return FaceState(self._gaps, self._screws, data, first, second)
 
@@ -88,6 +102,7 @@ class FaceState:
     def __init__(self, gaps: PointsOnFace, screws: RelativeScrews, data: Any, first: BodyTwist, second: BodyTwist) -> None:
         """Place the points."""
         self._gaps, self._screws, self._first, self._second = gaps, screws, first, second
+        self.count = gaps.count
         self._places, self._local, normal = gaps.place(data)
         x, y, z = normal.tolist()
         self._normal: Vector = (x, y, z)
@@ -112,6 +127,18 @@ class FaceState:
             J[:, j] = self._screws.rows(axis, arms, self._offset)
             gamma[:, j] = self._relative(arms, _spatial(axis, second), _spatial(axis, first))
             gamma[:, j] += rates.dot(cross(axis, spin))
+
+    def wrench(self, forces: FloatArray, friction: FloatArray | None) -> Wrench:
+        """See :class:`GroupState`."""
+        # A shift of a normal force along itself, from the place to the contact point, does not change its moment.
+        normal = scaled(-1.0, self._normal) if self._gaps.swapped else self._normal
+        x, y, z = scaled(float(forces.sum()), normal)
+        a, b, c = cross(forces.dot(self._places).tolist(), normal)
+        if friction is None:
+            return x, y, z, a, b, c
+        u, v, w = friction.sum(axis=0).tolist()
+        (_, xy, xz), (yx, _, yz), (zx, zy, _) = self.points.T.dot(friction).tolist()
+        return x + u, y + v, z + w, a + yz - zy, b + zx - xz, c + xy - yx
 
     def _relative(self, arms: FloatArray, of_second: Affine, of_first: Affine) -> FloatArray:
         """Difference of affine functions of the two bodies at some arms from the centre of the second one, (m,)."""
@@ -143,18 +170,19 @@ class FaceState:
         rates -= np.multiply.outer(0.5 * self._rates, self._normal)
         return rates
 
-    @property
+    @cached_property
     def normals(self) -> FloatArray:
         """See :class:`GroupState`."""
-        normal = np.array(self._normal)
-        return np.broadcast_to(-normal if self._gaps.swapped else normal, self._places.shape)
+        normals = np.empty_like(self._places)
+        normals[:] = scaled(-1.0, self._normal) if self._gaps.swapped else self._normal
+        return normals
 
     @cached_property
     def states(self) -> list[FeatureState]:
         """See :class:`GroupState`."""
         turning = scaled(2.0, cross(self._first.omega, self._normal))
         bends = self._relative(self._arms, _velocity(turning, self._second), _velocity(turning, self._first)).tolist()
-        insides = map(self._gaps.face.inside, self._local.tolist())
+        insides = self._gaps.insides(self._local)
         scalars = zip(self._levels[0].tolist(), self._rates.tolist(), bends, insides, strict=True)
         vectors = zip(self.normals, self.points, self._places, map(tuple, self.point_rates.tolist()), strict=True)
         return [
@@ -166,22 +194,22 @@ class FaceState:
 class SinglePoint:
     """A contact point by itself, or a joint limit: its normal is zero, and so are the rows that this gives."""
 
-    def __init__(self, feature: Feature, screws: RelativeScrews) -> None:
-        """Store the feature and the screws of b relative to a."""
-        self._feature, self._screws = feature, screws
+    def __init__(self, feature: Feature, bodies: RelativeJacobian) -> None:
+        """Store the feature and the Jacobian of b relative to a."""
+        self._feature, self._bodies = feature, bodies
 
-    def at_state(self, data: Any, b: BodyTwist, a: BodyTwist) -> SingleState:
+    def at_state(self, data: Any, b: BodyTwist | None, a: BodyTwist | None) -> SingleState:
         """Evaluate; see :class:`PointGroup`."""
-        return SingleState(self._feature.at(data), self._screws, b, a)
+        return SingleState(self._feature.at(data), self._bodies, b, a)
 
 
 class SingleState:
     """A contact point at one state; see :class:`GroupState`."""
 
-    def __init__(self, here: FeatureState, screws: RelativeScrews, b: BodyTwist, a: BodyTwist) -> None:
+    def __init__(self, here: FeatureState, bodies: RelativeJacobian, b: BodyTwist | None, a: BodyTwist | None) -> None:
         """Store its state and the twists of both bodies."""
-        self.states = (here,)
-        self._here, self._screws, self._b, self._a = here, screws, b, a
+        self.states, self.count = (here,), 1
+        self._here, self._bodies, self._b, self._a = here, bodies, b, a
 
     @property
     def normals(self) -> FloatArray:
@@ -195,22 +223,32 @@ class SingleState:
 
     def normal_rows(self, J: FloatArray, gamma: FloatArray) -> None:
         """See :class:`GroupState`."""
-        here, b, a = self._here, self._b, self._a
-        normal, point = here.normal.tolist(), here.point.tolist()
-        J[0] = self._screws.row(normal, minus(point, b.centre), minus(point, a.centre))
-        of_b = _at(_acceleration(normal, b), minus(here.point_b.tolist(), b.centre))
-        of_a = _at(_acceleration(normal, a), minus(here.point_a.tolist(), a.centre))
-        gamma[0] = of_b - of_a + here.bend
+        here = self._here
+        J[0] = here.normal.dot(self._bodies.at(here.point))
+        # n . (Jdot qdot) of the material points, and the curvature terms of the moving contact point.
+        gamma[0] = self._bodies.acceleration(here.normal, here.point_b, here.point_a) + here.bend
+
+    def wrench(self, forces: FloatArray, friction: FloatArray | None) -> Wrench:
+        """See :class:`GroupState`."""
+        here, size = self._here, forces.item(0)
+        (x, y, z), (a, b, c) = here.normal.tolist(), here.point.tolist()
+        x, y, z = size * x, size * y, size * z
+        if friction is not None:
+            ((u, v, w),) = friction.tolist()
+            x, y, z = x + u, y + v, z + w
+        return x, y, z, b * z - c * y, c * x - a * z, a * y - b * x
 
     def tangential_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
         """See :class:`GroupState`."""
         here, b, a = self._here, self._b, self._a
-        point, spin = here.point.tolist(), minus(b.omega, a.omega)
-        arm, other = minus(point, b.centre), minus(point, a.centre)
+        assert b is not None
+        assert a is not None
+        J[0] = axes.dot(self._bodies.at(here.point))
+        x, y, z = here.point.tolist()
+        arm, other, spin = minus((x, y, z), b.centre), minus((x, y, z), a.centre), minus(b.omega, a.omega)
         for j, axis in enumerate(axes.tolist()):
-            J[0, j] = self._screws.row(axis, arm, other)
-            spatial = _at(_spatial(axis, b), arm) - _at(_spatial(axis, a), other)
-            gamma[0, j] = spatial + dot(here.point_rate, cross(axis, spin))
+            (c, gradient), (d, others) = _spatial(axis, b), _spatial(axis, a)
+            gamma[0, j] = c + dot(gradient, arm) - d - dot(others, other) + dot(here.point_rate, cross(axis, spin))
 
 
 _STILL = (0.0, 0.0, 0.0)
@@ -231,8 +269,3 @@ def _acceleration(axis: Vector, body: BodyTwist, turning: Vector = _STILL) -> Af
 def _spatial(axis: Vector, body: BodyTwist) -> Affine:
     """Rate of the velocity along an axis, at qacc = 0, of those material points that pass a place fixed in space."""
     return dot(axis, body.acceleration), cross(axis, body.alpha)
-
-
-def _at(affine: Affine, arm: Vector) -> float:
-    """Value of an affine function."""
-    return affine[0] + dot(affine[1], arm)

@@ -40,7 +40,7 @@ def needs_projection(rows: ClosedRows, qvel: FloatArray) -> bool:
     """Whether a gap, a gap rate or the slip of a sticking point has drifted beyond tolerance."""
     if any(abs(here.gap) > PROJECTED_GAP_M or abs(here.rate) > PROJECTED_RATE_M_S for here in rows.states):
         return True
-    return bool(np.abs(rows.sticking @ qvel).max(initial=0.0) > PROJECTED_SLIP_M_S)
+    return bool(len(rows.sticking) and np.abs(rows.sticking @ qvel).max() > PROJECTED_SLIP_M_S)
 
 
 def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray, taken: FloatArray) -> None:

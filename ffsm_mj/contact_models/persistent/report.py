@@ -88,16 +88,14 @@ def resultant(
         only, here = mine[0], rows.states[mine[0]]
         force = forces[only] * here.normal if friction is None else forces[only] * here.normal + friction[only]
         return Resultant(force, here.point, here.normal, 1, contact_points[only].feature.name)
-    normals, points = (
-        np.array([getattr(rows.states[i], name) for i in mine]).reshape(-1, 3) for name in ("normal", "point")
-    )
-    pushed = forces[mine]
+    part = slice(mine[0], mine[-1] + 1) if mine else slice(0)  # the points of a pair are consecutive
+    normals, points, pushed = rows.normals[part], rows.points[part], forces[part]
     total = float(pushed.sum())
     weights = pushed / total if total > 0.0 else np.full(len(mine), 1.0 / max(1, len(mine)))
     normal = weights @ normals
     length = math.hypot(*normal.tolist())
     names = " + ".join(dict.fromkeys(contact_points[i].feature.name for i in mine))
-    force = pushed @ normals if friction is None else pushed @ normals + friction[mine].sum(axis=0)
+    force = pushed @ normals if friction is None else pushed @ normals + friction[part].sum(axis=0)
     return Resultant(force, weights @ points, normal / length if length else normal, len(mine), names)
 
 
@@ -163,7 +161,7 @@ class ContactReport:
         forces, contact_points = decision.forces, decision.contact_points
         pressing = {contact_points[i].pair for i in decision.pressing}
         held, friction = decision.held_forces, decision.friction if closed.has_friction else None
-        differ = held.tolist() != forces.tolist()
+        differ = held is not forces and held.tolist() != forces.tolist()
         by_rule: dict[str, list[tuple[ContactPair, Resultant]]] = {}
         for pair, own in closed.by_pair.items():
             if isinstance(pair, JointLimit):

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import mujoco
@@ -26,8 +26,8 @@ from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.points_on_face import PointsOnFace
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.impact.friction.tangents import tangents
-from ffsm_mj.contact_models.persistent.point_groups import FaceGroup, GroupState, PointGroup, SinglePoint
-from ffsm_mj.dynamics.body_twists import BodyTwists, RelativeScrews
+from ffsm_mj.contact_models.persistent.point_groups import FaceGroup, GroupState, PointGroup, SinglePoint, Wrench
+from ffsm_mj.dynamics.body_twists import BodyTwists, RelativeJacobian, RelativeScrews
 from ffsm_mj.dynamics.motion import Motion
 
 
@@ -59,6 +59,26 @@ class PointRows:
         return tuple([state for group in self._groups for state in group.states])
 
     @cached_property
+    def starts(self) -> list[int]:
+        """First contact point of each group of points of one pair."""
+        return [0, *accumulate(group.count for group in self._groups[:-1])]
+
+    def wrenches(self, forces: FloatArray, friction: FloatArray | None = None) -> list[Wrench]:
+        """Force, and moment about the world origin, on geom b of each group of points.
+
+        Args:
+            forces: Normal forces, N, (k,).
+            friction: Friction forces on geom b, world axes, N, (k, 3).
+        """
+        if len(self._groups) == 1:
+            return [self._groups[0].wrench(forces, friction)]
+        parts = [slice(start, start + group.count) for start, group in zip(self.starts, self._groups, strict=True)]
+        return [
+            group.wrench(forces[part], None if friction is None else friction[part])
+            for part, group in zip(parts, self._groups, strict=True)
+        ]
+
+    @cached_property
     def normals(self) -> FloatArray:
         """Normals from a to b, (k, 3); zero for a joint limit."""
         return _stacked([group.normals for group in self._groups])
@@ -71,6 +91,11 @@ class PointRows:
 
 class ContactRows(PointRows):
     """Rows of the normals: gap' = J qdot and gap'' = J qddot + gamma, J (k, nv)."""
+
+    @cached_property
+    def scales(self) -> list[float]:
+        """Largest term of each ``gamma``, m/s^2, (k,): its rounding is a share of it."""
+        return [max(abs(gamma), here.scale) for gamma, here in zip(self.gamma.tolist(), self.states, strict=True)]
 
 
 class FrictionalRows(PointRows):
@@ -125,19 +150,25 @@ class RowEvaluator:
         for places in _together(contact_points):
             alike, pair = contact_points[places], contact_points[places.start].pair
             b, a = motion.bodies[pair.body_b], motion.bodies[pair.body_a]
-            screws = RelativeScrews(motion.model, motion.data, b, a)
-            on_face = [each.feature for each in alike if isinstance(each.feature, PointOnFace)]
-            points = FaceGroup(on_face, screws) if len(alike) > 1 else SinglePoint(alike[0].feature, screws)
+            both = motion.model, motion.data, b, a
+            points: PointGroup
+            if len(alike) > 1:
+                on_face = [each.feature for each in alike if isinstance(each.feature, PointOnFace)]
+                points = FaceGroup(on_face, RelativeScrews(*both))
+            else:
+                points = SinglePoint(alike[0].feature, RelativeJacobian(*both))
             own, other = (bodies.setdefault(body, len(bodies)) for body in (b, a))
             self._groups.append(_Group(points, places, own, other, pair.mu > 0.0))
         self._twists = BodyTwists(motion.model, motion.data, list(bodies))
+        self._still = [None] * len(bodies)
+        self._has_faces = any(isinstance(group.points, FaceGroup) for group in self._groups)
         limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
         self.at_limits = list(limits)
         self._limits = [(i, motion.dofs[limit.dof], limit.sign) for i, limit in limits.items()]
 
     def rows(self) -> ContactRows:
         """Rows of the normals; positions and velocities current, mass matrix factored."""
-        states = self._at_state()
+        states = self._at_state(with_twists=self._has_faces)
         J, gamma = np.empty(self._shape), np.empty(self._shape[0])
         for group, state in zip(self._groups, states, strict=True):
             state.normal_rows(J[group.places], gamma[group.places])
@@ -147,7 +178,7 @@ class RowEvaluator:
 
     def frictional_rows(self) -> FrictionalRows:
         """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
-        groups, (k, nv) = self._at_state(), self._shape
+        groups, (k, nv) = self._at_state(with_twists=True), self._shape
         J, gamma, axes = np.zeros((k, 3, nv)), np.zeros((k, 3)), np.zeros((k, 3, 3))
         for group, state in zip(self._groups, groups, strict=True):
             places, normals = group.places, state.normals
@@ -161,8 +192,8 @@ class RowEvaluator:
         J = J.reshape(3 * k, nv)
         return FrictionalRows(groups, axes, J, gamma.reshape(-1), self._response(J))
 
-    def _at_state(self) -> list[GroupState]:
-        twists = self._twists.at_state()
+    def _at_state(self, *, with_twists: bool) -> list[GroupState]:
+        twists = self._twists.at_state() if with_twists else self._still
         return [group.points.at_state(self._data, twists[group.b], twists[group.a]) for group in self._groups]
 
     def _response(self, J: FloatArray) -> FloatArray:

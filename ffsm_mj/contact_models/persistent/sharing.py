@@ -78,6 +78,8 @@ def _shares_change(closed: ActiveContactSet) -> bool:
     decision = closed.decide()
     assert isinstance(decision, Decision)
     held = decision.problem.bilateral_forces([decision.contact_points.index(contact) for contact in closed.pressing])
+    if decision.forces is held:
+        return False
     apart = np.abs(decision.forces - held)
     allowed = _SHARE_CHANGE * (1.0 + float(np.abs(decision.forces).max(initial=0.0)))
     if apart.max(initial=0.0) <= allowed:

@@ -9,11 +9,15 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.tolerances import CLOSED_RATE, RATE
 
 _STOPPED = 1e-9
 """A point stops where its slip is below this share of its largest slip since it last began to slide."""
 _LEAST_SLIP_M_S = 1e-3
 """Smallest value of that largest slip, m/s."""
+
+_TOGETHER = 100.0
+"""Points whose slip is within this factor of the speed at which another one stops, stop with it."""
 
 
 class Mode(IntEnum):
@@ -67,15 +71,15 @@ class FrictionModes:
             directions: Directions of slip, world axes, (k, 3).
             slips: Slip speeds, m/s, (k,).
         """
-        before = self._largest_slip
+        before, held = self._largest_slip, self._kinds
         self.released = False
+        self._largest_slip = {
+            contact: max(before.get(contact, 0.0) if held.get(contact) == Mode.SLIDE else 0.0, slip)
+            for contact, slip, kind in zip(contact_points, slips.tolist(), kinds.tolist(), strict=True)
+            if kind == Mode.SLIDE or held.get(contact) == Mode.SLIDE  # a point that has just stopped
+        }
         self._kinds = dict(zip(contact_points, kinds.tolist(), strict=True))
         self._directions = dict(zip(contact_points, directions, strict=True))
-        self._largest_slip = {
-            contact: max(before.get(contact, 0.0), slip)
-            for contact, slip, kind in zip(contact_points, slips.tolist(), kinds.tolist(), strict=True)
-            if kind == Mode.SLIDE
-        }
 
     def fingerprint(self, contact_points: Sequence[ContactPoint]) -> tuple[bytes, bytes, bool]:
         """What a choice of modes of some points depends on, for exact comparison."""
@@ -83,7 +87,10 @@ class FrictionModes:
 
 
 def sliding(slips: FloatArray, kinds: IntArray, stop_speeds: FloatArray, rounding: FloatArray) -> BoolArray:
-    """Points that slip, (k,); the velocity of sticking points drifts, until it is projected out.
+    """Points that slip, (k,).
+
+    Points of a body that stop at one instant reach the speed at which one stops within rounding of each other: those close
+    to it stop with it. The velocity of sticking points drifts, until it is projected out.
 
     Args:
         slips: Slip speeds, m/s, (k,).
@@ -91,9 +98,8 @@ def sliding(slips: FloatArray, kinds: IntArray, stop_speeds: FloatArray, roundin
         stop_speeds: Slips below which sliding points stop, m/s, (k,).
         rounding: Rounding of the speeds, m/s, (k,).
     """
-    drifts = np.where(kinds == Mode.STICK, DRIFT_SHARE, 1.0)
-    return np.asarray(slips > np.maximum(stop_speeds, rounding) * drifts)
-
-
-DRIFT_SHARE = 1e5
-"""Slip of a sticking point over the speed below which a sliding one stops, up to which it is drift."""
+    least = np.maximum(stop_speeds, rounding)
+    stops = (kinds == Mode.SLIDE) & (slips <= least)
+    together = _TOGETHER if stops.any() else 1.0
+    drift = np.maximum(2.0 * _TOGETHER * least, CLOSED_RATE / RATE * rounding)
+    return np.asarray(slips > np.where(kinds == Mode.STICK, drift, np.where(kinds == Mode.SLIDE, together * least, least)))
