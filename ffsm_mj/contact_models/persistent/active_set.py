@@ -79,6 +79,8 @@ class ActiveContactSet:
         self._problem_cache: tuple[tuple[Any, ...], ContactAcceleration] | None = None
         self._decision_cache: Decision | None = None
         self._friction_cache: tuple[tuple[Any, ...], FrictionalDecision] | None = None
+        self._friction_rows_cache: tuple[tuple[Any, ...], FrictionalRows] | None = None
+        self._chosen: FrictionalDecision | None = None
         self._gap_cache: tuple[tuple[Any, ...], float] | None = None
 
     @property
@@ -91,7 +93,9 @@ class ActiveContactSet:
         self.motion, self._smooth = motion, Smooth(motion, self._scene.data)
         self._other_forces = np.zeros(motion.model.nv)
         self._evaluators.clear()
-        self._rows_cache = self._problem_cache = self._decision_cache = self._gap_cache = self._friction_cache = None
+        self._rows_cache = self._problem_cache = self._decision_cache = self._gap_cache = None
+        self._friction_cache = self._friction_rows_cache = self._chosen = None
+        self.modes.forget_structures()
         self.clear_stages()
 
     def clear_stages(self) -> None:
@@ -109,6 +113,7 @@ class ActiveContactSet:
         self._count()
 
     def _count(self) -> None:
+        self.modes.forget_structures()
         self.has_friction = any(pair.mu > 0.0 for pair, contact_points in self.by_pair.items() if contact_points)
         self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
         self._evaluators.clear()
@@ -193,10 +198,7 @@ class ActiveContactSet:
     def _push_with_friction(self, data: Any) -> None:
         flight = self.motion.flight
         assert isinstance(flight, ForcedStepper)
-        rows_now, force = (
-            self._evaluator(self.pressing).frictional_rows(),
-            self._smooth.force(self._other_forces),
-        )
+        rows_now, force = self._frictional_rows(self.pressing), self._smooth.force(self._other_forces)
         stage, generalised = stage_of(rows_now, force, data, self.modes, self.pressing, flight.stage)
         data.qfrc_applied += generalised
         if flight.repeats:
@@ -241,11 +243,18 @@ class ActiveContactSet:
         now = smooth.state(), smooth.efforts(), self._other_forces.tobytes()
         key = contact_points, now, self.modes.fingerprint(contact_points)
         if self._friction_cache is None or self._friction_cache[0] != key:
-            rows_now = self._evaluator(contact_points).frictional_rows()
+            rows_now = self._frictional_rows(contact_points)
             force = smooth.force(self._other_forces)
             found = FrictionalDecision(contact_points, rows_now, force, np.array(motion.data.qvel), self.modes)
             self._friction_cache = key, found
         return self._friction_cache[1]
+
+    def _frictional_rows(self, contact_points: tuple[ContactPoint, ...]) -> FrictionalRows:
+        """Rows of some contact points at the state in ``data``; kept if only the efforts have changed."""
+        place = contact_points, self._smooth.state()
+        if self._friction_rows_cache is None or self._friction_rows_cache[0] != place:
+            self._friction_rows_cache = place, self._evaluator(contact_points).frictional_rows()
+        return self._friction_rows_cache[1]
 
     def closed_rows(self) -> ClosedRows:
         """Rows of all closed contact points at the state in ``data``, as a projection needs them."""
@@ -279,8 +288,9 @@ class ActiveContactSet:
         """Set the active set to the contact points that carry force at the state in ``data``."""
         decision = self.decide() if self.contact_points else None
         self.pressing = tuple(decision.contact_points[i] for i in decision.pressing) if decision else ()
-        if isinstance(decision, FrictionalDecision):
-            decision.keep_modes()
+        self._chosen = decision if isinstance(decision, FrictionalDecision) else None
+        if self._chosen is not None:
+            self._chosen.keep_modes()
         tilts = ((contact, contact.feature.tilt(self._scene.data)) for contact in self.pressing)
         self._tilts = [(contact, tilt, _TILT_SHARE * math.hypot(*tilt)) for contact, tilt in tilts if tilt is not None]
 
@@ -294,9 +304,8 @@ class ActiveContactSet:
         if not isinstance(flight, ForcedStepper):
             return left_s
         flight.implicit, limit = False, left_s
-        decision = self.decide() if self.has_friction and self.contact_points else None
-        if isinstance(decision, FrictionalDecision):
-            limit, flight.implicit = step_limit(decision, left_s)
+        if self._chosen is not None:
+            limit, flight.implicit = step_limit(self._chosen, left_s)
         return limit
 
     def witness_value(self) -> float:

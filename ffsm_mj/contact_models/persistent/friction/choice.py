@@ -14,7 +14,7 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
-from ffsm_mj.contact_models.persistent.friction.modes import Mode
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity, unit_slips
 from ffsm_mj.tolerances import SOLVED
 
@@ -63,7 +63,7 @@ class Solution:
     Attributes:
         kinds: Modes, (k,).
         directions: Directions of slip along (t1, t2), (k, 2).
-        rank: Number of independent rows held.
+        redundant: Whether rows held depend on each other.
         forces: Forces (n, t1, t2), N, (k, 3).
         accelerations: Relative accelerations (n, t1, t2), m/s^2, (k, 3).
         validity: Least margin of all conditions, m/s^2; negative if one is violated.
@@ -72,7 +72,7 @@ class Solution:
 
     kinds: IntArray
     directions: FloatArray
-    rank: int
+    redundant: bool
     forces: FloatArray
     accelerations: FloatArray
     validity: float
@@ -101,11 +101,11 @@ class ModeChoice:
         """
         states = self._states
         if not states.released:
-            if np.all(states.kinds >= 0) and np.all((states.kinds != Mode.STICK) | self._still):
+            if np.all(states.kinds >= 0) and np.all((states.kinds != STICK) | self._still):
                 kept = self.evaluate(states.kinds, self._directions(states.kinds))
                 if kept.valid:
                     return kept
-            kinds = np.where(states.slides | (self._problem.mu == 0.0), Mode.SLIDE, Mode.STICK)
+            kinds = np.where(states.slides | (self._problem.mu == 0.0), SLIDE, STICK)
             held = self.evaluate(self._movable(kinds), self._directions(kinds))
             if held.valid:
                 return self._without_idle(held)
@@ -113,71 +113,69 @@ class ModeChoice:
 
     def _movable(self, kinds: IntArray) -> IntArray:
         """Modes with points that no normal force can move closed."""
-        return np.where(self._problem.movable_normals, kinds, Mode.CLOSED)
+        return np.where(self._problem.movable_normals, kinds, CLOSED)
 
     def _without_idle(self, found: Solution) -> Solution:
         """The solution with points closed that carry no force, where that leaves all else as it is."""
         load = np.abs(found.forces).max(axis=1) * self._problem.inverse_mass
-        idle = (found.kinds != Mode.CLOSED) & (load <= self._states.rounding)
+        idle = (found.kinds != CLOSED) & (load <= self._states.rounding)
         if not idle.any():
             return found
-        closed = self.evaluate(np.where(idle, Mode.CLOSED, found.kinds), found.directions)
+        closed = self.evaluate(np.where(idle, CLOSED, found.kinds), found.directions)
         return closed if closed.valid else found
 
     def _directions(self, kinds: IntArray) -> FloatArray:
         """Directions of slip: along the slip of a point that slides, the present one at a point that begins to."""
         states, mu = self._states, self._problem.mu
         directions = np.where(states.slides[:, None], unit_slips(states.slips), states.directions)
-        return np.where(((kinds == Mode.SLIDE) & (mu > 0.0))[:, None], directions, 0.0)
+        return np.where(((kinds == SLIDE) & (mu > 0.0))[:, None], directions, 0.0)
 
     def evaluate(self, kinds: IntArray, directions: FloatArray) -> Solution:
         """Forces in given modes, and whether these are valid."""
         problem, states = self._problem, self._states
-        rank = problem.rank(kinds)
-        forces = problem.forces(kinds, directions, rank)
+        forces = problem.forces(kinds, directions)
         accelerations = (problem.b + problem.G @ forces.ravel()).reshape(-1, 3)
-        validity, releases = self._validity(kinds, rank, forces, accelerations)
-        begins = (kinds == Mode.SLIDE) & self._still & (problem.mu > 0.0)
+        validity, releases = self._validity(kinds, forces, accelerations)
+        begins = (kinds == SLIDE) & self._still & (problem.mu > 0.0)
         if begins.any():
             along = (
                 np.sum(accelerations[:, 1:] * directions, axis=1)[begins] + _SLIPS * self._scale + states.rounding[begins]
             )
             validity = min(validity, float(along.min()))
-        return Solution(kinds, directions, rank, forces, accelerations, validity, releases)
+        return Solution(kinds, directions, problem.structure(kinds).redundant, forces, accelerations, validity, releases)
 
-    def _validity(self, kinds: IntArray, rank: int, forces: FloatArray, accelerations: FloatArray) -> tuple[float, bool]:
+    def _validity(self, kinds: IntArray, forces: FloatArray, accelerations: FloatArray) -> tuple[float, bool]:
         """Least margin of the conditions on forces and gaps, m/s^2, and whether it is that of sticking points."""
         problem, rounding = self._problem, _OPENS * self._states.rounding
-        slides, sticks, closed = (kinds == mode for mode in (Mode.SLIDE, Mode.STICK, Mode.CLOSED))
+        slides, sticks, closed = (kinds == mode for mode in (SLIDE, STICK, CLOSED))
         least = np.inf
         if slides.any():
             least = float((forces[:, 0] * problem.inverse_mass + rounding)[slides].min())
         if closed.any():
             least = min(least, float((accelerations[:, 0] + rounding)[closed].min()))
             idle = closed & (accelerations[:, 0] <= rounding) & (accelerations[:, 0] >= -rounding)
-            if idle.any() and rank < len(problem.held_rows(np.where(idle & problem.movable_normals, Mode.SLIDE, kinds))):
-                shares = problem.virtual_shares(kinds, forces, rank)
+            if idle.any():
+                shares = problem.virtual_shares(kinds, forces)
                 least = min(least, float((rounding - shares * problem.inverse_mass)[idle].min()))
         if not sticks.any():
             return least, False
-        held = self.stick_margin(kinds, rank, forces)
+        held = self.stick_margin(kinds, forces)
         return (held, held < 0.0) if held < least else (least, False)
 
-    def stick_margin(self, kinds: IntArray, rank: int, forces: FloatArray) -> float:
+    def stick_margin(self, kinds: IntArray, forces: FloatArray) -> float:
         """Margin of the sticking points to their friction cones, m/s^2: own forces, or others of the same effect."""
-        problem, sticks = self._problem, np.flatnonzero(kinds == Mode.STICK)
+        problem, sticks = self._problem, np.flatnonzero(kinds == STICK)
         of_own = problem.mu * forces[:, 0] - np.hypot(forces[:, 1], forces[:, 2])
         inertia = float(problem.inverse_mass[sticks].mean())
         allowed = _ON_CONE * float(np.abs(forces).max()) * inertia + float(self._states.rounding[sticks].max()) * _ON_CONE
         own = float(of_own[sticks].min()) * inertia + allowed
-        rows = problem.held_rows(kinds)
-        if own >= 0.0 or rank == len(rows):
+        if own >= 0.0 or not problem.structure(kinds).redundant:
             return own
         return self._joint_margin(kinds, forces) * inertia + allowed
 
     def _joint_margin(self, kinds: IntArray, forces: FloatArray) -> float:
         """Largest margin that any forces with the effect of the given ones have at the sticking points, N."""
-        problem, sticks = self._problem, np.flatnonzero(kinds == Mode.STICK)
+        problem, sticks = self._problem, np.flatnonzero(kinds == STICK)
         every = (3 * sticks[:, None] + np.arange(3)).ravel()
         sizes, U = np.linalg.eigh(problem.G[np.ix_(every, every)])
         own_rank = int(np.count_nonzero(sizes > 1e-10 * sizes[-1]))
@@ -194,7 +192,7 @@ class ModeChoice:
             raise NoModesError
         kinds, directions = self._classified(forces)
         if not self._states.released:
-            holding = np.where(self._still & (kinds == Mode.SLIDE) & (self._problem.mu > 0.0), Mode.STICK, kinds)
+            holding = np.where(self._still & (kinds == SLIDE) & (self._problem.mu > 0.0), STICK, kinds)
             if np.any(holding != kinds) and (held := self.evaluate(holding, self._directions(holding))).valid:
                 return held
         return self._corrected(kinds, directions)
@@ -210,7 +208,7 @@ class ModeChoice:
         G, mu = problem.G[np.ix_(rows, rows)], np.where(states.slides, 0.0, problem.mu)[which]
         # Friction of a sliding point follows its normal force: the column of the latter gets both.
         along = np.eye(len(rows))
-        slips = self._directions(np.full(len(states.slides), int(Mode.SLIDE)))
+        slips = self._directions(np.full(len(states.slides), SLIDE))
         for place, i in enumerate(which.tolist()):
             if states.slides[i]:
                 along[3 * place + 1 : 3 * place + 3, 3 * place] = -problem.mu[i] * slips[i]
@@ -229,21 +227,20 @@ class ModeChoice:
         saturated = friction >= limit * (1.0 - share)
         moves = np.hypot(accelerations[:, 1], accelerations[:, 2]) > _SLIPS * self._scale
         sticks = self._still & (problem.mu > 0.0) & ~(saturated & (moves | states.released))
-        kinds = np.where(sticks, Mode.STICK, Mode.SLIDE)
-        kinds = np.where(forces[:, 0] * problem.inverse_mass > states.rounding, kinds, Mode.CLOSED)
+        kinds = np.where(sticks, STICK, SLIDE)
+        kinds = np.where(forces[:, 0] * problem.inverse_mass > states.rounding, kinds, CLOSED)
         directions = self._directions(kinds)
-        begins = (kinds == Mode.SLIDE) & self._still & (problem.mu > 0.0)
+        begins = (kinds == SLIDE) & self._still & (problem.mu > 0.0)
         directions[begins] = -unit_slips(forces[begins, 1:])
         return kinds, self._along_acceleration(kinds, directions, begins & moves)
 
     def _along_acceleration(self, kinds: IntArray, directions: FloatArray, begins: BoolArray) -> FloatArray:
         """Directions of slip along the accelerations of points that begin to slide, with the shares of equal springs."""
-        lines, _ = self._problem.lines()
-        free = np.flatnonzero(begins & ~lines)
+        free = np.flatnonzero(begins & ~self._problem.lines)
         if not len(free):
             return directions
         velocity = OwnVelocity(self._problem.b, np.ones(len(self._problem.b)), free)
-        return self._problem.forces_along_slip(kinds, directions, self._problem.rank(kinds), velocity)[1]
+        return self._problem.forces_along_slip(kinds, directions, velocity)[1]
 
     def _corrected(self, kinds: IntArray, directions: FloatArray) -> Solution:
         """The solution in given modes, with modes corrected where they are not valid.
@@ -257,19 +254,19 @@ class ModeChoice:
             if found.valid:
                 return found
             kinds, directions = kinds.copy(), directions.copy()
-            pulls = (kinds != Mode.CLOSED) & (found.forces[:, 0] * problem.inverse_mass < -_OPENS * states.rounding)
-            overlaps = (kinds == Mode.CLOSED) & (found.accelerations[:, 0] < -_OPENS * states.rounding)
+            pulls = (kinds != CLOSED) & (found.forces[:, 0] * problem.inverse_mass < -_OPENS * states.rounding)
+            overlaps = (kinds == CLOSED) & (found.accelerations[:, 0] < -_OPENS * states.rounding)
             friction = np.hypot(found.forces[:, 1], found.forces[:, 2])
-            over = (kinds == Mode.STICK) & ~pulls & (friction > problem.mu * found.forces[:, 0])
-            back = (kinds == Mode.SLIDE) & self._still & (problem.mu > 0.0) & ~pulls
+            over = (kinds == STICK) & ~pulls & (friction > problem.mu * found.forces[:, 0])
+            back = (kinds == SLIDE) & self._still & (problem.mu > 0.0) & ~pulls
             back &= np.sum(found.accelerations[:, 1:] * directions, axis=1) < -_SLIPS * self._scale
             if not np.any(pulls | overlaps | over | back):
                 break
-            kinds[pulls], kinds[overlaps & problem.movable_normals] = Mode.CLOSED, Mode.STICK
-            kinds[overlaps & (states.slides | (problem.mu == 0.0)) & problem.movable_normals] = Mode.SLIDE
-            kinds[over], kinds[back] = Mode.SLIDE, Mode.STICK
+            kinds[pulls], kinds[overlaps & problem.movable_normals] = CLOSED, STICK
+            kinds[overlaps & (states.slides | (problem.mu == 0.0)) & problem.movable_normals] = SLIDE
+            kinds[over], kinds[back] = SLIDE, STICK
             directions[over] = -unit_slips(found.forces[over, 1:])
-            moving = states.slides & (kinds == Mode.SLIDE)
+            moving = states.slides & (kinds == SLIDE)
             directions[moving] = self._directions(kinds)[moving]
-            directions[kinds != Mode.SLIDE] = 0.0
+            directions[kinds != SLIDE] = 0.0
         raise NoModesError

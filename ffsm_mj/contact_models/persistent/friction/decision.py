@@ -8,7 +8,7 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates, Solution
-from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, Mode, sliding
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, FrictionModes, Mode, sliding
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, unit_slips
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
 from ffsm_mj.records.events import Outcome, RunEnded
@@ -49,7 +49,7 @@ class FrictionalDecision:
         """
         self.contact_points, self.rows, self._modes = contact_points, rows, modes
         mu = np.array([contact.pair.mu for contact in contact_points])
-        self.problem = FrictionProblem(rows.G, rows.response @ force + rows.gamma, mu)
+        self.problem = FrictionProblem(rows.G, rows.response @ force + rows.gamma, mu, modes.structures)
         self._force, self._kinds = force, modes.kinds(contact_points)
         velocities = (rows.J @ qvel).reshape(-1, 3)
         self._u: FloatArray = velocities[:, 1:]
@@ -117,7 +117,7 @@ class FrictionalDecision:
     @property
     def pressing(self) -> list[int]:
         """Indices of the contact points that carry force: the active set."""
-        return [int(i) for i in np.flatnonzero(self.kinds != Mode.CLOSED)]
+        return [int(i) for i in np.flatnonzero(self.kinds != CLOSED)]
 
     @cached_property
     def directions(self) -> FloatArray:
@@ -138,7 +138,7 @@ class FrictionalDecision:
     def _in_present_modes(self) -> tuple[Solution, float]:
         """Solution in the modes of the step, and least slip of sliding points along their direction at its start, m/s."""
         along = np.einsum("kij,kj->ki", self.rows.axes[:, 1:], self._modes.directions(self.contact_points))
-        slides = (self._kinds == Mode.SLIDE) & (self.problem.mu > 0.0)
+        slides = (self._kinds == SLIDE) & (self.problem.mu > 0.0)
         directions, forward = slip_directions(self.problem, self._u, along, slides)
         return self._choice.evaluate(np.maximum(self._kinds, 0), directions), forward
 
@@ -174,10 +174,12 @@ def slip_directions(
     directions = np.zeros_like(slips)
     if not slides.any():
         return directions, np.inf
-    lines, axes = problem.lines()
     forward = np.sum(slips * at_start, axis=1)
     unit = unit_slips(slips) * np.where(forward < 0.0, -1.0, 1.0)[:, None]
     unit = np.where(np.any(unit != 0.0, axis=1)[:, None], unit, at_start)
-    straight = axes * np.where(np.sum(axes * at_start, axis=1) < 0.0, -1.0, 1.0)[:, None]
-    directions[slides] = np.where(lines[:, None], straight, unit)[slides]
+    if problem.lines.any():
+        axes = problem.line_directions()
+        straight = axes * np.where(np.sum(axes * at_start, axis=1) < 0.0, -1.0, 1.0)[:, None]
+        unit = np.where(problem.lines[:, None], straight, unit)
+    directions[slides] = unit[slides]
     return directions, float(forward[slides].min())

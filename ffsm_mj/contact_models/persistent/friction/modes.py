@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,8 @@ class Mode(IntEnum):
     STICK = 2
 
 
+CLOSED, SLIDE, STICK = map(int, Mode)
+"""The modes as plain numbers, which numpy compares faster."""
 UNKNOWN = -1
 """In place of the mode of a point that has none yet."""
 
@@ -37,11 +40,15 @@ class FrictionModes:
 
     Attributes:
         released: Whether sticking points have reached the limit of friction at the current state: those there slide.
+        structures: Rows held in modes of the current step, for all closed points; see ``HeldRows``.
+        pressing_structures: The same for the points that press.
     """
 
     def __init__(self) -> None:
         """Start without modes."""
         self.released = False
+        self.structures: dict[bytes, Any] = {}
+        self.pressing_structures: dict[bytes, Any] = {}
         self._kinds: dict[ContactPoint, int] = {}
         self._directions: dict[ContactPoint, FloatArray] = {}
         self._largest_slip: dict[ContactPoint, float] = {}
@@ -73,13 +80,18 @@ class FrictionModes:
         """
         before, held = self._largest_slip, self._kinds
         self.released = False
+        self.forget_structures()
         self._largest_slip = {
-            contact: max(before.get(contact, 0.0) if held.get(contact) == Mode.SLIDE else 0.0, slip)
+            contact: max(before.get(contact, 0.0) if held.get(contact) == SLIDE else 0.0, slip)
             for contact, slip, kind in zip(contact_points, slips.tolist(), kinds.tolist(), strict=True)
-            if kind == Mode.SLIDE or held.get(contact) == Mode.SLIDE  # a point that has just stopped
+            if kind == SLIDE or held.get(contact) == SLIDE  # a point that has just stopped
         }
         self._kinds = dict(zip(contact_points, kinds.tolist(), strict=True))
         self._directions = dict(zip(contact_points, directions, strict=True))
+
+    def forget_structures(self) -> None:
+        """Discard the rows held: the contact points or the motion have changed."""
+        self.structures, self.pressing_structures = {}, {}
 
     def fingerprint(self, contact_points: Sequence[ContactPoint]) -> tuple[bytes, bytes, bool]:
         """What a choice of modes of some points depends on, for exact comparison."""
@@ -99,7 +111,7 @@ def sliding(slips: FloatArray, kinds: IntArray, stop_speeds: FloatArray, roundin
         rounding: Rounding of the speeds, m/s, (k,).
     """
     least = np.maximum(stop_speeds, rounding)
-    stops = (kinds == Mode.SLIDE) & (slips <= least)
+    stops = (kinds == SLIDE) & (slips <= least)
     together = _TOGETHER if stops.any() else 1.0
     drift = np.maximum(2.0 * _TOGETHER * least, CLOSED_RATE / RATE * rounding)
-    return np.asarray(slips > np.where(kinds == Mode.STICK, drift, np.where(kinds == Mode.SLIDE, together * least, least)))
+    return np.asarray(slips > np.where(kinds == STICK, drift, np.where(kinds == SLIDE, together * least, least)))

@@ -15,13 +15,14 @@ R^T, which is the least norm without friction and for points that stick.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
-from ffsm_mj.contact_models.persistent.friction.modes import Mode
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
 from ffsm_mj.tolerances import CANCELLED, EPSILON, RANK
 
 _TURNS = 50
@@ -58,42 +59,54 @@ class FrictionProblem:
         movable_normals: Points at which a normal force can move anything, (k,).
     """
 
-    def __init__(self, G: FloatArray, b: FloatArray, mu: FloatArray) -> None:
-        """Set up the problem."""
+    def __init__(self, G: FloatArray, b: FloatArray, mu: FloatArray, structures: Structures | None = None) -> None:
+        """Set up the problem.
+
+        Args:
+            G: See the attributes.
+            b: See the attributes.
+            mu: See the attributes.
+            structures: Structures of modes found before in the same (sub-)step, for the same points; more are added.
+        """
         self.G, self.b, self.mu = G, b, mu
-        diagonal = G.diagonal().reshape(-1, 3)
-        self._movable: BoolArray = diagonal > CANCELLED * max(1.0, float(diagonal.max(initial=0.0)))
-        self.inverse_mass: FloatArray = diagonal[:, 0]
-        self.movable_normals: BoolArray = self._movable[:, 0]
+        self._structures: Structures = {} if structures is None else structures
+        self.inverse_mass: FloatArray = G.diagonal()[::3]
+
+    @cached_property
+    def _movable(self) -> BoolArray:
+        """Rows along which a force can move anything, (k, 3)."""
+        diagonal = self.G.diagonal().reshape(-1, 3)
+        return np.asarray(diagonal > CANCELLED * max(1.0, float(diagonal.max(initial=0.0))))
+
+    @property
+    def movable_normals(self) -> BoolArray:
+        """Points at which a normal force can move anything, (k,)."""
+        return np.asarray(self._movable[:, 0])
 
     def held_rows(self, kinds: IntArray) -> IntArray:
         """Rows held by points in given modes; rows along which nothing can move are left out."""
         held = np.zeros((len(kinds), 3), dtype=np.bool_)
-        held[:, 0] = kinds != Mode.CLOSED
-        held[:, 1:] = (kinds == Mode.STICK)[:, None]
+        held[:, 0] = kinds != CLOSED
+        held[:, 1:] = (kinds == STICK)[:, None]
         return np.flatnonzero((held & self._movable).ravel())
 
-    def rank(self, kinds: IntArray) -> int:
-        """Number of independent rows held in given modes."""
-        rows = self.held_rows(kinds)
-        if not len(rows):
-            return 0
-        sizes = np.linalg.eigvalsh(self.G[np.ix_(rows, rows)])
-        return int(np.count_nonzero(sizes > RANK * sizes[-1]))
+    def structure(self, kinds: IntArray) -> HeldRows:
+        """The rows held in given modes."""
+        key = kinds.tobytes()
+        if key not in self._structures:
+            self._structures[key] = HeldRows.of(self, kinds)
+        return self._structures[key]
 
-    def forces(self, kinds: IntArray, slips: FloatArray, rank: int) -> FloatArray:
+    def forces(self, kinds: IntArray, slips: FloatArray) -> FloatArray:
         """Forces (n, t1, t2) of each point in given modes, N, (k, 3).
 
         Args:
             kinds: Modes, (k,).
             slips: Unit direction of slip of each sliding point along (t1, t2), (k, 2); zero without friction.
-            rank: Number of independent rows.
         """
-        return _Held(self, kinds, rank).forces(slips)
+        return _Held(self, self.structure(kinds)).forces(slips)
 
-    def forces_along_slip(
-        self, kinds: IntArray, slips: FloatArray, rank: int, velocity: OwnVelocity
-    ) -> tuple[FloatArray, FloatArray]:
+    def forces_along_slip(self, kinds: IntArray, slips: FloatArray, velocity: OwnVelocity) -> tuple[FloatArray, FloatArray]:
         """The same where some directions of slip are those of velocities that the forces themselves determine.
 
         Newton's method on the angles of these directions.
@@ -101,13 +114,12 @@ class FrictionProblem:
         Args:
             kinds: Modes, (k,).
             slips: Directions, and for points that are free a first estimate, (k, 2).
-            rank: Number of independent rows.
             velocity: The velocities.
 
         Returns:
             Forces, N, (k, 3), and directions, (k, 2).
         """
-        held, free, slips = _Held(self, kinds, rank), velocity.free, slips.copy()
+        held, free, slips = _Held(self, self.structure(kinds)), velocity.free, slips.copy()
         angles = np.arctan2(slips[free, 1], slips[free, 0])
         forces = held.forces(slips)
         for _ in range(_TURNS):
@@ -135,26 +147,37 @@ class FrictionProblem:
             slopes[:, j] += np.sum(turn * change, axis=1)
         return np.asarray(np.linalg.lstsq(slopes, -miss, rcond=None)[0])
 
-    def lines(self) -> tuple[BoolArray, FloatArray]:
-        """Points that can slip along one line only, (k,), and the unit vector along it, (k, 2); arbitrary for the others.
+    @cached_property
+    def _tangent_blocks(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Elements (1, 1), (1, 2) and (2, 2) of the tangent rows of G of each point, 1/kg, (k,) each."""
+        G = self.G
+        return G.diagonal()[1::3], G.diagonal(1)[1::3], G.diagonal()[2::3]
 
-        A point slips along a line if its two tangent rows of G have rank one, as in a planar mechanism.
-        """
-        count = len(self.mu)
-        blocks = self.G.reshape(count, 3, count, 3)[np.arange(count), 1:, np.arange(count), 1:]
-        sizes, axes = np.linalg.eigh(blocks)
-        return sizes[:, 0] <= RANK * sizes[:, 1], axes[:, :, 1]
-
-    def tangent_inertia(self) -> FloatArray:
+    @cached_property
+    def tangent_inverse_mass(self) -> FloatArray:
         """Largest eigenvalue of the two tangent rows of G of each point, 1/kg, (k,)."""
-        count = len(self.mu)
-        blocks = self.G.reshape(count, 3, count, 3)[np.arange(count), 1:, np.arange(count), 1:]
-        return np.asarray(np.linalg.eigvalsh(blocks)[:, 1])
+        a, b, c = self._tangent_blocks
+        return np.asarray(0.5 * (a + c) + np.hypot(0.5 * (a - c), b))
 
-    def virtual_shares(self, kinds: IntArray, forces: FloatArray, rank: int) -> FloatArray:
+    @cached_property
+    def lines(self) -> BoolArray:
+        """Points that can slip along one line only, (k,).
+
+        Their two tangent rows of G have rank one, as in a planar mechanism.
+        """
+        a, b, c = self._tangent_blocks
+        return np.asarray(a * c - b * b <= RANK * self.tangent_inverse_mass**2)
+
+    def line_directions(self) -> FloatArray:
+        """Unit vectors along which these points slip, (k, 2); arbitrary for the others."""
+        a, b, c = self._tangent_blocks
+        angles = 0.5 * np.arctan2(2.0 * b, a - c)
+        return np.stack((np.cos(angles), np.sin(angles)), axis=1)
+
+    def virtual_shares(self, kinds: IntArray, forces: FloatArray) -> FloatArray:
         """Normal forces of springs like those of the held points, at points without force, N, (k,); zero at the others."""
-        rows = self.held_rows(kinds)
-        closed = np.flatnonzero(kinds == Mode.CLOSED)
+        rows, rank = self.structure(kinds).rows, self.structure(kinds).rank
+        closed = np.flatnonzero(kinds == CLOSED)
         shares = np.zeros(len(kinds))
         if len(rows) and len(closed):
             sizes, U = np.linalg.eigh(self.G[np.ix_(rows, rows)])
@@ -164,43 +187,85 @@ class FrictionProblem:
         return shares
 
 
-class _Held:
-    """The rows held by points in given modes, with the linear problem for their forces."""
+@dataclass(frozen=True)
+class HeldRows:
+    """The rows held by points in given modes; it stays the same for a step.
 
-    def __init__(self, problem: FrictionProblem, kinds: IntArray, rank: int) -> None:
-        self._problem, self._kinds = problem, kinds
-        self._rows = rows = problem.held_rows(kinds)
-        self._held_G = problem.G[rows]
+    Attributes:
+        rows: Their indices among the 3k rows, ascending, (r,).
+        rank: Number of independent rows.
+        along: Directions along which the forces of the rows act, (3k, r); without friction of sliding points.
+        slides: Indices of sliding points with friction, (m,).
+        columns: Columns of their normal forces, (m,).
+    """
+
+    rows: IntArray
+    rank: int
+    along: FloatArray
+    slides: IntArray
+    columns: IntArray
+
+    @classmethod
+    def of(cls, problem: FrictionProblem, kinds: IntArray) -> HeldRows:
+        """Determine the rows in a problem."""
+        rows = problem.held_rows(kinds)
+        rank = 0
+        if len(rows):
+            sizes = np.linalg.eigvalsh(problem.G[np.ix_(rows, rows)])
+            rank = int(np.count_nonzero(sizes > RANK * sizes[-1]))
+        along = np.zeros((3 * len(kinds), len(rows)))
+        along[rows, np.arange(len(rows))] = 1.0
+        slides = np.flatnonzero((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals)
+        return cls(rows, rank, along, slides, np.searchsorted(rows, 3 * slides))
+
+    @property
+    def redundant(self) -> bool:
+        """Whether rows depend on each other."""
+        return self.rank < len(self.rows)
+
+
+Structures: TypeAlias = dict[bytes, HeldRows]
+"""Rows held by the same points in several modes, by the modes."""
+
+
+class _Held:
+    """The linear problem for the forces of held rows."""
+
+    def __init__(self, problem: FrictionProblem, structure: HeldRows) -> None:
+        self._problem, self._structure = problem, structure
+        self._held_G, self._along = problem.G[structure.rows], structure.along
         self._range = None
-        if rank < len(rows):
-            self._range = np.linalg.eigh(self._held_G[:, rows])[1][:, len(rows) - rank :]
-        self._along = np.zeros((3 * len(kinds), len(rows)))
-        self._along[rows, np.arange(len(rows))] = 1.0
-        self._column = {int(row) // 3: j for j, row in enumerate(rows) if row % 3 == 0}
+        if structure.redundant:
+            square = self._held_G[:, structure.rows]
+            self._range = np.linalg.eigh(square)[1][:, len(structure.rows) - structure.rank :]
 
     def forces(self, slips: FloatArray) -> FloatArray:
         """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""
-        mu = self._problem.mu
-        for i, j in self._column.items():
-            if self._kinds[i] == Mode.SLIDE:
-                self._along[3 * i + 1 : 3 * i + 3, j] = -mu[i] * slips[i]
-        return (self._along @ self._solve(-self._problem.b[self._rows])).reshape(-1, 3)
+        slides, columns = self._structure.slides, self._structure.columns
+        if len(slides):
+            self._along = self._structure.along.copy()
+            friction = -self._problem.mu[slides, None] * slips[slides]
+            self._along[3 * slides + 1, columns], self._along[3 * slides + 2, columns] = friction[:, 0], friction[:, 1]
+        forces: FloatArray = self._along.dot(self._solve(-self._problem.b[self._structure.rows]))
+        return forces.reshape(-1, 3)
 
     def _solve(self, right: FloatArray) -> FloatArray:
         if not len(right):
             return right
-        system = self._held_G @ self._along
+        # Without sliding friction forces act along the rows themselves.
+        plain = not len(self._structure.slides)
+        system = self._held_G[:, self._structure.rows] if plain else self._held_G.dot(self._along)
         if self._range is None:
             return _solved(system, right)
         U = self._range
-        return np.asarray(U @ _solved(U.T @ system @ U, U.T @ right))
+        return np.asarray(U.dot(_solved(U.T.dot(system).dot(U), U.T.dot(right))))
 
     def response_to_turn(self, point: int, across: FloatArray, normal_force: float) -> FloatArray:
         """Change of all forces per rad by which the direction of slip of one point turns, (k, 3)."""
-        turned = np.zeros((len(self._kinds), 3))
+        turned = np.zeros((len(self._problem.mu), 3))
         turned[point, 1:] = -self._problem.mu[point] * normal_force * across
-        answer = self._solve(-(self._held_G @ turned.ravel()))
-        return turned + (self._along @ answer).reshape(-1, 3)
+        answer = self._solve(-self._held_G.dot(turned.ravel()))
+        return np.asarray(turned + self._along.dot(answer).reshape(-1, 3))
 
 
 def _solved(system: FloatArray, right: FloatArray) -> FloatArray:
@@ -213,5 +278,5 @@ def _solved(system: FloatArray, right: FloatArray) -> FloatArray:
 
 def unit_slips(velocities: FloatArray) -> FloatArray:
     """Unit vectors along slip velocities, (k, 2); zero where there is none."""
-    sizes = np.array([math.hypot(*each) for each in velocities.tolist()])
+    sizes = np.hypot(velocities[:, 0], velocities[:, 1])
     return np.asarray(velocities / np.where(sizes > 0.0, sizes, 1.0)[:, None])

@@ -10,7 +10,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision, slip_directions
-from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, Mode
+from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, FrictionModes
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
 from ffsm_mj.dynamics.implicit_stages import StageVelocity
@@ -50,22 +50,21 @@ def stage_of(
         The stage, and the generalised contact forces, (nv,).
     """
     kinds, mu = modes.kinds(contact_points), np.array([contact.pair.mu for contact in contact_points])
-    problem = FrictionProblem(rows.G, rows.response @ force + rows.gamma, mu)
+    problem = FrictionProblem(rows.G, rows.response @ force + rows.gamma, mu, modes.pressing_structures)
     across = rows.axes[:, 1:]
     at_start = np.einsum("kij,kj->ki", across, modes.directions(contact_points))
-    slides = (kinds == Mode.SLIDE) & (mu > 0.0)
+    slides = (kinds == SLIDE) & (mu > 0.0)
     u = (rows.J @ data.qvel).reshape(-1, 3)[:, 1:]
     directions, _ = slip_directions(problem, u, at_start, slides)
-    rank = problem.rank(kinds)
-    free = np.flatnonzero(slides & ~problem.lines()[0]) if implicit is not None else np.zeros(0, dtype=np.int64)
+    free = np.flatnonzero(slides & ~problem.lines) if implicit is not None else np.zeros(0, dtype=np.int64)
     if implicit is not None and len(free):
         without = rows.J @ implicit.given + implicit.step_s * (rows.response @ force)
         # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
         directions[free] = at_start[free]
         velocity = OwnVelocity(without, np.full(len(without), implicit.step_s), free)
-        forces, _ = problem.forces_along_slip(kinds, directions, rank, velocity)
+        forces, _ = problem.forces_along_slip(kinds, directions, velocity)
     else:
-        forces = problem.forces(kinds, directions, rank)
+        forces = problem.forces(kinds, directions)
     generalised = forces.ravel() @ rows.J
     friction = np.einsum("ki,kij->kj", forces[:, 1:], across)
     heat = -np.sum(forces[:, 1:] * u, axis=1) * slides
@@ -80,8 +79,8 @@ def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool
         left_s: Remaining time of the grid step, s.
     """
     problem, solution = decision.problem, decision.solution
-    slides = (solution.kinds == Mode.SLIDE) & (problem.mu > 0.0)
-    slides &= ~problem.lines()[0]
+    slides = (solution.kinds == SLIDE) & (problem.mu > 0.0)
+    slides &= ~problem.lines
     if not slides.any():
         return left_s, False
     u = np.einsum("kij,kj->ki", decision.rows.axes[:, 1:], decision.slips)[slides]
@@ -95,5 +94,5 @@ def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool
         if brake > 0.0 and _TURN_ERROR_M_S < speed < _NEAR_STOP * left_s * brake:
             share = (_TURN_ERROR_M_S / speed) ** 0.2
             limit = min(limit, _STOP_SHARE * speed / brake, _TURN * share * speed / turn if turn else np.inf)
-    rates = (problem.mu * solution.forces[:, 0] * problem.tangent_inertia())[slides]
+    rates = (problem.mu * solution.forces[:, 0] * problem.tangent_inverse_mass)[slides]
     return limit, bool(np.any(limit * rates > _STIFF * speeds))
