@@ -124,10 +124,10 @@ def samples() -> dict[str, list[tuple[str, str, str]]]:
 
 
 def record(record_type: type) -> Iterator[tuple[str, str, str, str]]:
-    """Fields of an event, their meaning from its docstring."""
-    told = next(each.__doc__ for each in record_type.__mro__ if "Attributes:" in (each.__doc__ or ""))
-    text = told.split("Attributes:")[1]
-    meaning = dict(re.findall(r"^ {8}(\w+): (.*)$", text, flags=re.MULTILINE))
+    """Fields of an event, their meaning from its docstring and those of the classes that it extends."""
+    told = [each.__doc__ or "" for each in reversed(record_type.__mro__)]
+    texts = [text.split("Attributes:")[1] for text in told if "Attributes:" in text]
+    meaning = dict(pair for text in texts for pair in re.findall(r"^ {8}(\w+): (.*)$", text, flags=re.MULTILINE))
     hints = get_type_hints(record_type)
     for field in fields(record_type):
         yield (

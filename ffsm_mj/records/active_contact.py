@@ -15,9 +15,19 @@ class ActiveContact(NamedTuple):
         force_N: Resultant force on the second geom in world axes, N, (3,); may be zero in a closed contact.
         point_m: Centre of pressure, or without force the centre of the contact points, in world axes, m, (3,).
         normal: Mean unit normal from the first geom to the second in world axes, (3,).
+        mode: ``closed`` without force, ``pressing`` without friction, ``sticking``, or ``sliding`` at one or more points.
+        friction_N: Tangential part of the resultant force on the second geom in world axes, N, (3,).
+        slip_m_s: Slip velocity of the second geom relative to the first in world axes, at the contact point that slides
+            fastest, m/s, (3,).
+        friction_use: Share of the friction limit, mu times the normal force, that is used, in [0, 1]: 1 while a point
+            slides; while the pair sticks, it would also stick with mu times this share.
     """
 
     pair: str
     force_N: FloatArray
     point_m: FloatArray
     normal: FloatArray
+    mode: str
+    friction_N: FloatArray
+    slip_m_s: FloatArray
+    friction_use: float

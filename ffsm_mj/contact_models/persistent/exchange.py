@@ -29,6 +29,7 @@ class Stage(NamedTuple):
         power: Power of the contact forces by degree of freedom, W, (nv,).
         friction: Friction force on geom b of each point, world axes, N, (k, 3); None without friction.
         heat: Heat of friction at each point, W, (k,); None without friction.
+        slip_speeds: Slip speed of each sliding point, zero for the others, m/s, (k,); None without friction.
     """
 
     rows: PointRows
@@ -36,6 +37,7 @@ class Stage(NamedTuple):
     power: FloatArray
     friction: FloatArray | None = None
     heat: FloatArray | None = None
+    slip_speeds: FloatArray | None = None
 
 
 class Shares(NamedTuple):

@@ -243,10 +243,18 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         done, impulses = self._exchanged(duration_s)
         self._report.add_impulses(impulses)
         self._limits.add_impulses(impulses)
+        if self._active_set.has_friction:
+            self._add_slip(duration_s)
         decision = self._active_set.decide()
         for contact, at in zip(decision.contact_points, decision.rows.states, strict=True):
             self._overlap.add(contact.pair, at.gap)
         return done
+
+    def _add_slip(self, duration_s: float) -> None:
+        closed, flight = self._active_set, self.motion.flight
+        assert isinstance(flight, ForcedStepper)
+        stages = closed.stages[-1 - len(flight.weights) : -1]
+        self._report.friction.add_slip(closed.pressing, stages, duration_s * flight.weights)
 
     def exchanged(self, duration_s: float) -> Exchange | None:
         """The same for a trial step that may be rejected."""

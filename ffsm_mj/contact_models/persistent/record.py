@@ -15,6 +15,9 @@ from ffsm_mj.records.signals import Layout
 class ContactRecord:
     """An event of a pair in persistent contact.
 
+    A pair is wedged if forces inside the friction cones hold it without any load: the load at which it slips then depends on
+    the past.
+
     Attributes:
         event: Event number, counted over persistent contacts and grasps from 0; pairs that change together share it.
         time_s: Simulation time.
@@ -34,6 +37,7 @@ class ContactRecord:
         qvel_before: Generalised velocity before, by joint.
         qvel_after: Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.
         efforts_after: Effort by actuator at the event; the controller is not evaluated.
+        friction: Friction mode after the event: ``sticking``, ``sticking, wedged`` or ``sliding``; empty without friction.
     """
 
     event: int
@@ -54,6 +58,7 @@ class ContactRecord:
     qvel_before: Mapping[str, tuple[float, ...]]
     qvel_after: Mapping[str, tuple[float, ...]]
     efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    friction: str = ""
 
 
 @dataclass(frozen=True)
@@ -72,19 +77,46 @@ class ContactChanges(ContactRecord):
 
 
 @dataclass(frozen=True)
-class ContactSlips(ContactRecord):
-    """A pair with friction that sticks begins to slide; fields as in :class:`ContactRecord`."""
+class FrictionRecord(ContactRecord):
+    """A pair with friction slips or sticks.
+
+    Attributes:
+        friction_N: Friction force just after, N.
+        friction_use: Share of the friction limit, mu times the normal force, that is used just after, in [0, 1].
+        slip_speed_m_s: Largest slip speed just after, m/s.
+        slip_m: Slip distance of the rule since t = 0, m: time integral of its largest slip speed.
+    """
+
+    friction_N: float = 0.0
+    friction_use: float = 0.0
+    slip_speed_m_s: float = 0.0
+    slip_m: float = 0.0
 
 
 @dataclass(frozen=True)
-class ContactSticks(ContactRecord):
-    """All points of a pair with friction that slides begin to stick; fields as in :class:`ContactRecord`."""
+class ContactSlips(FrictionRecord):
+    """A pair with friction that sticks begins to slide; fields as in :class:`FrictionRecord`."""
+
+
+@dataclass(frozen=True)
+class ContactSticks(FrictionRecord):
+    """All points of a pair with friction that slides begin to stick; fields as in :class:`FrictionRecord`."""
 
 
 def _marks(record: Any) -> list[Mark]:
     if record.force_after_N == 0.0:
         return [Mark(record.point_m, text="touches" if record.mode else "opens", name=record.pair)]
     return [Mark(record.point_m, record.normal, record.force_after_N, f"{record.force_after_N:.4g} N", record.pair)]
+
+
+def _friction_arrows(layout: Layout) -> Iterator[ArrowColumns]:
+    """Friction force of each contact rule with mu > 0 on its second side, at the centre of pressure."""
+    for force in _force_arrows(layout):
+        vector = [f"contact.{force.name}_friction_{axis}_N" for axis in "xyz"]
+        size = f"contact.{force.name}_friction_N"
+        if {*vector, size} <= layout.index.keys():
+            places = layout.places(vector), force.point, layout.index[size]
+            yield ArrowColumns(f"{force.name}_friction", "friction force", *places)
 
 
 def _force_arrows(layout: Layout) -> Iterator[ArrowColumns]:
@@ -114,6 +146,13 @@ _COLUMNS = {
     "force_before_N": ("N", "resultant force just before"),
     "force_after_N": ("N", "resultant force just after"),
     "impulse_N_s": ("N s", "integral of the contact force of the rule since t = 0"),
+    "friction": ("", "friction mode after the event; empty without friction or force"),
+}
+_FRICTION_COLUMNS = {
+    "friction_N": ("N", "friction force just after"),
+    "friction_use": ("", "share of the friction limit, mu times the normal force, that is used just after"),
+    "slip_speed_m_s": ("m/s", "largest slip speed just after"),
+    "slip_m": ("m", "slip distance of the rule since t = 0"),
 }
 _LENGTHS = {"geoms": 2, "point_m": 3, "normal": 3}
 
@@ -131,7 +170,10 @@ def _kind(
     def sentence(record: Any) -> str:
         features = f", {record.mode}" if record.mode else ""
         force = f"force {record.force_before_N:.4g} N before, {record.force_after_N:.4g} N after"
-        return f"contact {record.pair} {says}: {force}, {' and '.join(record.geoms)}{features}"
+        friction = f", {record.friction}" if record.friction else ""
+        if isinstance(record, FrictionRecord):
+            friction = f", friction {record.friction_N:.4g} N{friction}, slip distance {record.slip_m:.4g} m"
+        return f"contact {record.pair} {says}: {force}{friction}, {' and '.join(record.geoms)}{features}"
 
     return RecordKind(
         record=record,
@@ -141,7 +183,7 @@ def _kind(
         time=lambda record: record.time_s,
         sentence=sentence,
         summarised=False,  # the summary lists contact intervals instead
-        columns=_COLUMNS,
+        columns=_COLUMNS | (_FRICTION_COLUMNS if issubclass(record, FrictionRecord) else {}),
         lengths=_LENGTHS,
         marks=_marks,
         arrows=arrows,
@@ -165,6 +207,7 @@ CONTACT_SLIPS = _kind(
     "contact_slips",
     "when a pair with friction begins to slide",
     "slips",
+    _friction_arrows,  # of all rules with friction: declared once
     in_every_run=False,
 )
 CONTACT_STICKS = _kind(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,18 +14,26 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import EventTime, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
+from ffsm_mj.contact_models.persistent.decision import Decision
+from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
+from ffsm_mj.contact_models.persistent.friction.pair_state import is_wedged, pair_friction
+from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
+from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
+from ffsm_mj.contact_models.persistent.resultant import Resultant, resultant
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import FORCE_RESIDUAL, Signal, identifier
 from ffsm_mj.records.wrench import Wrench
 
-FREE, CLOSED, PRESSING = 0.0, 1.0, 2.0
-"""Contact modes of a pair in the log."""
+FREE, CLOSED, PRESSING, STICKING, SLIDING = 0.0, 1.0, 2.0, 3.0, 4.0
+"""Contact modes of a rule in the log: one with friction that carries force is sticking or sliding instead of pressing."""
+MODE_NAMES = {FREE: "open", CLOSED: "closed", PRESSING: "pressing", STICKING: "sticking", SLIDING: "sliding"}
+"""Words for the contact modes."""
 
+_MODE = "contact state of {}: 0 open, 1 closed without force, 2 closed with force"
+_FRICTION_MODE = "contact state of {}: 0 open, 1 closed without force, 3 sticking, 4 sliding at one or more points"
 _SIGNALS = (
-    ("mode", "", "contact state of {}: 0 open, 1 closed without force, 2 closed with force"),
     ("pairs", "", "number of closed pairs of {}"),
     ("points", "", "number of contact points of {}"),
     ("force_N", "N", "contact force of {}, under the efforts of this row: sum of the resultants of its pairs; 0 if open"),
@@ -52,53 +60,6 @@ def mode_key(rule: str) -> str:
     return f"contact.{identifier(rule)}_mode"
 
 
-class Resultant(NamedTuple):
-    """Resultant contact force of a pair at one state.
-
-    Attributes:
-        force: Force on geom b, N, (3,).
-        centre: Centre of pressure; mean of the contact points if none carries force, m, (3,).
-        normal: Mean unit normal, (3,).
-        points: Number of contact points.
-        mode: Their features.
-    """
-
-    force: FloatArray
-    centre: FloatArray
-    normal: FloatArray
-    points: int
-    mode: str
-
-    @property
-    def size(self) -> float:
-        """Norm of the force, N."""
-        return math.hypot(*self.force.tolist())
-
-
-def resultant(
-    contact_points: Sequence[ContactPoint],
-    rows: PointRows,
-    forces: FloatArray,
-    pair: ContactPair,
-    friction: FloatArray | None = None,
-) -> Resultant:
-    """Resultant over the contact points of one pair, of normal forces (k,) and friction forces (k, 3)."""
-    mine = [i for i, contact in enumerate(contact_points) if contact.pair is pair]
-    if len(mine) == 1:  # the usual case, evaluated in every stage
-        only, here = mine[0], rows.states[mine[0]]
-        force = forces[only] * here.normal if friction is None else forces[only] * here.normal + friction[only]
-        return Resultant(force, here.point, here.normal, 1, contact_points[only].feature.name)
-    part = slice(mine[0], mine[-1] + 1) if mine else slice(0)  # the points of a pair are consecutive
-    normals, points, pushed = rows.normals[part], rows.points[part], forces[part]
-    total = float(pushed.sum())
-    weights = pushed / total if total > 0.0 else np.full(len(mine), 1.0 / max(1, len(mine)))
-    normal = weights @ normals
-    length = math.hypot(*normal.tolist())
-    names = " + ".join(dict.fromkeys(contact_points[i].feature.name for i in mine))
-    force = pushed @ normals if friction is None else pushed @ normals + friction[part].sum(axis=0)
-    return Resultant(force, weights @ points, normal / length if length else normal, len(mine), names)
-
-
 def _row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[UnilateralConstraint]) -> tuple[float, ...]:
     """Columns of a rule with these closed pairs, except its impulse."""
     count = sum(found.points for _, found in pairs)
@@ -116,11 +77,22 @@ def _row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[
     return PRESSING, len(pairs), count, total, *force.tolist(), *centre
 
 
+def _active_contact(pair: ContactPair, at: Resultant, decision: Decision | FrictionalDecision | None) -> ActiveContact:
+    """A closed pair as control laws see it."""
+    place = pair.name, at.force, at.centre.copy(), at.normal.copy()
+    friction = pair_friction(decision, pair) if isinstance(decision, FrictionalDecision) else None
+    if friction is None:
+        return ActiveContact(*place, MODE_NAMES[PRESSING if at.size else CLOSED], np.zeros(3), np.zeros(3), 0.0)
+    mode = MODE_NAMES[SLIDING if friction.slides else STICKING]
+    return ActiveContact(*place, mode, friction.force, friction.slip, friction.use)
+
+
 class ContactReport:
     """Writes the columns and event records of the closed contacts of a run.
 
     Attributes:
         columns: Columns of every contact rule.
+        friction: Columns of the rules with friction.
     """
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair], closed: ActiveContactSet) -> None:
@@ -129,15 +101,18 @@ class ContactReport:
         self._rules = {name: i for i, name in enumerate(dict.fromkeys(pair.rule for pair in pairs))}
         self._values = np.tile(_NOTHING, (len(self._rules), 1))
         self._is_blank = True
+        with_friction = tuple(dict.fromkeys(pair.rule for pair in pairs if pair.mu > 0.0))
         signals = tuple(
             Signal("contact", f"{identifier(rule)}_{name}", unit, meaning.format(rule))
             for rule in self._rules
-            for name, unit, meaning in _SIGNALS
+            for name, unit, meaning in (("mode", "", _FRICTION_MODE if rule in with_friction else _MODE), *_SIGNALS)
         )
+        self.friction = FrictionReport(with_friction)
         flat, self._residual = self._values.reshape(-1), np.zeros(1)
         self.columns = (
             Columns(signals, live=flat, on_sample=lambda _: self._write_values(), resume=self._restore_values),
             Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=self._residual),
+            *((self.friction.columns,) if with_friction else ()),
         )
 
     def closed_rules(self) -> frozenset[str]:
@@ -154,6 +129,7 @@ class ContactReport:
         if not closed.by_pair and self._is_blank:
             return
         self._values[:, :_IMPULSE], self._residual[0] = _NOTHING[:_IMPULSE], 0.0
+        self.friction.write({})
         self._is_blank = not closed.by_pair
         if not closed.contact_points:
             return
@@ -175,12 +151,27 @@ class ContactReport:
                     self._residual[0] = max(self._residual[0], math.dist(found.force, again))
         for rule, each in by_rule.items():
             self._values[self._rules[rule], :_IMPULSE] = _row_of(each, pressing)
+        if isinstance(decision, FrictionalDecision):
+            self._write_friction(decision, by_rule)
+
+    def _write_friction(
+        self, decision: FrictionalDecision, by_rule: Mapping[str, Sequence[tuple[ContactPair, Resultant]]]
+    ) -> None:
+        """Write the modes and columns of the rules with friction that carry force."""
+        found = {}
+        for rule, each in by_rule.items():
+            pairs = [friction for pair, _ in each if (friction := pair_friction(decision, pair))]
+            if pairs:
+                found[rule] = pairs
+                self._values[self._rules[rule], 0] = SLIDING if any(pair.slides for pair in pairs) else STICKING
+        self.friction.write(found)
 
     def active(self) -> tuple[ActiveContact, ...]:
         """The closed pairs and their forces at the state in ``data`` under its efforts, for control laws."""
         closed = self._active_set.by_pair.items()
         found = self.places([pair for pair, points in closed if points and isinstance(pair, ContactPair)])
-        return tuple(ActiveContact(pair.name, at.force, at.centre.copy(), at.normal.copy()) for pair, at in found.items())
+        decision = self._active_set.decide() if found else None
+        return tuple(_active_contact(pair, at, decision) for pair, at in found.items())
 
     def wrenches(self) -> list[Wrench]:
         """Contact forces on both bodies of each closed contact at the state in ``data`` under its efforts."""
@@ -249,6 +240,7 @@ class ContactReport:
         data = self._scene.data
         ended = {pair: pair not in self._active_set.by_pair for pair in places}
         names = tuple(pair.name for pair in closed)
+        friction = {pair: {} if ended[pair] else self._friction_fields(kind, pair) for pair in places}
         return tuple(
             kind.record(
                 event=event,
@@ -268,6 +260,20 @@ class ContactReport:
                 qpos=tuple(data.qpos.tolist()),
                 qvel_before=qvel_before,
                 qvel_after=self._scene.system.by_joint(data.qvel),
+                **friction[pair],
             )
             for pair, place in places.items()
         )
+
+    def _friction_fields(self, kind: RecordKind, pair: ContactPair) -> dict[str, Any]:
+        """Fields of a record about the friction of a closed pair at the state in ``data``."""
+        decision = self._active_set.decide() if self._active_set.contact_points else None
+        found = pair_friction(decision, pair) if isinstance(decision, FrictionalDecision) else None
+        if found is None or not isinstance(decision, FrictionalDecision):
+            return {}
+        mode = MODE_NAMES[SLIDING if found.slides else STICKING]
+        fields: dict[str, Any] = {"friction": f"{mode}, wedged" if is_wedged(decision, pair) else mode}
+        if kind not in FRICTION_KINDS:
+            return fields
+        use = {"friction_use": found.use, "slip_speed_m_s": found.slip_speed, "slip_m": self.friction.slip(pair.rule)}
+        return fields | {"friction_N": math.hypot(*found.force.tolist())} | use

@@ -14,6 +14,7 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
+from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity, unit_slips
 from ffsm_mj.tolerances import SOLVED
@@ -176,10 +177,7 @@ class ModeChoice:
     def _joint_margin(self, kinds: IntArray, forces: FloatArray) -> float:
         """Largest margin that any forces with the effect of the given ones have at the sticking points, N."""
         problem, sticks = self._problem, np.flatnonzero(kinds == STICK)
-        every = (3 * sticks[:, None] + np.arange(3)).ravel()
-        sizes, U = np.linalg.eigh(problem.G[np.ix_(every, every)])
-        own_rank = int(np.count_nonzero(sizes > 1e-10 * sizes[-1]))
-        return cone_margin(forces[sticks], U[:, : len(every) - own_rank], problem.mu[sticks])
+        return cone_margin(forces[sticks], internal_forces(problem, sticks), problem.mu[sticks])
 
     def _solved(self) -> Solution:
         """Modes from a solution of Coulomb's conditions.

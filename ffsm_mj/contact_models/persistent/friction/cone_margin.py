@@ -33,9 +33,14 @@ def cone_margin(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> float
         freedom: Orthonormal forces without effect, as columns, (3k, d).
         mu: Coefficient of friction of each contact, (k,); a contact with mu = 0 only needs a normal force >= 0.
     """
+    return largest_margin(given, freedom, mu)[0]
+
+
+def largest_margin(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> tuple[float, FloatArray]:
+    """The same, and forces that have it, N, (k, 3)."""
     unit = float(np.abs(given).max())
     if unit == 0.0:
-        return 0.0
+        return 0.0, given
     # s = h - A x in second-order cones, x = (y, m); the last cone bounds m.
     k, d = len(mu), freedom.shape[1]
     scale = np.ones((k, 3))
@@ -47,11 +52,12 @@ def cone_margin(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> float
     h = np.zeros((k + 1, 3))
     h[:k] = scale * given / unit
     h[k, 0] = _CAP
-    return unit * _largest(A.reshape(-1, d + 1), h)
+    x = _largest(A.reshape(-1, d + 1), h)
+    return unit * float(x[-1]), given + unit * (freedom @ x[:-1]).reshape(k, 3)
 
 
-def _largest(A: FloatArray, h: FloatArray) -> float:
-    """Largest last unknown of x with h - A x in all cones; cones (k, 3)."""
+def _largest(A: FloatArray, h: FloatArray) -> FloatArray:
+    """The x of the largest last unknown with h - A x in all cones; cones (k, 3)."""
     c = np.zeros(A.shape[1])
     c[-1] = -1.0
     x = np.asarray(np.linalg.lstsq(A, h.ravel(), rcond=None)[0], dtype=np.float64)
@@ -78,7 +84,7 @@ def _largest(A: FloatArray, h: FloatArray) -> float:
         if _depth(s + step * ds) <= 0.0 or _depth(z + step * dz) <= 0.0:  # the last digits
             break
         x, s, z = x + step * dx, s + step * ds, z + step * dz
-    return float(x[-1])
+    return x
 
 
 def _direction(

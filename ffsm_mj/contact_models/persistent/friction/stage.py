@@ -68,7 +68,8 @@ def stage_of(
     generalised = forces.ravel() @ rows.J
     friction = np.einsum("ki,kij->kj", forces[:, 1:], across)
     heat = -np.sum(forces[:, 1:] * u, axis=1) * slides
-    return Stage(rows, forces[:, 0], generalised * data.qvel, friction, heat), generalised
+    slip_speeds = np.hypot(u[:, 0], u[:, 1]) * slides
+    return Stage(rows, forces[:, 0], generalised * data.qvel, friction, heat, slip_speeds), generalised
 
 
 def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool]:

@@ -1,0 +1,86 @@
+"""Log columns of the contact rules with friction, in addition to those of all rules."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.contact_models.persistent.friction.pair_state import PairFriction
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.signals import Signal, identifier
+
+_SIGNALS = (
+    ("friction_N", "N", "friction force of {}: sum of the tangential resultants of its pairs; 0 without force"),
+    *((f"friction_{x}_N", "N", "resultant friction force of {} on its second side, world axes") for x in "xyz"),
+    (
+        "friction_use",
+        "",
+        "share of the friction limit, mu times the normal force, that {} uses: 1 while a point slides, 0 without force; "
+        "while it sticks, it would also stick with mu times this share",
+    ),
+    ("slip_m_s", "m/s", "largest slip speed of the sliding contact points of {}; 0 if none slides"),
+    ("slip_m", "m", "slip distance of {} since t = 0: time integral of its largest slip speed"),
+)
+_SLIP = len(_SIGNALS) - 1
+
+
+class FrictionReport:
+    """Writes the columns of the rules with friction.
+
+    Attributes:
+        columns: The columns.
+    """
+
+    def __init__(self, rules: Iterable[str]) -> None:
+        """Start at rest.
+
+        Args:
+            rules: Names of the contact rules with mu > 0.
+        """
+        self._rules = {name: i for i, name in enumerate(rules)}
+        self._values = np.zeros((len(self._rules), len(_SIGNALS)))
+        signals = tuple(
+            Signal("contact", f"{identifier(rule)}_{name}", unit, meaning.format(rule))
+            for rule in self._rules
+            for name, unit, meaning in _SIGNALS
+        )
+        self.columns = Columns(signals, live=self._values.reshape(-1), resume=self._restore)
+
+    def _restore(self, logged: FloatArray) -> None:
+        self._values[:] = logged.reshape(self._values.shape)
+
+    def write(self, by_rule: Mapping[str, Sequence[PairFriction]]) -> None:
+        """Write the columns for the pairs that carry force, by rule."""
+        self._values[:, :_SLIP] = 0.0
+        for rule, pairs in by_rule.items():
+            force = np.sum([pair.force for pair in pairs], axis=0)
+            size = sum(math.hypot(*pair.force.tolist()) for pair in pairs)
+            use, speed = max(pair.use for pair in pairs), max(pair.slip_speed for pair in pairs)
+            self._values[self._rules[rule], :_SLIP] = size, *force.tolist(), use, speed
+
+    def slip(self, rule: str) -> float:
+        """Slip distance of a rule since t = 0, m."""
+        return float(self._values[self._rules[rule], _SLIP])
+
+    def add_slip(self, contact_points: Sequence[ContactPoint], stages: Sequence[Stage], weights_s: FloatArray) -> None:
+        """Add the slip in a step.
+
+        Args:
+            contact_points: Contact points of the stages.
+            stages: Stages of the step.
+            weights_s: Their quadrature weights, s.
+        """
+        for stage, weight in zip(stages, weights_s.tolist(), strict=True):
+            if stage.slip_speeds is None:
+                continue
+            largest: dict[str, float] = {}
+            for contact, speed in zip(contact_points, stage.slip_speeds.tolist(), strict=True):
+                if speed > largest.get(contact.pair.rule, 0.0):
+                    largest[contact.pair.rule] = speed
+            for rule, speed in largest.items():
+                self._values[self._rules[rule], _SLIP] += weight * speed
