@@ -149,7 +149,7 @@ def assemble(
 
 
 def _refuse_endless(scenario: Scenario, contacts: Contacts) -> None:
-    """Refuse phases and grasps that wait for an impact that cannot occur.
+    """Refuse phases and grasps that wait for an event that cannot occur.
 
     Raises:
         ScenarioFaults: There is one.
@@ -158,6 +158,8 @@ def _refuse_endless(scenario: Scenario, contacts: Contacts) -> None:
     for i, phase in enumerate(scenario.phases):
         if phase.until == "impact" and not contacts.pairs:
             faults.append(Fault("no impact can end it: no two geoms have a contact rule", ("phases", i, "until")))
+        if phase.until in ("contact_slips", "contact_sticks") and not any(pair.mu > 0.0 for pair in contacts.pairs):
+            faults.append(Fault("nothing slips or sticks: no contact rule has friction, mu > 0", ("phases", i, "until")))
     names = [*(rule.name for rule in contacts.rules), *(pair.name for pair in contacts.pairs)]
     for name, capture in scenario.captures.items():
         for k, touched in enumerate(capture.when.touch or ()):

@@ -52,8 +52,8 @@ def _checked(given: Any) -> StrictModel:
 def endings(configs: tuple[Any, ...], *, captures: bool) -> tuple[str, ...]:
     """Events that may end a phase: of contacts and joint limits, captures, releases, records of contact models."""
     named = (kind.name for config in configs for kind in record_kinds_of(config.kind))
-    built_in = ("impact", "contact_begins", "contact_ends", "limit_impact", "limit_begins", "limit_ends")
-    return (*built_in, *(("capture", "release") if captures else ()), *named)
+    contacts = ("impact", "contact_begins", "contact_ends", "contact_slips", "contact_sticks")
+    return (*contacts, "limit_impact", "limit_begins", "limit_ends", *(("capture", "release") if captures else ()), *named)
 
 
 def fault_of_ending(until: str | None, configs: tuple[Any, ...], *, captures: bool) -> str:

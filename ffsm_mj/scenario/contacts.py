@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
@@ -11,9 +11,22 @@ from ffsm_mj.scenario.element_names import element_name
 
 Sides = Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)]
 
+_REFUSED_FRICTION = {
+    "static": "mu is the coefficient of friction of points that stick and of points that slide",
+    "kinetic": "mu is the coefficient of friction of points that stick and of points that slide",
+    "dynamic": "mu is the coefficient of friction of points that stick and of points that slide",
+    "torsion": "a contact point has no torsional friction; a face resists torsion by its points, with the coefficient mu",
+    "spin": "a contact point has no torsional friction; a face resists torsion by its points, with the coefficient mu",
+    "roll": "a contact point has no rolling friction; the coefficient of friction is mu",
+    "friction": "the coefficient of friction is mu",
+}
+"""What is said of keys that contain a word."""
+
 
 class ContactDefaultConfig(StrictModel):
     """Restitution and friction of the contacts whose rule states none."""
+
+    refused_keys: ClassVar = _REFUSED_FRICTION
 
     restitution: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
     """Coefficient of restitution e: 1 elastic, 0 plastic."""
@@ -26,6 +39,7 @@ class ContactRuleConfig(StrictModel):
 
     # In a file with ``extends``, a rule that names one of the parent's may leave its sides out.
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["between"]}]})
+    refused_keys: ClassVar = _REFUSED_FRICTION
 
     between: Sides
     """Two sides, each the robot or an object by its name, a body, a subtree (``robot/hand/*``: a body and all that it
@@ -35,7 +49,8 @@ class ContactRuleConfig(StrictModel):
     restitution: Annotated[float, Field(ge=0.0)] | None = None
     """Coefficient of restitution e: 1 elastic, 0 plastic; default: that of ``contacts.default``."""
     mu: Annotated[float, Field(ge=0.0)] | None = None
-    """Coefficient of Coulomb friction at impacts; default: that of ``contacts.default``."""
+    """Coefficient of Coulomb friction, at impacts and in persistent contact, of points that stick or slide; default: that of
+    ``contacts.default``."""
     super_elastic: bool = False
     """Allow e > 1, an impact that gains energy (case c of the paper)."""
 

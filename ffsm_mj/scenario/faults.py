@@ -140,6 +140,10 @@ def _unknown_key(model: Any, location: KeyPath) -> str:
     if not _is_model(model):
         return "unknown key"
     key = str(location[-1])
+    refused: Mapping[str, str] = getattr(model, "refused_keys", {})
+    for word, reason in refused.items():
+        if word in key.lower():
+            return f"unknown key: {reason}; allowed: {', '.join(sorted(model.model_fields))}"
     at_root = len(location) == 1 and not get_close_matches(key, model.model_fields, cutoff=_ALMOST_EQUAL)
     if at_root and (nested := nested_key(key, model.model_json_schema())):
         return f"unknown key at this level (did you mean {nested!r}?); allowed: {', '.join(sorted(model.model_fields))}"

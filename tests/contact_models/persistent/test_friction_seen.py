@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.errors import InputError
 from tests.contact_models.persistent.test_closed_forms import good
 from tests.scenes import scene
 
@@ -160,3 +161,33 @@ def test_rules_without_friction_have_no_columns_of_it(tmp_path):
     run = ffsm_mj.run(on_floor(tmp_path, mu=0.0, duration_s=0.02))
     assert not [key for key in run.keys if "friction_" in key.replace("balance.friction_heat_J", "") or "slip" in key]
     assert set(run["contact.sole_mode"]) == {2.0}
+
+
+def test_a_phase_ends_where_a_contact_sticks(tmp_path):
+    law = {"controller": {"kind": "off"}}
+    phases = [{"name": "slide", "until": "contact_sticks", **law}, {"name": "roll", "until": "end", **law}]
+    run = ffsm_mj.run(on_floor(tmp_path, rates=SLIPS, phases=phases))
+    assert run.phases[1].reason == "contact_sticks"
+    assert 0.0 <= run.phases[1].start_s - T_STOP <= 4e-3  # at the next tick
+
+
+def test_a_phase_cannot_wait_for_slip_where_nothing_has_friction(tmp_path):
+    phases = [{"name": "hold", "until": "contact_slips", "controller": {"kind": "off"}}]
+    with pytest.raises(InputError, match=r"phases.0.until: nothing slips or sticks: no contact rule has friction"):
+        ffsm_mj.run(on_floor(tmp_path, mu=0.0, phases=phases))
+
+
+@pytest.mark.parametrize(
+    ("key", "says"),
+    [
+        ("mu_static", "mu is the coefficient of friction of points that stick and of points that slide"),
+        ("torsional_friction", "has no torsional friction; a face resists torsion by its points"),
+        ("rolling_friction", "has no rolling friction; the coefficient of friction is mu"),
+        ("friction", "the coefficient of friction is mu"),
+    ],
+)
+def test_other_coefficients_of_friction_are_refused_by_name(tmp_path, key, says):
+    rule = {"between": ["robot", "floor"], "restitution": 0.0, key: 0.3}
+    path = on_floor(tmp_path)
+    with pytest.raises(InputError, match=rf"contacts.rules.0.{key}: unknown key: .*{says}.*; allowed: between, mu"):
+        ffsm_mj.run(path, {"contacts.rules": [rule]})
