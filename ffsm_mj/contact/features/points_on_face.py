@@ -16,6 +16,9 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.gap_function import Feature
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 
+_NARROW = 0.1
+"""Points whose spread across their longest direction is below this share are on a line."""
+
 
 class PointsOnFace:
     """Points of one body over a face of another.
@@ -47,6 +50,19 @@ class PointsOnFace:
             and one.swapped == other.swapped
             and one.face == other.face
         )
+
+    @staticmethod
+    def lie_flat(features: Sequence[Feature]) -> bool:
+        """Whether some features are at least three points of one body over the same face, far from being on a line."""
+        places = [
+            each.point.centre
+            for each in features
+            if isinstance(each, PointOnFace) and PointsOnFace.together(features[0], each)
+        ]
+        if len(places) < 3:
+            return False
+        longest, across, _ = np.linalg.svd(np.array(places) - np.mean(places, axis=0), compute_uv=False)
+        return bool(across > _NARROW * longest)
 
     def place(self, data: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Points in world axes and in those of the body of the face, (m, 3) each, and the normal of the face, (3,)."""

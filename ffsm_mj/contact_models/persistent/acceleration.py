@@ -12,7 +12,8 @@ accelerations are unique even if contacts are redundant and their forces are not
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 
@@ -50,10 +51,14 @@ class ContactAcceleration:
     @cached_property
     def rounding(self) -> list[float]:
         """Rounding of each gap'', m/s^2, (k,): a share of its largest term. Not needed in the stages of a step."""
-        terms = np.abs(self.rows.response * self._force).max(axis=1, initial=0.0).tolist()
-        return [
-            ACCELERATION_M_S2 + ACCELERATION * max(term, scale) for term, scale in zip(terms, self.rows.scales, strict=True)
-        ]
+        rows = self.rows
+        terms = zip(
+            np.abs(rows.response * self._force).max(axis=1, initial=0.0).tolist(),
+            rows.gamma.tolist(),
+            rows.scales,
+            strict=True,
+        )
+        return [ACCELERATION_M_S2 + ACCELERATION * max(term, abs(gamma), scale) for term, gamma, scale in terms]
 
     @cached_property
     def _movable(self) -> list[int]:
@@ -76,15 +81,14 @@ class ContactAcceleration:
         k = len(self.free)
         if len(which) == k > 1:
             # Redundant contacts make G singular; the least-norm solution is one of the force distributions.
-            every: FloatArray = np.linalg.lstsq(self._G, -self.free, rcond=RANK)[0]
-            return every
+            return _least_norm_solution(self._G, -self.free)
         forces = np.zeros(k)
         if len(which) == 1:
             i = which[0]
             forces[i] = -self.free.item(i) / self._G.item(i, i)
         elif which:
             picked = np.array(which)
-            forces[picked] = np.linalg.lstsq(self._G[picked[:, None], picked], -self.free[picked], rcond=RANK)[0]
+            forces[picked] = _least_norm_solution(self._G[picked[:, None], picked], -self.free[picked])
         return forces
 
     def gap_accelerations(self, forces: FloatArray) -> FloatArray:
@@ -131,3 +135,19 @@ class ContactAcceleration:
         L = np.linalg.cholesky(self._M())
         A = np.linalg.solve(L, self.rows.J[which].T).T
         return A, np.linalg.lstsq(A, self.free[which], rcond=None)[0]
+
+
+def _least_norm_solution(A: FloatArray, b: FloatArray) -> FloatArray:
+    """Least-norm solution x of A x = b with a symmetric positive semidefinite A, (k, k), as of ``numpy.linalg.lstsq``."""
+    solve, *work = _solver(len(b))
+    solution: FloatArray = solve(A, b, *work, RANK)[0]
+    return solution
+
+
+@cache
+def _solver(k: int) -> tuple[Any, int, int]:
+    """LAPACK's solver, which NumPy calls too at several times its cost for small matrices, and sizes of its work space."""
+    from scipy.linalg.lapack import dgelsd, dgelsd_lwork  # a third of a second to import
+
+    size, size_of_integers, _ = dgelsd_lwork(k, k, 1)
+    return dgelsd, int(size), int(size_of_integers)

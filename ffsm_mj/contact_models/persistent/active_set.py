@@ -14,6 +14,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
+from ffsm_mj.contact.features.points_on_face import PointsOnFace
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
@@ -27,7 +28,7 @@ from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecisi
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, Mode
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of, step_limit
 from ffsm_mj.contact_models.persistent.projection import ClosedRows
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, FrictionalRows, RowEvaluator
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, FrictionalRows, PointRows, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.motion import Motion
@@ -45,6 +46,8 @@ _SLOW_M_S = 1e-3
 _TILT_SHARE = 0.2
 """A step ends early where the tilt of a rim over a face has changed by this share: forces grow as its inverse, and the steps
 of a disc that falls flat must shrink with it. RK4 then errs by about 0.2^5 / 120 of them."""
+_LEVEL_M = 0.1 * OTHER_POINT_M
+"""Three corners within this of a face keep every other corner within OTHER_POINT_M of it, at ten times their distance."""
 _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 """Strictly convex geoms: they touch any convex geom at one point only."""
 
@@ -72,6 +75,7 @@ class ActiveContactSet:
         self.stages: list[Stage] = []
         self.modes = FrictionModes()
         self._multi_point_pairs: list[ContactPair] = []
+        self._flat_pairs: set[ContactPair] = set()
         self._tilts: list[tuple[ContactPoint, Vector, float]] = []
         self._other_forces = np.zeros(self._model.nv)
         self._evaluators: dict[tuple[ContactPoint, ...], RowEvaluator] = {}
@@ -120,6 +124,13 @@ class ActiveContactSet:
         self._multi_point_pairs = [
             pair for pair in self.by_pair if isinstance(pair, ContactPair) and may_touch_at_several_points(pair)
         ]
+        # Vertices of a mesh are as far from the plane of its face as single precision takes them.
+        self._flat_pairs = {
+            pair
+            for pair in self._multi_point_pairs
+            if not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH)
+            and PointsOnFace.lie_flat([each.feature for each in self.by_pair[pair]])
+        }
 
     def add_closed(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
         """Set the contact points of a pair to those found at the current state; see :meth:`found`."""
@@ -260,10 +271,10 @@ class ActiveContactSet:
         """Rows of all closed contact points at the state in ``data``, as a projection needs them."""
         every = self.decide().rows
         if not isinstance(every, FrictionalRows):
-            return ClosedRows(every.states, every.J, np.empty((0, self.motion.model.nv)))
+            return ClosedRows(every.gaps, every.rates, every.J, np.empty((0, self.motion.model.nv)))
         J = every.J.reshape(len(self.contact_points), 3, -1)
         sticking = J[self.modes.kinds(self.contact_points) == Mode.STICK, 1:]
-        return ClosedRows(every.states, J[:, 0], sticking.reshape(-1, J.shape[2]))
+        return ClosedRows(every.gaps, every.rates, J[:, 0], sticking.reshape(-1, J.shape[2]))
 
     def unit_wrenches(self, which: BoolArray) -> FloatArray:
         """Wrenches about the world origin of unit forces on geom b, (m, 6), at some contact points, (k,).
@@ -317,8 +328,7 @@ class ActiveContactSet:
         if not self.contact_points:
             return math.inf
         decision = self.decide()
-        held = decision.rows.states
-        inside, drift = min([here.inside for here in held]) + FEATURE_BOUND_M, max([abs(here.gap) for here in held])
+        inside, drift = min(decision.rows.insides) + FEATURE_BOUND_M, max(map(abs, decision.rows.gaps))
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
         tilt = min([left for _, left, _ in self._tilts_left()], default=math.inf)
         if isinstance(decision, FrictionalDecision):
@@ -346,25 +356,26 @@ class ActiveContactSet:
             return math.inf
         key = self._smooth.state(), self.contact_points
         if self._gap_cache is None or self._gap_cache[0] != key:
-            gaps = [self._pair_gap(pair) - self._deepest_gap(pair) for pair in self._multi_point_pairs]
+            gaps = [self._gap_elsewhere(pair) for pair in self._multi_point_pairs]
             self._gap_cache = key, min(gaps) + OTHER_POINT_M
         return self._gap_cache[1]
 
-    def _deepest_gap(self, pair: ContactPair) -> float:
-        """Deepest gap of the contact points of a pair, m, at most 0."""
+    def _gap_elsewhere(self, pair: ContactPair) -> float:
+        """Gap of a pair less the deepest of its contact points, m."""
+        gaps = self._gaps_of(pair)
+        deepest = min(gaps, default=0.0)
+        # On three corners, two convex bodies are on either side of the face: nothing else of them can overlap.
+        if pair in self._flat_pairs and max(map(abs, gaps)) <= _LEVEL_M:
+            return max(0.0, -deepest)
+        return self._pair_gap(pair) - min(0.0, deepest)
+
+    def _gaps_of(self, pair: ContactPair) -> list[float]:
+        """Gaps of the contact points of a pair, m."""
         if not self.by_pair[pair]:
-            return 0.0
+            return []
         decision = self.decide()
-        return min(
-            [
-                0.0,
-                *(
-                    at.gap
-                    for contact, at in zip(decision.contact_points, decision.rows.states, strict=True)
-                    if contact.pair is pair
-                ),
-            ]
-        )
+        gaps = zip(decision.contact_points, decision.rows.gaps, strict=True)
+        return [gap for contact, gap in gaps if contact.pair is pair]
 
     def touches_elsewhere(self) -> bool:
         """Whether a closed pair touches at a point other than its contact points."""
@@ -377,7 +388,7 @@ class ActiveContactSet:
             feature
             for pair in self._multi_point_pairs
             for feature in features(pair, model, data, pair.proximity(model, data))
-            if feature.at(data).gap < self._deepest_gap(pair) - 0.5 * OTHER_POINT_M
+            if feature.at(data).gap < min([0.0, *self._gaps_of(pair)]) - 0.5 * OTHER_POINT_M
         ]
 
     def _pair_gap(self, pair: ContactPair) -> float:
@@ -402,22 +413,22 @@ class ActiveContactSet:
 
     def pairs_outside_feature(self) -> list[UnilateralConstraint]:
         """Pairs with a contact point outside its feature."""
-        return self._pairs_where(lambda at: at.inside < -FEATURE_BOUND_M)
+        return self._pairs_where(lambda rows: [inside < -FEATURE_BOUND_M for inside in rows.insides])
 
     def pairs_with_drift(self) -> list[UnilateralConstraint]:
         """Pairs with a gap that has drifted to the limit of a step."""
-        return self._pairs_where(lambda at: abs(at.gap) > 0.99 * DRIFT_M)
+        return self._pairs_where(lambda rows: [abs(gap) > 0.99 * DRIFT_M for gap in rows.gaps])
 
     def pairs_with_tilt(self) -> list[UnilateralConstraint]:
         """Pairs with a rim whose tilt has changed to the limit of a step."""
         return [contact.pair for contact, left, most in self._tilts_left() if left < 0.01 * most]
 
-    def _pairs_where(self, holds: Callable[[FeatureState], bool]) -> list[UnilateralConstraint]:
+    def _pairs_where(self, holds: Callable[[PointRows], list[bool]]) -> list[UnilateralConstraint]:
         if not self.contact_points:
             return []
         here = self.decide()
-        beyond = [contact.pair for contact, at in zip(here.contact_points, here.rows.states, strict=True) if holds(at)]
-        return list(dict.fromkeys(beyond))
+        beyond = zip(here.contact_points, holds(here.rows), strict=True)
+        return list(dict.fromkeys([contact.pair for contact, is_beyond in beyond if is_beyond]))
 
 
 def may_touch_at_several_points(pair: ContactPair) -> bool:

@@ -246,8 +246,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if self._active_set.has_friction:
             self._add_slip(duration_s)
         decision = self._active_set.decide()
-        for contact, at in zip(decision.contact_points, decision.rows.states, strict=True):
-            self._overlap.add(contact.pair, at.gap)
+        for contact, gap in zip(decision.contact_points, decision.rows.gaps, strict=True):
+            self._overlap.add(contact.pair, gap)
         return done
 
     def _add_slip(self, duration_s: float) -> None:

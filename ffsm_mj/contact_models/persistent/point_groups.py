@@ -35,11 +35,27 @@ class GroupState(Protocol):
     Attributes:
         count: Number of points, m.
         states: States of the features.
+        gaps: Gaps, m.
+        rates: Their rates, m/s.
+        scales: Largest terms of the curvature, m/s^2.
+        insides: Distances to the bounds of the features, m.
         normals: Normals from a to b, (m, 3).
         points: Points of application of the forces, (m, 3).
     """
 
     count: int
+
+    @property
+    def gaps(self) -> Sequence[float]: ...  # noqa: D102
+
+    @property
+    def rates(self) -> Sequence[float]: ...  # noqa: D102
+
+    @property
+    def scales(self) -> Sequence[float]: ...  # noqa: D102
+
+    @property
+    def insides(self) -> Sequence[float]: ...  # noqa: D102
 
     @property
     def states(self) -> Sequence[FeatureState]: ...  # noqa: D102
@@ -113,7 +129,8 @@ class FaceState:
         """See :class:`GroupState`; gap'' contains 2 n' times the relative velocity, as the normal is fixed to the face."""
         normal = self._normal
         J[:] = self._screws.rows(normal, self._arms, self._offset)
-        turning = scaled(2.0, cross(self._first.omega, normal))
+        (x, y, z), (a, b, c) = normal, self._first.omega
+        turning = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
         gamma[:] = self._relative(
             self._arms, _acceleration(normal, self._second, turning), _acceleration(normal, self._first, turning)
         )
@@ -142,19 +159,45 @@ class FaceState:
 
     def _relative(self, arms: FloatArray, of_second: Affine, of_first: Affine) -> FloatArray:
         """Difference of affine functions of the two bodies at some arms from the centre of the second one, (m,)."""
-        (c, gradient), (d, other) = of_second, of_first
-        values: FloatArray = arms.dot(minus(gradient, other))
-        values += c - d - dot(self._offset, other)
+        (c, (x, y, z)), (d, (u, v, w)), (i, j, k) = of_second, of_first, self._offset
+        values: FloatArray = arms.dot((x - u, y - v, z - w))
+        values += c - d - (i * u + j * v + k * w)
         return values
 
     @cached_property
     def _levels(self) -> tuple[FloatArray, FloatArray]:
         return self._gaps.levels(self._local)
 
+    @property
+    def gaps(self) -> list[float]:
+        """See :class:`GroupState`."""
+        gaps: list[float] = self._levels[0].tolist()
+        return gaps
+
     @cached_property
-    def _rates(self) -> FloatArray:
-        """Rates of the gaps, m/s, (m,)."""
-        return self._relative(self._arms, _velocity(self._normal, self._second), _velocity(self._normal, self._first))
+    def rates(self) -> list[float]:
+        """See :class:`GroupState`."""
+        found = self._relative(self._arms, _velocity(self._normal, self._second), _velocity(self._normal, self._first))
+        rates: list[float] = found.tolist()
+        return rates
+
+    @cached_property
+    def _bends(self) -> list[float]:
+        """Curvature terms of the second rates, m/s^2, (m,)."""
+        turning = scaled(2.0, cross(self._first.omega, self._normal))
+        found = self._relative(self._arms, _velocity(turning, self._second), _velocity(turning, self._first))
+        bends: list[float] = found.tolist()
+        return bends
+
+    @property
+    def scales(self) -> list[float]:
+        """See :class:`GroupState`."""
+        return [abs(bend) for bend in self._bends]
+
+    @cached_property
+    def insides(self) -> list[float]:
+        """See :class:`GroupState`."""
+        return self._gaps.insides(self._local)
 
     @cached_property
     def points(self) -> FloatArray:
@@ -167,7 +210,7 @@ class FaceState:
         second, turning = self._second, cross(self._first.omega, self._normal)
         rates = np.array([shifted(second.velocity, 1.0, cross(second.omega, arm)) for arm in self._arms.tolist()])
         rates += np.multiply.outer(self._levels[1], turning)
-        rates -= np.multiply.outer(0.5 * self._rates, self._normal)
+        rates -= np.multiply.outer(0.5 * np.array(self.rates), self._normal)
         return rates
 
     @cached_property
@@ -180,10 +223,7 @@ class FaceState:
     @cached_property
     def states(self) -> list[FeatureState]:
         """See :class:`GroupState`."""
-        turning = scaled(2.0, cross(self._first.omega, self._normal))
-        bends = self._relative(self._arms, _velocity(turning, self._second), _velocity(turning, self._first)).tolist()
-        insides = self._gaps.insides(self._local)
-        scalars = zip(self._levels[0].tolist(), self._rates.tolist(), bends, insides, strict=True)
+        scalars = zip(self.gaps, self.rates, self._bends, self.insides, strict=True)
         vectors = zip(self.normals, self.points, self._places, map(tuple, self.point_rates.tolist()), strict=True)
         return [
             FeatureState(gap, rate, normal, point, place, place, bend, abs(bend), inside, point_rate)
@@ -209,6 +249,7 @@ class SingleState:
     def __init__(self, here: FeatureState, bodies: RelativeJacobian, b: BodyTwist | None, a: BodyTwist | None) -> None:
         """Store its state and the twists of both bodies."""
         self.states, self.count = (here,), 1
+        self.gaps, self.rates, self.scales, self.insides = (here.gap,), (here.rate,), (here.scale,), (here.inside,)
         self._here, self._bodies, self._b, self._a = here, bodies, b, a
 
     @property
@@ -261,9 +302,12 @@ def _velocity(axis: Vector, body: BodyTwist) -> Affine:
 
 def _acceleration(axis: Vector, body: BodyTwist, turning: Vector = _STILL) -> Affine:
     """Acceleration of material points along an axis at qacc = 0, with their velocity along another vector added."""
-    turned = shifted(turning, 1.0, cross(axis, body.omega))
-    gradient = shifted(cross(axis, body.alpha), 1.0, cross(turned, body.omega))
-    return dot(axis, body.acceleration) + dot(turned, body.velocity), gradient
+    (x, y, z), (p, q, r), (i, j, k) = axis, body.omega, body.alpha
+    a, b, c = turning
+    u, v, w = a + y * r - z * q, b + z * p - x * r, c + x * q - y * p
+    gradient = y * k - z * j + v * r - w * q, z * i - x * k + w * p - u * r, x * j - y * i + u * q - v * p
+    (d, e, f), (g, h, m) = body.acceleration, body.velocity
+    return x * d + y * e + z * f + u * g + v * h + w * m, gradient
 
 
 def _spatial(axis: Vector, body: BodyTwist) -> Affine:

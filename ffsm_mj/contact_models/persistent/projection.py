@@ -14,7 +14,6 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray
-from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.tolerances import PROJECTED_GAP_M, PROJECTED_RATE_M_S, PROJECTED_SLIP_M_S, RANK
@@ -26,19 +25,21 @@ class ClosedRows(NamedTuple):
     """What a projection needs of the closed contacts at one state.
 
     Attributes:
-        states: Gap and rate of each contact point.
+        gaps: Gap of each contact point, m.
+        rates: Their rates, m/s.
         normals: Rows of the gap rates, (k, nv).
         sticking: Rows of the slip of sticking points, (m, nv). Slip is not integrable: only their velocities are projected.
     """
 
-    states: Sequence[FeatureState]
+    gaps: Sequence[float]
+    rates: Sequence[float]
     normals: FloatArray
     sticking: FloatArray
 
 
 def needs_projection(rows: ClosedRows, qvel: FloatArray) -> bool:
     """Whether a gap, a gap rate or the slip of a sticking point has drifted beyond tolerance."""
-    if any(abs(here.gap) > PROJECTED_GAP_M or abs(here.rate) > PROJECTED_RATE_M_S for here in rows.states):
+    if max(map(abs, rows.gaps)) > PROJECTED_GAP_M or max(map(abs, rows.rates)) > PROJECTED_RATE_M_S:
         return True
     return bool(len(rows.sticking) and np.abs(rows.sticking @ qvel).max() > PROJECTED_SLIP_M_S)
 
@@ -56,7 +57,7 @@ def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray,
     momentum = momentum_matrix(model, data, 0) @ data.qvel
     for _ in range(_PASSES):
         rows = rows_now()
-        gaps = np.array([here.gap for here in rows.states])
+        gaps = np.array(rows.gaps)
         if np.abs(gaps).max() <= 0.01 * PROJECTED_GAP_M:
             break
         mujoco.mj_integratePos(model, data.qpos, _least_change(model, data, rows.normals, -gaps), 1.0)

@@ -61,8 +61,7 @@ class FrictionalDecision:
         """Rounding of the accelerations of each point, m/s^2, (k,): a share of the largest term."""
         rows = self.rows
         terms = np.maximum(np.abs(rows.response * self._force).max(axis=1, initial=0.0), np.abs(rows.gamma))
-        scales = [here.scale for here in rows.states]
-        return np.asarray(ACCELERATION_M_S2 + ACCELERATION * np.maximum(terms.reshape(-1, 3).max(axis=1), scales))
+        return np.asarray(ACCELERATION_M_S2 + ACCELERATION * np.maximum(terms.reshape(-1, 3).max(axis=1), rows.scales))
 
     @cached_property
     def _choice(self) -> ModeChoice:
