@@ -14,6 +14,7 @@ from ffsm_mj.contact_models.persistent.record import (
     CONTACT_BEGINS,
     CONTACT_CHANGES,
     CONTACT_ENDS,
+    FRICTION_KINDS,
     ContactBegins,
     ContactEnds,
     ContactRecord,
@@ -30,6 +31,9 @@ COLUMNS = {
     "impulse_N_s": ("N s", "integral of the contact force over the interval"),
     "peak_force_N": ("N", "greatest contact force of the samples and events in the interval"),
     "peak_force_s": ("s", "time of the greatest force"),
+    "sliding_s": ("s", "time in the interval for which a pair slides under friction"),
+    "slip_m": ("m", "slip distance under friction over the interval"),
+    "peak_friction_use": ("", "greatest share of the friction limit that the samples in the interval use"),
 }
 
 
@@ -45,6 +49,9 @@ class ContactInterval:
         impulse_N_s: Integral of the contact force over the interval.
         peak_force_N: Greatest contact force of the samples and events in the interval.
         peak_force_s: Time of the greatest force.
+        sliding_s: Time in the interval for which a pair slides under friction; 0 without friction.
+        slip_m: Slip distance under friction over the interval.
+        peak_friction_use: Greatest share of the friction limit that the samples in the interval use; 1 if they slide.
     """
 
     rule: str
@@ -54,13 +61,55 @@ class ContactInterval:
     impulse_N_s: float
     peak_force_N: float
     peak_force_s: float
+    sliding_s: float = 0.0
+    slip_m: float = 0.0
+    peak_friction_use: float = 0.0
+
+
+class _Slip:
+    """Accumulator of slip in one interval."""
+
+    def __init__(self, begins: ContactRecord, columns: Sequence[int]) -> None:
+        self._columns, self._pairs = columns, set[str]()
+        self._at_s, self._sliding_s = begins.time_s, 0.0
+        self._before_m: float | None = None
+        self._until_m = self.peak_use = 0.0
+        self.record(begins)
+
+    def record(self, record: ContactRecord) -> None:
+        """Process a record of the contact."""
+        self._sliding_s, self._at_s = self.sliding_s(record.time_s), record.time_s
+        if record.friction == "sliding":
+            self._pairs.add(record.pair)
+        else:
+            self._pairs.discard(record.pair)
+
+    def sliding_s(self, until_s: float) -> float:
+        """Time for which a pair slides, up to a time after the last record."""
+        return self._sliding_s + (until_s - self._at_s if self._pairs else 0.0)
+
+    def rows(self, before: FloatArray | None, rows: FloatArray) -> None:
+        """Process the next rows of the interval, given the row before them."""
+        if not len(self._columns) or not len(rows):
+            return
+        use, slip = rows[:, self._columns].T
+        if self._before_m is None:
+            self._before_m = 0.0 if before is None else float(before[self._columns[1]])
+        self._until_m = float(slip[-1])
+        self.peak_use = max(self.peak_use, float(np.nan_to_num(use).max()))
+
+    @property
+    def slip_m(self) -> float:
+        """Slip distance."""
+        return max(0.0, self._until_m - (self._before_m or 0.0))
 
 
 class _OpenContact:
     """Accumulator for one interval."""
 
-    def __init__(self, begins: ContactRecord, columns: Sequence[int]) -> None:
+    def __init__(self, begins: ContactRecord, columns: Sequence[int], of_slip: Sequence[int]) -> None:
         self.rule, self.start_s, self.end_s = begins.rule, begins.time_s, math.inf
+        self._slip, self._last_s = _Slip(begins, of_slip), begins.time_s
         self._pairs, self._closed = [begins.pair], {begins.pair}
         self._columns = columns
         self._before = self._until = begins.impulse_N_s
@@ -69,6 +118,7 @@ class _OpenContact:
     def record(self, record: ContactRecord) -> None:
         """Process a record of the contact."""
         self._until = record.impulse_N_s
+        self._slip.record(record)
         self._higher(max(record.force_before_N, record.force_after_N), record.time_s)
         if isinstance(record, ContactBegins):
             self._closed.add(record.pair)
@@ -77,9 +127,12 @@ class _OpenContact:
             self._closed.discard(record.pair)
             self.end_s = math.inf if self._closed else record.time_s
 
-    def rows(self, times: FloatArray, block: FloatArray) -> None:
-        """Process the rows within the interval."""
+    def rows(self, times: FloatArray, block: FloatArray, before: FloatArray | None) -> None:
+        """Process the rows within the interval; ``before`` is the row before the first one."""
         first, last = np.searchsorted(times, self.start_s), np.searchsorted(times, self.end_s, side="right")
+        # The row after the end has the slip of the last part.
+        self._slip.rows(block[first - 1] if first else before, block[first : last + 1])
+        self._last_s = max(self._last_s, float(times[-1]))
         if first >= last or not len(self._columns):
             return
         force, impulse = block[first:last, self._columns].T
@@ -96,8 +149,12 @@ class _OpenContact:
     def interval(self) -> ContactInterval:
         """The interval so far."""
         end_s = None if self.end_s == math.inf else self.end_s
-        impulse = self._until - self._before
-        return ContactInterval(self.rule, tuple(self._pairs), self.start_s, end_s, impulse, self._peak, self._peak_s)
+        impulse, slip = self._until - self._before, self._slip
+        sliding_s = slip.sliding_s(self._last_s if end_s is None else end_s)
+        of_slip = sliding_s, slip.slip_m, slip.peak_use
+        return ContactInterval(
+            self.rule, tuple(self._pairs), self.start_s, end_s, impulse, self._peak, self._peak_s, *of_slip
+        )
 
 
 class ContactIntervals:
@@ -112,14 +169,18 @@ class ContactIntervals:
         self._spells: list[_OpenContact] = []
         self._lasting: dict[str, _OpenContact] = {}
         self._awaited: list[_OpenContact] = []
+        self._last_row: FloatArray | None = None
 
     def event(self, event: Event) -> None:
         """Process the next record; other kinds are ignored."""
         if not isinstance(event, ContactRecord):
             return
         if isinstance(event, ContactBegins) and event.rule not in self._lasting:
-            keys = (f"contact.{identifier(event.rule)}_{name}" for name in ("force_N", "impulse_N_s"))
-            spell = _OpenContact(event, [self._layout.index[key] for key in keys if key in self._layout.index])
+            spell = _OpenContact(
+                event,
+                self._columns(event.rule, "force_N", "impulse_N_s"),
+                self._columns(event.rule, "friction_use", "slip_m"),
+            )
             self._lasting[event.rule] = spell
             self._spells.append(spell)
             self._awaited.append(spell)
@@ -128,13 +189,19 @@ class ContactIntervals:
             if self._lasting[event.rule].end_s < math.inf:
                 del self._lasting[event.rule]
 
+    def _columns(self, rule: str, *names: str) -> list[int]:
+        """Those of some columns of a rule that exist."""
+        keys = (f"contact.{identifier(rule)}_{name}" for name in names)
+        return [self._layout.index[key] for key in keys if key in self._layout.index]
+
     def rows(self, block: FloatArray) -> None:
         """Process the next rows."""
+        before, self._last_row = self._last_row, block[-1].copy() if len(block) else self._last_row
         if not self._awaited:
             return
         times = block[:, self._layout.time]
         for spell in self._awaited:
-            spell.rows(times, block)
+            spell.rows(times, block, before)
         self._awaited = [spell for spell in self._awaited if not spell.end_s < times[-1]]
 
     def intervals(self) -> tuple[ContactInterval, ...]:
@@ -144,6 +211,6 @@ class ContactIntervals:
 
 def contact_records(log: RunLog) -> list[Any]:
     """Records of persistent contact in a log, in order."""
-    kinds = (CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS)
+    kinds = (CONTACT_BEGINS, CONTACT_CHANGES, CONTACT_ENDS, *FRICTION_KINDS)
     found = [record for kind in kinds for record in log.records.get(kind.plural, ())]
     return sorted(found, key=lambda record: record.event)

@@ -104,6 +104,7 @@ def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS)
     if len(contacts) > most:
         return _folded(contacts, _contact_series, _SERIES_OF_CONTACTS, most)
     head = ("contact", "from\ns", "to\ns", "rule", "pairs", "impulse\nN s", "peak\nN", "at\ns")
+    with_friction = any(contact.peak_friction_use > 0.0 for contact in contacts)
     rows = (
         (
             str(number),
@@ -114,10 +115,19 @@ def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS)
             f"{contact.impulse_N_s:.6f}",
             f"{contact.peak_force_N:.6g}",
             f"{contact.peak_force_s:.6f}",
+            *(_slip(contact) if with_friction else ()),
         )
         for number, contact in enumerate(contacts, 1)
     )
-    return table(head, rows, keys=4)
+    return table((*head, *(_SLIP_HEAD if with_friction else ())), rows, keys=4)
+
+
+_SLIP_HEAD = ("friction\nuse", "sliding\ns", "slip\nm")
+
+
+def _slip(contact: ContactInterval) -> tuple[str, ...]:
+    """Cells of friction of one contact."""
+    return f"{contact.peak_friction_use:.4g}", f"{contact.sliding_s:.6f}", f"{contact.slip_m:.6g}"
 
 
 _SERIES_OF_CONTACTS = ("contacts", "rule", "from\ns", "to\ns", "impulse\nN s", "peak\nN")

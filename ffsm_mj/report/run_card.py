@@ -83,6 +83,7 @@ def _contacts(contacts: tuple[ContactInterval, ...]) -> list[str]:
     for each in contacts[:_SHOWN]:
         until = "to the end" if each.end_s is None else f"to {each.end_s:.6f} s"
         force = f"{each.impulse_N_s:.4g} N s, up to {each.peak_force_N:.4g} N"
+        force += f", slip {each.slip_m:.4g} m" if each.slip_m else ""
         lines.append(f"{each.start_s:.6f} s {until}: {each.rule}, {force}")
     more = len(contacts) - len(lines)
     return [*lines, f"and {_counted(more, 'more contact')}"] if more else lines

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.contact_intervals import ContactIntervals
-from ffsm_mj.contact_models.persistent.record import ContactBegins, ContactChanges, ContactEnds
+from ffsm_mj.contact_models.persistent.record import ContactBegins, ContactChanges, ContactEnds, ContactSlips
 from ffsm_mj.records.signals import Layout, Signal
 from ffsm_mj.report.record_tables import contact_table
 from ffsm_mj.report.run_report import run_report
@@ -55,7 +57,8 @@ def test_a_contact_moves_the_momentum_that_it_says_and_its_peak_is_that_of_the_s
     assert log.contacts == run.contacts
     assert run.summary()["contacts"] == log.summary()["contacts"]
     assert list(run.summary()["contacts"][0]) == [
-        *("rule", "pairs", "start_s", "end_s", "impulse_N_s", "peak_force_N", "peak_force_s")
+        *("rule", "pairs", "start_s", "end_s", "impulse_N_s", "peak_force_N", "peak_force_s"),
+        *("sliding_s", "slip_m", "peak_friction_use"),
     ]
     table = log.table("contacts")
     assert table.columns["pairs"].tolist() == ["ball-target/target"] * 2
@@ -145,3 +148,35 @@ def test_of_a_contact_whose_beginning_is_lost_nothing_is_made_up():
     contacts = ContactIntervals(LAYOUT)
     contacts.event(record(ContactEnds, 2, 0.15, 0.0, 0.0, 0.75))
     assert contacts.intervals() == ()
+
+
+SLIPPED = Layout((*LAYOUT.signals, Signal("contact", "a_b_friction_use", "", ""), Signal("contact", "a_b_slip_m", "m", "")))
+
+
+@pytest.mark.parametrize("blocks", [1, 2, 5])
+def test_slip_of_two_contacts_is_that_from_the_row_before_to_the_row_after_each(blocks):
+    """The first slides from 0.05 to 0.15 s; the second sticks, slides from 0.32 s on, and ends at 0.38 s."""
+    rows = np.array(
+        [
+            [0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.1, 2.0, 0.1, 1.0, 0.5],
+            [0.2, 0.0, 0.2, 0.0, 0.8],
+            [0.3, 4.0, 0.4, 0.25, 0.8],
+            [0.4, 0.0, 0.5, 0.0, 1.0],
+        ]
+    )
+    records = [
+        replace(record(ContactBegins, 0, 0.05, 0.0, 2.0, 0.0), friction="sliding"),
+        record(ContactEnds, 1, 0.15, 2.0, 0.0, 0.2),
+        replace(record(ContactBegins, 2, 0.25, 0.0, 4.0, 0.2), friction="sticking"),
+        replace(record(ContactSlips, 3, 0.32, 4.0, 4.0, 0.3), friction="sliding"),
+        record(ContactEnds, 4, 0.38, 4.0, 0.0, 0.5),
+    ]
+    contacts = ContactIntervals(SLIPPED)
+    for each in records:
+        contacts.event(each)
+    for block in np.array_split(rows, blocks):
+        contacts.rows(block)
+    first, second = contacts.intervals()
+    assert (first.sliding_s, first.slip_m, first.peak_friction_use) == pytest.approx((0.1, 0.8, 1.0))
+    assert (second.sliding_s, second.slip_m, second.peak_friction_use) == pytest.approx((0.06, 0.2, 0.25))

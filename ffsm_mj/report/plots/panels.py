@@ -15,11 +15,13 @@ from matplotlib.transforms import blended_transform_factory
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, WIDTH_IN, plain
+from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, SKY, VERMILION, WIDTH_IN, plain
 
 _SHADES = ("#F1F1F1", "#FFFFFF")
 _BUCKETS = 1200
 _FARTHEST = 1e100
+_BANDS = (VERMILION, SKY)
+"""Colours of bands over bars, which are blue."""
 _AXES_IN = 4.0
 """Approximate width of axes beside a legend."""
 _LETTER_IN = 0.075
@@ -50,6 +52,8 @@ class Panel:
         log: Logarithmic y axis.
         marks: Annotated points: time, value, text.
         bars: Rows of bars by name in place of curves: start and end, (n, 2).
+        bands: Parts of the bars of a state, drawn over them in a colour of its own, by state and name of the row, (n, 2).
+        rest: Name of the state of the other parts, for the legend.
         height: Height relative to the other panels.
     """
 
@@ -58,6 +62,8 @@ class Panel:
     log: bool = False
     marks: Sequence[tuple[float, float, str]] = ()
     bars: Mapping[str, FloatArray] = field(default_factory=dict)
+    bands: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
+    rest: str = ""
     height: float = 1.0
 
 
@@ -133,12 +139,24 @@ def _in_lines(label: str, height_in: float) -> str:
 
 
 def _draw_bars(axes: Axes, panel: Panel) -> None:
-    for row, intervals in enumerate(panel.bars.values()):
-        spans = [(start, stop - start) for start, stop in intervals]
-        axes.broken_barh(spans, (row - 0.38, 0.76), facecolors=BLUE, edgecolors=BLUE, linewidth=0.3)
+    _draw_spans(axes, panel, panel.bars, BLUE, panel.rest if panel.bands else "")
+    for colour, (state, bands) in zip(_BANDS, panel.bands.items(), strict=False):
+        _draw_spans(axes, panel, bands, colour, state)
+    if panel.bands:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), borderaxespad=0.3)
     axes.set_yticks(range(len(panel.bars)), list(map(plain, panel.bars)), fontsize=6.5)
     axes.set_ylim(len(panel.bars) - 0.4, -0.6)
     axes.margins(x=0.0)
+
+
+def _draw_spans(axes: Axes, panel: Panel, spans: Mapping[str, FloatArray], colour: str, label: str) -> None:
+    """Draw bars of one colour in the rows of their names, with one entry in the legend."""
+    for name, intervals in spans.items():
+        widths = [(start, stop - start) for start, stop in intervals]
+        row = list(panel.bars).index(name)
+        axes.broken_barh(widths, (row - 0.38, 0.76), facecolors=colour, edgecolors=colour, linewidth=0.3)
+    if label:
+        axes.broken_barh([], (0.0, 0.0), facecolors=colour, label=label)
 
 
 def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:

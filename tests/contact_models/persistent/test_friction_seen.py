@@ -10,6 +10,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.errors import InputError
+from ffsm_mj.report.record_tables import contact_table
 from tests.contact_models.persistent.test_closed_forms import good
 from tests.scenes import scene
 
@@ -90,6 +91,14 @@ def test_the_record_of_the_stop(rolled):
     assert (sticks.friction, sticks.slip_speed_m_s) == ("sticking", 0.0)
     (begins,) = rolled[0].records["contact_beginnings"]
     assert begins.friction == "sliding"
+
+
+def test_the_interval_of_contact_has_its_slip(rolled):
+    (contact,) = rolled[0].contacts
+    assert contact.sliding_s == pytest.approx(T_STOP, abs=1e-8)
+    assert contact.slip_m == pytest.approx(0.5 * U0 * T_STOP, abs=1e-9)
+    assert contact.peak_friction_use == 1.0
+    assert "friction" in contact_table((contact,))
 
 
 def test_control_laws_see_mode_friction_and_slip(rolled):
