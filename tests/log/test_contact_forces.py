@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.log.arrows import ARROW_M
+from ffsm_mj.log.arrows import ARROW_M, arrow_series, declared_arrows
 from ffsm_mj.log.rerun.from_log import write_recording
 from tests.analysis.test_contacts import pushed_twice
+from tests.contact_models.persistent.test_friction_seen import SLIPS, on_floor
 from tests.log.markers import scale_of
 from tests.log.test_recording import entities, read
 from tests.log.test_viewer_topics import decoded
@@ -85,3 +86,30 @@ def test_the_figure_shows_force_impulse_and_intervals_of_contact(pushed):
     np.testing.assert_allclose(
         [(span.x0, span.x1) for span in spans], [(c.start_s, e) for c, e in zip(pushed.contacts, ends, strict=True)]
     )
+
+
+@pytest.fixture(scope="module")
+def rolled(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rolled")
+    run = ffsm_mj.run(on_floor(folder, rates=SLIPS, duration_s=0.24), out=folder / "out", rerun=False)
+    return ffsm_mj.load_run(run.path)
+
+
+def test_rerun_shows_where_a_contact_slides_and_sticks_and_how_much_of_the_limit_it_uses(rolled, tmp_path):
+    write_recording(rolled.log, tmp_path / "run.rrd")
+    data = {(entity, name.rsplit(":")[-1]): rows for (entity, name), rows in read(tmp_path / "run.rrd").items()}
+    states = [(time, state) for time, (state,) in data["/states/contacts/sole", "state"]]
+    ticks = rolled.time[rolled["contact.sole_mode"] == 3.0]
+    assert states[-2:] == [(0.0, "sliding"), (pytest.approx(ticks[0]), "sticking")]
+    shown = np.arange(0, len(rolled.time), 5)  # every 20 ms
+    use = [value for _, (value,) in data["/plots/friction_use", "scalars"]]
+    np.testing.assert_array_equal(use, rolled["contact.sole_friction_use"][shown])
+
+
+def test_friction_has_an_arrow_beside_that_of_the_whole_force(rolled):
+    arrows = {arrow.name: arrow_series(arrow, rolled.log.rows[:1], 1.0) for arrow in declared_arrows(rolled.log.header)}
+    assert list(arrows) == ["sole", "sole_friction"]
+    along = np.array([0.13, 0.05, 0.0]) / np.hypot(0.13, 0.05)
+    np.testing.assert_allclose(arrows["sole_friction"].vectors[0], ARROW_M[0] * along, atol=1e-12)
+    np.testing.assert_allclose(arrows["sole_friction"].sizes, 0.2)
+    assert arrows["sole"].sizes[0] == pytest.approx(np.hypot(1.0, 0.2))

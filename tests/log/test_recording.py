@@ -15,7 +15,7 @@ import ffsm_mj
 from ffsm_mj.log.drawing import Frames
 from ffsm_mj.log.plumes import PLUME_M, plume_series, thrusters
 from ffsm_mj.log.rerun.from_log import write_recording
-from ffsm_mj.log.rerun.states import Switching
+from ffsm_mj.log.rerun.states import FIRING, Switching
 from ffsm_mj.records.signals import Layout, Signal, identifier
 from tests.conftest import MJCF
 from tests.scenes import compile_paths, two_balls
@@ -97,7 +97,7 @@ def test_switching_is_detected_across_blocks():
     rows = np.zeros((40, 2))
     rows[:, 0] = 0.1 * np.arange(40)
     rows[15:25, 1] = -3.0
-    switching = Switching(0, {"jet": 1})
+    switching = Switching(0, {"jet": 1}, FIRING)
     found = [change for k in range(0, 40, 10) for change in switching.changes(rows[k : k + 10])]
     assert [(name, times.tolist(), states) for name, times, states in found] == [
         ("jet", [pytest.approx(1.5)], ["fires -"]),

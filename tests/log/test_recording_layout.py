@@ -76,7 +76,7 @@ def test_without_events_a_recording_plays_from_its_start(layout, tmp_path, ffsm_
 
 def laid_out(points, *, forces=()):
     plots = [Plot(f"plots/{name}", [0], ["total"], [(0, 0, 0)]) for name in ("energy", "balance")]
-    return Contents(framing=Framing(points), plots=plots, trails=[], tip=True, forces=forces, lanes=1)
+    return Contents(framing=Framing(points), plots=plots, trails=[], tip=True, forces=forces)
 
 
 @pytest.mark.parametrize("forces", [(), ("a_b",)])

@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 
 from ffsm_mj.log.rerun.camera import BACKGROUND, Framing
 from ffsm_mj.log.rerun.opening import Opening, TimeRange
-from ffsm_mj.log.rerun.plots import BASE, FORCES, JOINTS, TORQUES, Plot
+from ffsm_mj.log.rerun.plots import BASE, FORCES, FRICTION_USE, JOINTS, TORQUES, Plot
 
 TIMELINE = "sim_time"
 _LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
@@ -32,7 +32,8 @@ class Contents:
         tip: Whether the tip error is plotted.
         forces: Names of the forces that are plotted.
         torques: Names of the torques that are plotted.
-        lanes: Number of lanes of states: phases and thrusters.
+        thrusters: Number of lanes of states of thrusters.
+        contacts: Number of lanes of modes of contacts.
     """
 
     framing: Framing
@@ -41,7 +42,14 @@ class Contents:
     tip: bool
     forces: Sequence[str]
     torques: Sequence[str] = ()
-    lanes: int
+    thrusters: int = 0
+    contacts: int = 0
+
+    @property
+    def lanes(self) -> str:
+        """Title of the lanes of states."""
+        shown = ["Phase", *(["contacts"] if self.contacts else []), *(["thrusters"] if self.thrusters else [])]
+        return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
 
 
 class _Curves(NamedTuple):
@@ -67,10 +75,10 @@ def blueprint(contents: Contents, opening: Opening | None) -> rrb.Blueprint:
         opening: Time and view at which it opens; None for a stream, which is shown at its latest time.
     """
     loop = opening.loop if opening is not None else None
-    lanes = 2.0 + min(contents.lanes, _MOST_LANES)
+    lanes = 2.0 + min(1 + contents.thrusters + contents.contacts, _MOST_LANES)
     left = rrb.Vertical(
         _scene(contents),
-        rrb.StateTimelineView(origin="/states", name="Phase and thrusters" if contents.lanes > 1 else "Phase"),
+        rrb.StateTimelineView(origin="/states", name=contents.lanes),
         rrb.TextLogView(origin="/events", name="Events", columns=_event_columns()),
         row_shares=[22.0 - lanes, lanes, 6.0],
     )
@@ -143,6 +151,7 @@ def _overview(contents: Contents) -> list[_Curves]:
         _Curves("plots/linear_momentum", "Momentum P [N s]", names("plots/linear_momentum")),
         _Curves("plots/angular_momentum", "Momentum L [N m s]", names("plots/angular_momentum")),
         _Curves(FORCES, "Contact force [N]", contents.forces),
+        _Curves(FRICTION_USE, "Share of friction limit used", names(FRICTION_USE)),
         _Curves(TORQUES, "Interface torque [N m]", contents.torques),
         _Curves("plots/balance", "Residuals [log10 of SI]", names("plots/balance")),
     ]

@@ -22,6 +22,7 @@ from ffsm_mj.log.palette import (
     Colour,
     object_colour,
 )
+from ffsm_mj.log.rerun.states import friction_modes
 from ffsm_mj.model.system import System
 from ffsm_mj.records.metadata import free_components
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Layout, effort_key, identifier
@@ -31,6 +32,7 @@ _COLOURS = {
     "robot": (ROBOT_ON_DARK, BLUE, GREEN),
     "objects": (object_colour(0), ORANGE, PURPLE),
 }
+_USE_COLOURS = (ORANGE, SKY, GREEN, PURPLE, VERMILION, BLUE)
 JOINTS, BASE = "plots/joints", "plots/base"
 """Parent entities of the efforts of joint motors, and of thrusters and ideal base torques."""
 _LEAST = 1e-18
@@ -39,6 +41,8 @@ FORCES = "plots/contact_forces"
 """Parent entity of the magnitudes of forces."""
 TORQUES = "plots/interface_torque"
 """Parent entity of the magnitudes of torques."""
+FRICTION_USE = "plots/friction_use"
+"""Entity of the shares of the friction limit that contacts use."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +80,16 @@ def plots(layout: Layout, system: System, metadata: Mapping[str, str]) -> list[P
         Plot("plots/energy", energy, subsystems, [_COLOURS[subsystem][0] for subsystem in subsystems]),
         *_momenta(index, metadata, subsystems[1:]),
         _residuals(index, metadata),
+        *_friction_use(layout),
         *_efforts(layout, system),
     ]
+
+
+def _friction_use(layout: Layout) -> list[Plot]:
+    rules = friction_modes(layout)
+    columns = [layout.index[f"contact.{name}_friction_use"] for name in rules]
+    colours = [_USE_COLOURS[i % len(_USE_COLOURS)] for i in range(len(rules))]
+    return [Plot(FRICTION_USE, columns, list(rules), colours)] if rules else []
 
 
 def _free(metadata: Mapping[str, str], subsystem: str) -> list[str]:

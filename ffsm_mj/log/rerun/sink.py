@@ -14,6 +14,7 @@ import numpy as np
 import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.persistent.report import MODE_NAMES
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies
 from ffsm_mj.log.marker_scale import marker_scale
@@ -34,7 +35,15 @@ from ffsm_mj.log.rerun.marks import Marks
 from ffsm_mj.log.rerun.opening import Opening
 from ffsm_mj.log.rerun.plots import plots
 from ffsm_mj.log.rerun.scene import body_path, log_shapes, target_cross
-from ffsm_mj.log.rerun.states import OFF, Switching, phase_looks, thruster_looks
+from ffsm_mj.log.rerun.states import (
+    FIRING,
+    Lanes,
+    Switching,
+    contact_looks,
+    friction_modes,
+    phase_looks,
+    thruster_looks,
+)
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
@@ -78,12 +87,17 @@ class RerunSink:
             self._recording.log(plot.entity, lines, static=True)
         self._thrusters = {thruster.short_name: thruster for thruster in thrusters(self._system, layout)}
         self._forces = Forces(self._recording, header, self._scale)
-        self._switching = Switching(layout.time, {name: thruster.applied for name, thruster in self._thrusters.items()})
-        self._fired: set[str] = set()
+        applied = {name: thruster.applied for name, thruster in self._thrusters.items()}
+        self._firing = self._lanes("thrusters", Switching(layout.time, applied, FIRING), thruster_looks())
+        self._modes = friction_modes(layout)
+        self._contacts = self._lanes("contacts", Switching(layout.time, self._modes, MODE_NAMES), contact_looks())
         self._trail_colours()
         self._opening = Opening(self._system)
         self._marks = Marks(self._at, self._opening, self._scale)
         self._framed, self._states = False, dict[str, list[tuple[float, str]]]()
+
+    def _lanes(self, name: str, switching: Switching, looks: rr.StateConfiguration) -> Lanes:
+        return Lanes(self._recording, f"states/{name}", TIMELINE, switching, looks)
 
     def _connect(self) -> None:
         if isinstance(self._output, str):
@@ -111,17 +125,11 @@ class RerunSink:
         self._colours = {self._system.robot.name: ROBOT_ON_DARK} | objects | {"tip": TIP_BEFORE_ON_DARK}
 
     def rows(self, block: FloatArray) -> None:
-        """Buffer the frames of a block for the next flush, and send the switching of thrusters in it."""
-        for name, times, states in self._switching.changes(block):
-            if name not in self._fired:
-                self._fired.add(name)
-                self._at(0.0, f"states/thrusters/{name}", rr.StateChange.columns(state=[OFF]))
-                self._recording.log(f"states/thrusters/{name}", thruster_looks(), static=True)
-                look = rr.Arrows3D.from_fields(colors=[_PLUME], radii=[0.06 * self._scale])
-                self._recording.log(f"world/plumes/{name}", look, static=True)
-            self._send(
-                f"states/thrusters/{name}", [rr.TimeColumn(TIMELINE, duration=times)], rr.StateChange.columns(state=states)
-            )
+        """Buffer the frames of a block for the next flush, and send the changes of thrusters and contacts in it."""
+        self._contacts.send(block)
+        for name in self._firing.send(block):
+            look = rr.Arrows3D.from_fields(colors=[_PLUME], radii=[0.06 * self._scale])
+            self._recording.log(f"world/plumes/{name}", look, static=True)
         frames = self._picker.pick(block)
         if frames is not None:
             self._pending.append(frames)
@@ -178,7 +186,8 @@ class RerunSink:
             tip=self._task is not None,
             forces=acting(torques=False),
             torques=acting(torques=True),
-            lanes=1 + len(self._thrusters if self._streams else self._fired),
+            thrusters=len(self._thrusters if self._streams else self._firing.begun),
+            contacts=len(self._modes if self._streams else self._contacts.begun),
         )
         self._recording.log("world/axes", framing.axes, static=True)
         self._recording.send_blueprint(blueprint(contents, None if self._streams else self._opening))
@@ -211,7 +220,7 @@ class RerunSink:
 
     def _plumes(self, frames: Frames, index: Any) -> None:
         for name, thruster in self._thrusters.items():
-            if name not in self._fired:
+            if name not in self._firing.begun:
                 continue
             series = plume_series(thruster, frames, self._scale)
             plume = rr.Arrows3D.columns(origins=series.origins, vectors=series.vectors)
