@@ -2,8 +2,8 @@
 
 ``uv run --extra fast python benchmarks/lasting.py`` prints microseconds of CPU time per control tick of 1 ms, in contact and
 free, with the same models and the same law; medians over interleaved repeats, ratios within each, and the ratios that are
-required. In the last row two jaws press on a cube between them, with four points each. ``--parts`` prints where a tick of
-one case goes instead, in plain Python: of several runs the quickest.
+required. Two jaws press on a cube between them, with four points each; with friction, all points stick. ``--parts`` prints
+where a tick of one case goes instead, in plain Python: of several runs the quickest.
 """
 
 # ruff: noqa: E402
@@ -44,6 +44,7 @@ OPEN_M, THIN_M = 0.4, 0.02
 PUSH_N = 1.0
 FAR_M = 1e3
 SPHERE, CORNERS, JAWS = "sphere on box", "box on box, four points", "two jaws, eight points"
+RUBS, MU = ", friction", 0.5
 GOALS = {
     SPHERE: {"plain": 5.0, "compiled": 2.5},
     CORNERS: {"plain": 8.0, "compiled": 3.0},
@@ -94,17 +95,17 @@ def jaws() -> str:
     <actuator><motor name="ml" joint="left"/><motor name="mr" joint="right"/></actuator></mujoco>"""
 
 
-def pressed(pad: str, *, away_m: float, duration_s: float = 1.0) -> PreparedRun:
+def pressed(pad: str, *, away_m: float, mu: float = 0.0, duration_s: float = 1.0) -> PreparedRun:
     """A pad that is pushed with a constant force, at a box or, ``away_m`` from it, at nothing; plastic and at rest."""
     law = {"kind": "pd", "joints": ["rod"], "kp": PUSH_N / FAR_M, "kd": 0.0, "target": [FAR_M]}
-    pairs = [{"between": ["pad", "box/box"], "restitution": 0.0}]
+    pairs = [{"between": ["pad", "box/box"], "restitution": 0.0, "mu": mu}]
     return _prepared(pusher(pad), pairs, law, [REACH_M + THICK_M + HALF_M + away_m, 0.0, 0.0], duration_s)
 
 
-def gripped(*, away_m: float, duration_s: float = 1.0) -> PreparedRun:
+def gripped(*, away_m: float, mu: float = 0.0, duration_s: float = 1.0) -> PreparedRun:
     """Two plastic jaws that press on a cube between them, or where it is not."""
     law = {"kind": "pd", "joints": ["left", "right"], "kp": PUSH_N / FAR_M, "kd": 0.0, "target": [FAR_M, -FAR_M]}
-    pairs = [{"between": [name, "box/box"], "restitution": 0.0} for name in ("left", "right")]
+    pairs = [{"between": [name, "box/box"], "restitution": 0.0, "mu": mu} for name in ("left", "right")]
     closed = {"left": OPEN_M - THIN_M - HALF_M, "right": THIN_M + HALF_M - OPEN_M}
     return _prepared(jaws(), pairs, law, [away_m, 0.0, 0.0], duration_s, closed)
 
@@ -162,6 +163,7 @@ def main() -> None:
     """Run every case both ways, print its line."""
     cases: dict[str, Callable[..., PreparedRun]] = {name: partial(pressed, pad) for name, pad in PADS.items()}
     cases[JAWS] = gripped
+    cases |= {name + RUBS: partial(cases[name], mu=MU) for name in GOALS}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument(
@@ -173,12 +175,13 @@ def main() -> None:
         parts(cases[(options.case or [SPHERE])[0]], options.repeats)
         return
     measured(cases[SPHERE](away_m=0.0, duration_s=0.1), cases[SPHERE](away_m=AWAY_M, duration_s=0.1), 1)
-    print(f"{'us per tick':32}{'way':>10}{'in contact':>12}{'free':>8}{'ratio':>8}{'goal':>8}")
+    print(f"{'us per tick':34}{'way':>10}{'in contact':>12}{'free':>8}{'ratio':>8}{'goal':>8}")
     for name in options.case or cases:
         found = measured(cases[name](away_m=0.0), cases[name](away_m=AWAY_M), options.repeats)
         for way, (held, alone, ratio) in found.items():
-            goal = f"{GOALS[name][way]:>8.1f}" if name in GOALS else ""
-            print(f"{name:32}{way:>10}{held:>12.0f}{alone:>8.0f}{ratio:>8.1f}{goal}", flush=True)
+            goals = GOALS.get(name.removesuffix(RUBS))
+            goal = f"{goals[way]:>8.1f}" if goals else ""
+            print(f"{name:34}{way:>10}{held:>12.0f}{alone:>8.0f}{ratio:>8.1f}{goal}", flush=True)
 
 
 if __name__ == "__main__":

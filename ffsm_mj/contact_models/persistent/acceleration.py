@@ -12,7 +12,7 @@ accelerations are unique even if contacts are redundant and their forces are not
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache, cached_property
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -46,21 +46,22 @@ class ContactAcceleration:
         """
         self._M, self.rows, self._G, self._force = M, rows, rows.G, force
         self.free = rows.response.dot(force) + rows.gamma
+        self._rounding: list[float] | None = None
         self._held: dict[tuple[int, ...], FloatArray] = {}
 
-    @cached_property
+    @property
     def rounding(self) -> list[float]:
         """Rounding of each gap'', m/s^2, (k,): a share of its largest term. Not needed in the stages of a step."""
-        rows = self.rows
-        terms = zip(
-            np.abs(rows.response * self._force).max(axis=1, initial=0.0).tolist(),
-            rows.gamma.tolist(),
-            rows.scales,
-            strict=True,
-        )
-        return [ACCELERATION_M_S2 + ACCELERATION * max(term, abs(gamma), scale) for term, gamma, scale in terms]
+        if self._rounding is None:
+            rows = self.rows
+            products = np.abs(rows.response * self._force).max(axis=1, initial=0.0).tolist()
+            terms = zip(products, rows.gamma.tolist(), rows.scales, strict=True)
+            self._rounding = [
+                ACCELERATION_M_S2 + ACCELERATION * max(each, abs(gamma), scale) for each, gamma, scale in terms
+            ]
+        return self._rounding
 
-    @cached_property
+    @property
     def _movable(self) -> list[int]:
         """Contacts that a normal force can accelerate."""
         return [i for i, parted in enumerate(self._G.diagonal().tolist()) if parted > _IMMOVABLE]
@@ -73,9 +74,10 @@ class ContactAcceleration:
     def bilateral_forces(self, which: Sequence[int]) -> FloatArray:
         """Forces that keep gap'' = 0 at some contacts, of either sign, N, (k,); zero at the others."""
         held = tuple(which)
-        if held not in self._held:
-            self._held[held] = self._bilateral_forces(held)
-        return self._held[held]
+        forces = self._held.get(held)
+        if forces is None:
+            forces = self._held[held] = self._bilateral_forces(held)
+        return forces
 
     def _bilateral_forces(self, which: tuple[int, ...]) -> FloatArray:
         k = len(self.free)
@@ -111,20 +113,20 @@ class ContactAcceleration:
             forces[i] = max(0.0, -self.free.item(i) / self._G.item(i, i))
             return forces
         for which in dict.fromkeys((tuple(expected), tuple(movable))):
-            if self._is_strict(which):
+            if self._is_strict(which, movable):
                 return self.bilateral_forces(which)
         if movable:
             A, w = self._mass_weighted(movable)
             forces[movable] = least_norm(A, project(A, w))
         pushes = zip(self.own_acceleration(forces).tolist(), self.rounding, strict=True)
         which = tuple([i for i, (push, rounding) in enumerate(pushes) if push > rounding])
-        return self.bilateral_forces(which) if self._is_strict(which) else forces
+        return self.bilateral_forces(which) if self._is_strict(which, movable) else forces
 
-    def _is_strict(self, which: tuple[int, ...]) -> bool:
+    def _is_strict(self, which: tuple[int, ...], movable: Sequence[int]) -> bool:
         """Whether the forces that hold some contacts push by more than rounding, and the others open by more than it."""
         forces = self.bilateral_forces(which)
         pushes, opens = self.own_acceleration(forces).tolist(), self.gap_accelerations(forces).tolist()
-        for i in self._movable:
+        for i in movable:
             allowed = _CLEARLY * self.rounding[i]
             if opens[i] <= allowed and not (i in which and pushes[i] > allowed and opens[i] >= -allowed):
                 return False

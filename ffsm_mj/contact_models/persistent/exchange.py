@@ -6,7 +6,9 @@ need no evaluation at a midpoint.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact_models.persistent.point_groups import Wrench
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
@@ -99,15 +102,23 @@ def exchanged(
         shares: Signs of the contact forces.
         robot: Degrees of freedom of the robot in the motion.
     """
-    on_b = np.array([stage.rows.wrenches(stage.forces, stage.friction) for stage in stages])
-    impulses, starts = parts.dot(on_b.reshape(len(parts), -1)).reshape(-1, 6), stages[0].rows.starts
+    on_b = [stage.rows.wrenches(stage.forces, stage.friction) for stage in stages]
     work = parts.dot(np.array([stage.power for stage in stages])).tolist()
     total, own = sum(work), sum(work[robot])
-    firsts = [mine[0] for mine in shares.of_pairs.values()]
-    resultants = np.add.reduceat(on_b[:, :, :3], [starts.index(first) for first in firsts], axis=1)
-    sizes = dict(zip(shares.of_pairs, parts.dot(np.sqrt(np.square(resultants).sum(axis=2))).tolist(), strict=True))
-    for pair, first in zip(shares.of_pairs, firsts, strict=True):
-        if isinstance(pair, JointLimit):
-            sizes[pair] = float(parts.dot([stage.forces.item(first) for stage in stages]))
+    weights, starts, sizes = parts.tolist(), stages[0].rows.starts, dict.fromkeys(shares.of_pairs, 0.0)
+    for pair, mine in shares.of_pairs.items():
+        groups, at_limit = [g for g, start in enumerate(starts) if start in mine], isinstance(pair, JointLimit)
+        for part, stage, pushed in zip(weights, stages, on_b, strict=True):
+            sizes[pair] += part * (stage.forces.item(mine[0]) if at_limit else _size([pushed[g] for g in groups]))
+    # Plain Python sums: for a few numbers, numpy's call overhead costs more.
+    columns = [zip(*of_group, strict=True) for of_group in zip(*on_b, strict=True)]
+    impulses = np.array([[sum(map(mul, weights, column)) for column in six] for six in columns])
     energy = np.array((total, own, total - own))
-    return Exchange(energy, shares.from_robot[starts].dot(impulses), shares.outside[:, starts].dot(impulses)), sizes
+    from_robot, outside = (each if len(starts) == len(shares.from_robot) else each[..., starts] for each in shares[:2])
+    return Exchange(energy, from_robot.dot(impulses), outside.dot(impulses)), sizes
+
+
+def _size(wrenches: Sequence[Wrench]) -> float:
+    """Magnitude of the sum of the forces of some wrenches."""
+    total = wrenches[0] if len(wrenches) == 1 else [*map(sum, zip(*wrenches, strict=True))]
+    return math.hypot(*total[:3])

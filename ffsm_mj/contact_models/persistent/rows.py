@@ -58,27 +58,27 @@ class PointRows:
         """Gap, rate, normal and contact points of each contact point."""
         return tuple([state for group in self._groups for state in group.states])
 
-    @cached_property
+    @property
     def gaps(self) -> list[float]:
         """Gap of each contact point, m, (k,)."""
         return [gap for group in self._groups for gap in group.gaps]
 
-    @cached_property
+    @property
     def rates(self) -> list[float]:
         """Rates of the gaps, m/s, (k,)."""
         return [rate for group in self._groups for rate in group.rates]
 
-    @cached_property
+    @property
     def scales(self) -> list[float]:
         """Largest curvature term of the second rate of each gap, m/s^2, (k,)."""
         return [scale for group in self._groups for scale in group.scales]
 
-    @cached_property
+    @property
     def insides(self) -> list[float]:
         """Distance of each contact point to the bounds of its feature, m, (k,)."""
         return [inside for group in self._groups for inside in group.insides]
 
-    @cached_property
+    @property
     def starts(self) -> list[int]:
         """First contact point of each group of points of one pair."""
         return [0, *accumulate(group.count for group in self._groups[:-1])]
