@@ -89,8 +89,9 @@ def reference() -> Iterator[str]:
         "`balance.fixed_on_objects_...`, their impulses. With gravity there are three columns\n"
         "`balance.total_gravity_work_J` and so on, and six each of `balance.gravity_on_robot_...` and\n"
         "`balance.gravity_on_objects_...`: its work and its impulses, which the residuals subtract. With rules that\n"
-        "have `mu` above 0 there is `balance.friction_heat_J`: the kinetic energy lost in impacts with friction, minus the\n"
-        "work of their normal impulses.\n"
+        "have `mu` above 0 there is `balance.friction_heat_J`, the heat of friction: that of sliding in persistent\n"
+        "contact, the sum of `contact.<rule>_heat_J`, and the kinetic energy lost in impacts with friction, minus the work\n"
+        "of their normal impulses; and `balance.contact_work_J`, the work of the forces of persistent contact.\n"
     )
     for group, fields_of_group in samples().items():
         yield f"### {group}: {GROUPS[group]}\n"

@@ -11,6 +11,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.record import KINDS
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
+from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.contact_models.interface import ContactModel, ForceSource, Scene
@@ -43,9 +44,9 @@ def contact_models_of(
     Raises:
         ScenarioFaults: A declared model cannot be created from its configuration.
     """
-    overlap = DeepestOverlap(limits)
-    persistent = PersistentContactModel(scene, (*pairs, *limits), overlap)
-    impacts = ImpactModel(scene, (*pairs, *limits), _rules(scenario), persistent, overlap)
+    overlap, heat = DeepestOverlap(limits), FrictionHeat()
+    persistent = PersistentContactModel(scene, (*pairs, *limits), overlap, heat)
+    impacts = ImpactModel(scene, (*pairs, *limits), _rules(scenario), persistent, overlap, heat)
     declared = _declared(scenario, scene)
     others = [each for each in (persistent, *declared) if isinstance(each, ForceSource)]
     return (impacts, persistent, *grasp_models_of(scenario, scene, motion, held, others), *declared)

@@ -45,6 +45,10 @@ LIMIT_OVERRUN = {"rad": "joint_limit_overrun_rad", "m": "joint_limit_overrun_m"}
 """Signals of the largest travel past a joint limit, by the unit of the joint's coordinate."""
 FORCE_RESIDUAL = "contact_force_residual_N"
 """Signal of the residual of the complementarity conditions of contact forces."""
+FRICTION_HEAT, CONTACT_WORK = "friction_heat_J", "contact_work_J"
+"""Signals of the heat of friction at impacts and in persistent contact, and of the work of persistent contact forces."""
+SLIDING_HEAT = "_heat_J"
+"""End of the names of the signals of the heat of sliding of the contact rules with friction."""
 LIMIT_FORCES = ("_limit_torque_N_m", "_limit_force_N")
 """Ends of the names of the signals of the forces of joint limits: of hinges, and of slides."""
 

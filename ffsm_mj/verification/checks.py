@@ -33,6 +33,7 @@ from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import FORCE_RESIDUAL, LIMIT_FORCES, LIMIT_OVERRUN, OVERLAP, SUBSYSTEMS, Layout, momentum_keys
 from ffsm_mj.tolerances import CHECK_TOLERANCE, CONTACT_GAP_M
 from ffsm_mj.verification.friction_check import EnergyDeviation, FrictionCheck
+from ffsm_mj.verification.heat_check import HeatCheck
 from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, stretch_s
 from ffsm_mj.verification.truncation import Truncation
 
@@ -45,9 +46,10 @@ FORCE_TOLERANCE = 1e-8
 
 RELATIVE_CHECKS = (
     *("energy", "linear momentum", "angular momentum", "momentum two ways"),
-    *("impact energy", "impact restitution"),
+    *("impact energy", "impact restitution", "heat of sliding"),
 )
-"""Checks with a tolerance relative to a scale; those of impacts only in runs with impacts."""
+"""Checks with a tolerance relative to a scale; those of impacts only in runs with impacts, the last one with friction in
+persistent contact."""
 CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "no joint past its limit", "contact complementarity")
 """All checks. ``no penetration``, with a tolerance in m, if the log has the depth; ``no joint past its limit``, in rad or m,
 in runs with joint limits; the last one with persistent contact."""
@@ -72,6 +74,7 @@ _MEASURES = {
     "no penetration": ("m", ("gap",)),
     "no joint past its limit": ("rad or m", ("joint",)),
     "contact complementarity": ("N", ("force",)),
+    "heat of sliding": ("J", ("work", "fall")),
 }
 
 
@@ -82,7 +85,7 @@ class Check:
     Attributes:
         name: Name of the check.
         subsystem: ``total``, ``robot`` or ``objects``.
-        component: Component of the worst residual: ``T``, ``P_x`` to ``L_z``, ``gap`` or ``impact 1``.
+        component: Component of the worst residual, such as ``T``, ``P_x`` to ``L_z``, ``gap`` or ``impact 1``.
         residual: Largest magnitude of the residual in a stretch of the run.
         time_s: Time of the largest residual.
         tolerance: Allowed magnitude: the relative tolerance times (1 + scale).
@@ -134,6 +137,7 @@ class CheckAccumulator:
         of_pairs = [key.removesuffix("_mode") + "_force_N" for key in layout.keys if key.endswith("_mode")]
         of_limits = [key for key in layout.keys if key.endswith(LIMIT_FORCES) and key.startswith("contact.")]
         self._forces = layout.places((*of_pairs, *of_limits))
+        self._heat = HeatCheck(layout, stretch_s(metadata))
         self._grasp = layout.index.get("contact.capture_grasp")
         self._time, self.samples = layout.time, 0
 
@@ -167,6 +171,7 @@ class CheckAccumulator:
         if self._residual is not None and len(self._forces):
             forces = np.abs(block[:, self._forces]).max(axis=1)
             self._complementarity.add(times, block[:, [self._residual]], forces)
+        self._heat.rows(block)
 
     def checks(
         self,
@@ -200,6 +205,8 @@ class CheckAccumulator:
             checks.append(_check("no joint past its limit", "total", self._past, allowed))
         if self._complementarity.scale > 0.0 or self._complementarity.size > 0.0:
             checks.append(_check("contact complementarity", "total", self._complementarity, allowed))
+        if (heat := self._heat.worst) is not None:
+            checks.append(_check("heat of sliding", "total", heat, allowed, self._heat.drift))
         return (*checks, *_impact_checks(impacts, allowed, friction))
 
 

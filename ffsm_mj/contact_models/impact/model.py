@@ -15,6 +15,7 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, PersistentContacts, as_contact, contact_points
 from ffsm_mj.contact_models.impact.contact import LimitContact
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
+from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT, LimitImpactRecord
 from ffsm_mj.contact_models.impact.record import impact_energies, impact_records, impulses_between
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
@@ -26,17 +27,7 @@ from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.contact_models.interface import EventEffect, EventTime, LoggedEvent, Scene
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
-from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ImpactRecord, Outcome, RunEnded
-from ffsm_mj.records.signals import Signal
-
-_HEAT = Signal(
-    "balance",
-    "friction_heat_J",
-    "J",
-    "heat of friction at impacts: kinetic energy lost in impacts with friction, less the loss by the work of the normal "
-    "impulses, which restitution explains; for several contacts at one instant this split is a convention",
-)
 
 
 @dataclass(frozen=True)
@@ -63,20 +54,21 @@ class ImpactModel(Detector):
         rules: ImpactRules,
         persistent: PersistentContacts,
         overlap: DeepestOverlap,
+        heat: FrictionHeat,
     ) -> None:
-        """Start at the state in ``scene.data``; see :class:`~ffsm_mj.contact_models.impact.time_of_impact.Detector`."""
+        """Start at the state in ``scene.data``; see :class:`~ffsm_mj.contact_models.impact.time_of_impact.Detector`.
+
+        Its columns include those of ``heat`` if a pair has friction.
+        """
         super().__init__(scene, pairs, persistent, overlap)
         self._rules = rules
         self._impacts = 0
-        self._heat = np.zeros(1)
+        self._heat = heat
         self._by_name = {pair.name: pair for pair in pairs}
         geoms = [pair for pair in pairs if isinstance(pair, ContactPair)]
         self.columns = (*self.columns, *RuleGaps(scene, geoms).columns)
         if any(pair.mu > 0.0 for pair in pairs):
-            self.columns = (*self.columns, Columns((_HEAT,), live=self._heat, resume=self._resume_heat))
-
-    def _resume_heat(self, logged: FloatArray) -> None:
-        self._heat[:] = logged
+            self.columns = (*self.columns, *heat.columns)
 
     def names(self) -> str:
         """The pairs in contact."""
@@ -190,7 +182,7 @@ class ImpactModel(Detector):
             momenta = (momentum_matrix(system.mj, data, tree.root) @ change for tree in system.objects)
             on_objects = sum(momenta, -outside[1])
         if impact.friction is not None:
-            self._heat += impact.friction.normal_work.sum() - (energies[1, 0] - energies[0, 0])
+            self._heat.add(impact.friction.normal_work.sum() - (energies[1, 0] - energies[0, 0]))
         return Exchange(energies[1] - energies[0], on_objects, np.array(outside))
 
     def _end(self, of_geoms: bool) -> RunEnded | None:

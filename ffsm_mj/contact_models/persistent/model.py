@@ -24,6 +24,7 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
+from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.changes import ContactChanges
@@ -71,7 +72,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     records = (*_KINDS, *FRICTION_KINDS, *LIMIT_KINDS)
     is_reactive = True
 
-    def __init__(self, scene: Scene, pairs: Sequence[UnilateralConstraint], overlap: DeepestOverlap) -> None:
+    def __init__(
+        self, scene: Scene, pairs: Sequence[UnilateralConstraint], overlap: DeepestOverlap, heat: FrictionHeat
+    ) -> None:
         """Initialise with no closed contacts.
 
         Args:
@@ -79,8 +82,10 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             pairs: Impact pairs, then joint limits; the impact model passes on those that an impact leaves closed, see
                 :meth:`close`.
             overlap: Deepest overlap, shared with the impact model.
+            heat: Heat of friction, shared with the impact model.
         """
         super().__init__(None, scene)
+        self._heat = heat
         self._pairs, self._overlap, self._active_set = tuple(pairs), overlap, ActiveContactSet(scene)
         self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
         self._changes = ContactChanges(scene, self._active_set)
@@ -244,17 +249,18 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._report.add_impulses(impulses)
         self._limits.add_impulses(impulses)
         if self._active_set.has_friction:
-            self._add_slip(duration_s)
+            self._add_friction(duration_s)
         decision = self._active_set.decide()
         for contact, gap in zip(decision.contact_points, decision.rows.gaps, strict=True):
             self._overlap.add(contact.pair, gap)
         return done
 
-    def _add_slip(self, duration_s: float) -> None:
+    def _add_friction(self, duration_s: float) -> None:
+        """Add slip and heat of the last step."""
         closed, flight = self._active_set, self.motion.flight
         assert isinstance(flight, ForcedStepper)
         stages = closed.stages[-1 - len(flight.weights) : -1]
-        self._report.friction.add_slip(closed.pressing, stages, duration_s * flight.weights)
+        self._heat.add(self._report.friction.add_step(closed.pressing, stages, duration_s * flight.weights))
 
     def exchanged(self, duration_s: float) -> Exchange | None:
         """The same for a trial step that may be rejected."""

@@ -112,7 +112,7 @@ class ContactReport:
         self.columns = (
             Columns(signals, live=flat, on_sample=lambda _: self._write_values(), resume=self._restore_values),
             Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=self._residual),
-            *((self.friction.columns,) if with_friction else ()),
+            *(self.friction.columns if with_friction else ()),
         )
 
     def closed_rules(self) -> frozenset[str]:

@@ -12,7 +12,7 @@ from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.pair_state import PairFriction
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.signals import Signal, identifier
+from ffsm_mj.records.signals import CONTACT_WORK, SLIDING_HEAT, Signal, identifier
 
 _SIGNALS = (
     ("friction_N", "N", "friction force of {}: sum of the tangential resultants of its pairs; 0 without force"),
@@ -25,8 +25,16 @@ _SIGNALS = (
     ),
     ("slip_m_s", "m/s", "largest slip speed of the sliding contact points of {}; 0 if none slides"),
     ("slip_m", "m", "slip distance of {} since t = 0: time integral of its largest slip speed"),
+    (SLIDING_HEAT.lstrip("_"), "J", "heat of sliding in persistent contact of {} since t = 0; without that of impacts"),
 )
-_SLIP = len(_SIGNALS) - 1
+_SLIP, _HEAT = len(_SIGNALS) - 2, len(_SIGNALS) - 1
+_WORK = Signal(
+    "balance",
+    CONTACT_WORK,
+    "J",
+    "work of the forces of persistent contact on all bodies since t = 0, in steps with closed pairs with friction: minus "
+    "the heat of sliding",
+)
 
 
 class FrictionReport:
@@ -49,10 +57,17 @@ class FrictionReport:
             for rule in self._rules
             for name, unit, meaning in _SIGNALS
         )
-        self.columns = Columns(signals, live=self._values.reshape(-1), resume=self._restore)
+        self._work = np.zeros(1)
+        self.columns = (
+            Columns(signals, live=self._values.reshape(-1), resume=self._restore),
+            Columns((_WORK,), live=self._work, resume=self._restore_work),
+        )
 
     def _restore(self, logged: FloatArray) -> None:
         self._values[:] = logged.reshape(self._values.shape)
+
+    def _restore_work(self, logged: FloatArray) -> None:
+        self._work[:] = logged
 
     def write(self, by_rule: Mapping[str, Sequence[PairFriction]]) -> None:
         """Write the columns for the pairs that carry force, by rule."""
@@ -67,20 +82,30 @@ class FrictionReport:
         """Slip distance of a rule since t = 0, m."""
         return float(self._values[self._rules[rule], _SLIP])
 
-    def add_slip(self, contact_points: Sequence[ContactPoint], stages: Sequence[Stage], weights_s: FloatArray) -> None:
-        """Add the slip in a step.
+    def add_step(self, contact_points: Sequence[ContactPoint], stages: Sequence[Stage], weights_s: FloatArray) -> float:
+        """Add slip, heat and work in a step.
 
         Args:
             contact_points: Contact points of the stages.
             stages: Stages of the step.
             weights_s: Their quadrature weights, s.
+
+        Returns:
+            Heat of all rules in the step, J.
         """
+        total = 0.0
         for stage, weight in zip(stages, weights_s.tolist(), strict=True):
-            if stage.slip_speeds is None:
+            if stage.slip_speeds is None or stage.heat is None:
                 continue
+            self._work += weight * sum(stage.power.tolist())
+            for contact, heat in zip(contact_points, stage.heat.tolist(), strict=True):
+                if contact.pair.mu > 0.0:
+                    self._values[self._rules[contact.pair.rule], _HEAT] += weight * heat
+                    total += weight * heat
             largest: dict[str, float] = {}
             for contact, speed in zip(contact_points, stage.slip_speeds.tolist(), strict=True):
                 if speed > largest.get(contact.pair.rule, 0.0):
                     largest[contact.pair.rule] = speed
             for rule, speed in largest.items():
                 self._values[self._rules[rule], _SLIP] += weight * speed
+        return total

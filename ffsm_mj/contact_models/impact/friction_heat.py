@@ -1,0 +1,38 @@
+"""Heat of friction since t = 0, at impacts and in persistent contact: a column of the balance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.signals import FRICTION_HEAT, Signal
+
+_HEAT = Signal(
+    "balance",
+    FRICTION_HEAT,
+    "J",
+    "heat of friction since t = 0, of sliding in persistent contact and of impacts. Sliding: the sum of the columns of the "
+    "rules. Impacts with friction: kinetic energy lost, less the loss by the work of the normal impulses, which restitution "
+    "explains; for several contacts at one instant this split is a convention",
+)
+
+
+class FrictionHeat:
+    """Sum of the heat of friction of all pairs.
+
+    Attributes:
+        columns: Its column.
+    """
+
+    def __init__(self) -> None:
+        """Start without heat."""
+        self._heat = np.zeros(1)
+        self.columns = (Columns((_HEAT,), live=self._heat, resume=self._resume),)
+
+    def _resume(self, logged: FloatArray) -> None:
+        self._heat[:] = logged
+
+    def add(self, heat_J: float) -> None:
+        """Add the heat of an impact or of a (sub-)step."""
+        self._heat += heat_J
