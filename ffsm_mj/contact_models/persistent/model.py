@@ -248,7 +248,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         done, impulses = self._exchanged(duration_s)
         self._report.add_impulses(impulses)
         self._limits.add_impulses(impulses)
-        if self._active_set.has_friction:
+        if self._active_set.has_friction and self._active_set.pressing:
             self._add_friction(duration_s)
         decision = self._active_set.decide()
         for contact, gap in zip(decision.contact_points, decision.rows.gaps, strict=True):

@@ -1,0 +1,113 @@
+"""Scenes of persistent contact with friction, with the loads that press and push."""
+
+from __future__ import annotations
+
+from tests.contact_models.impact.test_fixed import slab
+from tests.scenes import HEAD, ball, box, scene
+
+EARTH = "slab/slab"
+"""The fixed body of scenes with weight."""
+
+
+def load(on, reaction=EARTH, **what):
+    """One load; see :class:`~tests.contact_models.persistent.friction.loads.LoadConfig`."""
+    return {"on": on, "reaction": reaction, **what}
+
+
+def loaded(*loads):
+    """Loads as the contact models of a scenario."""
+    return [{"kind": "loads", "loads": list(loads)}]
+
+
+def steps(step_s, duration_s):
+    """Times of a scenario: a control tick at every step."""
+    return {"time_step_s": step_s, "control_period_s": step_s, "duration_s": duration_s}
+
+
+def on_slab(folder, robot, *, geom, mu, weight, step, duration, loads=(), restitution=0.0, **scenario):
+    """A robot whose geom ``geom`` touches a fixed slab with its top at z = 0, with a weight in N along -z at its centre."""
+    return scene(
+        folder,
+        robot,
+        {"slab": slab("slab", "20 20 0.5")},
+        fixed={"slab": {"position_m": [0, 0, -0.5]}},
+        contacts={"rules": [{"name": "foot", "between": [geom, "slab/slab"], "restitution": restitution, "mu": mu}]},
+        contact_models=loaded(load(f"robot/{geom}", force_N=[[0, 0, -weight]]), *loads),
+        **steps(step, duration),
+        **scenario,
+    )
+
+
+def sphere(folder, *, mu, velocity, spin=(0.0, 0.0, 0.0), step, duration, **scenario):
+    """A sphere of 1 kg and 1 m radius (inertia 0.4 kg m^2) on the slab, under 1 N: L1, L5, L6 and E1."""
+    initial = {"joints": {"robot/free": [0, 0, 1, 1, 0, 0, 0]}, "rates": {"robot/free": [*velocity, *spin]}}
+    robot = ball("ball", mass=1.0, radius=1.0)
+    return on_slab(folder, robot, geom="ball", mu=mu, weight=1.0, step=step, duration=duration, initial=initial, **scenario)
+
+
+def block(folder, *, mu, velocity, spin=0.0, weight=1.0, half=(0.2, 0.1, 0.05), step, duration, **scenario):
+    """A block of 1 kg on its four corners on the slab: S6."""
+    initial = {
+        "joints": {"robot/free": [0, 0, half[2], 1, 0, 0, 0]},
+        "rates": {"robot/free": [*velocity, 0, 0, spin]},
+    }
+    robot = box("box", mass=1.0, half=half)
+    return on_slab(
+        folder, robot, geom="box", mu=mu, weight=weight, step=step, duration=duration, initial=initial, **scenario
+    )
+
+
+BALL_TIP, PLATE, PAD = 'type="sphere" size="0.02"', 'type="box" size="0.04 0.01 0.04"', 'type="box" size="0.02 0.01 0.02"'
+_THICK_M = {BALL_TIP: 0.02, PLATE: 0.01, PAD: 0.01}
+
+
+def gripper(tip, *, base_kg, finger_kg, half_m, inertia=(0.8, 0.9, 1.0)):
+    """MJCF of a free base with two fingers on slides along y, whose tips touch faces at y = half_m and -half_m."""
+    away = half_m + _THICK_M[tip]
+
+    def finger(name, y):
+        return f"""<body name="{name}" pos="0 {y} 0">
+        <inertial pos="0 {-y} 0" mass="{finger_kg}" diaginertia="1e-9 1e-9 1e-9"/>
+        <joint name="{name}" type="slide" axis="0 1 0"/><geom name="{name}" {tip} mass="0"/></body>"""
+
+    turning = " ".join(str(each) for each in inertia)
+    return f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="{base_kg}" diaginertia="{turning}"/>
+      {finger("left", away)}{finger("right", -away)}</body></worldbody>
+      <actuator><motor name="close_left" joint="left"/><motor name="close_right" joint="right"/></actuator></mujoco>"""
+
+
+def cube(mass, half_m, inertia, centre=(0.0, 0.0, 0.0)):
+    """MJCF of a free cube with its mass centre somewhere in it."""
+    at, size = (" ".join(str(each) for each in vector) for vector in (centre, (half_m,) * 3))
+    return f"""<mujoco>{HEAD}<worldbody><body name="cube"><freejoint name="free"/>
+      <inertial pos="{at}" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>
+      <geom name="cube" type="box" size="{size}" mass="0"/></body></worldbody></mujoco>"""
+
+
+def gripped(folder, tip, held, *, mu, grip_N, loads, step, duration, base_kg=8.0, finger_kg=1.0, half_m=0.05, **scenario):
+    """A gripper around a cube at the origin of its base, pressed by constant forces between base and fingers."""
+    closing = [
+        load(f"robot/{name}", "robot/base", force_N=[[0, sign * grip_N, 0]], axes="robot/base")
+        for name, sign in (("left", -1), ("right", 1))
+    ]
+    far = {"anchor": ball("anchor", radius=0.01).replace('<freejoint name="free"/>', "")}
+    return scene(
+        folder,
+        gripper(tip, base_kg=base_kg, finger_kg=finger_kg, half_m=half_m),
+        {"cube": held, **far},
+        fixed={"anchor": {"position_m": [50, 50, 50]}},
+        contacts={
+            "rules": [
+                {"name": name, "between": [name, "cube/cube"], "restitution": 0.0, "mu": mu} for name in ("left", "right")
+            ]
+        },
+        contact_models=loaded(*closing, *loads),
+        **steps(step, duration),
+        **scenario,
+    )
+
+
+def thrust(*force_N, at_m=(0.0, 0.0, 0.0)):
+    """An outside force on the base of a gripper: coefficients of the powers of time."""
+    return load("robot/base", "anchor/anchor", force_N=list(force_N), at_m=list(at_m))
