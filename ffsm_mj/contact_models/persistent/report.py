@@ -16,7 +16,6 @@ from ffsm_mj.contact_models.interface import EventTime, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
-from ffsm_mj.contact_models.persistent.friction.pair_state import is_wedged, pair_friction
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
 from ffsm_mj.contact_models.persistent.resultant import Resultant, resultant
@@ -80,7 +79,7 @@ def _row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[
 def _active_contact(pair: ContactPair, at: Resultant, decision: Decision | FrictionalDecision | None) -> ActiveContact:
     """A closed pair as control laws see it."""
     place = pair.name, at.force, at.centre.copy(), at.normal.copy()
-    friction = pair_friction(decision, pair) if isinstance(decision, FrictionalDecision) else None
+    friction = decision.of_pairs.by_pair.get(pair) if isinstance(decision, FrictionalDecision) else None
     if friction is None:
         return ActiveContact(*place, MODE_NAMES[PRESSING if at.size else CLOSED], np.zeros(3), np.zeros(3), 0.0)
     mode = MODE_NAMES[SLIDING if friction.slides else STICKING]
@@ -160,7 +159,7 @@ class ContactReport:
         """Write the modes and columns of the rules with friction that carry force."""
         found = {}
         for rule, each in by_rule.items():
-            pairs = [friction for pair, _ in each if (friction := pair_friction(decision, pair))]
+            pairs = [friction for pair, _ in each if (friction := decision.of_pairs.by_pair.get(pair))]
             if pairs:
                 found[rule] = pairs
                 self._values[self._rules[rule], 0] = SLIDING if any(pair.slides for pair in pairs) else STICKING
@@ -268,11 +267,11 @@ class ContactReport:
     def _friction_fields(self, kind: RecordKind, pair: ContactPair) -> dict[str, Any]:
         """Fields of a record about the friction of a closed pair at the state in ``data``."""
         decision = self._active_set.decide() if self._active_set.contact_points else None
-        found = pair_friction(decision, pair) if isinstance(decision, FrictionalDecision) else None
+        found = decision.of_pairs.by_pair.get(pair) if isinstance(decision, FrictionalDecision) else None
         if found is None or not isinstance(decision, FrictionalDecision):
             return {}
         mode = MODE_NAMES[SLIDING if found.slides else STICKING]
-        fields: dict[str, Any] = {"friction": f"{mode}, wedged" if is_wedged(decision, pair) else mode}
+        fields: dict[str, Any] = {"friction": f"{mode}, wedged" if decision.of_pairs.is_wedged(pair) else mode}
         if kind not in FRICTION_KINDS:
             return fields
         use = {"friction_use": found.use, "slip_speed_m_s": found.slip_speed, "slip_m": self.friction.slip(pair.rule)}

@@ -200,3 +200,15 @@ def test_other_coefficients_of_friction_are_refused_by_name(tmp_path, key, says)
     path = on_floor(tmp_path)
     with pytest.raises(InputError, match=rf"contacts.rules.0.{key}: unknown key: .*{says}.*; allowed: between, mu"):
         ffsm_mj.run(path, {"contacts.rules": [rule]})
+
+
+def test_the_slip_of_a_face_is_that_of_its_fastest_point(tmp_path):
+    """A box turns about a vertical axis through its middle and moves along x: the corner at -y is the fastest."""
+    box = {"geom": 'type="box" size=".5 .4 .1"', "height": 0.1, "duration_s": 0.02}
+    run = good(ffsm_mj.run(on_floor(tmp_path, mu=0.1, rates=(0.3, 0.0, 0.0, 0.0, 0.0, 2.0), **box)))
+    speed = np.hypot(0.3 + 2.0 * 0.4, 2.0 * 0.5)
+    assert run["contact.sole_slip_m_s"][0] == pytest.approx(speed, abs=1e-12)
+    # It slows down by some 0.1 m/s^2, and turns by 0.04 rad: the slip distance is between those of both ends.
+    way = run["contact.sole_slip_m"]
+    assert run["contact.sole_slip_m_s"].min() * 0.02 < way[-1] < run["contact.sole_slip_m_s"].max() * 0.02
+    assert np.all(np.diff(way) > 0.0)

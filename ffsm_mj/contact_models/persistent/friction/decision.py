@@ -9,6 +9,7 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates, Solution
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, FrictionModes, Mode, sliding
+from ffsm_mj.contact_models.persistent.friction.pair_state import FrictionOfPairs
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, unit_slips
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
 from ffsm_mj.records.events import Outcome, RunEnded
@@ -107,6 +108,11 @@ class FrictionalDecision:
     def friction(self) -> FloatArray:
         """Friction force on geom b of each point, world axes, N, (k, 3)."""
         return np.asarray(np.einsum("ki,kij->kj", self.solution.forces[:, 1:], self.rows.axes[:, 1:]))
+
+    @cached_property
+    def of_pairs(self) -> FrictionOfPairs:
+        """Friction of the pairs with mu > 0 that carry force."""
+        return FrictionOfPairs(self.contact_points, self.problem, self.solution, self.friction, self.slips)
 
     @property
     def held_forces(self) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
@@ -12,6 +14,8 @@ _DEPENDENT = 1e-10
 """Eigenvalues of the Delassus matrix below this share of the largest are zero."""
 _SHARES = 1e-9
 """Part of a force without effect below which a point has none."""
+_ROUNDING = 1e-13
+"""Friction below this share of the largest force is rounding."""
 _REDUCTIONS, _REDUCED = 20, 1e-6
 """Greatest number of reductions of a share of the friction limit, and the least relative one."""
 
@@ -53,37 +57,32 @@ def partners(problem: FrictionProblem, points: IntArray, point: int) -> IntArray
     return np.asarray(points[group])
 
 
-def friction_use(problem: FrictionProblem, forces: FloatArray, sticks: IntArray, mine: IntArray) -> float:
-    """Share of the friction limit that some sticking points use: with mu times this they would still stick.
-
-    It is the largest ratio of friction to mu times the normal force among the points, in the given shares of the load, that
-    of equal springs. Where these leave a friction cone, it is the least such ratio that any shares of the load have.
+def least_use(problem: FrictionProblem, forces: FloatArray, sticks: IntArray, point: int) -> float:
+    """Least share of mu with which a sticking point and those that share its load would still stick, in [0, 1].
 
     Args:
         problem: The contact problem.
         forces: Forces (n, t1, t2) of all points, N, (k, 3).
         sticks: All sticking points.
-        mine: Some of them.
-
-    Returns:
-        The share, in [0, 1].
+        point: The point, one of them.
     """
-    if _largest_ratio(forces[sticks], problem.mu[sticks]) <= 1.0:
-        return _largest_ratio(forces[mine], problem.mu[mine])
-    group = partners(problem, sticks, int(mine[0]))
+    group = partners(problem, sticks, point)
     freedom, mu = internal_forces(problem, group), problem.mu[group]
     least = 1.0
     # Dinkelbach's method: forces well inside the cones of a friction coefficient need a smaller one.
     for _ in range(_REDUCTIONS):
-        ratio = _largest_ratio(largest_margin(forces[group], freedom, least * mu)[1], mu)
+        ratio = max(limit_ratios(largest_margin(forces[group], freedom, least * mu)[1], mu))
         if ratio >= least * (1.0 - _REDUCED):
             break
         least = ratio
     return least
 
 
-def _largest_ratio(forces: FloatArray, mu: FloatArray) -> float:
-    """Largest ratio of friction to its limit; infinite where a normal force pulls."""
-    friction, limit = np.hypot(forces[:, 1], forces[:, 2]), mu * forces[:, 0]
-    idle = np.where(friction > 0.0, np.inf, 0.0)
-    return float(np.divide(friction, limit, out=idle, where=limit > 0.0).max())
+def limit_ratios(forces: FloatArray, mu: FloatArray) -> list[float]:
+    """Ratios of friction to its limit; infinite where a normal force pulls, zero where there is no friction but rounding."""
+    rounding = _ROUNDING * float(np.abs(forces).max(initial=0.0))
+    ratios = []
+    for (normal, *across), coefficient in zip(forces.tolist(), mu.tolist(), strict=True):
+        friction, limit = math.hypot(*across), coefficient * normal
+        ratios.append(0.0 if friction <= rounding else friction / limit if limit > 0.0 else math.inf)
+    return ratios

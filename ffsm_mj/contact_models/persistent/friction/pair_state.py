@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
-from ffsm_mj.contact_models.persistent.friction.internal_forces import friction_use, wedged
+from ffsm_mj.contact_models.persistent.friction.choice import Solution
+from ffsm_mj.contact_models.persistent.friction.internal_forces import least_use, limit_ratios, wedged
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
 
 
 class PairFriction(NamedTuple):
@@ -20,8 +23,8 @@ class PairFriction(NamedTuple):
         slides: Whether any of its points slides; otherwise those that carry force stick.
         force: Tangential resultant on geom b, world axes, N, (3,).
         slip: Slip velocity of geom b relative to geom a at the point that slides fastest, world axes, m/s, (3,).
-        use: Share of the friction limit mu times the normal force that its points use, in [0, 1]: 1 while one slides; while
-            they stick, they would do so with mu times this as well.
+        use: Share of the friction limit, mu times the normal force, that its points use, in [0, 1]: 1 while one slides;
+            while they stick, they would also stick with mu times this.
     """
 
     slides: bool
@@ -35,31 +38,62 @@ class PairFriction(NamedTuple):
         return float(np.linalg.norm(self.slip))
 
 
-def pair_friction(decision: FrictionalDecision, pair: UnilateralConstraint) -> PairFriction | None:
-    """Friction of a pair; None if it has mu = 0 or carries no force."""
-    mine = np.array([contact.pair is pair for contact in decision.contact_points], dtype=np.bool_)
-    mine &= decision.kinds != CLOSED
-    if pair.mu == 0.0 or not mine.any():
-        return None
-    slides = mine & (decision.kinds == SLIDE)
-    speeds = np.linalg.norm(decision.slips, axis=1) * slides
-    slip = decision.slips[int(np.argmax(speeds))] if slides.any() else np.zeros(3)
-    use = 1.0 if slides.any() else _use(decision, np.flatnonzero(mine))
-    return PairFriction(bool(slides.any()), decision.friction[mine].sum(axis=0), slip, use)
+class FrictionOfPairs:
+    """Friction of the pairs with mu > 0 that carry force, at one state.
 
+    Attributes:
+        by_pair: Friction of each of them.
+    """
 
-def _use(decision: FrictionalDecision, mine: IntArray) -> float:
-    """Share of the friction limit that the sticking points of a pair use."""
-    sticks = np.flatnonzero(decision.kinds == STICK)
-    return friction_use(decision.problem, decision.solution.forces, sticks, mine)
+    def __init__(
+        self,
+        contact_points: Sequence[ContactPoint],
+        problem: FrictionProblem,
+        solution: Solution,
+        friction: FloatArray,
+        slips: FloatArray,
+    ) -> None:
+        """Sum over the points of each pair.
 
+        Args:
+            contact_points: All closed contact points.
+            problem: Their problem.
+            solution: Its solution.
+            friction: Friction forces, world axes, N, (k, 3).
+            slips: Slip velocities, world axes, m/s, (k, 3).
+        """
+        self._problem, self._solution, self._kinds = problem, solution, solution.kinds.tolist()
+        self._points: dict[UnilateralConstraint, list[int]] = {}
+        for i, (contact, kind) in enumerate(zip(contact_points, self._kinds, strict=True)):
+            if kind != CLOSED and contact.pair.mu > 0.0:
+                self._points.setdefault(contact.pair, []).append(i)
+        self._ratios = limit_ratios(solution.forces, problem.mu)
+        self.by_pair = {pair: self._of_points(mine, friction, slips) for pair, mine in self._points.items()}
 
-def is_wedged(decision: FrictionalDecision, pair: UnilateralConstraint) -> bool:
-    """Whether a pair that carries force is wedged: forces inside the friction cones hold it without any load."""
-    sticks = np.flatnonzero(decision.kinds == STICK)
-    mine = [i for i in sticks.tolist() if decision.contact_points[i].pair is pair]
-    slides = any(
-        contact.pair is pair and kind == SLIDE
-        for contact, kind in zip(decision.contact_points, decision.kinds.tolist(), strict=True)
-    )
-    return bool(mine) and not slides and wedged(decision.problem, sticks, mine[0])
+    @property
+    def _sticks(self) -> IntArray:
+        return np.flatnonzero(self._solution.kinds == STICK)
+
+    def _of_points(self, mine: list[int], friction: FloatArray, slips: FloatArray) -> PairFriction:
+        force = friction[mine].sum(axis=0)
+        sliding = [i for i in mine if self._kinds[i] == SLIDE]
+        if not sliding:
+            return PairFriction(False, force, np.zeros(3), self._use(mine))
+        speeds = np.linalg.norm(slips[sliding], axis=1)
+        return PairFriction(True, force, slips[sliding[int(np.argmax(speeds))]], 1.0)
+
+    def _use(self, mine: list[int]) -> float:
+        """Share of the friction limit that the sticking points of a pair use.
+
+        It is their largest ratio with the load shared as by equal springs. Where such shares leave a friction cone, it is
+        the least such ratio that any shares have.
+        """
+        sticks = self._sticks
+        if max(self._ratios[i] for i in sticks.tolist()) <= 1.0:
+            return max(self._ratios[i] for i in mine)
+        return least_use(self._problem, self._solution.forces, sticks, mine[0])
+
+    def is_wedged(self, pair: UnilateralConstraint) -> bool:
+        """Whether a pair is wedged: forces inside the friction cones hold it without any load."""
+        found = self.by_pair.get(pair)
+        return found is not None and not found.slides and wedged(self._problem, self._sticks, self._points[pair][0])
