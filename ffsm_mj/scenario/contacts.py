@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.scenario.element_names import element_name
 
 Sides = Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)]
+
+
+def _one_coefficient(mu: Any) -> Any:
+    """Refuse the list of coefficients that MuJoCo has for a geom."""
+    if isinstance(mu, list | tuple):
+        raise ValueError("should be one number: contact points have no torsional or rolling friction")
+    return mu
+
+
+Mu = Annotated[float, Field(ge=0.0), BeforeValidator(_one_coefficient)]
 
 _REFUSED_FRICTION = {
     "static": "mu is the coefficient of friction of points that stick and of points that slide",
@@ -30,7 +40,7 @@ class ContactDefaultConfig(StrictModel):
 
     restitution: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
     """Coefficient of restitution e: 1 elastic, 0 plastic."""
-    mu: Annotated[float, Field(ge=0.0)] = 0.0
+    mu: Mu = 0.0
     """Coefficient of Coulomb friction; that of the MJCF is for MuJoCo's own contacts and is not used."""
 
 
@@ -48,7 +58,7 @@ class ContactRuleConfig(StrictModel):
     """Unique name in records, columns and overrides; default: ``<a>-<b>``, the sides as written here."""
     restitution: Annotated[float, Field(ge=0.0)] | None = None
     """Coefficient of restitution e: 1 elastic, 0 plastic; default: that of ``contacts.default``."""
-    mu: Annotated[float, Field(ge=0.0)] | None = None
+    mu: Mu | None = None
     """Coefficient of Coulomb friction, at impacts and in persistent contact, of points that stick or slide; default: that of
     ``contacts.default``."""
     super_elastic: bool = False

@@ -212,3 +212,9 @@ def test_the_slip_of_a_face_is_that_of_its_fastest_point(tmp_path):
     way = run["contact.sole_slip_m"]
     assert run["contact.sole_slip_m_s"].min() * 0.02 < way[-1] < run["contact.sole_slip_m_s"].max() * 0.02
     assert np.all(np.diff(way) > 0.0)
+
+
+def test_the_three_coefficients_of_a_geom_of_mujoco_are_refused(tmp_path):
+    rule = {"between": ["robot", "floor"], "restitution": 0.0, "mu": [0.5, 0.005, 0.0001]}
+    with pytest.raises(InputError, match=r"contacts.rules.0.mu: should be one number: contact points have no torsional"):
+        ffsm_mj.run(on_floor(tmp_path), {"contacts.rules": [rule]})
