@@ -77,7 +77,10 @@ class ContactChanges:
         return (CONTACT_SLIPS, slips) if slips else (CONTACT_STICKS, sticks) if sticks else None
 
     def during_step(self) -> Change | None:
-        """Pairs that ended a step early without opening: they entered the active set, or drifted or tilted to the limit."""
+        """Pairs that ended a step early without opening.
+
+        They entered the active set, drifted or tilted to the limit, or a point with friction changed its mode.
+        """
         closed = self._active_set
         decision = closed.decide() if closed.contact_points else None
         if decision is None:
@@ -85,6 +88,10 @@ class ContactChanges:
         presses = [
             decision.contact_points[i].pair for i in decision.pressing if decision.contact_points[i] not in closed.pressing
         ]
+        if isinstance(decision, FrictionalDecision):
+            # A log replay chooses modes anew at ticks and events only: it must know of each change between them.
+            kinds = zip(decision.contact_points, closed.modes.kinds(decision.contact_points), decision.kinds, strict=True)
+            presses += [contact.pair for contact, before, after in kinds if before != after]
         pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
         return (CONTACT_CHANGES, pairs) if pairs else None
 

@@ -46,6 +46,7 @@ from ffsm_mj.contact_models.persistent.record import (
     FRICTION_KINDS,
     ContactRecord,
     ContactSlips,
+    ContactSticks,
 )
 from ffsm_mj.contact_models.persistent.refusals import refusal
 from ffsm_mj.contact_models.persistent.report import ContactReport
@@ -144,9 +145,18 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def prepare_replay(self, records: Sequence[Any]) -> None:
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
-        self._active_set.modes.released = isinstance(records[0], ContactSlips)
+        self._before_slip_or_stick(records)
         if set(map(_name, records)) - {pair.name for pair in self._active_set.by_pair}:
             self.close(closed_pairs(self._broad_phase, self.scene, self.motion))
+
+    def _before_slip_or_stick(self, records: Sequence[Any]) -> None:
+        """Restore the modes before a logged slip or stop: a step that ends there to rounding may have changed them."""
+        modes, first = self._active_set.modes, records[0]
+        modes.released = isinstance(first, ContactSlips)
+        if isinstance(first, (ContactSlips, ContactSticks)):
+            names = {record.pair for record in records}
+            points = [contact for contact in self._active_set.contact_points if contact.pair.name in names]
+            modes.assume(points, sticks=isinstance(first, ContactSlips))
 
     def refusal(self, _: UnilateralConstraint) -> str:
         """Why a pair cannot stay in contact; empty if it can."""

@@ -89,6 +89,13 @@ class FrictionModes:
         self._kinds = dict(zip(contact_points, kinds.tolist(), strict=True))
         self._directions = dict(zip(contact_points, directions, strict=True))
 
+    def assume(self, contact_points: Sequence[ContactPoint], *, sticks: bool) -> None:
+        """Make the points that slide or stick do what they did before an event: stick, or slide."""
+        before, after = (STICK, SLIDE) if sticks else (SLIDE, STICK)
+        for contact in contact_points:
+            if self._kinds.get(contact) == after:
+                self._kinds[contact] = before
+
     def forget_structures(self) -> None:
         """Discard the rows held: the contact points or the motion have changed."""
         self.structures, self.pressing_structures = {}, {}
