@@ -140,6 +140,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         for pair, near in now:
             self._update_pair(pair, near, rate_tolerance(near, max(approach, 0.0)))
         self._active_set.keep_slow_points([(pair, near) for pair, near in now if pair in held])
+        self._active_set.modes.struck = True
         self._update_activity()
 
     def prepare_replay(self, records: Sequence[Any]) -> None:

@@ -54,6 +54,7 @@ class FrictionalDecision:
         self._force, self._kinds = force, modes.kinds(contact_points)
         velocities = (rows.J @ qvel).reshape(-1, 3)
         self._u: FloatArray = velocities[:, 1:]
+        self._straight = modes.straight(contact_points)
         self.slips: FloatArray = np.einsum("ki,kij->kj", self._u, rows.axes[:, 1:])
         self._speed_rounding = RATE * (1.0 + np.abs(rows.J * qvel).max(axis=1, initial=0.0).reshape(-1, 3).max(axis=1))
 
@@ -66,14 +67,29 @@ class FrictionalDecision:
 
     @cached_property
     def _choice(self) -> ModeChoice:
-        points, modes = self.contact_points, self._modes
-        speeds = np.hypot(self._u[:, 0], self._u[:, 1])
-        slides = sliding(speeds, self._kinds, modes.stop_speeds(points), self._speed_rounding)
-        directions = np.einsum("kij,kj->ki", self.rows.axes[:, 1:], modes.directions(points))
-        states = PointStates(
-            self._u, slides & (self.problem.mu > 0.0), self._kinds, unit_slips(directions), self.rounding, modes.released
-        )
+        slips = np.where(self._straight[:, None], self._speeds[:, None] * self._at_start, self._u)
+        states = PointStates(slips, self._slides, self._kinds, self._at_start, self.rounding, self._modes.released)
         return ModeChoice(self.problem, states)
+
+    @cached_property
+    def _at_start(self) -> FloatArray:
+        """Directions of slip at the start of the step along (t1, t2), (k, 2)."""
+        return unit_slips(np.einsum("kij,kj->ki", self.rows.axes[:, 1:], self._modes.directions(self.contact_points)))
+
+    @cached_property
+    def _speeds(self) -> FloatArray:
+        """Slip speeds, along the kept direction for points that go straight on to their stop, m/s, (k,)."""
+        along = np.maximum(np.sum(self._u * self._at_start, axis=1), 0.0)
+        return np.where(self._straight, along, np.hypot(self._u[:, 0], self._u[:, 1]))
+
+    @cached_property
+    def _slides(self) -> BoolArray:
+        """Points that slip, (k,)."""
+        stop_speeds = self._modes.stop_speeds(self.contact_points)
+        slides = sliding(
+            self._speeds, self._kinds, stop_speeds, self._speed_rounding, self._straight, struck=self._modes.struck
+        )
+        return slides & (self.problem.mu > 0.0)
 
     @cached_property
     def solution(self) -> Solution:
@@ -136,21 +152,25 @@ class FrictionalDecision:
 
     def keep_modes(self) -> None:
         """Make the modes chosen those of the next step."""
-        speeds = np.hypot(self._u[:, 0], self._u[:, 1])
-        self._modes.set(self.contact_points, self.kinds, self.directions, speeds)
+        self._modes.set(self.contact_points, self.kinds, self.directions, self._speeds, self._slides)
 
     @cached_property
     def _in_present_modes(self) -> tuple[Solution, float]:
         """Solution in the modes of the step, and least slip of sliding points along their direction at its start, m/s."""
-        along = np.einsum("kij,kj->ki", self.rows.axes[:, 1:], self._modes.directions(self.contact_points))
         slides = (self._kinds == SLIDE) & (self.problem.mu > 0.0)
-        directions, forward = slip_directions(self.problem, self._u, along, slides)
+        directions, forward = slip_directions(self.problem, self._u, self._at_start, slides, self._straight)
         return self._choice.evaluate(np.maximum(self._kinds, 0), directions), forward
 
     def validity_margin(self) -> float:
         """Margin by which the modes of the step are still valid; negative where they are not."""
         solution, forward = self._in_present_modes
         return min(solution.validity, forward + _REVERSED_M_S)
+
+    @property
+    def turning(self) -> BoolArray:
+        """Points that slide and whose direction of slip may turn in the step that starts here, (k,)."""
+        slides = (self.kinds == SLIDE) & (self.problem.mu > 0.0) & ~self.problem.lines
+        return np.asarray(slides & ~self._modes.straight(self.contact_points))
 
     @property
     def releases(self) -> bool:
@@ -160,7 +180,7 @@ class FrictionalDecision:
 
 
 def slip_directions(
-    problem: FrictionProblem, slips: FloatArray, at_start: FloatArray, slides: BoolArray
+    problem: FrictionProblem, slips: FloatArray, at_start: FloatArray, slides: BoolArray, straight: BoolArray
 ) -> tuple[FloatArray, float]:
     """Directions of slip within a step: along the slip, with the sense that it had at the start of the step.
 
@@ -172,6 +192,7 @@ def slip_directions(
         slips: Slip velocities along (t1, t2), m/s, (k, 2).
         at_start: Directions at the start of the step, (k, 2).
         slides: Points that slide, (k,).
+        straight: Points that keep the direction, (k,).
 
     Returns:
         Unit directions, (k, 2), and the least slip along the direction at the start, m/s.
@@ -181,10 +202,10 @@ def slip_directions(
         return directions, np.inf
     forward = np.sum(slips * at_start, axis=1)
     unit = unit_slips(slips) * np.where(forward < 0.0, -1.0, 1.0)[:, None]
-    unit = np.where(np.any(unit != 0.0, axis=1)[:, None], unit, at_start)
+    unit = np.where((straight | ~np.any(unit != 0.0, axis=1))[:, None], at_start, unit)
     if problem.lines.any():
         axes = problem.line_directions()
-        straight = axes * np.where(np.sum(axes * at_start, axis=1) < 0.0, -1.0, 1.0)[:, None]
-        unit = np.where(problem.lines[:, None], straight, unit)
+        forth = axes * np.where(np.sum(axes * at_start, axis=1) < 0.0, -1.0, 1.0)[:, None]
+        unit = np.where(problem.lines[:, None], forth, unit)
     directions[slides] = unit[slides]
     return directions, float(forward[slides].min())

@@ -26,8 +26,8 @@ from ffsm_mj.contact_models.persistent.friction.modes import Mode
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.tolerances import RANK, SAME_POINT_M
 
-_SLIPS_M_S = 1e-9
-"""Slip above this has a direction of its own; it is known to about 1e-13 m/s."""
+_SLIPS_M_S = 1e-6
+"""Slip above this has a direction of its own; below, points may keep that of an earlier state until they stop."""
 _FIRST = np.array((1.0, 0.0, 0.0))
 
 

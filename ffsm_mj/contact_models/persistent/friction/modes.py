@@ -10,13 +10,19 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
-from ffsm_mj.tolerances import CLOSED_RATE, RATE
+from ffsm_mj.tolerances import CLOSED_RATE, RATE, SOLVED
 
 _STOPPED = 1e-9
 """A point stops where its slip is below this share of its largest slip since it last began to slide."""
 _LEAST_SLIP_M_S = 1e-3
 """Smallest value of that largest slip, m/s."""
+_STRAIGHT = 1e-6
+"""Below this share of the largest slip a point that slows down goes straight on to its stop.
 
+The direction of a slip near zero is rounding, and would turn the friction of its last instants.
+"""
+_STRUCK = SOLVED / RATE
+"""Slip that an impact leaves is rounding within SOLVED of the speeds, this many times the rounding of speeds."""
 _TOGETHER = 100.0
 """Points whose slip is within this factor of the speed at which another one stops, stop with it."""
 
@@ -40,18 +46,20 @@ class FrictionModes:
 
     Attributes:
         released: Whether sticking points have reached the limit of friction at the current state: those there slide.
+        struck: Whether the velocities are those after an impact, which leaves sticking points a slip of rounding.
         structures: Rows held in modes of the current step, for all closed points; see ``HeldRows``.
         pressing_structures: The same for the points that press.
     """
 
     def __init__(self) -> None:
         """Start without modes."""
-        self.released = False
+        self.released = self.struck = False
         self.structures: dict[bytes, Any] = {}
         self.pressing_structures: dict[bytes, Any] = {}
         self._kinds: dict[ContactPoint, int] = {}
         self._directions: dict[ContactPoint, FloatArray] = {}
         self._largest_slip: dict[ContactPoint, float] = {}
+        self._straight: set[ContactPoint] = set()
 
     def kinds(self, contact_points: Sequence[ContactPoint]) -> IntArray:
         """Modes of some points, UNKNOWN for those without, (k,)."""
@@ -67,8 +75,17 @@ class FrictionModes:
         largest = [self._largest_slip.get(contact, 0.0) for contact in contact_points]
         return np.asarray(_STOPPED * np.maximum(largest, _LEAST_SLIP_M_S))
 
+    def straight(self, contact_points: Sequence[ContactPoint]) -> BoolArray:
+        """Points so close to their stop that their direction of slip is kept until then, (k,)."""
+        return np.array([contact in self._straight for contact in contact_points], dtype=np.bool_)
+
     def set(
-        self, contact_points: Sequence[ContactPoint], kinds: IntArray, directions: FloatArray, slips: FloatArray
+        self,
+        contact_points: Sequence[ContactPoint],
+        kinds: IntArray,
+        directions: FloatArray,
+        slips: FloatArray,
+        slides: BoolArray,
     ) -> None:
         """Set the modes of all closed points for the next step.
 
@@ -77,17 +94,28 @@ class FrictionModes:
             kinds: Their modes, (k,).
             directions: Directions of slip, world axes, (k, 3).
             slips: Slip speeds, m/s, (k,).
+            slides: Points that slip already; others only begin to slide, (k,).
         """
-        before, held = self._largest_slip, self._kinds
-        self.released = False
+        before, held, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
+        self.released, self.struck, self._straight = False, False, set()
         self.forget_structures()
-        self._largest_slip = {
-            contact: max(before.get(contact, 0.0) if held.get(contact) == SLIDE else 0.0, slip)
-            for contact, slip, kind in zip(contact_points, slips.tolist(), kinds.tolist(), strict=True)
-            if kind == SLIDE or held.get(contact) == SLIDE  # a point that has just stopped
-        }
         self._kinds = dict(zip(contact_points, kinds.tolist(), strict=True))
         self._directions = dict(zip(contact_points, directions, strict=True))
+        self._largest_slip = {}
+        for contact, kind, slip, slips_already in zip(
+            contact_points, kinds.tolist(), slips.tolist(), slides.tolist(), strict=True
+        ):
+            slid = held.get(contact) == SLIDE
+            if slid and (slips_already or kind == STICK):  # or has just stopped
+                largest = self._largest_slip[contact] = max(before.get(contact, 0.0), slip)
+                if kind == SLIDE and slip <= min(_STRAIGHT * max(largest, _LEAST_SLIP_M_S), 0.5 * largest):
+                    self._straight.add(contact)
+                    if contact in straight:
+                        self._directions[contact] = kept[contact]
+            elif kind == SLIDE:
+                self._largest_slip[contact] = slip
+                if slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S:  # on a new feature
+                    self._straight.add(contact)
 
     def assume(self, contact_points: Sequence[ContactPoint], *, sticks: bool) -> None:
         """Make the points that slide or stick do what they did before an event: stick, or slide."""
@@ -100,12 +128,21 @@ class FrictionModes:
         """Discard the rows held: the contact points or the motion have changed."""
         self.structures, self.pressing_structures = {}, {}
 
-    def fingerprint(self, contact_points: Sequence[ContactPoint]) -> tuple[bytes, bytes, bool]:
+    def fingerprint(self, contact_points: Sequence[ContactPoint]) -> tuple[bytes | bool, ...]:
         """What a choice of modes of some points depends on, for exact comparison."""
-        return self.kinds(contact_points).tobytes(), self.directions(contact_points).tobytes(), self.released
+        kept = (self.kinds(contact_points), self.directions(contact_points), self.straight(contact_points))
+        return *(each.tobytes() for each in kept), self.released, self.struck
 
 
-def sliding(slips: FloatArray, kinds: IntArray, stop_speeds: FloatArray, rounding: FloatArray) -> BoolArray:
+def sliding(
+    slips: FloatArray,
+    kinds: IntArray,
+    stop_speeds: FloatArray,
+    rounding: FloatArray,
+    straight: BoolArray,
+    *,
+    struck: bool,
+) -> BoolArray:
     """Points that slip, (k,).
 
     Points of a body that stop at one instant reach the speed at which one stops within rounding of each other: those close
@@ -116,9 +153,15 @@ def sliding(slips: FloatArray, kinds: IntArray, stop_speeds: FloatArray, roundin
         kinds: Present modes, (k,).
         stop_speeds: Slips below which sliding points stop, m/s, (k,).
         rounding: Rounding of the speeds, m/s, (k,).
+        straight: Points that go straight on to their stop, and stop where their slip is zero, (k,).
+        struck: Whether the velocities are those after an impact.
     """
-    least = np.maximum(stop_speeds, rounding)
-    stops = (kinds == SLIDE) & (slips <= least)
-    together = _TOGETHER if stops.any() else 1.0
-    drift = np.maximum(2.0 * _TOGETHER * least, CLOSED_RATE / RATE * rounding)
-    return np.asarray(slips > np.where(kinds == STICK, drift, np.where(kinds == SLIDE, together * least, least)))
+    if struck:
+        return np.asarray(slips > _STRUCK * rounding)
+    close = _TOGETHER * np.maximum(stop_speeds, rounding)
+    least = np.maximum(np.where(straight, 0.0, stop_speeds), rounding)
+    slide = kinds == SLIDE
+    if np.any(slide & (slips <= least)):
+        least = np.where(slide, close, least)
+    drift = np.maximum(2.0 * close, CLOSED_RATE / RATE * rounding)
+    return np.asarray(slips > np.where(kinds == STICK, drift, least))

@@ -11,7 +11,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision, slip_directions
 from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, FrictionModes
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity, unit_slips
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
 from ffsm_mj.dynamics.implicit_stages import StageVelocity
 
@@ -52,11 +52,14 @@ def stage_of(
     kinds, mu = modes.kinds(contact_points), np.array([contact.pair.mu for contact in contact_points])
     problem = FrictionProblem(rows.G, rows.response @ force + rows.gamma, mu, modes.pressing_structures)
     across = rows.axes[:, 1:]
-    at_start = np.einsum("kij,kj->ki", across, modes.directions(contact_points))
+    at_start, straight = (
+        unit_slips(np.einsum("kij,kj->ki", across, modes.directions(contact_points))),
+        modes.straight(contact_points),
+    )
     slides = (kinds == SLIDE) & (mu > 0.0)
     u = (rows.J @ data.qvel).reshape(-1, 3)[:, 1:]
-    directions, _ = slip_directions(problem, u, at_start, slides)
-    free = np.flatnonzero(slides & ~problem.lines) if implicit is not None else np.zeros(0, dtype=np.int64)
+    directions, _ = slip_directions(problem, u, at_start, slides, straight)
+    free = np.flatnonzero(slides & ~problem.lines & ~straight) if implicit is not None else np.zeros(0, dtype=np.int64)
     if implicit is not None and len(free):
         without = rows.J @ implicit.given + implicit.step_s * (rows.response @ force)
         # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
@@ -80,8 +83,7 @@ def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool
         left_s: Remaining time of the grid step, s.
     """
     problem, solution = decision.problem, decision.solution
-    slides = (solution.kinds == SLIDE) & (problem.mu > 0.0)
-    slides &= ~problem.lines
+    slides = decision.turning
     if not slides.any():
         return left_s, False
     u = np.einsum("kij,kj->ki", decision.rows.axes[:, 1:], decision.slips)[slides]
