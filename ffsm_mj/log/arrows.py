@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.palette import FORCE, PART_OF_FORCE, TORQUE, Colour
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kinds_of
@@ -56,6 +57,13 @@ def arrow_series(columns: ArrowColumns, rows: FloatArray, scale: float) -> Arrow
     vectors[acts] = forces[acts] * drawn_length(norms[acts], scale)[:, None] / norms[acts][:, None]
     origins = np.where(acts[:, None], points - vectors, 0.0)
     return ArrowSeries(columns, acts, norms if columns.size is None else rows[:, columns.size], origins, vectors)
+
+
+def arrow_colour(columns: ArrowColumns) -> Colour:
+    """Colour of an arrow, of a force, a part of one or a torque, where it does not depend on the other arrows."""
+    if columns.is_torque:
+        return TORQUE
+    return PART_OF_FORCE if columns.is_part else FORCE
 
 
 def drawn_vector(direction: Sequence[float], magnitude: float, scale: float) -> FloatArray:

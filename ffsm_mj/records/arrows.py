@@ -17,6 +17,7 @@ class ArrowColumns(NamedTuple):
         point: Columns of its point of application in world axes, (3,), m; NaN in rows in which nothing acts.
         size: Column of its magnitude; None if there is none.
         unit: ``N``, or ``N m`` for a torque.
+        is_part: Whether it is a part of another arrow at the same point, as friction is of the contact force.
     """
 
     name: str
@@ -25,6 +26,7 @@ class ArrowColumns(NamedTuple):
     point: IntArray
     size: int | None = None
     unit: str = "N"
+    is_part: bool = False
 
     @property
     def is_torque(self) -> bool:

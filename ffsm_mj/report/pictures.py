@@ -14,12 +14,13 @@ from matplotlib.lines import Line2D
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.arrows import arrow_series, declared_arrows
+from ffsm_mj.log.arrows import arrow_colour, arrow_series, declared_arrows
 from ffsm_mj.log.marks import drawn_marks
+from ffsm_mj.log.palette import hexadecimal
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.report.plots.motion import draw_plane, legend_columns, mark_handles, polygons, tree_colours, view_box
 from ffsm_mj.report.plots.silhouette import Plane
-from ffsm_mj.report.plots.style import BLACK, FORCE, MARK, plain
+from ffsm_mj.report.plots.style import BLACK, MARK, plain
 from ffsm_mj.report.plots.subject import Subject
 
 _SIZE_PX = (960, 720)
@@ -156,14 +157,15 @@ def _legend(subject: Subject) -> list[Line2D]:
 
 def _arrows(arrows: list[ArrowColumns], row: FloatArray, plane: Plane, box: Box) -> Any:
     """Arrows of one length in space along contact forces and loads on grasped objects, ending where they act."""
-    length, drawn = _ARROW * (box[3] - box[2]), []
+    length, drawn, colours = _ARROW * (box[3] - box[2]), [], []
     for series in (arrow_series(arrow, row, 1.0) for arrow in arrows if not arrow.is_torque):
         if series.acts[0]:
             end = (series.origins[0] + series.vectors[0])[plane.axes]
             along = length * (series.vectors[0] / np.linalg.norm(series.vectors[0]))[plane.axes]
             across = 0.2 * np.array([-along[1], along[0]])
             drawn += [[end - along, end], [end - 0.3 * along + across, end, end - 0.3 * along - across]]
-    return LineCollection(drawn, colors=FORCE, linewidths=2.2, zorder=30)
+            colours += 2 * [hexadecimal(arrow_colour(series.columns))]
+    return LineCollection(drawn, colors=colours, linewidths=2.2, zorder=30)
 
 
 def _figure_size(wide: float, high: float, words_px: float) -> tuple[float, float]:

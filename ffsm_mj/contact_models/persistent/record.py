@@ -116,7 +116,7 @@ def _friction_arrows(layout: Layout) -> Iterator[ArrowColumns]:
         size = f"contact.{force.name}_friction_N"
         if {*vector, size} <= layout.index.keys():
             places = layout.places(vector), force.point, layout.index[size]
-            yield ArrowColumns(f"{force.name}_friction", "friction force", *places)
+            yield ArrowColumns(f"{force.name}_friction", "friction force", *places, is_part=True)
 
 
 def _force_arrows(layout: Layout) -> Iterator[ArrowColumns]:

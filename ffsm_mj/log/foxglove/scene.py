@@ -20,16 +20,15 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.arrows import ArrowSeries
+from ffsm_mj.log.arrows import ArrowSeries, arrow_colour
 from ffsm_mj.log.drawing import DrawnShape
 from ffsm_mj.log.foxglove.messages import ROOT_FRAME, duration, timestamp
 from ffsm_mj.log.marks import SHOWN_S, DrawnMark
-from ffsm_mj.log.palette import FORCE, MARK, ON_ANY_GROUND, PLUME, PLUME_OPACITY, TORQUE, shares
+from ffsm_mj.log.palette import MARK, ON_ANY_GROUND, PLUME, PLUME_OPACITY, shares
 from ffsm_mj.log.plumes import Thruster
 from ffsm_mj.model.system import System
 
 _TARGET, _MARK, _PLUME = shares(ON_ANY_GROUND), shares(MARK), shares(PLUME, PLUME_OPACITY)
-_FORCE, _TORQUE = shares(FORCE), shares(TORQUE)
 _PLUME_M = 0.3
 """Length of a plume at scale 1, whatever its force: a message is sent when it appears, not when the force changes."""
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
@@ -115,7 +114,7 @@ def arrows_update(arrows: Sequence[ArrowSeries], row: int, scale: float, time_ns
     for series in arrows:
         if series.acts[row]:
             entity = _entity(update, series.columns.name, ROOT_FRAME, time_ns)
-            rgba = _TORQUE if series.columns.is_torque else _FORCE
+            rgba = shares(arrow_colour(series.columns))
             _add_arrow(entity, series.origins[row], series.vectors[row], rgba, scale)
     return update
 

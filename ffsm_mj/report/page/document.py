@@ -20,8 +20,8 @@ import numpy as np
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
 from ffsm_mj.log import palette
-from ffsm_mj.log.arrows import declared_arrows
-from ffsm_mj.log.palette import hexadecimal
+from ffsm_mj.log.arrows import arrow_colour, declared_arrows
+from ffsm_mj.log.palette import hexadecimal, packed
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.report.check_report import verdict
 from ffsm_mj.report.page import moving, scene
@@ -131,8 +131,7 @@ def _key(run: Run, drawn: PageScene) -> list[str]:
         scene.BEFORE: f"{path} before the first event" if scene.AFTER in drawn.colours else path,
         scene.AFTER: "after the first event",
         scene.MARK: "events",
-        moving.FORCE: _meanings(run, torques=False),
-        moving.TORQUE: _meanings(run, torques=True),
+        **_meanings(run),
         moving.PLUME: "firing thruster",
         scene.TARGET: "target",
     }
@@ -143,10 +142,12 @@ def _key(run: Run, drawn: PageScene) -> list[str]:
     ]
 
 
-def _meanings(run: Run, *, torques: bool) -> str:
-    """What the arrows of forces, or of torques, stand for."""
-    arrows = declared_arrows(run.log.header)
-    return ", ".join(dict.fromkeys(arrow.meaning for arrow in arrows if arrow.is_torque == torques))
+def _meanings(run: Run) -> dict[int, str]:
+    """What the arrows of each colour stand for."""
+    found: dict[int, dict[str, None]] = {}
+    for arrow in declared_arrows(run.log.header):
+        found.setdefault(packed(arrow_colour(arrow)), {})[arrow.meaning] = None
+    return {colour: ", ".join(meanings) for colour, meanings in found.items()}
 
 
 def _verdict(run: Run, checks: tuple[Check, ...]) -> str:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log import palette
-from ffsm_mj.log.arrows import arrow_series, declared_arrows
+from ffsm_mj.log.arrows import arrow_colour, arrow_series, declared_arrows
 from ffsm_mj.log.palette import packed
 from ffsm_mj.log.plumes import plume_series, thrusters
 from ffsm_mj.model.system import System
@@ -20,8 +20,8 @@ from ffsm_mj.records.signals import Layout
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.solids import Triangles, arrow_solid, plume_solid
 
-FORCE, TORQUE, PLUME = packed(palette.FORCE), packed(palette.TORQUE), packed(palette.PLUME)
-"""Colours of forces, of torques and of plumes."""
+PLUME = packed(palette.PLUME)
+"""Colour of plumes."""
 TICKS_PER_S = 1000.0
 """K3D's time in ms: it merges times that differ by less than 0.001, whatever their unit."""
 FAR_M = 1e6
@@ -34,7 +34,7 @@ def forces(header: RunHeader, poses: Poses, scale: float) -> Iterator[Any]:
     """An arrow along each force and torque that a contact model declares; it ends at the point of application."""
     for arrow in declared_arrows(header):
         series = arrow_series(arrow, poses.rows, scale)
-        colour = TORQUE if arrow.is_torque else FORCE
+        colour = packed(arrow_colour(arrow))
         yield from _while(series.acts, arrow_solid(scale), colour, poses.times, series.origins, series.vectors)
 
 

@@ -18,7 +18,7 @@ BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = map(
     hexadecimal,
     (palette.BLACK, palette.ORANGE, palette.SKY, palette.GREEN, palette.BLUE, palette.VERMILION, palette.PURPLE),
 )
-MARK, FORCE, TARGET = map(hexadecimal, (palette.MARK, palette.FORCE, palette.TARGET))
+MARK, TARGET = map(hexadecimal, (palette.MARK, palette.TARGET))
 TIP_BEFORE, TIP_AFTER = map(hexadecimal, (palette.TIP_BEFORE, palette.TIP_AFTER))
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, BLACK)
 # Line styles distinguish the curves in greyscale.
