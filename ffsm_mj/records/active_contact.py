@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from ffsm_mj.arrays import FloatArray
+
+_NONE = np.zeros(3)
+_NONE.flags.writeable = False
 
 
 class ActiveContact(NamedTuple):
@@ -27,7 +32,7 @@ class ActiveContact(NamedTuple):
     force_N: FloatArray
     point_m: FloatArray
     normal: FloatArray
-    mode: str
-    friction_N: FloatArray
-    slip_m_s: FloatArray
-    friction_use: float
+    mode: str = "pressing"
+    friction_N: FloatArray = _NONE
+    slip_m_s: FloatArray = _NONE
+    friction_use: float = 0.0

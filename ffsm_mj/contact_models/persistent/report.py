@@ -81,7 +81,7 @@ def _active_contact(pair: ContactPair, at: Resultant, decision: Decision | Frict
     place = pair.name, at.force, at.centre.copy(), at.normal.copy()
     friction = decision.of_pairs.by_pair.get(pair) if isinstance(decision, FrictionalDecision) else None
     if friction is None:
-        return ActiveContact(*place, MODE_NAMES[PRESSING if at.size else CLOSED], np.zeros(3), np.zeros(3), 0.0)
+        return ActiveContact(*place, MODE_NAMES[PRESSING if at.size else CLOSED])
     mode = MODE_NAMES[SLIDING if friction.slides else STICKING]
     return ActiveContact(*place, mode, friction.force, friction.slip, friction.use)
 
