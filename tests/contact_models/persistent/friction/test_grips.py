@@ -45,6 +45,8 @@ def test_a_grip_loses_what_is_too_heavy(tmp_path, step, tip):
     np.testing.assert_allclose(speed, [0, 0, -0.024], atol=1e-12)
     np.testing.assert_allclose(way, [0, 0, -0.0008], atol=1e-12)
     assert heat(run) == pytest.approx(0.0032, abs=1e-12)
+    # The load grows with time, and is shared alike by all points.
+    np.testing.assert_allclose(run["contact.left_friction_use"], np.minimum(run.time / 0.5, 1.0), atol=1e-10)
 
 
 def test_pads_hold_a_cube_off_centre_as_long_as_any_pressure_does(tmp_path):
@@ -66,6 +68,11 @@ def test_pads_hold_a_cube_off_centre_as_long_as_any_pressure_does(tmp_path):
     assert slips(run)[0] == pytest.approx(0.05, abs=1e-11)
     before = run.time < 0.0499
     assert np.abs((run["state.v_cube_free_vz_m_s"] - run["state.v_robot_free_vz_m_s"])[before]).max() < 1e-13
+    # Equal springs need more friction than the best shares of the load, which replace them where they leave a cone.
+    use, least = run["contact.left_friction_use"][before], (run.time / 0.05)[before]
+    assert np.all((use >= least - 1e-6) & (use <= 1.0))
+    assert use[-1] == pytest.approx(least[-1], abs=1e-5)
+    assert use[5] > 1.2 * least[5]
 
 
 SWING_ERRORS = {4e-3: 1.8e-11, 2e-3: 1.2e-12, 1e-3: 7e-14, 5e-4: 7e-14}
