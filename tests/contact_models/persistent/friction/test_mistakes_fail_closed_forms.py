@@ -1,0 +1,119 @@
+"""Wrong friction put in on purpose fails the tests of closed forms, which pass with the right code."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.contact_models.persistent import active_set, point_groups
+from ffsm_mj.contact_models.persistent.friction import stage
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+from tests.contact_models.persistent.friction import test_closed_forms as closed_forms
+from tests.contact_models.persistent.friction import test_slip_in_space as slip_in_space
+from tests.contact_models.persistent.friction.reading import final
+from tests.contact_models.persistent.friction.scenes import sphere
+from tests.contact_models.persistent.test_wrong_on_purpose import faults
+
+
+def along_the_slip(monkeypatch):
+    """Friction in the stages acts along the slip, not against it."""
+    right = stage.slip_directions
+
+    def wrong(*given):
+        directions, forward = right(*given)
+        return -directions, forward
+
+    monkeypatch.setattr(stage, "slip_directions", wrong)
+
+
+def fixed_in_the_bodies(monkeypatch):
+    """The rate of a row is that of a point fixed in each body, as from ``mj_jacDot``."""
+    group = point_groups.SingleState
+    right = group.tangential_rows
+
+    def wrong(self, axes, J, gamma):
+        right(self, axes, J, gamma)
+        c, rate = self._here.point, self._here.point_rate
+        for sign, body in ((1.0, self._b), (-1.0, self._a)):
+            relative = rate - np.array(body.velocity) - np.cross(body.omega, c - np.array(body.centre))
+            gamma[0] -= sign * (axes @ np.cross(body.omega, relative))
+
+    monkeypatch.setattr(group, "tangential_rows", wrong)
+
+
+def frozen_for_a_step(monkeypatch):
+    """The direction of slip is that of the start of the step in all of its stages."""
+    monkeypatch.setattr(stage, "slip_directions", lambda _problem, _u, at_start, *_: (at_start, np.inf))
+    monkeypatch.setattr(
+        FrictionProblem, "forces_along_slip", lambda self, kinds, slips, _: (self.forces(kinds, slips), slips)
+    )
+
+
+def explicit_stages(monkeypatch):
+    """All stages are explicit, however fast friction turns the slip."""
+    right = stage.step_limit
+    monkeypatch.setattr(active_set, "step_limit", lambda *given: (right(*given)[0], False))
+
+
+def heat_of_sizes(monkeypatch):
+    """Heat is the size of the friction force of all points times the size of their mean slip."""
+    right = stage.stage_of
+
+    def wrong(rows, force, data, *given):
+        found, generalised = right(rows, force, data, *given)
+        u = np.einsum("kij,ki->kj", rows.axes[:, 1:], (rows.J @ data.qvel).reshape(-1, 3)[:, 1:])
+        heat = np.linalg.norm(found.friction.sum(axis=0)) * np.linalg.norm(u.mean(axis=0)) / len(u)
+        return found._replace(heat=np.full(len(u), heat)), generalised
+
+    monkeypatch.setattr(active_set, "stage_of", wrong)
+
+
+def sliding_block(tmp_path):
+    closed_forms.test_a_sliding_block(tmp_path, 0.0)
+
+
+def spinning_roller(tmp_path):
+    """For 0.02 s, in which a mistake turns its velocity by milliradians."""
+    run = ffsm_mj.run(sphere(tmp_path, mu=5.0, velocity=(0.5, 0, 0), spin=(0, 0.5, 5), step=4e-3, duration=0.02))
+    np.testing.assert_allclose(final(run, "v_robot_free")[:3], [0.5, 0, 0], atol=1e-12)
+
+
+def spinning_block(tmp_path):
+    slip_in_space.test_a_block_slides_and_spins_on_four_corners(tmp_path, 4e-3)
+
+
+def curving_foot(tmp_path):
+    slip_in_space.test_a_foot_breaks_away_along_a_curve(tmp_path, 4e-3)
+
+
+def test_a_spinning_roller_goes_straight_on(tmp_path):
+    spinning_roller(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "noticed_by"),
+    [
+        (along_the_slip, sliding_block),
+        (fixed_in_the_bodies, spinning_roller),
+        (frozen_for_a_step, spinning_block),
+        (explicit_stages, curving_foot),
+        (heat_of_sizes, spinning_block),
+    ],
+)
+def test_a_mistake_fails_a_closed_form(tmp_path, monkeypatch, mistake, noticed_by):
+    mistake(monkeypatch)
+    with pytest.raises(AssertionError):
+        noticed_by(tmp_path)
+
+
+def test_heat_that_is_positive_whatever_friction_does_fails_a_check(tmp_path, monkeypatch):
+    """At a single point the heat of sizes is right, unless friction drives the slip."""
+    for mistakes, expected in (((heat_of_sizes,), set()), ((heat_of_sizes, along_the_slip), {"heat of sliding"})):
+        folder = tmp_path / str(len(mistakes))
+        folder.mkdir()
+        with monkeypatch.context() as wrong:
+            for mistake in mistakes:
+                mistake(wrong)
+            run = ffsm_mj.run(sphere(folder, mu=0.2, velocity=(0.7, 0, 0), step=4e-3, duration=0.02))
+            assert faults(run) == expected
