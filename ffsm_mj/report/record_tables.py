@@ -101,10 +101,12 @@ def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS)
     """One row per persistent contact, or per rule if there are many; empty without any."""
     if not contacts:
         return ""
+    with_friction = any(contact.peak_friction_use > 0.0 for contact in contacts)
     if len(contacts) > most:
+        if with_friction:
+            return _folded(contacts, _slipping_series, (*_SERIES_OF_CONTACTS, *_SLIP_HEAD), most)
         return _folded(contacts, _contact_series, _SERIES_OF_CONTACTS, most)
     head = ("contact", "from\ns", "to\ns", "rule", "pairs", "impulse\nN s", "peak\nN", "at\ns")
-    with_friction = any(contact.peak_friction_use > 0.0 for contact in contacts)
     rows = (
         (
             str(number),
@@ -142,6 +144,16 @@ def _contact_series(contacts: Sequence[ContactInterval]) -> tuple[str, ...]:
         _end(contacts[-1]),
         f"{math.fsum(contact.impulse_N_s for contact in contacts):.6f}",
         f"{max(contact.peak_force_N for contact in contacts):.6g}",
+    )
+
+
+def _slipping_series(contacts: Sequence[ContactInterval]) -> tuple[str, ...]:
+    """The same, with friction."""
+    return (
+        *_contact_series(contacts),
+        f"{max(contact.peak_friction_use for contact in contacts):.4g}",
+        f"{math.fsum(contact.sliding_s for contact in contacts):.6f}",
+        f"{math.fsum(contact.slip_m for contact in contacts):.6g}",
     )
 
 

@@ -98,7 +98,9 @@ def test_the_interval_of_contact_has_its_slip(rolled):
     assert contact.sliding_s == pytest.approx(T_STOP, abs=1e-8)
     assert contact.slip_m == pytest.approx(0.5 * U0 * T_STOP, abs=1e-9)
     assert contact.peak_friction_use == 1.0
-    assert "friction" in contact_table((contact,))
+    slip = f"{contact.slip_m:.6g}"
+    assert slip in contact_table((contact,))
+    assert f"{2 * contact.slip_m:.6g}" in contact_table((contact, contact), most=1)
 
 
 def test_control_laws_see_mode_friction_and_slip(rolled):
