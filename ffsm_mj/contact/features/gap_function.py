@@ -78,10 +78,10 @@ class GapFunction:
         raise NotImplementedError
 
     def tilt(self, data: Any) -> Vector | None:  # noqa: ARG002
-        """Tilt of a rim over a face; None for features of bounded curvature.
+        """Tilt of a rim over a face, or of a line over another one; None for features of bounded curvature.
 
-        It is the component of the normal of the face across the axis of the rim, in axes of the body of the rim. The contact
-        point travels at the rate of the tilt over the tilt itself: there is no other scale of time.
+        It is the component of the normal of the face across the axis of the rim, in axes of the body of the rim; for lines,
+        their cross product. The contact point travels at the rate of the tilt over the tilt, whatever the step.
         """
         return None
 

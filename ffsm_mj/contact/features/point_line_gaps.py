@@ -121,6 +121,14 @@ class LineOnCurve(GapFunction):
         self._curve, self._line, self._sense = curve, line, sense
         self._angle = 0.0
 
+    def tilt(self, data: Any) -> Vector | None:
+        """Sine of the angle between two lines along their normal, in axes of the first; None for a circle."""
+        curve, line = self._curve, self._line
+        if isinstance(curve, Circle):
+            return None
+        first = curve.body.motion(data)
+        return cross(curve.direction, first.local(line.body.motion(data).turned(line.direction)))
+
     def at(self, data: Any) -> FeatureState:
         """Evaluate the gap: n . d = 0 for both directions gives n', and opposite contact points give the slides."""
         curve, line = self._curve, self._line

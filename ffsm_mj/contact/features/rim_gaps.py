@@ -19,6 +19,8 @@ from ffsm_mj.tolerances import CROSSING, NEWTON_STEP
 
 _TURNS = 30
 """Largest number of Newton steps for the angles on the rims; a few suffice from the last ones."""
+_LONGEST_TURN = 0.3
+"""Longest Newton step on a rim, and the step away from its farthest point, rad."""
 
 
 class RimOnRim(GapFunction):
@@ -92,6 +94,7 @@ class SideOnRim(GapFunction):
         super().__init__(name, swapped, rim.radius, side.radius)
         self._rim, self._side = rim, side
         self._angle = 0.0
+        self._end = 0.0  # 1 or -1 where the side leaves a level cap along its direction or against it
 
     def at(self, data: Any) -> FeatureState:
         """Evaluate the gap: n . t = 0 on the rim, n . d = 0 along the side and opposite contact points give the slides."""
@@ -120,17 +123,27 @@ class SideOnRim(GapFunction):
         inside = side.half - abs(length)
         if rim.bounded:
             inside = min(inside, rim.inside(first, arm, scaled(rim.size, normal)))
+        elif self._end != 0.0:
+            inside = min(inside, rim.size * (self._end * dot(outward, d) - CROSSING))
         return self._state(distance, rate, normal, turning, (here, there), moving, terms, inside)
 
     def _contact(self, first: BodyMotion, middle: Vector, d: Vector) -> None:
-        """Find the angle at which the tangent is perpendicular to the offset from the line."""
+        """Find the angle of the point nearest to the line, where the tangent is perpendicular to the offset.
+
+        A side that lies across a cap is nearest to the rim at two points, and farthest away midway between them.
+        """
         rim = self._rim
-        for _ in range(_TURNS):
+        for turn in range(_TURNS):
             arm, tangent, outward = rim.at_angle(first, self._angle)
+            if turn == 0 and self._end == 0.0 and not rim.bounded and abs(dot(outward, d)) > CROSSING:
+                self._end = math.copysign(1.0, dot(outward, d))
             offset = minus(minus(middle, first.origin), arm)
             offset = shifted(offset, -dot(offset, d), d)
             slope = -rim.size * (1.0 - dot(d, tangent) ** 2) - dot(offset, outward)
-            step = dot(offset, tangent) / slope
+            if slope < 0.0:
+                step = max(-_LONGEST_TURN, min(_LONGEST_TURN, dot(offset, tangent) / slope))
+            else:
+                step = -math.copysign(_LONGEST_TURN, self._end * dot(tangent, d) if self._end else dot(offset, tangent))
             self._angle -= step
             if abs(step) < NEWTON_STEP:
                 break
@@ -213,10 +226,13 @@ def level_crossings(one: Circle, other: Circle, data: Any) -> Iterator[tuple[Cir
     height = math.sqrt(max(one.size**2 - along**2, 0.0))
     for side in (height, -height):
         crossing = shifted(shifted(centre, along, towards), side, cross(axis, towards))
-        yield _starting(one, first, crossing), _starting(other, second, crossing)
+        yield (
+            replace(rim_towards(one, first, crossing), bounded=False),
+            replace(rim_towards(other, second, crossing), bounded=False),
+        )
 
 
-def _starting(rim: Circle, motion: BodyMotion, place: Vector) -> Circle:
-    """The rim with angle 0 towards a place in the world, without bounds."""
+def rim_towards(rim: Circle, motion: BodyMotion, place: Vector) -> Circle:
+    """The rim with angle 0 towards a place in the world."""
     offset = motion.local(minus(place, motion.place(rim.centre)))
-    return replace(rim, start=unit(shifted(offset, -dot(offset, rim.axis), rim.axis)), bounded=False)
+    return replace(rim, start=unit(shifted(offset, -dot(offset, rim.axis), rim.axis)))

@@ -14,13 +14,13 @@ from typing import Any
 import mujoco
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.features.body_motion import Vector, cross, dot
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, shifted
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState, GapFunction
 from ffsm_mj.contact.features.outline import Outline
 from ffsm_mj.contact.features.point_line_gaps import LineOnCurve, PointOnCurve, PointOnFace, PointOnPoint
 from ffsm_mj.contact.features.polytope_outline import PolytopeOutline
-from ffsm_mj.contact.features.rim_gaps import RimOnEllipsoid, RimOnRim, SideOnRim, level_crossings
+from ffsm_mj.contact.features.rim_gaps import RimOnEllipsoid, RimOnRim, SideOnRim, level_crossings, rim_towards
 from ffsm_mj.contact.features.round_gaps import EllipsoidOnEllipsoid, OnEllipsoid, RoundOnFace
 from ffsm_mj.contact.features.round_outline import CylinderOutline, EllipsoidOutline
 from ffsm_mj.contact.pairs import ContactPair
@@ -104,9 +104,29 @@ class _Search:
 
     def on_lines(self) -> list[GapFunction]:
         """The corner or round part in contact with a line, if there is one."""
-        found = self._touching((one, other) for one in self._a.corners() for other in self._b.curves(bounded=True))
-        found += self._touching((one, other) for one in self._a.curves(bounded=True) for other in self._b.corners())
+        x, y, z = self._normal
+        a, b = self._a, self._b
+        found = self._touching((c, self._facing(e, c, self._normal)) for c in a.corners() for e in b.curves(bounded=True))
+        found += self._touching((self._facing(e, c, (-x, -y, -z)), c) for e in a.curves(bounded=True) for c in b.corners())
+        found += self._touching((e, self._below(f, e)) for e in a.edges(bounded=True) for f in b.curves(bounded=True))
+        found += self._touching((self._below(e, f), f) for e in a.curves(bounded=True) for f in b.edges(bounded=True))
         return _most_inside(found)
+
+    def _below(self, curve: Curve, line: Line) -> Curve:
+        """The curve; the rim around a cap with angle 0 where it is nearest to a line."""
+        if not isinstance(curve, Circle):
+            return curve
+        motion, own = line.body.motion(self._data), curve.body.motion(self._data)
+        arm, _, _ = line.foot(motion, minus(own.place(curve.centre), motion.origin))
+        return rim_towards(curve, own, shifted(motion.origin, 1.0, arm))
+
+    def _facing(self, curve: Curve, corner: Core, outward: Vector) -> Curve:
+        """The curve; the rim around a cap with angle 0 next to a round corner, whose normal points outward."""
+        if not isinstance(curve, Circle) or not isinstance(corner, Circle | Ellipsoid):
+            return curve
+        motion = corner.body.motion(self._data)
+        arm = corner.extreme(motion, outward)
+        return rim_towards(curve, curve.body.motion(self._data), shifted(motion.origin, 1.0, arm))
 
     def between_corners(self) -> list[GapFunction]:
         """The corner or round part in contact with another one, if there is one."""

@@ -10,6 +10,9 @@ from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S
 _START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
 """Fractions of a step at which a positive gap is looked for: a point that lands may start the step at a gap of rounding."""
 
+_SHORTEST_S = 4.0 * EVENT_TIME_S
+"""Times below this are the start of the step."""
+
 
 def first_change(active_set: ActiveContactSet, duration_s: float) -> tuple[float, bool] | None:
     """First time in a step at which the active set or a feature is no longer valid.
@@ -33,6 +36,9 @@ def first_change(active_set: ActiveContactSet, duration_s: float) -> tuple[float
     if slack(duration_s) >= 0.0:
         return None
     changed = _just_after(slack, 0.0, duration_s)
+    # A gap that drifts beyond its bound may return and cross it again: of several roots the first one counts.
+    while changed > _SHORTEST_S and slack(0.5 * changed) < 0.0:
+        changed = _just_after(slack, 0.0, 0.5 * changed)
     path.move_to(changed)
     landing = active_set.touches_elsewhere()
     if not landing:
