@@ -30,6 +30,8 @@ _PASSES = 30
 """Largest number of iterations of an implicit stage; 3 or 4 reach rounding."""
 _SETTLED = 2.0 * EPSILON
 """Iterations end at changes of the increments below this share of 1 + the largest rate."""
+_NEARLY = 1e-10
+"""The same for changes that do not get smaller."""
 
 
 class ForcedStepper(FreeStepper):
@@ -139,6 +141,7 @@ class ForcedStepper(FreeStepper):
         """
         self.stage = StageVelocity(self._start_qvel + given[1], step_s)
         try:
+            change = np.inf
             for _ in range(_PASSES):
                 increment = given + step_s * slope
                 self._set_increment(increment)
@@ -152,7 +155,8 @@ class ForcedStepper(FreeStepper):
                 for part in self._rotations:
                     rates[part] = _rotation_vector_rate(turned[part], rates[part])
                 slope[0] = rates
-                if step_s * np.abs(slope - before).max() <= _SETTLED * (1.0 + np.abs(self._rates).max()):
+                last, change = change, step_s * np.abs(slope - before).max() / (1.0 + np.abs(self._rates).max())
+                if change <= _SETTLED or (change <= _NEARLY and change >= 0.5 * last):  # rounding
                     break
         finally:
             self.stage, self.repeats = None, False

@@ -25,11 +25,12 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
 from ffsm_mj.tolerances import CANCELLED, EPSILON, RANK
 
-_TURNS = 50
+_TURNS = 15
+"""Largest number of Newton steps for the directions of slip; a few suffice where there is a solution."""
 _LARGEST_TURN = 0.5
 """Newton steps for the directions of slip are at most this long, rad."""
-_TURNED = 1e-14
-"""Newton's method ends at steps below this, rad."""
+_TURNED, _NEARLY = 1e-14, 1e-6
+"""Newton's method ends at steps below the first, rad, and at steps below the second that do not get shorter."""
 
 
 @dataclass(frozen=True)
@@ -120,16 +121,22 @@ class FrictionProblem:
             Forces, N, (k, 3), and directions, (k, 2).
         """
         held, free, slips = _Held(self, self.structure(kinds)), velocity.free, slips.copy()
+        estimate = slips.copy()
         angles = np.arctan2(slips[free, 1], slips[free, 0])
-        forces = held.forces(slips)
+        forces, before = held.forces(slips), np.inf
         for _ in range(_TURNS):
             step = self._turn(held, forces, slips[free], velocity)
             largest = float(np.abs(step).max(initial=0.0))
             angles = angles + step * min(1.0, _LARGEST_TURN / max(largest, _LARGEST_TURN))
             slips[free] = np.stack((np.cos(angles), np.sin(angles)), axis=1)
             forces = held.forces(slips)
-            if largest <= _TURNED:
+            if largest <= _TURNED or (largest < _NEARLY and largest >= 0.5 * before):  # rounding of a slow slip
                 break
+            before = largest
+        else:
+            # No such direction: a point stops within the stage. The stage keeps the sense of its friction instead.
+            slips = estimate
+            forces = held.forces(slips)
         return forces, slips
 
     def _turn(self, held: _Held, forces: FloatArray, s: FloatArray, velocity: OwnVelocity) -> FloatArray:
@@ -141,10 +148,9 @@ class FrictionProblem:
         square = np.sum(u * u, axis=1)
         turn = np.stack((-u[:, 1], u[:, 0]), axis=1) / np.where(square > 0.0, square, 1.0)[:, None]
         slopes = -np.eye(len(free))
-        for j, i in enumerate(free.tolist()):
-            answer = held.response_to_turn(i, across[j], float(forces[i, 0]))
-            change = (steps * (self.G @ answer.ravel())).reshape(-1, 3)[free, 1:]
-            slopes[:, j] += np.sum(turn * change, axis=1)
+        answers = held.responses_to_turns(free, across, forces[free, 0])
+        changes = (steps[:, None] * self.G.dot(answers)).reshape(-1, 3, len(free))[free, 1:]
+        slopes += np.einsum("ia,iaj->ij", turn, changes)
         return np.asarray(np.linalg.lstsq(slopes, -miss, rcond=None)[0])
 
     @cached_property
@@ -260,12 +266,18 @@ class _Held:
         U = self._range
         return np.asarray(U.dot(_solved(U.T.dot(system).dot(U), U.T.dot(right))))
 
-    def response_to_turn(self, point: int, across: FloatArray, normal_force: float) -> FloatArray:
-        """Change of all forces per rad by which the direction of slip of one point turns, (k, 3)."""
-        turned = np.zeros((len(self._problem.mu), 3))
-        turned[point, 1:] = -self._problem.mu[point] * normal_force * across
-        answer = self._solve(-self._held_G.dot(turned.ravel()))
-        return np.asarray(turned + self._along.dot(answer).reshape(-1, 3))
+    def responses_to_turns(self, points: IntArray, across: FloatArray, normal_forces: FloatArray) -> FloatArray:
+        """Changes of all forces per rad by which the directions of slip of some points turn, (3k, m).
+
+        Args:
+            points: The points, (m,).
+            across: Unit vectors into which their directions turn, (m, 2).
+            normal_forces: Their normal forces, N, (m,).
+        """
+        turned, columns = np.zeros((len(self._along), len(points))), np.arange(len(points))
+        friction = -(self._problem.mu[points] * normal_forces)[:, None] * across
+        turned[3 * points + 1, columns], turned[3 * points + 2, columns] = friction[:, 0], friction[:, 1]
+        return np.asarray(turned + self._along.dot(self._solve(-self._held_G.dot(turned))))
 
 
 def _solved(system: FloatArray, right: FloatArray) -> FloatArray:
