@@ -73,7 +73,7 @@ class ContactEnds(ContactRecord):
 
 @dataclass(frozen=True)
 class ContactChanges(ContactRecord):
-    """A closed pair changes its contact features or starts to carry force; fields as in :class:`ContactRecord`."""
+    """A closed pair changes features or friction modes, or starts to carry force; fields as in :class:`ContactRecord`."""
 
 
 @dataclass(frozen=True)
@@ -221,5 +221,9 @@ CONTACT_STICKS = _kind(
 FRICTION_KINDS = (CONTACT_SLIPS, CONTACT_STICKS)
 """Kinds of runs with friction."""
 CONTACT_CHANGES = _kind(
-    ContactChanges, "contact_changes", "contact_changes", "when its features change or it starts to carry force", "changes"
+    ContactChanges,
+    "contact_changes",
+    "contact_changes",
+    "when its features change, it starts to carry force, or some points slip or stick",
+    "changes",
 )
