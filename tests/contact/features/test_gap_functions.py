@@ -225,3 +225,26 @@ def test_inside_its_bounds_the_gap_is_the_distance(tmp_path, rng, a, b):
             compared += 1
             assert state.gap == pytest.approx(pair.gap(model, data, 1.0), abs=1e-12)
     assert compared > 4
+
+
+@pytest.mark.parametrize(
+    ("b", "name"), [("disc", "rim on rim"), ("capsule", "side on rim"), ("ellipsoid", "rim on ellipsoid")]
+)
+def test_gap_functions_of_rims(tmp_path, rng, b, name):
+    """Thin discs meet others by their rims most often; the second rate equals that of the support functions, too."""
+    disc = shape("cylinder").replace(SHAPES["cylinder"], 'type="cylinder" size="0.12 0.02"')
+    pair, model, data = pair_of(tmp_path, disc, disc if b == "disc" else shape(b))
+    found = 0
+    for _ in range(20):
+        near = in_contact(pair, model, data, rng)
+        (feature,) = features(pair, model, data, near)
+        if feature.name != name:
+            continue
+        found += 1
+        data.qacc[:] = rng.uniform(-1, 1, model.nv)
+        expected = pair.second_rate(model, data, near, near.points[0])
+        assert check_motion(pair, model, data, feature) == pytest.approx(expected.value, abs=1e-11 * (1.0 + expected.scale))
+        data.qpos[7:10] += 0.003 * near.normal
+        moved(model, data)
+        check_motion(pair, model, data, feature)
+    assert found >= 4
