@@ -65,7 +65,8 @@ class ForceCheck:
     def residual(self, row: FloatArray) -> float:
         """Largest difference between recomputed and logged resultant forces in a row, N; 0 if no pair is closed.
 
-        It includes the forces of joint limits, in N m for a hinge.
+        It includes the forces of joint limits, in N m for a hinge, and with friction the largest violation of Coulomb's
+        conditions by the recomputed forces of single points.
         """
         motion = self._closed_set.motion
         logged, closed = self._logged(row)
@@ -78,9 +79,11 @@ class ForceCheck:
         if not touching and not np.any(logged):
             return 0.0
         found = dict.fromkeys(self._names, np.zeros(3))
-        for pair, force in self._resultants(touching, motion).items():
+        resultants, violation = self._resultants(touching, motion)
+        for pair, force in resultants.items():
             found[pair.rule] = found[pair.rule] + force
-        return float(max(np.linalg.norm(force - found[name]) for name, force in zip(self._names, logged, strict=True)))
+        apart = [float(np.linalg.norm(force - found[name])) for name, force in zip(self._names, logged, strict=True)]
+        return max(violation, *apart)
 
     def _logged(self, row: FloatArray) -> tuple[FloatArray, frozenset[str]]:
         """Logged force of each rule and joint limit, as in :meth:`_resultants`, (n, 3), and the names of closed ones."""
@@ -102,12 +105,15 @@ class ForceCheck:
 
     def _resultants(
         self, touching: Sequence[tuple[UnilateralConstraint, Proximity]], motion: Motion
-    ) -> dict[UnilateralConstraint, FloatArray]:
-        """Resultant force on geom b of each pair, N; the first component for a joint limit, N or N m."""
+    ) -> tuple[dict[UnilateralConstraint, FloatArray], float]:
+        """Resultant force on geom b of each pair, N; the first component for a joint limit, N or N m.
+
+        The second value is the violation of Coulomb's conditions, N; zero without friction.
+        """
         held = self._closed_set.places()
         points = [(pair, near, point) for pair, near in touching for point in _closed_points(near, held.get(pair, []))]
         if not points:
-            return {}
+            return {}, 0.0
         contacts = [as_contact(pair, near, point, motion, 0.0) for pair, near, point in points]
         with self._free_motion(motion) as (seen, moving):
             model = self._scene.system.mj
@@ -124,7 +130,7 @@ class ForceCheck:
         for (pair, near, _), force in zip(points, forces.tolist(), strict=True):
             along = _FIRST if isinstance(pair, JointLimit) else near.normal
             found[pair] = found.get(pair, np.zeros(3)) + force * along
-        return found
+        return found, 0.0
 
     @contextmanager
     def _free_motion(self, motion: Motion) -> Iterator[tuple[Any, Any]]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates, Solution
-from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, FrictionModes, Mode, sliding
+from ffsm_mj.contact_models.persistent.friction.cone_shares import shares_in_cones
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes, Mode, sliding
 from ffsm_mj.contact_models.persistent.friction.pair_state import FrictionOfPairs
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, unit_slips
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
@@ -116,14 +117,19 @@ class FrictionalDecision:
         return tuple(Mode(kind).name.lower() for kind in self.kinds.tolist())
 
     @cached_property
+    def _shared(self) -> FloatArray:
+        """Forces (n, t1, t2) of all points, those of sticking points inside their cones, N, (k, 3)."""
+        return shares_in_cones(self.problem, self.solution.forces, np.flatnonzero(self.kinds == STICK))
+
+    @cached_property
     def forces(self) -> FloatArray:
         """Normal forces, N, (k,)."""
-        return np.maximum(self.solution.forces[:, 0], 0.0)
+        return np.maximum(self._shared[:, 0], 0.0)
 
     @cached_property
     def friction(self) -> FloatArray:
         """Friction force on geom b of each point, world axes, N, (k, 3)."""
-        return np.asarray(np.einsum("ki,kij->kj", self.solution.forces[:, 1:], self.rows.axes[:, 1:]))
+        return np.asarray(np.einsum("ki,kij->kj", self._shared[:, 1:], self.rows.axes[:, 1:]))
 
     @cached_property
     def of_pairs(self) -> FrictionOfPairs:

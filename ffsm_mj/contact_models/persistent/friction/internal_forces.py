@@ -16,7 +16,7 @@ _SHARES = 1e-9
 """Part of a force without effect below which a point has none."""
 _ROUNDING = 1e-13
 """Friction below this share of the largest force is rounding."""
-_REDUCTIONS, _REDUCED = 20, 1e-6
+_REDUCTIONS, _REDUCED = 20, 1e-12
 """Greatest number of reductions of a share of the friction limit, and the least relative one."""
 
 

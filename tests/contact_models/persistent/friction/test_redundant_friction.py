@@ -91,7 +91,7 @@ def test_a_ball_in_a_v_is_held_up_to_the_normal_of_a_face(tmp_path, half_angle, 
     for angle, moves in ((limit - 1e-3, False), (limit + 1e-3, True)):
         folder = tmp_path / str(angle)
         folder.mkdir()
-        run = good(ffsm_mj.run(in_a_v(folder, half_angle, mu, angle)), unique=False)
+        run = good(ffsm_mj.run(in_a_v(folder, half_angle, mu, angle)))
         # 1e-3 degrees are 1.7e-5 of 1 N along the face for 0.008 s, of which a rolling ball has 5/7.
         assert bool(np.abs(final(run, "v_robot_free")[:3]).max() > 1e-8) is moves
 
@@ -99,7 +99,7 @@ def test_a_ball_in_a_v_is_held_up_to_the_normal_of_a_face(tmp_path, half_angle, 
 @pytest.mark.parametrize("angle", [0.0, 59.0, 61.0, 120.0])
 def test_a_wedged_ball_is_held_whatever_pulls(tmp_path, angle):
     """Above tan(beta) forces between the faces hold the ball against loads that would lift it off one of them."""
-    run = good(ffsm_mj.run(in_a_v(tmp_path, 30, 0.8, angle)), unique=False)
+    run = good(ffsm_mj.run(in_a_v(tmp_path, 30, 0.8, angle)))
     assert np.abs(final(run, "v_robot_free")).max() < 1e-12
 
 

@@ -1,0 +1,70 @@
+"""Logs of friction that say something else than their states are noticed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.replay import replay_log
+from tests.contact_models.persistent.friction.reading import good
+from tests.contact_models.persistent.test_friction_seen import SLIPS, T_STOP, on_floor
+
+ROW = 30
+"""A row while the sphere slips."""
+
+
+@pytest.fixture(scope="module")
+def rolled(tmp_path_factory):
+    return good(ffsm_mj.run(on_floor(tmp_path_factory.mktemp("rolled"), rates=SLIPS))).log
+
+
+def falsified(log, column, error, row=ROW):
+    rows = np.array(log.rows)
+    rows[row, log.header.layout.index[column]] += error
+    return replace(log, rows=rows)
+
+
+@pytest.mark.parametrize(
+    ("column", "error"),
+    [
+        ("contact.sole_force_x_N", 1e-6),
+        ("contact.sole_force_z_N", 1e-6),
+        ("state.v_robot_free_vx_m_s", 1e-6),
+        ("state.v_robot_free_wx_rad_s", 1e-6),
+    ],
+)
+def test_forces_and_states_that_do_not_belong_together(rolled, column, error):
+    """Efforts and states determine the forces: friction is opposite to the slip, to 1e-6 of its direction."""
+    again = replay_log(falsified(rolled, column, error))
+    assert not again.agrees
+    assert "contact complementarity" in {check.name for check in again.checks() if not check.passes}
+
+
+@pytest.mark.parametrize(
+    ("column", "error"),
+    [
+        ("contact.sole_mode", -1.0),
+        ("contact.sole_friction_x_N", 1e-6),
+        ("contact.sole_friction_use", -1e-3),
+        ("contact.sole_slip_m_s", 1e-6),
+        ("contact.sole_slip_m", 1e-6),
+        ("contact.sole_heat_J", 1e-6),
+        ("balance.friction_heat_J", 1e-6),
+    ],
+)
+def test_columns_that_do_not_follow_from_the_states(rolled, column, error):
+    assert not replay_log(falsified(rolled, column, error)).agrees
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"slip_m": 0.01}, {"friction": "sliding"}, {"time_s": T_STOP - 1e-4}, {"force_after_N": 1.1}],
+    ids=lambda change: next(iter(change)),
+)
+def test_records_that_do_not_follow_from_the_states(rolled, change):
+    (sticks,) = rolled.records["contact_sticks"]
+    records = {**rolled.records, "contact_sticks": (replace(sticks, **change),)}
+    assert not replay_log(replace(rolled, records=records)).agrees
