@@ -1,4 +1,4 @@
-"""Wrong friction put in on purpose fails the tests of closed forms, which pass with the right code."""
+"""Wrong friction put in on purpose fails closed forms, and replays of its logs with the right code do not agree."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.persistent import active_set, point_groups
-from ffsm_mj.contact_models.persistent.friction import stage
+from ffsm_mj.contact_models.persistent.friction import choice, stage
+from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from tests.contact_models.persistent.friction import test_closed_forms as closed_forms
 from tests.contact_models.persistent.friction import test_slip_in_space as slip_in_space
 from tests.contact_models.persistent.friction.reading import final
-from tests.contact_models.persistent.friction.scenes import sphere
-from tests.contact_models.persistent.test_wrong_on_purpose import faults
+from tests.contact_models.persistent.friction.scenes import BALL_TIP, block, cube, gripped, load, sphere, thrust
+from tests.contact_models.persistent.test_wrong_on_purpose import faults, judged
 
 
 def along_the_slip(monkeypatch):
@@ -25,6 +26,22 @@ def along_the_slip(monkeypatch):
         return -directions, forward
 
     monkeypatch.setattr(stage, "slip_directions", wrong)
+
+
+def freed_one_at_a_time(monkeypatch):
+    """Of the points beyond their limit only one is freed; the others stick until the next choice of modes."""
+
+    def wrong(self):
+        still = self._still
+        kinds = np.where(still, np.where(self._states.kinds == SLIDE, SLIDE, STICK), SLIDE)
+        directions = self._directions(kinds)
+        found = self.evaluate(kinds, directions)
+        friction = np.hypot(*found.forces[:, 1:].T)
+        first = np.argmax(np.where(kinds == STICK, friction - self._problem.mu * found.forces[:, 0], -np.inf))
+        kinds[first], directions[first] = SLIDE, -found.forces[first, 1:] / friction[first]
+        return self.evaluate(kinds, directions)
+
+    monkeypatch.setattr(choice.ModeChoice, "_solved", wrong)
 
 
 def fixed_in_the_bodies(monkeypatch):
@@ -105,6 +122,52 @@ def test_a_mistake_fails_a_closed_form(tmp_path, monkeypatch, mistake, noticed_b
     mistake(monkeypatch)
     with pytest.raises(AssertionError):
         noticed_by(tmp_path)
+
+
+def slides(folder):
+    """A block that slides and spins on its corners."""
+    return block(folder, mu=0.3, velocity=(0.6, 0.2, 0.0), spin=4.0, step=4e-3, duration=0.02)
+
+
+def breaks_away(folder):
+    """A block at rest that a side load beyond the limit of friction pulls away."""
+    pull = load("robot/box", force_N=[[2.0, 3.0, 0]], at_m=[0, 0, -0.05])
+    return block(folder, mu=0.3, velocity=(0, 0, 0), weight=10.0, step=4e-3, duration=0.02, loads=[pull])
+
+
+def rolls(folder):
+    """A sphere that rolls and spins."""
+    return sphere(folder, mu=5.0, velocity=(0.5, 0, 0), spin=(0, 0.5, 5), step=4e-3, duration=0.02)
+
+
+def pulled_out(folder):
+    """A cube between two balls, which the thrust of their base pulls off it."""
+    held = cube(2.0, 0.05, 0.004)
+    return gripped(folder, BALL_TIP, held, mu=0.4, grip_N=5.0, loads=[thrust((0, 0, 36))], step=4e-3, duration=0.02)
+
+
+@pytest.mark.parametrize("scene", [slides, breaks_away, pulled_out, rolls])
+def test_right_code_is_good(tmp_path, scene):
+    run = ffsm_mj.run(scene(tmp_path))
+    assert faults(run) == judged(run) == set()
+
+
+@pytest.mark.parametrize(
+    ("mistake", "scene"),
+    [
+        (along_the_slip, slides),
+        (freed_one_at_a_time, breaks_away),
+        (freed_one_at_a_time, pulled_out),
+        (fixed_in_the_bodies, rolls),
+        (frozen_for_a_step, slides),
+        (heat_of_sizes, slides),
+    ],
+)
+def test_a_mistake_is_noticed_in_the_log(tmp_path, monkeypatch, mistake, scene):
+    with monkeypatch.context() as wrong:
+        mistake(wrong)
+        run = ffsm_mj.run(scene(tmp_path))
+    assert judged(run)
 
 
 def test_heat_that_is_positive_whatever_friction_does_fails_a_check(tmp_path, monkeypatch):
