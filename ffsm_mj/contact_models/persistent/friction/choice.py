@@ -110,6 +110,9 @@ class ModeChoice:
             held = self.evaluate(self._movable(kinds), self._directions(kinds))
             if held.valid:
                 return self._without_idle(held)
+            opened = np.where(states.slides, CLOSED, kinds)
+            if np.any(opened != kinds) and (found := self.evaluate(self._movable(opened), self._directions(opened))).valid:
+                return self._without_idle(found)
         return self._solved()
 
     def _movable(self, kinds: IntArray) -> IntArray:
@@ -136,7 +139,7 @@ class ModeChoice:
         problem, states = self._problem, self._states
         forces = problem.forces(kinds, directions)
         accelerations = (problem.b + problem.G @ forces.ravel()).reshape(-1, 3)
-        validity, releases = self._validity(kinds, forces, accelerations)
+        validity, releases = self._validity(kinds, directions, forces, accelerations)
         begins = (kinds == SLIDE) & self._still & (problem.mu > 0.0)
         if begins.any():
             along = (
@@ -145,11 +148,15 @@ class ModeChoice:
             validity = min(validity, float(along.min()))
         return Solution(kinds, directions, problem.structure(kinds).redundant, forces, accelerations, validity, releases)
 
-    def _validity(self, kinds: IntArray, forces: FloatArray, accelerations: FloatArray) -> tuple[float, bool]:
+    def _validity(
+        self, kinds: IntArray, directions: FloatArray, forces: FloatArray, accelerations: FloatArray
+    ) -> tuple[float, bool]:
         """Least margin of the conditions on forces and gaps, m/s^2, and whether it is that of sticking points."""
         problem, rounding = self._problem, _OPENS * self._states.rounding
         slides, sticks, closed = (kinds == mode for mode in (SLIDE, STICK, CLOSED))
         least = np.inf
+        if slides.any() and not problem.is_regular(kinds, directions):
+            return -1.0 - self._scale, False  # finite, as localisation interpolates
         if slides.any():
             least = float((forces[:, 0] * problem.inverse_mass + rounding)[slides].min())
         if closed.any():

@@ -107,6 +107,11 @@ class FrictionProblem:
         """
         return _Held(self, self.structure(kinds)).forces(slips)
 
+    def is_regular(self, kinds: IntArray, slips: FloatArray) -> bool:
+        """Whether normal forces push apart what slides: not beyond Painleve's paradox, where D = G_nn - mu G_nt s <= 0."""
+        structure = self.structure(kinds)
+        return not len(structure.slides) or _Held(self, structure).is_regular(slips)
+
     def forces_along_slip(self, kinds: IntArray, slips: FloatArray, velocity: OwnVelocity) -> tuple[FloatArray, FloatArray]:
         """The same where some directions of slip are those of velocities that the forces themselves determine.
 
@@ -244,6 +249,12 @@ class _Held:
         if structure.redundant:
             square = self._held_G[:, structure.rows]
             self._range = np.linalg.eigh(square)[1][:, len(structure.rows) - structure.rank :]
+
+    def is_regular(self, slips: FloatArray) -> bool:
+        """Whether the determinant of the linear problem has the sign that it has without sliding friction."""
+        self.forces(slips)
+        system, U = self._held_G.dot(self._along), self._range
+        return bool(np.linalg.slogdet(system if U is None else U.T.dot(system).dot(U))[0] > 0.0)
 
     def forces(self, slips: FloatArray) -> FloatArray:
         """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""

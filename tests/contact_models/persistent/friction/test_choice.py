@@ -1,0 +1,81 @@
+"""Choice of friction modes at one instant, against problems solved by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
+from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, UNKNOWN
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+
+
+def choice(G, b, mu, slip=(0.0, 0.0), *, present=UNKNOWN, direction=(0.0, 0.0), released=False):
+    """The choice for one point."""
+    states = PointStates(
+        slips=np.array([slip]),
+        slides=np.array([slip != (0.0, 0.0)]),
+        kinds=np.array([present]),
+        directions=np.array([direction]),
+        rounding=np.array([1e-12]),
+        released=released,
+    )
+    return ModeChoice(FrictionProblem(np.array(G, dtype=float), np.array(b, dtype=float), np.array([mu])), states)
+
+
+ROD = [[1.6, 1.2, 0.0], [1.2, 3.4, 0.0], [0.0, 0.0, 1.0]]
+"""Delassus matrix of the tip of Painleve's rod, inclined at arctan 2, with m = 1 and l^2 / I = 3."""
+
+
+def test_painleve_rod_slides_with_the_force_of_its_equation():
+    """D = G_nn - mu G_tn = 1.6 - 1.44 = 0.16, and lambda_n = 1 / D."""
+    found = choice(ROD, (-1.0, 0.0, 0.0), 1.2, slip=(1.0, 0.0)).choose()
+    assert found.kinds[0] == SLIDE
+    assert found.forces[0] == pytest.approx([6.25, -7.5, 0.0], rel=1e-12)
+
+
+def test_painleve_rod_without_a_solution_is_named():
+    """D = 1.6 - 1.8 < 0: sliding would need a tensile force, and opening an overlap."""
+    with pytest.raises(NoModesError):
+        choice(ROD, (-1.0, 0.0, 0.0), 1.5, slip=(1.0, 0.0)).choose()
+
+
+@pytest.mark.parametrize("mu", [1.2, 1.5])
+def test_painleve_rod_that_lifts_off_opens(mu):
+    """For D < 0 a pressed solution exists too; open is taken."""
+    assert choice(ROD, (1.0, 0.0, 0.0), mu, slip=(1.0, 0.0)).choose().kinds[0] == CLOSED
+
+
+BLOCK = np.eye(3)
+
+
+@pytest.mark.parametrize(("pull", "kind"), [(0.4999999, STICK), (0.5000001, SLIDE)])
+def test_a_block_sticks_up_to_its_limit(pull, kind):
+    found = choice(BLOCK, (-1.0, 0.6 * pull, 0.8 * pull), 0.5).choose()
+    assert found.kinds[0] == kind
+    if kind == SLIDE:
+        assert found.directions[0] == pytest.approx([0.6, 0.8], abs=1e-6)
+
+
+def test_at_the_event_a_point_at_its_limit_slides():
+    """Both answers solve the problem there: without the rule, events of zero length would repeat for ever."""
+    assert choice(BLOCK, (-1.0, 0.5, 0.0), 0.5).choose().kinds[0] == STICK
+    found = choice(BLOCK, (-1.0, 0.5, 0.0), 0.5, present=STICK, released=True).choose()
+    assert found.kinds[0] == SLIDE
+    assert found.directions[0] == pytest.approx([1.0, 0.0], abs=1e-12)
+    assert choice(BLOCK, (-1.0, 0.5, 0.0), 0.5, present=SLIDE, direction=(1.0, 0.0)).choose().kinds[0] == SLIDE
+
+
+def test_the_margin_of_a_single_point_is_its_own():
+    """It is m = mu lambda_n - |lambda_t|, of either sign."""
+    mu = np.array([0.5])
+    for force, margin in (((2.0, 0.3, 0.4), 0.5), ((2.0, 1.3, 0.4), 1.0 - np.hypot(1.3, 0.4))):
+        assert cone_margin(np.array([force]), np.zeros((3, 0)), mu) == pytest.approx(margin, abs=1e-12)
+
+
+def test_the_margin_of_two_points_of_a_pad_is_shared():
+    """Two points share a normal and a tangential force at will: the best is an even share, m = (mu N - T) / 2 each."""
+    given = np.array([[3.0, 0.2, 0.0], [1.0, 0.6, 0.0]])
+    freedom = np.array([[1, 0, 0, -1, 0, 0], [0, 1, 0, 0, -1, 0], [0, 0, 1, 0, 0, -1]]).T / np.sqrt(2.0)
+    assert cone_margin(given, freedom, np.array([0.5, 0.5])) == pytest.approx(0.5 * (0.5 * 4.0 - 0.8), abs=1e-12)
