@@ -22,6 +22,7 @@ figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact
 	uv run python docs/capture_figures.py
 	uv run python docs/friction_energy.py
 	uv run python docs/grip_figure.py
+	uv run python benchmarks/grip.py
 reproduce:   ## regenerate the reproduction report
 	uv run ffsm reproduce --out docs
 campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes on two processors
