@@ -12,7 +12,7 @@ from tests.contact_models.persistent.friction.reading import at, final, good, he
 from tests.contact_models.persistent.friction.scenes import block, load, loaded, on_slab, sphere, steps
 from tests.scenes import HEAD, ball, scene
 
-STEPS = [0.05, *(pytest.param(step, marks=pytest.mark.long) for step in (4e-3, 2e-3, 1e-3, 5e-4))]
+STEPS = [0.05, *(pytest.param(step, marks=pytest.mark.long) for step in (0.1, 4e-3, 2e-3, 1e-3, 5e-4))]
 """Forces are polynomials of time of degree 1 at most along lines: RK4 is exact at any step."""
 
 

@@ -13,7 +13,7 @@ from tests.contact_models.persistent.test_random_pushes import wrong
 ROUND = (0.01, 0.1, 0.3, 0.5, 0.7, 1.0, 1.5)
 KNOWN = {
     19: "the normal force after a slip is replayed to 3e-7 N only",
-    52: "momentum of the robot in an interval of contact at steps of 10 ms",
+    52: "the replay enters another momentum of the robot in the step of a stop, at 10 ms",
 }
 """Seeds that show a fault which is not mended yet."""
 

@@ -24,7 +24,7 @@ def curving(folder, step):
     return sphere(folder, mu=0.2, velocity=(0.7, -0.4, 0), spin=(0.9, -0.6, 2), step=step, duration=2.4)
 
 
-@pytest.mark.parametrize("step", [8e-3, pytest.param(4e-3, marks=pytest.mark.long), *LONG_STEPS])
+@pytest.mark.parametrize("step", [1e-2, *(pytest.param(step, marks=pytest.mark.long) for step in (8e-3, 4e-3)), *LONG_STEPS])
 def test_a_sphere_slides_along_a_parabola(tmp_path, step):
     """Coulomb friction keeps its direction: u0 (1 - t / t*), t* = 2 |u0| / (7 mu g); all by closed form.
 
