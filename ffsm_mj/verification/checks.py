@@ -54,7 +54,7 @@ CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "no joint past its limit", "c
 """All checks. ``no penetration``, with a tolerance in m, if the log has the depth; ``no joint past its limit``, in rad or m,
 in runs with joint limits; the last one with persistent contact."""
 
-TRUNCATION_CHECKS = CHECK_NAMES[:3]
+TRUNCATION_CHECKS = (*CHECK_NAMES[:3], "heat of sliding")
 """Checks that may fail by the truncation of the step."""
 
 Tolerance = float | Mapping[str, float]

@@ -8,8 +8,6 @@ import pytest
 import ffsm_mj
 from ffsm_mj.contact_models.persistent import active_set, point_groups
 from ffsm_mj.contact_models.persistent.friction import problem, stage
-from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice
-from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK
 from tests.contact_models.persistent.friction.scenes import BALL_TIP, block, cube, gripped, sphere, thrust
 from tests.contact_models.persistent.test_wrong_on_purpose import faults, judged
 
@@ -56,22 +54,6 @@ def test_friction_along_the_slip(tmp_path, monkeypatch):
         run = ffsm_mj.run(sliding(tmp_path))
         assert "heat of sliding" in faults(run)
     assert judged(run)
-
-
-def test_points_freed_one_at_a_time(tmp_path, monkeypatch):
-    classified = ModeChoice._classified
-
-    def first_only(self, forces):
-        kinds, directions = classified(self, forces)
-        begin = np.flatnonzero((kinds == SLIDE) & self._still & (self._problem.mu > 0.0))
-        kinds[begin[1:]], directions[begin[1:]] = STICK, 0.0
-        return kinds, directions
-
-    with monkeypatch.context() as wrong:
-        wrong.setattr(ModeChoice, "_classified", first_only)
-        wrong.setattr(ModeChoice, "_corrected", ModeChoice.evaluate)
-        run = ffsm_mj.run(pinched(tmp_path))
-    assert faults(run) | judged(run)
 
 
 def test_rates_of_the_tangents_at_a_point_fixed_to_the_body(tmp_path, monkeypatch):
