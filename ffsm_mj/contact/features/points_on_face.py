@@ -86,7 +86,7 @@ class PointsOnFace:
         return gaps, self._first_radius + 0.5 * gaps - heights
 
     def insides(self, local: FloatArray) -> list[float]:
-        """Distances by which points are inside the nearest side of the face; see :meth:`Face.inside`."""
+        """Distances by which points are inside the nearest side of the face; see ``Face.inside``."""
         if not len(self._sides):
             return [self.face.inside((x, y, z)) for x, y, z in local.tolist()]
         found: list[float] = (local.dot(self._inwards) - self._sides).min(axis=1).tolist()

@@ -63,7 +63,9 @@ def test_the_grip_slips_where_the_load_exceeds_the_friction_of_both_pads(tmp_pat
 @pytest.mark.slow
 def test_squeeze():
     """The cube comes to rest in the pads, is moved at half of what friction can, slides, and is let go."""
-    run = good(ffsm_mj.run("squeeze"), unique=False)
+    run = ffsm_mj.run("squeeze")
+    assert run.outcome == "completed", run.message
+    assert [check for check in run.checks() if not check.passes] == []
     phases = {record.name: record.start_s for record in run.records["phases"]}
     (begins,) = {record.time_s for record in run.records["contact_sticks"]}
     assert phases["grip"] < begins < phases["retract"]
