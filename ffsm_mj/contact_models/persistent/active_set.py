@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import BoolArray, FloatArray
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
@@ -19,15 +19,13 @@ from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
-from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, Mode
+from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of, step_limit
-from ffsm_mj.contact_models.persistent.projection import ClosedRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, FrictionalRows, PointRows, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.forced_stepper import ForcedStepper
@@ -266,30 +264,6 @@ class ActiveContactSet:
         if self._friction_rows_cache is None or self._friction_rows_cache[0] != place:
             self._friction_rows_cache = place, self._evaluator(contact_points).frictional_rows()
         return self._friction_rows_cache[1]
-
-    def closed_rows(self) -> ClosedRows:
-        """Rows of all closed contact points at the state in ``data``, as a projection needs them."""
-        every = self.decide().rows
-        if not isinstance(every, FrictionalRows):
-            return ClosedRows(every.gaps, every.rates, every.J, np.empty((0, self.motion.model.nv)))
-        J = every.J.reshape(len(self.contact_points), 3, -1)
-        sticking = J[self.modes.kinds(self.contact_points) == Mode.STICK, 1:]
-        return ClosedRows(every.gaps, every.rates, J[:, 0], sticking.reshape(-1, J.shape[2]))
-
-    def unit_wrenches(self, which: BoolArray) -> FloatArray:
-        """Wrenches about the world origin of unit forces on geom b, (m, 6), at some contact points, (k,).
-
-        Along the normals, and at sticking points along two tangents.
-        """
-        points = [contact for contact, taken in zip(self.contact_points, which.tolist(), strict=True) if taken]
-        states = [contact.feature.at(self._scene.data) for contact in points]
-        kinds = self.modes.kinds(points).tolist()
-        forces = [
-            (here.point, along)
-            for here, kind in zip(states, kinds, strict=True)
-            for along in (here.normal, *(tangents(here.normal) if kind == Mode.STICK else ()))
-        ]
-        return np.array([np.concatenate((along, np.cross(point, along))) for point, along in forces]).reshape(-1, 6)
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap acceleration is positive: they open."""

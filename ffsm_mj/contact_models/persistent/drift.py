@@ -9,12 +9,15 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.exchange import Shares
-from ffsm_mj.contact_models.persistent.projection import needs_projection, project
+from ffsm_mj.contact_models.persistent.friction.modes import STICK
+from ffsm_mj.contact_models.persistent.projection import ClosedRows, needs_projection, project
+from ffsm_mj.contact_models.persistent.rows import FrictionalRows
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
 
 
@@ -34,13 +37,13 @@ class DriftProjection:
     def remove_drift(self) -> Exchange | None:
         """Project the state in ``data`` at the start of a step if needed; returns the energy and momentum this changed."""
         closed, system, data = self._active_set, self._scene.system, self._scene.data
-        if not closed.contact_points or not needs_projection(closed.closed_rows(), closed.motion.data.qvel):
+        if not closed.contact_points or not needs_projection(closed_rows(closed), closed.motion.data.qvel):
             return None
         contact_points, motion = closed.contact_points, closed.motion
         outside = Shares.of(system, contact_points, motion.grasped_bodies).outside != 0.0
-        taken = closed.unit_wrenches(outside.any(axis=0))
+        taken = unit_wrenches(closed, outside.any(axis=0))
         before, qpos = self._energy_and_momenta(), data.qpos.copy()
-        project(motion, closed.closed_rows, self._free, taken)
+        project(motion, lambda: closed_rows(closed), self._free, taken)
         motion.path.on_event_located()
         motion.flight.account(0.0)  # its energy and momentum are those of other velocities
         energy, impulse, total = (after - then for after, then in zip(self._energy_and_momenta(), before, strict=True))
@@ -71,3 +74,28 @@ class DriftProjection:
         )
         energy, of_all = np.array((total, own, total - own)), momentum_matrix(system.mj, data, 0) @ data.qvel
         return energy, sum(of_objects, np.zeros(6)), of_all
+
+
+def closed_rows(closed: ActiveContactSet) -> ClosedRows:
+    """Rows of all closed contact points at the current state, as a projection needs them."""
+    every = closed.decide().rows
+    if not isinstance(every, FrictionalRows):
+        return ClosedRows(every.gaps, every.rates, every.J, np.empty((0, closed.motion.model.nv)))
+    J = every.J.reshape(len(closed.contact_points), 3, -1)
+    sticking = J[closed.modes.kinds(closed.contact_points) == STICK, 1:]
+    return ClosedRows(every.gaps, every.rates, J[:, 0], sticking.reshape(-1, J.shape[2]))
+
+
+def unit_wrenches(closed: ActiveContactSet, which: BoolArray) -> FloatArray:
+    """Wrenches about the world origin of unit forces on geom b, (m, 6), at some of the closed contact points, (k,).
+
+    Along the normals, and at sticking points along two tangents.
+    """
+    points = [contact for contact, taken in zip(closed.contact_points, which.tolist(), strict=True) if taken]
+    states = [contact.feature.at(closed.data) for contact in points]
+    forces = [
+        (here.point, along)
+        for here, kind in zip(states, closed.modes.kinds(points).tolist(), strict=True)
+        for along in (here.normal, *(tangents(here.normal) if kind == STICK else ()))
+    ]
+    return np.array([np.concatenate((along, np.cross(point, along))) for point, along in forces]).reshape(-1, 6)
