@@ -73,6 +73,36 @@ def test_a_run_that_waited_is_not_late(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [(row.index, row.outcome) for row in rows] == [(0, "completed")]
 
 
+class Refusing(Executor):
+    """Its worker is lost between two batches: the executor knows before the driver does, and refuses the next batch."""
+
+    opened = 0
+
+    def __init__(self) -> None:
+        Refusing.opened += 1
+        self._left = 3 if Refusing.opened == 1 else 1000
+
+    def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if fn is probe:
+            future.set_result("here")
+            return future
+        if not self._left:
+            raise BrokenProcessPool("lost")
+        self._left -= 1
+        future.set_result([RunRow(index, "completed") for index, _ in args[1]])
+        return future
+
+
+def test_a_batch_that_is_refused_is_executed_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Refusing, "opened", 0)
+    rows: list[RunRow] = []
+    engine = Engine("refusing", 2, Refusing)
+    Driver(engine, Job("", (), MappingProxyType({})), rows.extend, lambda: False).drive([(i, {}) for i in range(20)])
+    assert Refusing.opened == 2
+    assert sorted(row.index for row in rows) == list(range(20))
+
+
 class Fragile(Executor):
     """A pool of three workers: it is lost as soon as one of them begins a certain run."""
 

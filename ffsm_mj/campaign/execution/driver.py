@@ -101,7 +101,7 @@ class Driver:
         try:
             while not self._stopped and (queue or pending):
                 for batch in queue.batches(list(pending.values())):
-                    pending[executor.submit(execute_runs, self._job, batch.runs)] = batch
+                    pending[self._submit(executor, batch, queue)] = batch
                 done, _ = wait(pending, return_when=FIRST_COMPLETED)
                 # Finished batches first: after a loss, the batches that had begun are found among those that remain.
                 for future in sorted(done, key=lambda each: each.cancelled() or each.exception() is not None):
@@ -114,6 +114,14 @@ class Driver:
         finally:
             for future in pending:
                 future.cancel()
+
+    def _submit(self, executor: Executor, batch: Batch, queue: RunQueue) -> Future[list[RunRow]]:
+        """Hand out a batch; an executor that is lost already refuses it, and its runs go back into the queue."""
+        try:
+            return executor.submit(execute_runs, self._job, batch.runs)
+        except BaseException:
+            queue.lost([batch])
+            raise
 
     def _store_running(self, pending: dict[Future[list[RunRow]], Batch]) -> None:
         """Store the rows of batches that began before a stop: the executor completes these before it closes."""
