@@ -191,6 +191,14 @@ class ForceSource(ContactModel):
         """Called at the start of a (sub-)step while it is active."""
         self._exchange.begin(self.motion.grasped_bodies)
 
+    def continue_step(self) -> None:
+        """Called instead of :meth:`begin_step` where a trial step goes on in shorter steps, with what it chose kept."""
+        self.begin_step()
+
+    def snapshot(self) -> Callable[[], None]:
+        """Return a function that restores what :meth:`begin_step` changes: several steps are tried from one state."""
+        return _nothing
+
     def step_limit(self, left_s: float) -> float:
         """Longest (sub-)step that its forces allow from the state in ``data``, s; called after :meth:`begin_step`.
 
@@ -208,6 +216,10 @@ class ForceSource(ContactModel):
         """The same for a trial step that step-size control may reject: must not accumulate anything."""
         return self.end_step(duration_s)
 
+    def work_without_heat(self, duration_s: float) -> float:
+        """Work of its forces plus heat of its friction in the trial step, J: truncation where they should cancel."""
+        return 0.0
+
     @cached_property
     def _exchange(self) -> ExchangeIntegrator:
         return ExchangeIntegrator(self.scene.system, self.scene.data, self.wrenches)
@@ -215,6 +227,10 @@ class ForceSource(ContactModel):
     def active_contacts(self) -> tuple[ActiveContact, ...]:
         """Closed contacts and their forces under the efforts in ``data``, for control laws; called only while active."""
         return ()
+
+
+def _nothing() -> None:
+    """Do nothing."""
 
 
 class Replayable(ContactModel):

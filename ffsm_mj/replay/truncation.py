@@ -21,6 +21,7 @@ from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.replay.log_replay import LogReplay
 from ffsm_mj.replay.metadata import state_metadata
 from ffsm_mj.replay.scene import LogScene, log_scene
@@ -33,6 +34,7 @@ _FALLS = 6.0
 """What a halving takes off falls by so much at the next one, at least: 16 for truncation, 4 and 2 for lower orders."""
 _ROUNDING = 4e-14
 """Differences over (1 + scale) below this are rounding: a few units in the last place of each of the terms that cancel."""
+_RESIDUALS = 7 * len(SUBSYSTEMS) + 1
 _SHARE = 0.1
 """Of what a check allows, for what is left out of the errors of all steps together."""
 
@@ -70,13 +72,14 @@ class _Refining(LogReplay):
     """A replay that makes every flight in shorter steps, too.
 
     Attributes:
-        corrections: By row, what the residuals since the start would have more at half the step, and without truncation.
+        corrections: By row, what the residuals since the start would have more at half the step, and without truncation:
+            those of energy, P and L of each subsystem, then that of the heat of sliding, (2, 22).
     """
 
     def __init__(self, scene: LogScene, log: RunLog) -> None:
         super().__init__(scene, log)
         self._error = StepError(scene.plant.system, scene.plant.data, scene.plant.balance)
-        self._so_far = np.zeros((2, 3, 7))
+        self._so_far = np.zeros((2, _RESIDUALS))
         self.corrections: list[FloatArray] = []
         steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, STRETCH_STEPS)
         self._negligible = _SHARE * DEFAULT_TOLERANCE / steps
@@ -103,27 +106,28 @@ class _Refining(LogReplay):
         start = np.empty(mujoco.mj_stateSize(motion.model, WHOLE_STATE))
         mujoco.mj_getState(motion.model, motion.data, start, WHOLE_STATE)
         plan = dict(vars(control)) if control is not None else {}
+        self._at_start = start, self._plant.integrator.snapshot()
         try:
             self._error.begin(measured=True)
             flown_s = self._plant.integrate(duration_s, left_s)
             whole = self._left_over(flown_s)
             self._plant.integrator.control = None
             if self._size(whole) > self._negligible:
-                self._refine(whole, flown_s, start)
+                self._refine(whole, flown_s, left_s)
         except RunEnded:  # the flight itself says so
             pass
         finally:
             self._plant.integrator.control = control
             if control is not None:
                 vars(control).update(plan)
-            self._back_to(start)
+            self._back_to_start()
 
-    def _refine(self, whole: FloatArray, flown_s: float, start: FloatArray) -> None:
+    def _refine(self, whole: FloatArray, flown_s: float, left_s: float) -> None:
         found = [whole]
         taken = [0.0]
         for halvings in range(1, _MOST_HALVINGS + 1):
-            self._back_to(start)
-            found.append(self._in_parts(flown_s, 2**halvings))
+            self._back_to_start()
+            found.append(self._in_parts(flown_s, left_s, 2**halvings))
             taken.append(self._size(found[-2] - found[-1]))
             if halvings > 1 and taken[-1] > max(taken[-2] / _FALLS, _ROUNDING):
                 return  # it does not fall as truncation does
@@ -133,12 +137,18 @@ class _Refining(LogReplay):
         limit = found[-1] - (found[-2] - found[-1]) / 15.0
         self._so_far += (found[1] - whole, limit - whole)
 
-    def _in_parts(self, duration_s: float, parts: int) -> FloatArray:
-        """Residuals over a time in so many steps."""
-        total, part_s = np.zeros((3, 7)), duration_s / parts
-        for _ in range(parts):
+    def _in_parts(self, duration_s: float, left_s: float, parts: int) -> FloatArray:
+        """Residuals over a time in so many steps, with the active contacts, friction modes and method of the one step.
+
+        With others chosen in between, the parts would solve another problem, to which nothing converges.
+        """
+        total, part_s = np.zeros(_RESIDUALS), duration_s / parts
+        for part in range(parts):
             self._error.begin(measured=True)
-            self._plant.integrate(part_s, part_s)
+            if part:
+                self._plant.continue_step(part_s)
+            else:
+                self._plant.integrate(part_s, left_s)
             total += self._left_over(part_s)
         return total
 
@@ -147,12 +157,14 @@ class _Refining(LogReplay):
         if self._plant.integrator.motion.grasped_object is not None:
             # What passes between robot and object is what the object gained: nothing is left of it, and all for the robot.
             residuals[1], residuals[2] = residuals[0], 0.0
-        return residuals
+        return np.append(residuals, self._plant.integrator.work_without_heat(duration_s))
 
     def _size(self, residuals: FloatArray) -> float:
-        return self._error.over_scale(residuals, grasped=self._plant.integrator.motion.grasped_object is not None)
+        grasped = self._plant.integrator.motion.grasped_object is not None
+        return self._error.over_scale(residuals[:-1].reshape(-1, 7), grasped=grasped) + abs(float(residuals[-1]))
 
-    def _back_to(self, start: FloatArray) -> None:
-        path = self._plant.integrator.motion.path
+    def _back_to_start(self) -> None:
+        path, (start, restore) = self._plant.integrator.motion.path, self._at_start
         path.start[:], path.at_s = start, np.nan
         path.move_to(0.0)
+        restore()

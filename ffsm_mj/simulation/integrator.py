@@ -186,6 +186,24 @@ class EventDrivenIntegrator:
         self._after_substep(step_s)
         return step_s
 
+    def continue_step(self, duration_s: float) -> None:
+        """Integrate for a time with the contacts and modes chosen for the step before, without event detection."""
+        for contact_model in self._active:
+            contact_model.continue_step()
+        self.motion.step(duration_s)
+        self.motion.path.at_s = duration_s
+        self._after_substep(duration_s)
+
+    def snapshot(self) -> Callable[[], None]:
+        """Return a function that restores what the active contact models change at the start of a step."""
+        restoring = [contact_model.snapshot() for contact_model in self._active]
+
+        def restore() -> None:
+            for each in restoring:
+                each()
+
+        return restore
+
     def _step(self, left_s: float, most_s: float) -> tuple[float, bool]:
         """Integrate a (sub-)step of at most ``most_s``: its duration, and whether no event is possible in it."""
         control = self.control
@@ -201,6 +219,10 @@ class EventDrivenIntegrator:
     def exchanged(self, duration_s: float) -> list[Exchange]:
         """Exchanges of the active contact models in a trial step that may be rejected."""
         return [booking for contact_model in self._active if (booking := contact_model.exchanged(duration_s)) is not None]
+
+    def work_without_heat(self, duration_s: float) -> float:
+        """Work of persistent contact plus its heat of sliding in a trial step, J."""
+        return sum(contact_model.work_without_heat(duration_s) for contact_model in self._active)
 
     def _after_substep(self, duration_s: float) -> None:
         for contact_model in self.event_sources:

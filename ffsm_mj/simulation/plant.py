@@ -87,6 +87,11 @@ class Plant:
         self.balance.open()
         return self.integrator.integrate(most_s, left_s)
 
+    def continue_step(self, duration_s: float) -> None:
+        """Integrate further, as a part of the step before; see :meth:`EventDrivenIntegrator.continue_step`."""
+        self.balance.open()
+        self.integrator.continue_step(duration_s)
+
     def enter(self, elapsed_s: float) -> None:
         """Enter the finished (sub-)step in the balance; no effect if its duration is not positive."""
         if elapsed_s <= 0.0:

@@ -146,9 +146,11 @@ class CheckAccumulator:
 
         Args:
             block: Rows, (n, columns).
-            added: To the residuals of energy, P and L of each subsystem in these rows, (n, 3, 7).
+            added: To the residuals of energy, P and L of each subsystem in these rows, then to that of the heat of
+                sliding, (n, 22).
         """
-        more = np.zeros((len(block), len(SUBSYSTEMS), 7)) if added is None else added
+        given = np.zeros((len(block), 7 * len(SUBSYSTEMS) + 1)) if added is None else added
+        more = given[:, :-1].reshape(len(block), len(SUBSYSTEMS), 7)
         self.samples += len(block)
         times = block[:, self._time]
         scales = {subsystem: accounts.scales(block) for subsystem, accounts in self._accounts.items()}
@@ -171,7 +173,7 @@ class CheckAccumulator:
         if self._residual is not None and len(self._forces):
             forces = np.abs(block[:, self._forces]).max(axis=1)
             self._complementarity.add(times, block[:, [self._residual]], forces)
-        self._heat.rows(block)
+        self._heat.rows(block, given[:, -1])
 
     def checks(
         self,

@@ -24,15 +24,20 @@ class HeatCheck:
         self._time, self._largest = layout.time, np.full(len(keys), -np.inf)
         self._residual = ResidualDrift(stretch_s)
 
-    def rows(self, block: FloatArray) -> None:
-        """Process the next rows."""
+    def rows(self, block: FloatArray, added: FloatArray) -> None:
+        """Process the next rows.
+
+        Args:
+            block: Rows, (n, columns).
+            added: To the sum of work and heat in these rows, J, (n,).
+        """
         if self._work is None or not len(self._heat):
             return
         heat, work = block[:, self._heat], block[:, self._work]
         total = heat.sum(axis=1)
         largest = np.maximum.accumulate(np.vstack((self._largest, heat)))[1:]
         self._largest = largest[-1]
-        residual = np.stack((work + total, (largest - heat).max(axis=1)), axis=1)
+        residual = np.stack((work + total + added, (largest - heat).max(axis=1)), axis=1)
         self._residual.add(block[:, self._time], residual, np.maximum(np.abs(work), np.abs(heat).max(axis=1)))
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
@@ -18,6 +18,8 @@ from ffsm_mj.contact_models.persistent.record import (
     CONTACT_ENDS,
     CONTACT_SLIPS,
     CONTACT_STICKS,
+    ContactSlips,
+    ContactSticks,
 )
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.records.kinds import RecordKind
@@ -37,6 +39,15 @@ class ContactChanges:
         """Initialise with nothing logged."""
         self._scene, self._active_set = scene, closed
         self.logged: list[UnilateralConstraint] = []
+
+    def restore_before(self, records: Sequence[Any]) -> None:
+        """Restore the modes before a logged slip or stop: a step that ends there to rounding may have changed them."""
+        modes, first = self._active_set.modes, records[0]
+        modes.released = isinstance(first, ContactSlips)
+        if isinstance(first, (ContactSlips, ContactSticks)):
+            names = {record.pair for record in records}
+            points = [contact for contact in self._active_set.contact_points if contact.pair.name in names]
+            modes.assume(points, sticks=isinstance(first, ContactSlips))
 
     def left_at_once(self) -> list[JointLimit]:
         """Limits at which joints are at rest, as at the start of a run, but which they leave under the present efforts.

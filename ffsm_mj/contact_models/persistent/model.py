@@ -10,10 +10,8 @@ point.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
-
-import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
@@ -27,34 +25,29 @@ from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.change_records import PAIR_KINDS, ChangeRecords, by_kind, listed_pairs, name_of
 from ffsm_mj.contact_models.persistent.changes import ContactChanges
 from ffsm_mj.contact_models.persistent.closure import (
     closed_and_still,
     held_rate_tolerance,
     rate_tolerance,
 )
-from ffsm_mj.contact_models.persistent.drift import DriftProjection, sum_exchanges
-from ffsm_mj.contact_models.persistent.exchange import Shares, exchanged, robot_dofs
+from ffsm_mj.contact_models.persistent.drift import DriftProjection
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck
 from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.limit_report import LimitReport
 from ffsm_mj.contact_models.persistent.localisation import first_change
 from ffsm_mj.contact_models.persistent.record import (
     CONTACT_BEGINS,
-    CONTACT_CHANGES,
     CONTACT_ENDS,
     FRICTION_KINDS,
-    ContactRecord,
-    ContactSlips,
-    ContactSticks,
 )
 from ffsm_mj.contact_models.persistent.refusals import refusal
 from ffsm_mj.contact_models.persistent.report import ContactReport
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
-from ffsm_mj.contact_models.persistent.sharing import pieces
-from ffsm_mj.dynamics.forced_stepper import ForcedStepper
+from ffsm_mj.contact_models.persistent.step_account import StepAccount
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
+from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M
@@ -62,15 +55,11 @@ from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M
 _OTHER_MODEL = "the motion uses another model than the scenario's, and no grasp of the scenario is closed in it"
 
 
-_KINDS = (CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES)
-"""Kinds of records of pairs, in the order of ``LIMIT_KINDS``."""
-
-
 class PersistentContactModel(EventSource, ForceSource, Replayable):
     """Constrains the pairs that impacts leave closed; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
 
     kind = "contact"
-    records = (*_KINDS, *FRICTION_KINDS, *LIMIT_KINDS)
+    records = (*PAIR_KINDS, *FRICTION_KINDS, *LIMIT_KINDS)
     is_reactive = True
 
     def __init__(
@@ -86,19 +75,18 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             heat: Heat of friction, shared with the impact model.
         """
         super().__init__(None, scene)
-        self._heat = heat
         self._pairs, self._overlap, self._active_set = tuple(pairs), overlap, ActiveContactSet(scene)
         self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
         self._changes = ContactChanges(scene, self._active_set)
-        geoms, limits = _by_kind(self._pairs)
+        geoms, limits = by_kind(self._pairs)
         self._report = ContactReport(scene, geoms, self._active_set)
+        self._account = StepAccount(scene, self._active_set, self._report.friction, heat)
         self._limits = LimitReport(scene, limits, self._active_set)
+        self._records = ChangeRecords(scene, self._active_set, self._report, self._limits, self._changes)
         self._drift = DriftProjection(scene, self._active_set)
         self.columns = (*self._report.columns, *self._limits.columns)
         self._previous_motion: Motion | None = None
         self._landing = False
-        self._projection_exchange: Exchange | None = None
-        self._shares_cache: tuple[tuple[tuple[ContactPoint, ...], Motion], Shares, slice] | None = None
 
     def bind(self, motion: Motion) -> None:
         """Use another motion: closed contacts stay closed, except pairs whose geoms are on one rigid body in it.
@@ -146,18 +134,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def prepare_replay(self, records: Sequence[Any]) -> None:
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
-        self._before_slip_or_stick(records)
-        if set(map(_name, records)) - {pair.name for pair in self._active_set.by_pair}:
+        self._changes.restore_before(records)
+        if set(map(name_of, records)) - {pair.name for pair in self._active_set.by_pair}:
             self.close(closed_pairs(self._broad_phase, self.scene, self.motion))
-
-    def _before_slip_or_stick(self, records: Sequence[Any]) -> None:
-        """Restore the modes before a logged slip or stop: a step that ends there to rounding may have changed them."""
-        modes, first = self._active_set.modes, records[0]
-        modes.released = isinstance(first, ContactSlips)
-        if isinstance(first, (ContactSlips, ContactSticks)):
-            names = {record.pair for record in records}
-            points = [contact for contact in self._active_set.contact_points if contact.pair.name in names]
-            modes.assume(points, sticks=isinstance(first, ContactSlips))
 
     def refusal(self, _: UnilateralConstraint) -> str:
         """Why a pair cannot stay in contact; empty if it can."""
@@ -190,10 +169,11 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         data, model = self.scene.data, self.scene.system.mj
         for pair in tuple(self._active_set.by_pair):
             self._active_set.remove(pair)
-        self._changes.logged = [*self._listed_pairs(events), *self._limits.logged_limits()]
+        geoms, closed_rules = by_kind(self._pairs)[0], self._report.closed_rules()
+        self._changes.logged = [*listed_pairs(events, geoms, closed_rules), *self._limits.logged_limits()]
         # Records may be lost with a damaged part of the log: columns then say of which rules pairs are closed.
         listed = {pair.rule for pair in self._changes.logged if isinstance(pair, ContactPair)}
-        unlisted = self._report.closed_rules() - listed
+        unlisted = closed_rules - listed
         for pair in (self._pairs[i] for i in self._broad_phase.within(data, CLEARLY_APART_M)):
             if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
                 near = pair.proximity(model, data)
@@ -201,13 +181,6 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
                 self._update_pair(pair, near, held_rate_tolerance(near) if held else near.rate_tolerance)
         self._changes.logged += [pair for pair in self._active_set.by_pair if pair.rule in unlisted]
         self._update_activity()
-
-    def _listed_pairs(self, events: Sequence[LoggedEvent]) -> list[ContactPair]:
-        """Pairs that were closed after the last of some events, of the rules that are closed according to the columns."""
-        records = [record for event in reversed(events) for record in event.records if isinstance(record, ContactRecord)]
-        names, rules = set(records[0].closed_pairs) if records else set(), self._report.closed_rules()
-        geoms = (pair for pair in self._pairs if isinstance(pair, ContactPair))
-        return [pair for pair in geoms if pair.name in names and pair.rule in rules]
 
     def due(self) -> bool:
         """Whether a contact begins, ends or changes at the state in ``data`` under the efforts of the next step."""
@@ -222,9 +195,18 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             RunEnded: No friction modes are possible.
         """
         self._drop(self._changes.left_at_once())  # in a log replay, which has no event for it
-        self._projection_exchange = self._drift.remove_drift()
+        self._account.projected = self._drift.remove_drift()
         self._active_set.update_pressing()
         self._active_set.stages.clear()
+
+    def continue_step(self) -> None:
+        """Go on with the active set and the modes of the step before, without projection."""
+        self._account.projected = None
+        self._active_set.stages.clear()
+
+    def snapshot(self) -> Callable[[], None]:
+        """Return a function that restores the friction modes, which the start of a step chooses."""
+        return self._active_set.modes.snapshot()
 
     def step_limit(self, left_s: float) -> float:
         """Longest (sub-)step for points whose slip is about to stop; see :class:`ForceSource`."""
@@ -256,51 +238,22 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def end_step(self, duration_s: float) -> Exchange | None:
         """Energy and momentum exchanged by the contact forces, and by the drift projection at the start of the step."""
-        done, impulses = self._exchanged(duration_s)
+        done, impulses = self._account.exchanged(duration_s)
         self._report.add_impulses(impulses)
         self._limits.add_impulses(impulses)
-        if self._active_set.has_friction and self._active_set.pressing:
-            self._add_friction(duration_s)
+        self._account.add_friction(duration_s)
         decision = self._active_set.decide()
         for contact, gap in zip(decision.contact_points, decision.rows.gaps, strict=True):
             self._overlap.add(contact.pair, gap)
         return done
 
-    def _add_friction(self, duration_s: float) -> None:
-        """Add slip and heat of the last step."""
-        closed, flight = self._active_set, self.motion.flight
-        assert isinstance(flight, ForcedStepper)
-        stages = closed.stages[-1 - len(flight.weights) : -1]
-        self._heat.add(self._report.friction.add_step(closed.pressing, stages, duration_s * flight.weights))
-
     def exchanged(self, duration_s: float) -> Exchange | None:
         """The same for a trial step that may be rejected."""
-        return self._exchanged(duration_s)[0]
+        return self._account.exchanged(duration_s)[0]
 
-    def _exchanged(self, duration_s: float) -> tuple[Exchange | None, Mapping[UnilateralConstraint, float]]:
-        """Energy and momentum exchanged in the last step, and the impulse of each pair in N s."""
-        closed, system = self._active_set, self.scene.system
-        if not closed.pressing:
-            return self._projection_exchange, {}
-        redistributed = pieces(closed, self.motion, duration_s)
-        if redistributed is not None:
-            shares = Shares.of(system, redistributed.contact_points, self.motion.grasped_bodies)
-            parts = np.array(redistributed.weights_s)
-            booking, impulses = exchanged(redistributed.stages, parts, shares, robot_dofs(system, self.motion))
-            return sum_exchanges(self._projection_exchange, booking), impulses
-        flight = self.motion.flight
-        assert isinstance(flight, ForcedStepper)
-        weights = flight.weights
-        stages = closed.stages[-1 - len(weights) : -1]  # the last entry is the evaluation at the end of the step
-        key = closed.pressing, self.motion
-        if self._shares_cache is None or self._shares_cache[0] != key:
-            self._shares_cache = (
-                key,
-                Shares.of(system, closed.pressing, self.motion.grasped_bodies),
-                robot_dofs(system, self.motion),
-            )
-        booking, impulses = exchanged(stages, duration_s * weights, *self._shares_cache[1:])
-        return sum_exchanges(self._projection_exchange, booking), impulses
+    def work_without_heat(self, duration_s: float) -> float:
+        """Work of the contact forces plus heat of sliding in a trial step, J."""
+        return self._account.work_without_heat(duration_s)
 
     def force_check(self, layout: Layout) -> Callable[[FloatArray], float]:
         """Check of the logged contact forces by other functions; see :mod:`.force_check`."""
@@ -319,10 +272,12 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         news = self._changes.pending() or self._changes.during_step()
         if news is None:
             return None
-        (kind, pairs), qvel = news, self.scene.system.by_joint(self.scene.data.qvel)
-        geoms, limits = _by_kind(pairs)
-        before, places = self._report.forces_before(geoms), self._report.places(geoms)
-        at_limits = self._limits.forces_before(limits)
+        kind, pairs = news
+        records = self._records.of(kind, pairs, instant, lambda: self._apply(kind, pairs))
+        return EventEffect(records, triggers_control=False)
+
+    def _apply(self, kind: RecordKind, pairs: Sequence[UnilateralConstraint]) -> None:
+        """Apply a change of some pairs or limits to the closed contacts."""
         if kind is CONTACT_BEGINS:
             self._changes.logged += pairs
         elif kind is CONTACT_ENDS:
@@ -334,15 +289,6 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         else:
             self._changes.apply(pairs)
         self._update_activity()
-        places |= self._report.places([pair for pair in geoms if self.holds(pair)])
-        number = self.scene.numbers.next_number()
-        limit_kind = LIMIT_KINDS[_KINDS.index(kind)] if limits else LIMIT_KINDS[0]
-        closed = [pair for pair in self._changes.logged if isinstance(pair, ContactPair)]
-        records = (
-            *self._report.records(kind, places, before, instant, number, qvel, closed),
-            *self._limits.records(limit_kind, at_limits, instant, number, qvel),
-        )
-        return EventEffect(records, triggers_control=False)
 
     def _drop(self, limits: Sequence[JointLimit]) -> None:
         """Remove limits without a record."""
@@ -350,14 +296,3 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             self._active_set.remove(limit)
         if limits:
             self._update_activity()
-
-
-def _by_kind(pairs: Sequence[UnilateralConstraint]) -> tuple[list[ContactPair], list[JointLimit]]:
-    """Pairs of geoms, and joint limits."""
-    geoms = [pair for pair in pairs if isinstance(pair, ContactPair)]
-    return geoms, [pair for pair in pairs if isinstance(pair, JointLimit)]
-
-
-def _name(record: Any) -> str:
-    """Name of the pair or joint limit of a record."""
-    return str(record.pair) if isinstance(record, ContactRecord) else f"{record.joint} {record.side} limit"

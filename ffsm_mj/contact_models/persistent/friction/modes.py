@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -116,6 +116,16 @@ class FrictionModes:
                 self._largest_slip[contact] = slip
                 if slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S:  # on a new feature
                     self._straight.add(contact)
+
+    def snapshot(self) -> Callable[[], None]:
+        """Return a function that restores all that decides on the modes of the next step."""
+        kept = self.released, self.struck, self._kinds, self._directions, self._largest_slip, self._straight
+
+        def restore() -> None:
+            self.released, self.struck, self._kinds, self._directions, self._largest_slip, self._straight = kept
+            self.forget_structures()
+
+        return restore
 
     def assume(self, contact_points: Sequence[ContactPoint], *, sticks: bool) -> None:
         """Make the points that slide or stick do what they did before an event: stick, or slide."""

@@ -1,0 +1,87 @@
+"""Account of the last (sub-)step of persistent contact: energy and momentum exchanged, impulses, slip and heat."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.drift import sum_exchanges
+from ffsm_mj.contact_models.persistent.exchange import Shares, Stage, exchanged, robot_dofs
+from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.contact_models.persistent.sharing import pieces
+from ffsm_mj.dynamics.forced_stepper import ForcedStepper
+from ffsm_mj.dynamics.motion import Motion
+
+
+class StepAccount:
+    """Accounts for the last (sub-)step of the closed contacts of a scene, from its stages.
+
+    Attributes:
+        projected: Exchange by the drift projection at the start of the step; None without one.
+    """
+
+    def __init__(self, scene: Scene, closed: ActiveContactSet, friction: FrictionReport, heat: FrictionHeat) -> None:
+        """Initialise before the first step.
+
+        Args:
+            scene: The logged system and its data.
+            closed: Its closed contacts.
+            friction: Columns of slip and heat.
+            heat: Heat of friction of the run.
+        """
+        self._system, self._active_set, self._friction, self._heat = scene.system, closed, friction, heat
+        self.projected: Exchange | None = None
+        self._shares_cache: tuple[tuple[tuple[ContactPoint, ...], Motion], Shares, slice] | None = None
+
+    def exchanged(self, duration_s: float) -> tuple[Exchange | None, Mapping[UnilateralConstraint, float]]:
+        """Energy and momentum exchanged, and the impulse of each pair in N s."""
+        closed, system, motion = self._active_set, self._system, self._active_set.motion
+        if not closed.pressing:
+            return self.projected, {}
+        redistributed = pieces(closed, motion, duration_s)
+        if redistributed is not None:
+            shares = Shares.of(system, redistributed.contact_points, motion.grasped_bodies)
+            parts = np.array(redistributed.weights_s)
+            booking, impulses = exchanged(redistributed.stages, parts, shares, robot_dofs(system, motion))
+            return sum_exchanges(self.projected, booking), impulses
+        key = closed.pressing, motion
+        if self._shares_cache is None or self._shares_cache[0] != key:
+            self._shares_cache = (
+                key,
+                Shares.of(system, closed.pressing, motion.grasped_bodies),
+                robot_dofs(system, motion),
+            )
+        booking, impulses = exchanged(*self._stages(duration_s), *self._shares_cache[1:])
+        return sum_exchanges(self.projected, booking), impulses
+
+    def add_friction(self, duration_s: float) -> None:
+        """Add slip and heat to their columns."""
+        if self._rubs:
+            self._heat.add(self._friction.add_step(self._active_set.pressing, *self._stages(duration_s)))
+
+    def work_without_heat(self, duration_s: float) -> float:
+        """Work of all contact forces on all bodies plus the heat of sliding, J; the check of the heat sums it up."""
+        if not self._rubs:
+            return 0.0
+        stages, weights = self._stages(duration_s)
+        found = [float(stage.power.sum()) + float(stage.heat.sum()) for stage in stages if stage.heat is not None]
+        return float(weights.dot(found))
+
+    @property
+    def _rubs(self) -> bool:
+        """Whether a pair with friction was closed and contacts carried force."""
+        return bool(self._active_set.has_friction and self._active_set.pressing)
+
+    def _stages(self, duration_s: float) -> tuple[Sequence[Stage], FloatArray]:
+        """Stages of the step and their quadrature weights, s; the last entry of all is the evaluation at its end."""
+        flight = self._active_set.motion.flight
+        assert isinstance(flight, ForcedStepper)
+        return self._active_set.stages[-1 - len(flight.weights) : -1], duration_s * flight.weights

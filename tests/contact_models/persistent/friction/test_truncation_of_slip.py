@@ -1,0 +1,90 @@
+"""Checks that fail by the truncation of large steps alone, while bodies slide and spin, and stop; a leak of heat is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.cli.main import main
+from ffsm_mj.contact_models.persistent import active_set
+from ffsm_mj.replay import replay_log
+from ffsm_mj.verification.refined import refined
+from tests.contact_models.persistent.friction.reading import sticks
+from tests.contact_models.persistent.friction.scenes import block
+from tests.contact_models.persistent.friction.test_random_friction import rubbed
+from tests.contact_models.persistent.random_pushes import LAWS
+
+
+def whirling(folder, *, spin, weight, step, duration):
+    """A block of 1 kg that slides and spins on its four corners; slip has two directions."""
+    return block(folder, mu=0.5, velocity=(0.6, 0.2, 0.0), spin=spin, weight=weight, step=step, duration=duration)
+
+
+def shares(checks):
+    """By failing check, what half the step and no truncation leave of it, over the residual and over the tolerance."""
+    failing = [check for check in checks if not check.passes]
+    assert all(check.truncation is not None for check in failing)
+    return {
+        (check.name, check.subsystem): (check.truncation.half / check.residual, check.truncation.left / check.tolerance)
+        for check in failing
+    }
+
+
+def fall_as_order_four(found):
+    """16 at a halving, 8 to 32 where the next orders count; steps that add up to a tenth of the tolerance are not tried."""
+    return found and all(1 / 32 < half < 1 / 8 and left < 0.1 for half, left in found.values())
+
+
+def test_a_block_that_spins_fast_fails_by_truncation_alone(tmp_path):
+    path = whirling(tmp_path, spin=20.0, weight=20.0, step=1e-2, duration=0.06)
+    assert main(["run", str(path), "--out", str(tmp_path / "run"), "--no-rerun"]) == 5
+    found = shares(ffsm_mj.load_run(tmp_path / "run").checks())
+    assert ("energy", "total") in found
+    assert ("angular momentum", "total") in found
+    assert fall_as_order_four(found)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("step", [1e-2, 5e-3])
+def test_so_does_one_that_stops(tmp_path, step):
+    """Steps before the stop are divided, and implicit."""
+    run = ffsm_mj.run(whirling(tmp_path, spin=4.0, weight=10.0, step=step, duration=0.16))
+    assert len(sticks(run)) == 1
+    assert fall_as_order_four(shares(run.checks()))
+
+
+def test_heat_of_sliding_fails_by_truncation_too(tmp_path):
+    """Two pushers and two bodies, one of which spins at 4 rad/s, at 1 ms."""
+    run = ffsm_mj.run(rubbed(223, tmp_path), controllers=LAWS)
+    found = shares(run.checks())
+    assert ("heat of sliding", "total") in found
+    assert fall_as_order_four(found)
+
+
+@pytest.mark.long
+def test_steps_that_are_tried_leave_the_replay_as_it_is(tmp_path):
+    """Friction modes are those of the run, to the last bit of the residuals."""
+    run = ffsm_mj.run(rubbed(223, tmp_path), controllers=LAWS)
+    tried = {(check.name, check.subsystem): check for check in refined(run.log).states.checks(())}
+    for check in replay_log(run.log).checks():
+        if (check.name, check.subsystem) in tried:
+            assert tried[check.name, check.subsystem].residual == check.residual
+
+
+@pytest.mark.long
+def test_a_leak_of_heat_is_no_truncation(tmp_path, monkeypatch):
+    """Heat that is wrong by 1e-7 of itself, more than the check allows; half the step leaves it as it is."""
+    honest = active_set.stage_of
+
+    def stage_of(*given):
+        stage, generalised = honest(*given)
+        return stage._replace(heat=stage.heat * (1.0 + 1e-7)), generalised
+
+    monkeypatch.setattr(active_set, "stage_of", stage_of)
+    path = rubbed(223, tmp_path)
+    run = ffsm_mj.run(path, controllers=LAWS)
+    (heat,) = [check for check in run.checks() if check.name == "heat of sliding"]
+    assert not heat.passes
+    assert not heat.fails_by_truncation
+    assert np.isfinite(heat.truncation.left)
