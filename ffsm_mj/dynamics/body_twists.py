@@ -17,6 +17,8 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 
 Vector = tuple[float, float, float]
+_UNIT_MOMENTS = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
+"""Moments of an axis at unit arms: axis times this is e_x x axis, e_y x axis, e_z x axis."""
 
 
 class BodyTwist(NamedTuple):
@@ -89,6 +91,18 @@ class RelativeScrews:
         rows += self._linear.dot(axis)
         rows *= self._either
         rows -= self._others * turned[3]
+        return rows
+
+    def rows_along(self, axes: FloatArray, arms: FloatArray, offset: Vector) -> FloatArray:
+        """The same along several axes, (n, 3), at once: (m, n, nv)."""
+        n, nv = len(axes), self._angular.shape[1]
+        # Velocities per unit arm: row 3 i + j is that along axis j by component i of the arm, and the last of the offset.
+        moments = axes.dot(_UNIT_MOMENTS).reshape(n, 3, 3).transpose(1, 0, 2).reshape(3 * n, 3)
+        turned = moments.dot(self._angular).reshape(3, n * nv)
+        rows: FloatArray = arms.dot(turned).reshape(-1, n, nv)
+        rows += axes.dot(self._linear.T)
+        rows *= self._either
+        rows -= self._others * np.dot(offset, turned).reshape(n, nv)
         return rows
 
 

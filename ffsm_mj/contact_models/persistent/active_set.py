@@ -4,38 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from typing import Any
-
-import mujoco
-import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
-from ffsm_mj.contact.features.points_on_face import PointsOnFace
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
+from ffsm_mj.contact_models.persistent.clearance import Clearance
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of, step_limit
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, FrictionalRows, PointRows, RowEvaluator
-from ffsm_mj.contact_models.persistent.smooth import Smooth
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
 from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.tolerances import (
     DRIFT_M,
     FEATURE_BOUND_M,
     LIFT_OFF_M,
-    OTHER_POINT_M,
     PARALLEL,
 )
 
@@ -44,10 +37,6 @@ _SLOW_M_S = 1e-3
 _TILT_SHARE = 0.2
 """A step ends early where the tilt of a rim over a face has changed by this share: forces grow as its inverse, and the steps
 of a disc that falls flat must shrink with it. RK4 then errs by about 0.2^5 / 120 of them."""
-_LEVEL_M = 0.1 * OTHER_POINT_M
-"""Three corners within this of a face keep every other corner within OTHER_POINT_M of it, at ten times their distance."""
-_ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
-"""Strictly convex geoms: they touch any convex geom at one point only."""
 
 
 class ActiveContactSet:
@@ -72,18 +61,10 @@ class ActiveContactSet:
         self.pressing: tuple[ContactPoint, ...] = ()
         self.stages: list[Stage] = []
         self.modes = FrictionModes()
-        self._multi_point_pairs: list[ContactPair] = []
-        self._flat_pairs: set[ContactPair] = set()
+        self.has_friction = False
+        self._solver, self._clearance = ForceSolver(scene.data, self.modes), Clearance(scene)
         self._tilts: list[tuple[ContactPoint, Vector, float]] = []
-        self._other_forces = np.zeros(self._model.nv)
-        self._evaluators: dict[tuple[ContactPoint, ...], RowEvaluator] = {}
-        self._rows_cache: tuple[tuple[Any, ...], ContactRows] | None = None
-        self._problem_cache: tuple[tuple[Any, ...], ContactAcceleration] | None = None
-        self._decision_cache: Decision | None = None
-        self._friction_cache: tuple[tuple[Any, ...], FrictionalDecision] | None = None
-        self._friction_rows_cache: tuple[tuple[Any, ...], FrictionalRows] | None = None
         self._chosen: FrictionalDecision | None = None
-        self._gap_cache: tuple[tuple[Any, ...], float] | None = None
 
     @property
     def data(self) -> Any:
@@ -92,11 +73,9 @@ class ActiveContactSet:
 
     def bind(self, motion: Motion) -> None:
         """Use another motion, with all caches cleared."""
-        self.motion, self._smooth = motion, Smooth(motion, self._scene.data)
-        self._other_forces = np.zeros(motion.model.nv)
-        self._evaluators.clear()
-        self._rows_cache = self._problem_cache = self._decision_cache = self._gap_cache = None
-        self._friction_cache = self._friction_rows_cache = self._chosen = None
+        self.motion, self._chosen = motion, None
+        self._solver.bind(motion)
+        self._clearance.forget()
         self.modes.forget_structures()
         self.clear_stages()
 
@@ -118,17 +97,8 @@ class ActiveContactSet:
         self.modes.forget_structures()
         self.has_friction = any(pair.mu > 0.0 for pair, contact_points in self.by_pair.items() if contact_points)
         self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
-        self._evaluators.clear()
-        self._multi_point_pairs = [
-            pair for pair in self.by_pair if isinstance(pair, ContactPair) and may_touch_at_several_points(pair)
-        ]
-        # Vertices of a mesh are as far from the plane of its face as single precision takes them.
-        self._flat_pairs = {
-            pair
-            for pair in self._multi_point_pairs
-            if not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH)
-            and PointsOnFace.lie_flat([each.feature for each in self.by_pair[pair]])
-        }
+        self._solver.forget_points()
+        self._clearance.set_pairs(self.by_pair)
 
     def add_closed(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
         """Set the contact points of a pair to those found at the current state; see :meth:`found`."""
@@ -175,7 +145,7 @@ class ActiveContactSet:
         ]
         if not slow:
             return
-        problem = self._problem((*held, *(contact for contact, _ in slow)))
+        problem = self._solver.problem((*held, *(contact for contact, _ in slow)))
         pressing = problem.own_acceleration(problem.unilateral_forces())[len(held) :]
         for (contact, at), b in zip(slow, pressing.tolist(), strict=True):
             # Under a constant deceleration b the gap peaks at rate^2 / (2 b).
@@ -192,13 +162,13 @@ class ActiveContactSet:
     def push(self, data: Any) -> None:
         """Add the forces of the active set to ``data.qfrc_applied``, which already holds all other applied forces."""
         applied = data.qfrc_applied
-        self._other_forces = applied.copy()
+        self._solver.other_forces = applied.copy()
         if not self.pressing:
             return
         if self.has_friction:
             self._push_with_friction(data)
             return
-        problem = self._problem(self.pressing)
+        problem = self._solver.problem(self.pressing)
         forces = problem.bilateral_forces(range(len(self.pressing)))
         generalised = forces.dot(problem.rows.J)
         applied += generalised
@@ -207,63 +177,18 @@ class ActiveContactSet:
     def _push_with_friction(self, data: Any) -> None:
         flight = self.motion.flight
         assert isinstance(flight, ForcedStepper)
-        rows_now, force = self._frictional_rows(self.pressing), self._smooth.force(self._other_forces)
-        stage, generalised = stage_of(rows_now, force, data, self.modes, self.pressing, flight.stage)
+        stage, generalised = stage_of(self._solver.friction_state(self.pressing), flight.stage)
         data.qfrc_applied += generalised
         if flight.repeats:
             self.stages[-1] = stage
         else:
             self.stages.append(stage)
 
-    def _problem(self, contact_points: tuple[ContactPoint, ...]) -> ContactAcceleration:
-        """Gap accelerations of some contact points at the state and efforts in ``data``, cached bit by bit.
-
-        The rows (Jacobians) are kept if only the efforts have changed.
-        """
-        motion, smooth = self.motion, self._smooth
-        place = contact_points, smooth.state()
-        key = place, smooth.efforts(), self._other_forces.tobytes()
-        if self._problem_cache is None or self._problem_cache[0] != key:
-            if self._rows_cache is None or self._rows_cache[0] != place:
-                self._rows_cache = place, self._evaluator(contact_points).rows()
-            M = partial(mass_matrix, motion.model, motion.data)
-            self._problem_cache = key, ContactAcceleration(M, self._rows_cache[1], smooth.force(self._other_forces))
-        return self._problem_cache[1]
-
-    def _evaluator(self, contact_points: tuple[ContactPoint, ...]) -> RowEvaluator:
-        """Evaluator of the rows of some contact points; kept for the present contact points and parts of them."""
-        found = self._evaluators.get(contact_points)
-        if found is None:
-            found = self._evaluators[contact_points] = RowEvaluator(self.motion, self._scene.data, contact_points)
-        return found
-
     def decide(self) -> Decision | FrictionalDecision:
         """Solve for the contact points that carry force at the state in ``data`` under its efforts."""
-        contact_points = self.contact_points
         if self.has_friction:
-            return self._decide_with_friction()
-        problem = self._problem(contact_points)
-        if self._decision_cache is None or self._decision_cache.problem is not problem:
-            self._decision_cache = Decision(contact_points, problem, self.pressing)
-        return self._decision_cache
-
-    def _decide_with_friction(self) -> FrictionalDecision:
-        contact_points, motion, smooth = self.contact_points, self.motion, self._smooth
-        now = smooth.state(), smooth.efforts(), self._other_forces.tobytes()
-        key = contact_points, now, self.modes.fingerprint(contact_points)
-        if self._friction_cache is None or self._friction_cache[0] != key:
-            rows_now = self._frictional_rows(contact_points)
-            force = smooth.force(self._other_forces)
-            found = FrictionalDecision(contact_points, rows_now, force, np.array(motion.data.qvel), self.modes)
-            self._friction_cache = key, found
-        return self._friction_cache[1]
-
-    def _frictional_rows(self, contact_points: tuple[ContactPoint, ...]) -> FrictionalRows:
-        """Rows of some contact points at the state in ``data``; kept if only the efforts have changed."""
-        place = contact_points, self._smooth.state()
-        if self._friction_rows_cache is None or self._friction_rows_cache[0] != place:
-            self._friction_rows_cache = place, self._evaluator(contact_points).frictional_rows()
-        return self._friction_rows_cache[1]
+            return self._solver.decide_with_friction(self.contact_points)
+        return self._solver.decide(self.contact_points, self.pressing)
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap acceleration is positive: they open."""
@@ -325,23 +250,8 @@ class ActiveContactSet:
             yield contact, most - math.dist(now, start), most
 
     def _clearance_elsewhere(self) -> float:
-        """Least clearance of closed pairs outside their active contact points: gap less drift, plus the threshold, m."""
-        if not self._multi_point_pairs:
-            return math.inf
-        key = self._smooth.state(), self.contact_points
-        if self._gap_cache is None or self._gap_cache[0] != key:
-            gaps = [self._gap_elsewhere(pair) for pair in self._multi_point_pairs]
-            self._gap_cache = key, min(gaps) + OTHER_POINT_M
-        return self._gap_cache[1]
-
-    def _gap_elsewhere(self, pair: ContactPair) -> float:
-        """Gap of a pair less the deepest of its contact points, m."""
-        gaps = self._gaps_of(pair)
-        deepest = min(gaps, default=0.0)
-        # On three corners, two convex bodies are on either side of the face: nothing else of them can overlap.
-        if pair in self._flat_pairs and max(map(abs, gaps)) <= _LEVEL_M:
-            return max(0.0, -deepest)
-        return self._pair_gap(pair) - min(0.0, deepest)
+        """Least clearance of closed pairs outside their active contact points, m."""
+        return self._clearance.least(self._solver.state(), self._gaps_of)
 
     def _gaps_of(self, pair: ContactPair) -> list[float]:
         """Gaps of the contact points of a pair, m."""
@@ -357,25 +267,7 @@ class ActiveContactSet:
 
     def overlapping_features(self) -> list[Feature]:
         """Features other than the contact points, by which closed pairs overlap."""
-        model, data = self._model, self._scene.data
-        return [
-            feature
-            for pair in self._multi_point_pairs
-            for feature in features(pair, model, data, pair.proximity(model, data))
-            if feature.at(data).gap < min([0.0, *self._gaps_of(pair)]) - 0.5 * OTHER_POINT_M
-        ]
-
-    def _pair_gap(self, pair: ContactPair) -> float:
-        """Gap of a pair, m.
-
-        MuJoCo's distance is used unless it shows an overlap: then the polished gap, or zero if the pair already separates.
-        """
-        data = self._scene.data
-        gap = pair.gap(self._model, data, 1.0)
-        if gap > -0.5 * OTHER_POINT_M:
-            return gap
-        near = pair.proximity(self._model, data)
-        return near.gap if near.approaches else max(near.gap, 0.0)
+        return self._clearance.overlapping_features(self._gaps_of)
 
     def places(self) -> dict[UnilateralConstraint, list[FloatArray]]:
         """Positions of the contact points of each closed pair at the state in ``data``, m, world axes."""
@@ -403,8 +295,3 @@ class ActiveContactSet:
         here = self.decide()
         beyond = zip(here.contact_points, holds(here.rows), strict=True)
         return list(dict.fromkeys([contact.pair for contact, is_beyond in beyond if is_beyond]))
-
-
-def may_touch_at_several_points(pair: ContactPair) -> bool:
-    """Whether a pair may touch at several points."""
-    return not any(pair.is_of(kind) for kind in _ONE_POINT)

@@ -81,7 +81,7 @@ class ContactChanges:
         decision = closed.decide() if closed.has_friction else None
         if not isinstance(decision, FrictionalDecision):
             return None
-        before = _slides(decision.contact_points, closed.modes.kinds(decision.contact_points).tolist())
+        before = _slides(decision.contact_points, closed.modes.of(decision.contact_points).kinds.tolist())
         after = _slides(decision.contact_points, decision.kinds.tolist())
         changed = [pair for pair, slides in after.items() if pair in before and before[pair] != slides]
         slips, sticks = [pair for pair in changed if after[pair]], [pair for pair in changed if not after[pair]]
@@ -101,7 +101,7 @@ class ContactChanges:
         ]
         if isinstance(decision, FrictionalDecision):
             # A log replay chooses modes anew at ticks and events only: it must know of each change between them.
-            kinds = zip(decision.contact_points, closed.modes.kinds(decision.contact_points), decision.kinds, strict=True)
+            kinds = zip(decision.contact_points, closed.modes.of(decision.contact_points).kinds, decision.kinds, strict=True)
             presses += [contact.pair for contact, before, after in kinds if before != after]
         pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
         return (CONTACT_CHANGES, pairs) if pairs else None

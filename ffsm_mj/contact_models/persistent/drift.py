@@ -82,7 +82,7 @@ def closed_rows(closed: ActiveContactSet) -> ClosedRows:
     if not isinstance(every, FrictionalRows):
         return ClosedRows(every.gaps, every.rates, every.J, np.empty((0, closed.motion.model.nv)))
     J = every.J.reshape(len(closed.contact_points), 3, -1)
-    sticking = J[closed.modes.kinds(closed.contact_points) == STICK, 1:]
+    sticking = J[closed.modes.of(closed.contact_points).kinds == STICK, 1:]
     return ClosedRows(every.gaps, every.rates, J[:, 0], sticking.reshape(-1, J.shape[2]))
 
 
@@ -95,7 +95,7 @@ def unit_wrenches(closed: ActiveContactSet, which: BoolArray) -> FloatArray:
     states = [contact.feature.at(closed.data) for contact in points]
     forces = [
         (here.point, along)
-        for here, kind in zip(states, closed.modes.kinds(points).tolist(), strict=True)
+        for here, kind in zip(states, closed.modes.of(tuple(points)).kinds.tolist(), strict=True)
         for along in (here.normal, *(tangents(here.normal) if kind == STICK else ()))
     ]
     return np.array([np.concatenate((along, np.cross(point, along))) for point, along in forces]).reshape(-1, 6)

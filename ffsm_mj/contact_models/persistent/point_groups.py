@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.points_on_face import PointsOnFace
@@ -70,13 +70,14 @@ class GroupState(Protocol):
         """Write the rows of the gap rates, (m, nv), and the second rates of the gaps at qacc = 0, (m,)."""
         ...
 
-    def tangential_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
-        """Write the rows of relative velocities along two tangents.
+    def frictional_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
+        """Write the rows of gap rates, and of relative velocities along two tangents.
 
         Args:
-            axes: Tangents of all points, (2, 3).
-            J: Rows, (m, 2, nv).
-            gamma: Rates of the relative velocity at the contact points, which move over both surfaces, at qacc = 0, (m, 2).
+            axes: Normal and tangents of all points, (3, 3).
+            J: Rows, (m, 3, nv).
+            gamma: Second rates of the gaps, and rates of the relative velocity at the contact points, which move over both
+                surfaces, at qacc = 0, (m, 3).
         """
         ...
 
@@ -127,23 +128,30 @@ class FaceState:
 
     def normal_rows(self, J: FloatArray, gamma: FloatArray) -> None:
         """See :class:`GroupState`; gap'' contains 2 n' times the relative velocity, as the normal is fixed to the face."""
+        J[:] = self._screws.rows(self._normal, self._arms, self._offset)
+        gamma[:] = self._normal_gamma()
+
+    def _normal_gamma(self) -> FloatArray:
         normal = self._normal
-        J[:] = self._screws.rows(normal, self._arms, self._offset)
         (x, y, z), (a, b, c) = normal, self._first.omega
         turning = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
-        gamma[:] = self._relative(
+        return self._relative(
             self._arms, _acceleration(normal, self._second, turning), _acceleration(normal, self._first, turning)
         )
 
-    def tangential_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
+    def frictional_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
         """See :class:`GroupState`."""
         first, second = self._first, self._second
-        arms, rates, spin = self.points - second.centre, self.point_rates, minus(second.omega, first.omega)
         # The second body moves along minus an axis relative to the first one if it is a, which b moves along it from.
-        for j, axis in enumerate((-axes if self._gaps.swapped else axes).tolist()):
-            J[:, j] = self._screws.rows(axis, arms, self._offset)
-            gamma[:, j] = self._relative(arms, _spatial(axis, second), _spatial(axis, first))
-            gamma[:, j] += rates.dot(cross(axis, spin))
+        along = -axes if self._gaps.swapped else axes
+        arms = self.points - second.centre
+        J[:] = self._screws.rows_along(along, arms, self._offset)
+        gamma[:, 0] = self._normal_gamma()
+        turn = minus(second.alpha, first.alpha)
+        rates = arms.dot(_turning(turn))
+        rates += self.point_rates.dot(_turning(minus(second.omega, first.omega)))
+        rates += minus(minus(second.acceleration, first.acceleration), cross(first.alpha, self._offset))
+        gamma[:, 1:] = rates.dot(along[1:].T)
 
     def wrench(self, forces: FloatArray, friction: FloatArray | None) -> Wrench:
         """See :class:`GroupState`."""
@@ -208,7 +216,8 @@ class FaceState:
     def point_rates(self) -> FloatArray:
         """Velocities of ``points``, which move over both surfaces, (m, 3)."""
         second, turning = self._second, cross(self._first.omega, self._normal)
-        rates = np.array([shifted(second.velocity, 1.0, cross(second.omega, arm)) for arm in self._arms.tolist()])
+        rates: FloatArray = self._arms.dot(_turning(second.omega))
+        rates += second.velocity
         rates += np.multiply.outer(self._levels[1], turning)
         rates -= np.multiply.outer(0.5 * np.array(self.rates), self._normal)
         return rates
@@ -279,8 +288,13 @@ class SingleState:
             x, y, z = x + u, y + v, z + w
         return x, y, z, b * z - c * y, c * x - a * z, a * y - b * x
 
-    def tangential_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
+    def frictional_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
         """See :class:`GroupState`."""
+        self.normal_rows(J[:, 0], gamma[:, 0])
+        self.tangential_rows(axes[1:], J[:, 1:], gamma[:, 1:])
+
+    def tangential_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
+        """Write the rows of relative velocities along two tangents, (2, 3), and their rates; see :class:`GroupState`."""
         here, b, a = self._here, self._b, self._a
         assert b is not None
         assert a is not None
@@ -313,3 +327,9 @@ def _acceleration(axis: Vector, body: BodyTwist, turning: Vector = _STILL) -> Af
 def _spatial(axis: Vector, body: BodyTwist) -> Affine:
     """Rate of the velocity along an axis, at qacc = 0, of those material points that pass a place fixed in space."""
     return dot(axis, body.acceleration), cross(axis, body.alpha)
+
+
+def _turning(omega: Vector) -> FloatArray:
+    """Matrix K with r K = omega x r for row vectors r, (3, 3)."""
+    x, y, z = omega
+    return np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)))

@@ -29,6 +29,7 @@ from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.persistent.point_groups import FaceGroup, GroupState, PointGroup, SinglePoint, Wrench
 from ffsm_mj.dynamics.body_twists import BodyTwists, RelativeJacobian, RelativeScrews
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.tolerances import RATE
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,14 +121,37 @@ class FrictionalRows(PointRows):
 
     Attributes:
         axes: Normal and tangents of each point, world axes, (k, 3, 3).
+        qvel: Generalised velocity, (nv,).
     """
 
     def __init__(
-        self, groups: Sequence[GroupState], axes: FloatArray, J: FloatArray, gamma: FloatArray, response: FloatArray
+        self,
+        groups: Sequence[GroupState],
+        axes: FloatArray,
+        J: FloatArray,
+        gamma: FloatArray,
+        response: FloatArray,
+        qvel: FloatArray,
     ) -> None:
         """Store the rows of some groups of points."""
         super().__init__(groups, J, gamma, response)
-        self.axes = axes
+        self.axes, self.qvel = axes, qvel
+
+    @cached_property
+    def slips(self) -> FloatArray:
+        """Slip velocities along the tangents, m/s, (k, 2)."""
+        slips: FloatArray = self.J.dot(self.qvel).reshape(-1, 3)[:, 1:]
+        return slips
+
+    @cached_property
+    def speed_rounding(self) -> FloatArray:
+        """Rounding of the slip speeds, m/s, (k,)."""
+        terms = np.abs(self.J * self.qvel).max(axis=1, initial=0.0).reshape(-1, 3).max(axis=1)
+        return np.asarray(RATE * (1.0 + terms))
+
+    def across(self, components: FloatArray) -> FloatArray:
+        """Vectors with given components along the tangents of each point, world axes, (k, 3)."""
+        return np.asarray(np.einsum("ki,kij->kj", components, self.axes[:, 1:]))
 
 
 def _stacked(parts: list[FloatArray]) -> FloatArray:
@@ -198,14 +222,15 @@ class RowEvaluator:
         for group, state in zip(self._groups, groups, strict=True):
             places, normals = group.places, state.normals
             axes[places, 0] = normals
-            state.normal_rows(J[places, 0], gamma[places, 0])
             if group.rubs:
-                across = axes[places, 1:] = tangents(normals[0])
-                state.tangential_rows(across, J[places, 1:], gamma[places, 1:])
+                axes[places, 1:] = tangents(normals[0])
+                state.frictional_rows(axes[places.start], J[places], gamma[places])
+            else:
+                state.normal_rows(J[places, 0], gamma[places, 0])
         for i, dof, sign in self._limits:
             J[i, 0, dof] = sign
         J = J.reshape(3 * k, nv)
-        return FrictionalRows(groups, axes, J, gamma.reshape(-1), self._response(J))
+        return FrictionalRows(groups, axes, J, gamma.reshape(-1), self._response(J), np.array(self._motion.data.qvel))
 
     def _at_state(self, *, with_twists: bool) -> list[GroupState]:
         twists = self._twists.at_state() if with_twists else self._still

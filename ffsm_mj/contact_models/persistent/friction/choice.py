@@ -8,6 +8,7 @@ conditions are solved by Newton's method, with a small compliance that shares fo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
-from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity, unit_slips
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity
 from ffsm_mj.tolerances import SOLVED
 
 _COMPLIANCE = 1e-9
@@ -92,7 +93,12 @@ class ModeChoice:
         """Bind to a problem and the states of its points."""
         self._problem, self._states = problem, states
         self._still = ~states.slides
-        self._scale = float(np.abs(problem.b).max(initial=0.0))
+        self._evaluated: dict[tuple[bytes, bytes], Solution] = {}
+
+    @cached_property
+    def _scale(self) -> float:
+        """Largest acceleration without contact forces, m/s^2."""
+        return float(np.abs(self._problem.b).max(initial=0.0))
 
     def choose(self) -> Solution:
         """Choose the modes.
@@ -136,9 +142,16 @@ class ModeChoice:
 
     def evaluate(self, kinds: IntArray, directions: FloatArray) -> Solution:
         """Forces in given modes, and whether these are valid."""
+        key = kinds.tobytes(), directions.tobytes()
+        found = self._evaluated.get(key)
+        if found is None:
+            found = self._evaluated[key] = self._evaluate(kinds, directions)
+        return found
+
+    def _evaluate(self, kinds: IntArray, directions: FloatArray) -> Solution:
         problem, states = self._problem, self._states
         forces = problem.forces(kinds, directions)
-        accelerations = (problem.b + problem.G @ forces.ravel()).reshape(-1, 3)
+        accelerations = (problem.b + problem.G.dot(forces.ravel())).reshape(-1, 3)
         validity, releases = self._validity(kinds, directions, forces, accelerations)
         begins = (kinds == SLIDE) & self._still & (problem.mu > 0.0)
         if begins.any():
@@ -153,19 +166,19 @@ class ModeChoice:
     ) -> tuple[float, bool]:
         """Least margin of the conditions on forces and gaps, m/s^2, and whether it is that of sticking points."""
         problem, rounding = self._problem, _OPENS * self._states.rounding
-        slides, sticks, closed = (kinds == mode for mode in (SLIDE, STICK, CLOSED))
-        least = np.inf
-        if slides.any() and not problem.is_regular(kinds, directions):
-            return -1.0 - self._scale, False  # finite, as localisation interpolates
-        if slides.any():
-            least = float((forces[:, 0] * problem.inverse_mass + rounding)[slides].min())
-        if closed.any():
+        present, least = set(kinds.tolist()), np.inf
+        if SLIDE in present:
+            if not problem.is_regular(kinds, directions):
+                return -1.0 - self._scale, False  # finite, as localisation interpolates
+            least = float((forces[:, 0] * problem.inverse_mass + rounding)[kinds == SLIDE].min())
+        if CLOSED in present:
+            closed = kinds == CLOSED
             least = min(least, float((accelerations[:, 0] + rounding)[closed].min()))
             idle = closed & (accelerations[:, 0] <= rounding) & (accelerations[:, 0] >= -rounding)
             if idle.any():
                 shares = problem.virtual_shares(kinds, forces)
                 least = min(least, float((rounding - shares * problem.inverse_mass)[idle].min()))
-        if not sticks.any():
+        if STICK not in present:
             return least, False
         held = self.stick_margin(kinds, forces)
         return (held, held < 0.0) if held < least else (least, False)

@@ -9,12 +9,21 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates, Solution
 from ffsm_mj.contact_models.persistent.friction.cone_shares import shares_in_cones
-from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes, Mode, sliding
+from ffsm_mj.contact_models.persistent.friction.modes import (
+    CLOSED,
+    SLIDE,
+    STICK,
+    FrictionModes,
+    Mode,
+    sliding,
+    unit_slips,
+)
 from ffsm_mj.contact_models.persistent.friction.pair_state import FrictionOfPairs
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, unit_slips
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+from ffsm_mj.contact_models.persistent.friction.state import FrictionState
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.records.events import Outcome, RunEnded
-from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, RATE
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
 _OPENS = 10.0
 """A gap opens where a gap'' exceeds its rounding by this factor."""
@@ -26,71 +35,66 @@ class FrictionalDecision:
     """Contact forces and modes at one state; computed on demand.
 
     Attributes:
-        contact_points: All closed contact points.
+        here: All closed contact points at the state.
+        contact_points: The points.
         rows: Their states and rows.
         problem: Their problem of accelerations.
-        slips: Slip velocities, world axes, m/s, (k, 3).
     """
 
-    def __init__(
-        self,
-        contact_points: tuple[ContactPoint, ...],
-        rows: FrictionalRows,
-        force: FloatArray,
-        qvel: FloatArray,
-        modes: FrictionModes,
-    ) -> None:
-        """Set up the problem.
+    def __init__(self, here: FrictionState, modes: FrictionModes) -> None:
+        """Store the points.
 
         Args:
-            contact_points: Pairs and features.
-            rows: Their rows.
-            force: Generalised forces without the contact forces, less the bias, (nv,).
-            qvel: Generalised velocity, (nv,).
+            here: All closed contact points at the state.
             modes: Present modes.
         """
-        self.contact_points, self.rows, self._modes = contact_points, rows, modes
-        mu = np.array([contact.pair.mu for contact in contact_points])
-        self.problem = FrictionProblem(rows.G, rows.response @ force + rows.gamma, mu, modes.structures)
-        self._force, self._kinds = force, modes.kinds(contact_points)
-        velocities = (rows.J @ qvel).reshape(-1, 3)
-        self._u: FloatArray = velocities[:, 1:]
-        self._straight = modes.straight(contact_points)
-        self.slips: FloatArray = np.einsum("ki,kij->kj", self._u, rows.axes[:, 1:])
-        self._speed_rounding = RATE * (1.0 + np.abs(rows.J * qvel).max(axis=1, initial=0.0).reshape(-1, 3).max(axis=1))
+        self.here, self.contact_points, self.rows, self.problem = here, here.contact_points, here.rows, here.problem
+        self._modes, self._released, self._struck = modes, modes.released, modes.struck
+
+    def is_for(self, modes: FrictionModes) -> bool:
+        """Whether the decision is that after the same events; it may differ at the same state."""
+        return self._released == modes.released and self._struck == modes.struck
 
     @cached_property
     def rounding(self) -> FloatArray:
         """Rounding of the accelerations of each point, m/s^2, (k,): a share of the largest term."""
         rows = self.rows
-        terms = np.maximum(np.abs(rows.response * self._force).max(axis=1, initial=0.0), np.abs(rows.gamma))
+        terms = np.maximum(np.abs(rows.response * self.here.force).max(axis=1, initial=0.0), np.abs(rows.gamma))
         return np.asarray(ACCELERATION_M_S2 + ACCELERATION * np.maximum(terms.reshape(-1, 3).max(axis=1), rows.scales))
 
     @cached_property
+    def slips(self) -> FloatArray:
+        """Slip velocities, world axes, m/s, (k, 3)."""
+        return self.rows.across(self.rows.slips)
+
+    @cached_property
     def _choice(self) -> ModeChoice:
-        slips = np.where(self._straight[:, None], self._speeds[:, None] * self._at_start, self._u)
-        states = PointStates(slips, self._slides, self._kinds, self._at_start, self.rounding, self._modes.released)
+        modes, slips = self.here.modes, self.rows.slips
+        if modes.straight.any():
+            slips = np.where(modes.straight[:, None], self._speeds[:, None] * self._at_start, slips)
+        states = PointStates(slips, self._slides, modes.kinds, self._at_start, self.rounding, self._released)
         return ModeChoice(self.problem, states)
 
     @cached_property
     def _at_start(self) -> FloatArray:
         """Directions of slip at the start of the step along (t1, t2), (k, 2)."""
-        return unit_slips(np.einsum("kij,kj->ki", self.rows.axes[:, 1:], self._modes.directions(self.contact_points)))
+        return self.here.modes.start_directions(self.rows.axes)
 
     @cached_property
     def _speeds(self) -> FloatArray:
         """Slip speeds, along the kept direction for points that go straight on to their stop, m/s, (k,)."""
-        along = np.maximum(np.sum(self._u * self._at_start, axis=1), 0.0)
-        return np.where(self._straight, along, np.hypot(self._u[:, 0], self._u[:, 1]))
+        u, straight = self.rows.slips, self.here.modes.straight
+        speeds = np.hypot(u[:, 0], u[:, 1])
+        return np.where(straight, np.maximum(np.sum(u * self._at_start, axis=1), 0.0), speeds) if straight.any() else speeds
 
     @cached_property
     def _slides(self) -> BoolArray:
         """Points that slip, (k,)."""
-        stop_speeds = self._modes.stop_speeds(self.contact_points)
+        modes = self.here.modes
         slides = sliding(
-            self._speeds, self._kinds, stop_speeds, self._speed_rounding, self._straight, struck=self._modes.struck
+            self._speeds, modes.kinds, modes.stop_speeds, self.rows.speed_rounding, modes.straight, struck=self._struck
         )
-        return slides & (self.problem.mu > 0.0)
+        return slides & (modes.mu > 0.0)
 
     @cached_property
     def solution(self) -> Solution:
@@ -129,7 +133,7 @@ class FrictionalDecision:
     @cached_property
     def friction(self) -> FloatArray:
         """Friction force on geom b of each point, world axes, N, (k, 3)."""
-        return np.asarray(np.einsum("ki,kij->kj", self._shared[:, 1:], self.rows.axes[:, 1:]))
+        return self.rows.across(self._shared[:, 1:])
 
     @cached_property
     def of_pairs(self) -> FrictionOfPairs:
@@ -149,7 +153,7 @@ class FrictionalDecision:
     @cached_property
     def directions(self) -> FloatArray:
         """Directions of slip, world axes, (k, 3); zero for points that do not slide."""
-        return np.asarray(np.einsum("ki,kij->kj", self.solution.directions, self.rows.axes[:, 1:]))
+        return self.rows.across(self.solution.directions)
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap opens, in the order of ``contact_points``."""
@@ -163,9 +167,9 @@ class FrictionalDecision:
     @cached_property
     def _in_present_modes(self) -> tuple[Solution, float]:
         """Solution in the modes of the step, and least slip of sliding points along their direction at its start, m/s."""
-        slides = (self._kinds == SLIDE) & (self.problem.mu > 0.0)
-        directions, forward = slip_directions(self.problem, self._u, self._at_start, slides, self._straight)
-        return self._choice.evaluate(np.maximum(self._kinds, 0), directions), forward
+        modes = self.here.modes
+        directions, forward = slip_directions(self.problem, self.rows.slips, self._at_start, modes.slides, modes.straight)
+        return self._choice.evaluate(np.maximum(modes.kinds, 0), directions), forward
 
     def validity_margin(self) -> float:
         """Margin by which the modes of the step are still valid; negative where they are not."""
@@ -175,8 +179,10 @@ class FrictionalDecision:
     @property
     def turning(self) -> BoolArray:
         """Points that slide and whose direction of slip may turn in the step that starts here, (k,)."""
-        slides = (self.kinds == SLIDE) & (self.problem.mu > 0.0) & ~self.problem.lines
-        return np.asarray(slides & ~self._modes.straight(self.contact_points))
+        slides = (self.kinds == SLIDE) & (self.problem.mu > 0.0)
+        if not slides.any():
+            return np.asarray(slides)
+        return np.asarray(slides & ~self.problem.lines & ~self._modes.of(self.contact_points).straight)
 
     @property
     def releases(self) -> bool:

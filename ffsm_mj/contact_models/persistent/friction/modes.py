@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,43 +43,91 @@ UNKNOWN = -1
 """In place of the mode of a point that has none yet."""
 
 
+@dataclass(frozen=True, eq=False)
+class PointModes:
+    """Modes of k points in the current (sub-)step.
+
+    Attributes:
+        mu: Coefficients of friction, (k,).
+        kinds: Modes, UNKNOWN for points without one, (k,).
+        slides: Points that slide with friction, (k,).
+        directions: Directions of slip at the start of the step, world axes, (k, 3); zero for points that do not slide.
+        stop_speeds: Slips below which points that slide stop, m/s, (k,).
+        straight: Points so close to their stop that their direction of slip is kept until then, (k,).
+        structures: Rows held in modes of the step, by the modes; see ``HeldRows``.
+    """
+
+    mu: FloatArray
+    kinds: IntArray
+    slides: BoolArray
+    directions: FloatArray
+    stop_speeds: FloatArray
+    straight: BoolArray
+    structures: dict[bytes, Any]
+
+    @cached_property
+    def nothing(self) -> FloatArray:
+        """A zero for each point, (k,)."""
+        return np.zeros(len(self.kinds))
+
+    @cached_property
+    def no_slips(self) -> FloatArray:
+        """Directions of slip of points that do not slide, (k, 2)."""
+        return np.zeros((len(self.kinds), 2))
+
+    @cached_property
+    def any_slides(self) -> bool:
+        """Whether any point slides with friction."""
+        return bool(self.slides.any())
+
+    def start_directions(self, axes: FloatArray) -> FloatArray:
+        """Directions of slip at the start of the step along the tangents, (k, 2).
+
+        Args:
+            axes: Normal and tangents of each point, (k, 3, 3).
+        """
+        if not self.directions.any():
+            return self.no_slips
+        return unit_slips(np.einsum("kij,kj->ki", axes[:, 1:], self.directions))
+
+
 class FrictionModes:
     """Modes of the contact points in the current (sub-)step, and what the choice of the next ones depends on.
 
     Attributes:
         released: Whether sticking points have reached the limit of friction at the current state: those there slide.
         struck: Whether the velocities are those after an impact, which leaves sticking points a slip of rounding.
-        structures: Rows held in modes of the current step, for all closed points; see ``HeldRows``.
-        pressing_structures: The same for the points that press.
     """
 
     def __init__(self) -> None:
         """Start without modes."""
         self.released = self.struck = False
-        self.structures: dict[bytes, Any] = {}
-        self.pressing_structures: dict[bytes, Any] = {}
+        self._of: dict[tuple[ContactPoint, ...], PointModes] = {}
         self._kinds: dict[ContactPoint, int] = {}
         self._directions: dict[ContactPoint, FloatArray] = {}
         self._largest_slip: dict[ContactPoint, float] = {}
         self._straight: set[ContactPoint] = set()
 
-    def kinds(self, contact_points: Sequence[ContactPoint]) -> IntArray:
-        """Modes of some points, UNKNOWN for those without, (k,)."""
-        return np.array([self._kinds.get(contact, UNKNOWN) for contact in contact_points], dtype=np.int64)
+    def of(self, contact_points: tuple[ContactPoint, ...]) -> PointModes:
+        """Modes of some points; the same object until they change."""
+        found = self._of.get(contact_points)
+        if found is None:
+            found = self._of[contact_points] = self._collected(contact_points)
+        return found
 
-    def directions(self, contact_points: Sequence[ContactPoint]) -> FloatArray:
-        """Directions of slip at the start of the step, world axes, (k, 3); zero for points that do not slide."""
-        nothing = np.zeros(3)
-        return np.array([self._directions.get(contact, nothing) for contact in contact_points]).reshape(-1, 3)
-
-    def stop_speeds(self, contact_points: Sequence[ContactPoint]) -> FloatArray:
-        """Slips below which points that slide stop, m/s, (k,)."""
-        largest = [self._largest_slip.get(contact, 0.0) for contact in contact_points]
-        return np.asarray(_STOPPED * np.maximum(largest, _LEAST_SLIP_M_S))
-
-    def straight(self, contact_points: Sequence[ContactPoint]) -> BoolArray:
-        """Points so close to their stop that their direction of slip is kept until then, (k,)."""
-        return np.array([contact in self._straight for contact in contact_points], dtype=np.bool_)
+    def _collected(self, contact_points: tuple[ContactPoint, ...]) -> PointModes:
+        mu, nothing = np.array([contact.pair.mu for contact in contact_points]), np.zeros(3)
+        kinds = np.array([self._kinds.get(contact, UNKNOWN) for contact in contact_points], dtype=np.int64)
+        largest = [max(self._largest_slip.get(contact, 0.0), _LEAST_SLIP_M_S) for contact in contact_points]
+        return PointModes(
+            mu=mu,
+            kinds=kinds,
+            slides=(kinds == SLIDE) & (mu > 0.0),
+            directions=np.array([self._directions.get(contact, nothing) for contact in contact_points]).reshape(-1, 3),
+            stop_speeds=_STOPPED * np.array(largest),
+            straight=np.array([contact in self._straight for contact in contact_points], dtype=np.bool_),
+            structures={},
+        )
 
     def set(
         self,
@@ -130,18 +180,14 @@ class FrictionModes:
     def assume(self, contact_points: Sequence[ContactPoint], *, sticks: bool) -> None:
         """Make the points that slide or stick do what they did before an event: stick, or slide."""
         before, after = (STICK, SLIDE) if sticks else (SLIDE, STICK)
+        self.forget_structures()
         for contact in contact_points:
             if self._kinds.get(contact) == after:
                 self._kinds[contact] = before
 
     def forget_structures(self) -> None:
-        """Discard the rows held: the contact points or the motion have changed."""
-        self.structures, self.pressing_structures = {}, {}
-
-    def fingerprint(self, contact_points: Sequence[ContactPoint]) -> tuple[bytes | bool, ...]:
-        """What a choice of modes of some points depends on, for exact comparison."""
-        kept = (self.kinds(contact_points), self.directions(contact_points), self.straight(contact_points))
-        return *(each.tobytes() for each in kept), self.released, self.struck
+        """Discard the rows held: the modes, the contact points or the motion have changed."""
+        self._of = {}
 
 
 def sliding(
@@ -175,3 +221,9 @@ def sliding(
         least = np.where(slide, close, least)
     drift = np.maximum(2.0 * close, CLOSED_RATE / RATE * rounding)
     return np.asarray(slips > np.where(kinds == STICK, drift, least))
+
+
+def unit_slips(velocities: FloatArray) -> FloatArray:
+    """Unit vectors along slip velocities, (k, 2); zero where there is none."""
+    sizes = np.hypot(velocities[:, 0], velocities[:, 1])
+    return np.asarray(velocities / np.where(sizes > 0.0, sizes, 1.0)[:, None])

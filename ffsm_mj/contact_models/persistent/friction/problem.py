@@ -22,8 +22,9 @@ from typing import TypeAlias
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.contact_models.persistent.friction.linear_systems import independent_rows, range_basis, solved
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
-from ffsm_mj.tolerances import CANCELLED, EPSILON, RANK
+from ffsm_mj.tolerances import CANCELLED, RANK
 
 _TURNS = 15
 """Largest number of Newton steps for the directions of slip; a few suffice where there is a solution."""
@@ -71,6 +72,8 @@ class FrictionProblem:
         """
         self.G, self.b, self.mu = G, b, mu
         self._structures: Structures = {} if structures is None else structures
+        self._held: dict[bytes, _Held] = {}
+        self._forces: dict[tuple[bytes, bytes], FloatArray] = {}
         self.inverse_mass: FloatArray = G.diagonal()[::3]
 
     @cached_property
@@ -94,9 +97,18 @@ class FrictionProblem:
     def structure(self, kinds: IntArray) -> HeldRows:
         """The rows held in given modes."""
         key = kinds.tobytes()
-        if key not in self._structures:
-            self._structures[key] = HeldRows.of(self, kinds)
-        return self._structures[key]
+        found = self._structures.get(key)
+        if found is None:
+            found = self._structures[key] = HeldRows.of(self, kinds)
+        return found
+
+    def _held_in(self, kinds: IntArray) -> _Held:
+        """The linear problem in given modes."""
+        key = kinds.tobytes()
+        found = self._held.get(key)
+        if found is None:
+            found = self._held[key] = _Held(self, self.structure(kinds))
+        return found
 
     def forces(self, kinds: IntArray, slips: FloatArray) -> FloatArray:
         """Forces (n, t1, t2) of each point in given modes, N, (k, 3).
@@ -105,12 +117,15 @@ class FrictionProblem:
             kinds: Modes, (k,).
             slips: Unit direction of slip of each sliding point along (t1, t2), (k, 2); zero without friction.
         """
-        return _Held(self, self.structure(kinds)).forces(slips)
+        key = kinds.tobytes(), slips.tobytes()
+        found = self._forces.get(key)
+        if found is None:
+            found = self._forces[key] = self._held_in(kinds).forces(slips)
+        return found
 
     def is_regular(self, kinds: IntArray, slips: FloatArray) -> bool:
         """Whether normal forces push apart what slides: not beyond Painleve's paradox, where D = G_nn - mu G_nt s <= 0."""
-        structure = self.structure(kinds)
-        return not len(structure.slides) or _Held(self, structure).is_regular(slips)
+        return not len(self.structure(kinds).slides) or self._held_in(kinds).is_regular(slips)
 
     def forces_along_slip(self, kinds: IntArray, slips: FloatArray, velocity: OwnVelocity) -> tuple[FloatArray, FloatArray]:
         """The same where some directions of slip are those of velocities that the forces themselves determine.
@@ -125,7 +140,7 @@ class FrictionProblem:
         Returns:
             Forces, N, (k, 3), and directions, (k, 2).
         """
-        held, free, slips = _Held(self, self.structure(kinds)), velocity.free, slips.copy()
+        held, free, slips = self._held_in(kinds), velocity.free, slips.copy()
         estimate = slips.copy()
         angles = np.arctan2(slips[free, 1], slips[free, 0])
         forces, before = held.forces(slips), np.inf
@@ -204,14 +219,14 @@ class HeldRows:
 
     Attributes:
         rows: Their indices among the 3k rows, ascending, (r,).
-        rank: Number of independent rows.
+        independent: Largest set of them that are independent, as indices among the 3k rows.
         along: Directions along which the forces of the rows act, (3k, r); without friction of sliding points.
         slides: Indices of sliding points with friction, (m,).
         columns: Columns of their normal forces, (m,).
     """
 
     rows: IntArray
-    rank: int
+    independent: IntArray
     along: FloatArray
     slides: IntArray
     columns: IntArray
@@ -220,19 +235,21 @@ class HeldRows:
     def of(cls, problem: FrictionProblem, kinds: IntArray) -> HeldRows:
         """Determine the rows in a problem."""
         rows = problem.held_rows(kinds)
-        rank = 0
-        if len(rows):
-            sizes = np.linalg.eigvalsh(problem.G[np.ix_(rows, rows)])
-            rank = int(np.count_nonzero(sizes > RANK * sizes[-1]))
+        independent = rows[independent_rows(problem.G[rows[:, None], rows])]
         along = np.zeros((3 * len(kinds), len(rows)))
         along[rows, np.arange(len(rows))] = 1.0
         slides = np.flatnonzero((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals)
-        return cls(rows, rank, along, slides, np.searchsorted(rows, 3 * slides))
+        return cls(rows, independent, along, slides, np.searchsorted(rows, 3 * slides))
+
+    @property
+    def rank(self) -> int:
+        """Number of independent rows."""
+        return len(self.independent)
 
     @property
     def redundant(self) -> bool:
         """Whether rows depend on each other."""
-        return self.rank < len(self.rows)
+        return len(self.independent) < len(self.rows)
 
 
 Structures: TypeAlias = dict[bytes, HeldRows]
@@ -245,10 +262,8 @@ class _Held:
     def __init__(self, problem: FrictionProblem, structure: HeldRows) -> None:
         self._problem, self._structure = problem, structure
         self._held_G, self._along = problem.G[structure.rows], structure.along
-        self._range = None
-        if structure.redundant:
-            square = self._held_G[:, structure.rows]
-            self._range = np.linalg.eigh(square)[1][:, len(structure.rows) - structure.rank :]
+        # The columns of independent rows span the same forces as those of all rows.
+        self._range = range_basis(self._held_G[:, structure.independent]) if structure.redundant else None
 
     def is_regular(self, slips: FloatArray) -> bool:
         """Whether the determinant of the linear problem has the sign that it has without sliding friction."""
@@ -273,9 +288,9 @@ class _Held:
         plain = not len(self._structure.slides)
         system = self._held_G[:, self._structure.rows] if plain else self._held_G.dot(self._along)
         if self._range is None:
-            return _solved(system, right)
+            return solved(system, right)
         U = self._range
-        return np.asarray(U.dot(_solved(U.T.dot(system).dot(U), U.T.dot(right))))
+        return np.asarray(U.dot(solved(U.T.dot(system).dot(U), U.T.dot(right))))
 
     def responses_to_turns(self, points: IntArray, across: FloatArray, normal_forces: FloatArray) -> FloatArray:
         """Changes of all forces per rad by which the directions of slip of some points turn, (3k, m).
@@ -289,17 +304,3 @@ class _Held:
         friction = -(self._problem.mu[points] * normal_forces)[:, None] * across
         turned[3 * points + 1, columns], turned[3 * points + 2, columns] = friction[:, 0], friction[:, 1]
         return np.asarray(turned + self._along.dot(self._solve(-self._held_G.dot(turned))))
-
-
-def _solved(system: FloatArray, right: FloatArray) -> FloatArray:
-    """Solution of linear equations; large where they are singular, as at the limit of Painleve's paradox."""
-    try:
-        return np.asarray(np.linalg.solve(system, right))
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.lstsq(system, right, rcond=EPSILON)[0])
-
-
-def unit_slips(velocities: FloatArray) -> FloatArray:
-    """Unit vectors along slip velocities, (k, 2); zero where there is none."""
-    sizes = np.hypot(velocities[:, 0], velocities[:, 1])
-    return np.asarray(velocities / np.where(sizes > 0.0, sizes, 1.0)[:, None])

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision, slip_directions
-from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, FrictionModes
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity, unit_slips
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
+from ffsm_mj.contact_models.persistent.friction.problem import OwnVelocity
+from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.dynamics.implicit_stages import StageVelocity
 
 _STIFF = 0.5
@@ -28,51 +24,41 @@ _TURN = 1.5
 """Turn of the slip, rad, at which a step of order four errs by the whole slip."""
 
 
-def stage_of(
-    rows: FrictionalRows,
-    force: FloatArray,
-    data: Any,
-    modes: FrictionModes,
-    contact_points: Sequence[ContactPoint],
-    implicit: StageVelocity | None,
-) -> tuple[Stage, FloatArray]:
+def stage_of(here: FrictionState, implicit: StageVelocity | None) -> tuple[Stage, FloatArray]:
     """Contact forces in a stage.
 
     Args:
-        rows: Rows of the points that slide or stick.
-        force: Generalised forces without the contact forces, less the bias, (nv,).
-        data: Data of the motion, at the state of the stage.
-        modes: Modes of the step.
-        contact_points: The points.
+        here: The points that slide or stick, at the state of the stage.
         implicit: Velocity of the stage as a function of its accelerations; None in an explicit method.
 
     Returns:
         The stage, and the generalised contact forces, (nv,).
     """
-    kinds, mu = modes.kinds(contact_points), np.array([contact.pair.mu for contact in contact_points])
-    problem = FrictionProblem(rows.G, rows.response @ force + rows.gamma, mu, modes.pressing_structures)
-    across = rows.axes[:, 1:]
-    at_start, straight = (
-        unit_slips(np.einsum("kij,kj->ki", across, modes.directions(contact_points))),
-        modes.straight(contact_points),
-    )
-    slides = (kinds == SLIDE) & (mu > 0.0)
-    u = (rows.J @ data.qvel).reshape(-1, 3)[:, 1:]
-    directions, _ = slip_directions(problem, u, at_start, slides, straight)
-    free = np.flatnonzero(slides & ~problem.lines & ~straight) if implicit is not None else np.zeros(0, dtype=np.int64)
-    if implicit is not None and len(free):
-        without = rows.J @ implicit.given + implicit.step_s * (rows.response @ force)
-        # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
-        directions[free] = at_start[free]
-        velocity = OwnVelocity(without, np.full(len(without), implicit.step_s), free)
-        forces, _ = problem.forces_along_slip(kinds, directions, velocity)
-    else:
-        forces = problem.forces(kinds, directions)
-    generalised = forces.ravel() @ rows.J
-    friction = np.einsum("ki,kij->kj", forces[:, 1:], across)
-    heat = -np.sum(forces[:, 1:] * u, axis=1) * slides
-    slip_speeds = np.hypot(u[:, 0], u[:, 1]) * slides
-    return Stage(rows, forces[:, 0], generalised * data.qvel, friction, heat, slip_speeds), generalised
+    rows, problem, modes = here.rows, here.problem, here.modes
+    forces = _sliding_forces(here, implicit) if modes.any_slides else problem.forces(modes.kinds, modes.no_slips)
+    generalised = forces.ravel().dot(rows.J)
+    friction = rows.across(forces[:, 1:])
+    heat, slip_speeds = modes.nothing, modes.nothing
+    if modes.any_slides:
+        u = rows.slips
+        heat = -np.sum(forces[:, 1:] * u, axis=1) * modes.slides
+        slip_speeds = np.hypot(u[:, 0], u[:, 1]) * modes.slides
+    return Stage(rows, forces[:, 0], generalised * rows.qvel, friction, heat, slip_speeds), generalised
+
+
+def _sliding_forces(here: FrictionState, implicit: StageVelocity | None) -> FloatArray:
+    """Forces (n, t1, t2) of points some of which slide, N, (k, 3)."""
+    rows, problem, modes = here.rows, here.problem, here.modes
+    at_start = modes.start_directions(rows.axes)
+    directions, _ = slip_directions(problem, rows.slips, at_start, modes.slides, modes.straight)
+    free = np.flatnonzero(modes.slides & ~problem.lines & ~modes.straight) if implicit is not None else ()
+    if implicit is None or not len(free):
+        return problem.forces(modes.kinds, directions)
+    without = rows.J @ implicit.given + implicit.step_s * (rows.response @ here.force)
+    # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
+    directions[free] = at_start[free]
+    velocity = OwnVelocity(without, np.full(len(without), implicit.step_s), np.asarray(free))
+    return problem.forces_along_slip(modes.kinds, directions, velocity)[0]
 
 
 def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool]:
@@ -86,7 +72,7 @@ def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool
     slides = decision.turning
     if not slides.any():
         return left_s, False
-    u = np.einsum("kij,kj->ki", decision.rows.axes[:, 1:], decision.slips)[slides]
+    u = decision.rows.slips[slides]
     s, a = solution.directions[slides], solution.accelerations[slides, 1:]
     speeds = np.hypot(u[:, 0], u[:, 1])
     slowing = -np.sum(s * a, axis=1)

@@ -77,9 +77,9 @@ def heat_of_sizes(monkeypatch):
     """Heat is the size of the friction force of all points times the size of their mean slip."""
     right = stage.stage_of
 
-    def wrong(rows, force, data, *given):
-        found, generalised = right(rows, force, data, *given)
-        u = np.einsum("kij,ki->kj", rows.axes[:, 1:], (rows.J @ data.qvel).reshape(-1, 3)[:, 1:])
+    def wrong(here, implicit):
+        found, generalised = right(here, implicit)
+        u = here.rows.across(here.rows.slips)
         heat = np.linalg.norm(found.friction.sum(axis=0)) * np.linalg.norm(u.mean(axis=0)) / len(u)
         return found._replace(heat=np.full(len(u), heat)), generalised
 

@@ -89,8 +89,8 @@ def test_heat_from_the_sizes_of_force_and_slip(tmp_path, monkeypatch):
     """The size of the force includes the normal one: heat is not what the energy lacks."""
     right = active_set.stage_of
 
-    def sizes(rows, force, data, *more):
-        found, generalised = right(rows, force, data, *more)
+    def sizes(here, implicit):
+        found, generalised = right(here, implicit)
         return found._replace(
             heat=np.hypot(found.forces, np.linalg.norm(found.friction, axis=1)) * found.slip_speeds
         ), generalised

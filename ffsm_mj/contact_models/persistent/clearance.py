@@ -1,0 +1,98 @@
+"""Clearance of closed pairs outside their contact points: where they touch at another point, these have changed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import mujoco
+
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.features.gap_function import Feature
+from ffsm_mj.contact.features.points_on_face import PointsOnFace
+from ffsm_mj.contact.features.search import features
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.tolerances import OTHER_POINT_M
+
+_LEVEL_M = 0.1 * OTHER_POINT_M
+"""Three corners within this of a face keep every other corner within OTHER_POINT_M of it, at ten times their distance."""
+_ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
+"""Strictly convex geoms: they touch any convex geom at one point only."""
+
+GapsOf = Callable[[ContactPair], Sequence[float]]
+"""Gaps of the contact points of a pair at the present state, m."""
+
+
+class Clearance:
+    """Clearance of the closed pairs that may touch at several points."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Initialise with no closed pairs."""
+        self._scene, self._model = scene, scene.system.mj
+        self.set_pairs({})
+
+    def set_pairs(self, by_pair: Mapping[UnilateralConstraint, Sequence[ContactPoint]]) -> None:
+        """Set the closed pairs and their contact points."""
+        self._pairs = [pair for pair in by_pair if isinstance(pair, ContactPair) and may_touch_at_several_points(pair)]
+        # Vertices of a mesh are as far from the plane of its face as single precision takes them.
+        self._flat_pairs = {
+            pair
+            for pair in self._pairs
+            if not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH) and PointsOnFace.lie_flat([each.feature for each in by_pair[pair]])
+        }
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard the clearance that is kept."""
+        self._known: tuple[tuple[bytes, bytes], float] | None = None
+
+    def least(self, state: tuple[bytes, bytes], gaps_of: GapsOf) -> float:
+        """Least clearance outside the active contact points: gap less drift, plus the threshold, m.
+
+        Args:
+            state: Present positions and velocities; the clearance at one state is computed once.
+            gaps_of: Returns gaps of contact points.
+        """
+        if not self._pairs:
+            return math.inf
+        if self._known is None or self._known[0] != state:
+            self._known = state, min([self._gap_elsewhere(pair, gaps_of(pair)) for pair in self._pairs]) + OTHER_POINT_M
+        return self._known[1]
+
+    def _gap_elsewhere(self, pair: ContactPair, gaps: Sequence[float]) -> float:
+        """Gap of a pair less the deepest of its contact points, m."""
+        deepest = min(gaps, default=0.0)
+        # On three corners, two convex bodies are on either side of the face: nothing else of them can overlap.
+        if pair in self._flat_pairs and max(map(abs, gaps)) <= _LEVEL_M:
+            return max(0.0, -deepest)
+        return self._pair_gap(pair) - min(0.0, deepest)
+
+    def _pair_gap(self, pair: ContactPair) -> float:
+        """Gap of a pair, m.
+
+        MuJoCo's distance is used unless it shows an overlap: then the polished gap, or zero if the pair already separates.
+        """
+        data = self._scene.data
+        gap = pair.gap(self._model, data, 1.0)
+        if gap > -0.5 * OTHER_POINT_M:
+            return gap
+        near = pair.proximity(self._model, data)
+        return near.gap if near.approaches else max(near.gap, 0.0)
+
+    def overlapping_features(self, gaps_of: GapsOf) -> list[Feature]:
+        """Features other than the contact points, by which closed pairs overlap."""
+        model, data = self._model, self._scene.data
+        return [
+            feature
+            for pair in self._pairs
+            for feature in features(pair, model, data, pair.proximity(model, data))
+            if feature.at(data).gap < min([0.0, *gaps_of(pair)]) - 0.5 * OTHER_POINT_M
+        ]
+
+
+def may_touch_at_several_points(pair: Any) -> bool:
+    """Whether a pair may touch at several points."""
+    return not any(pair.is_of(kind) for kind in _ONE_POINT)

@@ -1,0 +1,99 @@
+"""Contact forces at the present state under the present efforts, each problem set up once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
+from ffsm_mj.contact_models.persistent.decision import Decision
+from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
+from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
+from ffsm_mj.contact_models.persistent.friction.state import FrictionState
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, FrictionalRows, RowEvaluator
+from ffsm_mj.contact_models.persistent.smooth import Smooth
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+
+
+class ForceSolver:
+    """Problems of contact forces of a motion, and decisions on active sets; the last of each is kept.
+
+    States and forces are compared bit by bit. Rows (Jacobians) are kept if only efforts have changed.
+
+    Attributes:
+        other_forces: Applied forces besides those of persistent contacts, (nv,).
+    """
+
+    def __init__(self, data: Any, modes: FrictionModes) -> None:
+        """Store the data of the logged system, and the friction modes."""
+        self._data, self._modes = data, modes
+        self._evaluators: dict[tuple[ContactPoint, ...], RowEvaluator] = {}
+
+    def bind(self, motion: Motion) -> None:
+        """Use another motion."""
+        self._motion, self._smooth = motion, Smooth(motion, self._data)
+        self.other_forces = np.zeros(motion.model.nv)
+        self._rows: tuple[tuple[Any, ...], ContactRows] | None = None
+        self._problem: tuple[tuple[Any, ...], ContactAcceleration] | None = None
+        self._decision: Decision | None = None
+        self._friction_rows: tuple[tuple[Any, ...], FrictionalRows] | None = None
+        self._friction_state: tuple[tuple[Any, ...], FrictionState] | None = None
+        self._friction_decision: FrictionalDecision | None = None
+        self.forget_points()
+
+    def forget_points(self) -> None:
+        """Discard what is kept for certain contact points."""
+        self._evaluators.clear()
+
+    def state(self) -> tuple[bytes, bytes]:
+        """Current positions and velocities as bytes, for exact comparison."""
+        return self._smooth.state()
+
+    def problem(self, contact_points: tuple[ContactPoint, ...]) -> ContactAcceleration:
+        """Gap accelerations of some contact points."""
+        motion, smooth = self._motion, self._smooth
+        place = contact_points, smooth.state()
+        key = place, smooth.efforts(), self.other_forces.tobytes()
+        if self._problem is None or self._problem[0] != key:
+            if self._rows is None or self._rows[0] != place:
+                self._rows = place, self._evaluator(contact_points).rows()
+            M = partial(mass_matrix, motion.model, motion.data)
+            self._problem = key, ContactAcceleration(M, self._rows[1], smooth.force(self.other_forces))
+        return self._problem[1]
+
+    def friction_state(self, contact_points: tuple[ContactPoint, ...]) -> FrictionState:
+        """Some contact points with friction, in their modes."""
+        smooth, modes = self._smooth, self._modes.of(contact_points)
+        place = contact_points, smooth.state()
+        key = place, smooth.efforts(), self.other_forces.tobytes(), modes
+        if self._friction_state is None or self._friction_state[0] != key:
+            if self._friction_rows is None or self._friction_rows[0] != place:
+                self._friction_rows = place, self._evaluator(contact_points).frictional_rows()
+            force = smooth.force(self.other_forces)
+            self._friction_state = key, FrictionState(contact_points, self._friction_rows[1], force, modes)
+        return self._friction_state[1]
+
+    def decide(self, contact_points: tuple[ContactPoint, ...], last: Sequence[ContactPoint]) -> Decision:
+        """Which of some contact points carry force; ``last`` is the active set of the last step."""
+        problem = self.problem(contact_points)
+        if self._decision is None or self._decision.problem is not problem:
+            self._decision = Decision(contact_points, problem, last)
+        return self._decision
+
+    def decide_with_friction(self, contact_points: tuple[ContactPoint, ...]) -> FrictionalDecision:
+        """Modes of some contact points."""
+        here, known = self.friction_state(contact_points), self._friction_decision
+        if known is None or known.here is not here or not known.is_for(self._modes):
+            known = self._friction_decision = FrictionalDecision(here, self._modes)
+        return known
+
+    def _evaluator(self, contact_points: tuple[ContactPoint, ...]) -> RowEvaluator:
+        """Evaluator of the rows of some contact points; kept for the present contact points and parts of them."""
+        found = self._evaluators.get(contact_points)
+        if found is None:
+            found = self._evaluators[contact_points] = RowEvaluator(self._motion, self._data, contact_points)
+        return found
