@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -39,6 +40,7 @@ from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ControllerReport, ImpactRecord, PhaseRecord
 from ffsm_mj.records.signals import Signal, identifier
+from ffsm_mj.sensing.measurement import Measurement
 
 __all__ = [
     "ActiveContact",
@@ -59,6 +61,7 @@ __all__ = [
     "ImpactRecord",
     "IntArray",
     "Joint",
+    "Measurement",
     "Observation",
     "PhaseRecord",
     "ReducedModel",
@@ -139,6 +142,7 @@ class Observation(NamedTuple):
         free: MuJoCo data of the scene as it began, in which every object keeps its own joints; while nothing is held the
             same as ``data``.
         grasp: Name of the capture that holds an object; empty where none does.
+        measured: Newest sample of each sensor that has arrived, by the full name of the sensor.
     """
 
     time_s: float
@@ -148,6 +152,7 @@ class Observation(NamedTuple):
     contacts: tuple[ActiveContact, ...] = ()
     free: Any = None
     grasp: str = ""
+    measured: Mapping[str, Measurement] = MappingProxyType({})
 
 
 @dataclass(frozen=True)

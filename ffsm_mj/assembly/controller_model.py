@@ -70,5 +70,6 @@ class ControllerModelPhaseMachine(PhaseMachine):
             observation.contacts,
             self._model.data,
             observation.grasp,
+            observation.measured,
         )
         super().control(of_model, command)

@@ -18,6 +18,8 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.sensing.sampler import SensorSampler
+from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.state_signals import StateSignals
@@ -51,4 +53,28 @@ def build_plant(
     balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS)
     integrator.control = step_control(scenario, system, data, balance)
     state = StateSignals(system, data, task.tip_site if task is not None else None)
-    return Plant(scene, Actuation(system, scenario.actuators), integrator, balance, state)
+    sampler = _sampler(scenario, scene, integrator, pairs)
+    return Plant(scene, Actuation(system, scenario.actuators), integrator, balance, state, sampler)
+
+
+def _sampler(
+    scenario: Scenario, scene: Scene, integrator: EventDrivenIntegrator, pairs: tuple[ContactPair, ...]
+) -> SensorSampler | None:
+    """Sensors of the models; None: there are none.
+
+    Raises:
+        ScenarioFaults: A key of ``sensors`` does not fit them.
+    """
+    sensors = sensors_of(scene.system, scenario.sensors, scenario.control_period_s, scenario.duration_s)
+    if not sensors:
+        return None
+    return SensorSampler(
+        sensors,
+        scene.system,
+        scene.data,
+        lambda: integrator.motion,
+        lambda: (integrator.wrenches(), integrator.contacts()),
+        seed=scenario.seed,
+        time_step_s=scenario.time_step_s,
+        bodies_of={pair.name: (pair.body_a, pair.body_b) for pair in pairs},
+    )

@@ -78,6 +78,7 @@ def compile_system(
         joints={joint.name: joint for tree in trees for joint in tree.joints},
         changes=changes,
         grasp=grasp,
+        sensors={name: sensor for each in parts for name, sensor in each.sensors.by_name.items()},
     )
 
 

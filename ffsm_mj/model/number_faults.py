@@ -43,13 +43,12 @@ def number_faults(model: Any) -> Iterator[tuple[str, str, str]]:
 
 
 def _delays(model: Any) -> Iterator[tuple[str, str, str]]:
-    """Elements with delays in MuJoCo: the balance would use the current effort instead of the delayed one."""
-    for kind, count in (("actuator", model.nu), ("sensor", model.nsensor)):
-        delays, buffers = (getattr(model, f"{kind}_{what}") for what in ("delay", "history"))
-        for i in range(count):
-            if delays[i] or buffers[i, 0]:
-                what = f"delay {delays[i]:g} s, nsample {buffers[i, 0]}"
-                yield kind, getattr(model, kind)(i).name, f"has {what}, which is not modelled; remove delay and nsample"
+    """Actuators with delays in MuJoCo: the balance would use the current effort instead of the delayed one."""
+    for i in range(model.nu):
+        delay, samples = model.actuator_delay[i], model.actuator_history[i, 0]
+        if delay or samples:
+            what = f"delay {delay:g} s, nsample {samples}"
+            yield "actuator", model.actuator(i).name, f"has {what}, which is not modelled; remove delay and nsample"
 
 
 def _colour_faults(model: Any) -> Iterator[tuple[str, str, str]]:

@@ -10,6 +10,7 @@ from ffsm_mj.model.alone import warnings_alone
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.joint_limits import empty_ranges
 from ffsm_mj.model.overrides import ModelOverrides, override
+from ffsm_mj.model.sensors import Sensors, sensors_of_model
 from ffsm_mj.model.sites import add_sites
 from ffsm_mj.model.source import load_spec
 from ffsm_mj.model.strip import strip
@@ -24,12 +25,14 @@ class Part:
         notes: Removed elements, and ignored settings, as text.
         overridden: Changed properties, to be verified in the compiled scene; None if there are none.
         warnings: MuJoCo's warnings about the model compiled alone.
+        sensors: Its sensors.
     """
 
     spec: Any
     notes: list[str]
     overridden: ModelOverrides | None
     warnings: tuple[str, ...]
+    sensors: Sensors
 
 
 def part(name: str, files: ModelFiles, vfs: Any) -> Part:
@@ -41,7 +44,7 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
         vfs: MuJoCo's virtual files; those of the model are added. They are needed until the scene is compiled.
 
     Raises:
-        InputError: MuJoCo refuses the model, or a joint has an empty range.
+        InputError: MuJoCo refuses the model, a joint has an empty range, or a sensor cannot be measured.
         ScenarioFaults: A site or a property is impossible.
     """
     spec = load_spec(files, vfs)
@@ -55,4 +58,5 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     overridden = override(spec, name, files, vfs) if files.overrides else None
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
     add_sites(spec, files.sites)
-    return Part(spec, notes, overridden, warnings)
+    sensors = sensors_of_model(spec, name, files, vfs)
+    return Part(spec, notes + sensors.notes, overridden, warnings, sensors)

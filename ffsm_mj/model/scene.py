@@ -39,7 +39,8 @@ def empty_scene(time_step_s: float) -> Any:
     scene.option.ccd_iterations = _CCD_ITERATIONS
     # Contact models replace MuJoCo's contact forces and its joint limits, which are soft springs; an automatic reset would
     # hide that a run diverges.
-    for flag in ("CONTACT", "LIMIT", "AUTORESET"):
+    # Sensors are evaluated at their own times.
+    for flag in ("CONTACT", "LIMIT", "AUTORESET", "SENSOR"):
         scene.option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     return scene
 

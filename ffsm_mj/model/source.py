@@ -22,7 +22,7 @@ REFUSALS = (ValueError, RuntimeError, MemoryError)
 
 
 def load_spec(files: ModelFiles, vfs: Any) -> Any:
-    """Parse an MJCF or URDF; every body, joint, geom, site and actuator has a name afterwards.
+    """Parse an MJCF or URDF; every body, joint, geom, site, actuator and sensor has a name afterwards.
 
     Args:
         files: Files of the model.
@@ -39,7 +39,16 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
     if files.urdf:
         _complete_urdf(spec, floats=files.pose is None)
     _name_all(spec)
+    for sensor in spec.sensors:  # MuJoCo would keep delayed values in its state, and refuses a delay without a buffer for it
+        sensor.interval, sensor.delay, sensor.nsample, sensor.cutoff = [0.0, 0.0], 0.0, 0, 0.0
     return spec
+
+
+def authored_sensors(files: ModelFiles, vfs: Any) -> list[Any]:
+    """Sensors as a model file has them, with names; :func:`load_spec` sets their timing and cutoffs to zero."""
+    spec = parse_spec(files, vfs)
+    _name_all(spec)
+    return list(spec.sensors)
 
 
 def parse_spec(files: ModelFiles, vfs: Any) -> Any:
@@ -127,6 +136,9 @@ def _name_all(spec: Any) -> None:
         name(site, f"{site.parent.name}_site")
     for actuator in spec.actuators:
         name(actuator, f"{actuator.target or 'actuator'}_motor")
+    for sensor in spec.sensors:
+        kind = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_").lower()
+        name(sensor, f"{sensor.objname}_{kind}" if sensor.objname else kind)
     for tendon in spec.tendons:
         name(tendon, "tendon")
     for key in spec.keys:  # with the prefix, two empty names would collide

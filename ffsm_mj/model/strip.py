@@ -10,7 +10,9 @@ from typing import Any, Literal, get_args
 
 import mujoco
 
-Strippable = Literal["damping", "frictionloss", "stiffness", "limits", "equalities", "tendons", "servos", "gravcomp"]
+Strippable = Literal[
+    "damping", "frictionloss", "stiffness", "limits", "equalities", "tendons", "servos", "gravcomp", "sensors"
+]
 STRIPPABLE: tuple[str, ...] = get_args(Strippable)
 LimitsMode = Literal["stop", "ignore"]
 """``stop``: a joint cannot move past the limits of its model; ``ignore``: they are removed."""
@@ -31,7 +33,7 @@ def strip(spec: Any, what: Iterable[str]) -> list[str]:
         what: ``damping``, ``frictionloss`` and ``stiffness`` of joints and tendons (a ``springdamper`` goes with either of
             its two), ``limits`` of their ranges, ``equalities``, ``tendons`` with the actuators, sensors and equalities
             that need them, ``servos``: the actuators that are no plain motors, with the sensors that need them, and
-            ``gravcomp`` of bodies.
+            ``gravcomp`` of bodies, and ``sensors``.
 
     Returns:
         A phrase for each kind of removed element, such as ``damping of 2 joints (elbow, wrist)``.
@@ -42,6 +44,8 @@ def strip(spec: Any, what: Iterable[str]) -> list[str]:
             continue
         if word == "equalities":
             removed += _deleted(spec, "equality constraint", list(spec.equalities))
+        elif word == "sensors":
+            removed += _deleted(spec, "sensor", list(spec.sensors))
         elif word == "tendons":
             removed += _without_tendons(spec)
         elif word == "gravcomp":

@@ -18,6 +18,7 @@ from ffsm_mj.model.files import ModelFiles, logged_name
 from ffsm_mj.model.fixed import FixedModel
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import PropertyChange
+from ffsm_mj.model.sensors import ModelSensor
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
 
@@ -68,6 +69,7 @@ class System:
         notes: Elements removed from models, settings of the MJCF that are ignored, and MuJoCo's warnings.
         changes: Properties of bodies and geoms given in the scenario, with their compiled values.
         grasp: The closed grasp, which makes an object part of the robot's tree; None in the initial scene.
+        sensors: Sensors of the models by full name, in MuJoCo's order.
     """
 
     mj: Any
@@ -80,6 +82,7 @@ class System:
     joints: Mapping[str, Joint] = field(default_factory=dict)
     changes: tuple[PropertyChange, ...] = ()
     grasp: Grasp | None = None
+    sensors: Mapping[str, ModelSensor] = field(default_factory=dict)
 
     @property
     def trees(self) -> tuple[Tree, ...]:
@@ -115,9 +118,15 @@ class System:
         return {}  # by kind, filled on demand
 
     def names(self, kind: str) -> tuple[str, ...]:
-        """Full names of all elements of a kind: ``body``, ``joint``, ``geom``, ``site`` or ``actuator``."""
+        """Full names of all elements of a kind, such as ``body``, ``joint``, ``geom``, ``site`` or ``sensor``."""
         if kind not in self._names:
-            count = {"body": self.mj.nbody, "joint": self.mj.njnt, "geom": self.mj.ngeom, "site": self.mj.nsite}
+            count = {
+                "body": self.mj.nbody,
+                "joint": self.mj.njnt,
+                "geom": self.mj.ngeom,
+                "site": self.mj.nsite,
+                "sensor": self.mj.nsensor,
+            }
             named = (getattr(self.mj, kind)(i).name for i in range(count.get(kind, self.mj.nu)))
             self._names[kind] = tuple(name for name in named if name and name != "world")
         return self._names[kind]

@@ -24,6 +24,7 @@ GROUPS = {
     "balance": "accumulated work and impulses since t = 0, and residuals of energy and momenta",
     "contact": "telemetry of the contact models",
     "actuators": "commanded and applied efforts, and their bounds",
+    "sensor": "measurements as the control law is shown them, with their true values",
     "controller": "telemetry of the controller",
     "phase": "the phase of the task",
 }

@@ -126,8 +126,12 @@ class LogReplay:
         plant.integrator.restore_state(self._system_motion, self._events.before(tick * self._steps))
         plant.balance.set_grasped_object(plant.integrator.motion.grasped_object)
         if not tick:
+            if plant.sampler is not None:
+                plant.sampler.begin()
             self._decide(line, time_s)
             return
+        if plant.sampler is not None:
+            plant.sampler.begin_after_gap(time_s)
         plant.scene.numbers.mark_unknown()
         plant.actuation.hold(logged.applied[line], plant.data, time_s)
         plant.actuation.table[:, 0] = logged.asked[line]

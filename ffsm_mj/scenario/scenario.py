@@ -27,6 +27,7 @@ from ffsm_mj.scenario.contacts import ContactsConfig
 from ffsm_mj.scenario.impact_config import ImpactConfig
 from ffsm_mj.scenario.joint_limits import JointLimitConfig
 from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.sensing.sensor_config import SensorConfig
 
 _KINDS = kinds()
 if TYPE_CHECKING:
@@ -229,6 +230,10 @@ class Scenario(StrictModel):
     initial: InitialConfig = InitialConfig()
     actuators: dict[Name, ActuatorConfig] = {}
     """Limits of the robot's actuators by name; an actuator that is not named is ideal."""
+    sensors: dict[Name, SensorConfig] = {}
+    """Errors and timing of the sensors of the models by name; every ``<sensor>`` of a model is measured."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """Seed of all random numbers of the run."""
     task: TaskConfig | None = None
     joint_limits: dict[Name, JointLimitConfig] = {}
     """Restitution of joints that stop at limits, by joint; default: 0."""

@@ -19,6 +19,7 @@ from ffsm_mj.contact_models.interface import (
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.simulation.step_control import StepControl
 
 
@@ -115,6 +116,10 @@ class EventDrivenIntegrator:
             if self._active
             else ()
         )
+
+    def wrenches(self) -> tuple[Wrench, ...]:
+        """Forces of the active contact models on bodies of the logged system, at the state and efforts in ``data``."""
+        return tuple(wrench for each in self._active for wrench in each.wrenches(each.scene.data))
 
     @property
     def kinetic_energy_J(self) -> float:

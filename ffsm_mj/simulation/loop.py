@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import mujoco
@@ -23,12 +24,14 @@ from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactErr
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.events import ControllerReport, Outcome, OutcomeRecord, RunEnded
+from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.simulation.step_control import StepLimitError
 
 MOST_EVENTS_PER_STEP = 1000
+_NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -163,6 +166,8 @@ class Simulation:
                 raise RunEnded(Outcome.INTERRUPTED)
 
         self._plant.integrator.interrupt_by(poll)
+        if self._plant.sampler is not None:
+            self._plant.sampler.begin()
         for tick in range(settings.ticks):
             now = tick * period
             self._decide(self._observed(now, self._pending_records, self._plant.integrator.contacts(), at_tick=True))
@@ -188,7 +193,9 @@ class Simulation:
         """Observation for the controller."""
         free, motion = self._plant.data, self._plant.integrator.motion
         shown = motion.data if motion.grasp else free
-        return Observation(time_s, shown, events, at_tick, contacts, free, motion.grasp)
+        sampler = self._plant.sampler
+        measured = sampler.measured(time_s) if sampler is not None else _NOT_MEASURED
+        return Observation(time_s, shown, events, at_tick, contacts, free, motion.grasp, measured)
 
     def _decide(self, observation: Observation) -> None:
         """Evaluate the controller, and record a phase that begins."""

@@ -16,6 +16,8 @@ from ffsm_mj.balance.balance import Balance
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, Scene
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.sensing.sampler import SensorSampler
+from ffsm_mj.simulation.event_impulses import event_impulses
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.state_signals import StateSignals
 
@@ -33,6 +35,7 @@ class Plant:
         integrator: Integrates the motion under the contact models.
         balance: Energy and momentum balance.
         state: Columns of the state.
+        sampler: Sensors; None: there are none.
     """
 
     scene: Scene
@@ -40,6 +43,7 @@ class Plant:
     integrator: EventDrivenIntegrator
     balance: Balance
     state: StateSignals
+    sampler: SensorSampler | None = None
 
     @property
     def system(self) -> System:
@@ -54,7 +58,14 @@ class Plant:
     @property
     def columns(self) -> list[Columns]:
         """Columns of all parts, in the order of a row."""
-        return [*self.state.columns, *self.balance.columns, *self.integrator.columns, *self.actuation.columns]
+        sensing = self.sampler.columns if self.sampler is not None else ()
+        return [
+            *self.state.columns,
+            *self.balance.columns,
+            *self.integrator.columns,
+            *self.actuation.columns,
+            *sensing,
+        ]
 
     def advance(self, duration_s: float) -> tuple[float, EventSource | None]:
         """Integrate for a time, a sub-step of it, or until the first event, and enter it in the balance.
@@ -100,6 +111,8 @@ class Plant:
         for exchange in self.integrator.exchanges(elapsed_s):
             self.balance.enter(*exchange)
         self.actuation.elapse(elapsed_s)
+        if self.sampler is not None:
+            self.sampler.elapse(elapsed_s)
 
     def apply(self, event: Callable[[], EventEffect | None], state_after: FloatArray | None = None) -> EventEffect | None:
         """Apply an event: it changes the state in ``data``, is entered in the balance, and may change the motion.
@@ -110,6 +123,7 @@ class Plant:
         """
         # The balance separates robot and object at the event itself; a grasped object counts with the robot only in steps.
         self.balance.set_grasped_object(None)
+        before = self.data.qvel.copy()
         effect = event()
         if effect is not None:
             for contact_model in self.integrator.event_sources:
@@ -122,6 +136,9 @@ class Plant:
         if state_after is not None or moved is None:
             self.integrator.restart()
         self.balance.set_grasped_object(self.integrator.motion.grasped_object)
+        if self.sampler is not None and effect is not None and not np.array_equal(before, self.data.qvel):
+            impulses = event_impulses(self.system.mj, effect.records)
+            self.sampler.add_impulses(self.data.qvel - before, tuple(impulses))
         if effect is not None and effect.exchange is not None:
             self.balance.enter(*effect.exchange)
         return effect

@@ -145,16 +145,13 @@ def test_the_format_of_a_model_follows_from_its_suffix(tmp_path, name):
         prepare(path)
 
 
-def test_a_delayed_actuator_or_sensor_is_refused_by_name(tmp_path):
+def test_a_delayed_actuator_is_refused_by_name(tmp_path):
     """MuJoCo would apply the effort of 10 ms before, and the balance use the current one."""
     robot = ball("ball", joints="x").replace('name="push_x"', 'name="push_x" delay="0.01" nsample="10"')
     (line,) = faults(tmp_path, robot)
     assert line.endswith(
         "robot.xml:5: actuator 'push_x' has delay 0.01 s, nsample 10, which is not modelled; remove delay and nsample"
     )
-    sensor = '<sensor><jointpos name="seen" joint="x" delay="0.002" nsample="2"/></sensor></mujoco>'
-    (line,) = faults(tmp_path, ball("ball", joints="x").replace("</mujoco>", "\n" + sensor))
-    assert "robot.xml:6: sensor 'seen' has delay 0.002 s, nsample 2" in line
     # From a class too.
     default = '<default><motor delay="0.01" nsample="10"/></default><worldbody>'
     (line,) = faults(tmp_path, ball("ball", joints="x").replace("<worldbody>", default))

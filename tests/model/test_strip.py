@@ -62,10 +62,10 @@ def test_check_lists_the_removed_elements(tmp_path, capfd):
         "removed from robot: limits of 1 joint (shoulder)",
         "removed from robot: limits of 1 tendon (strap)",
         "removed from robot: 2 equality constraints (tied, taut)",
-        "removed from robot: 1 sensor (unnamed)",
+        "removed from robot: 1 sensor (strap_tendonpos)",
         "removed from robot: 1 actuator (pull)",
         "removed from robot: 1 tendon (strap)",
-        "removed from robot: 1 sensor (unnamed)",
+        "removed from robot: 1 sensor (aim_actuatorfrc)",
         "removed from robot: 2 actuators (aim, lag)",
     )
     capfd.readouterr()

@@ -1,0 +1,153 @@
+"""Sensors of a model file, read as numbers.
+
+MuJoCo adds no noise, samples at the ends of steps only, and keeps delayed values in a buffer that is part of the state.
+:mod:`ffsm_mj.sensing` does all of that from these numbers, so that the compiled model has neither delays nor cutoffs.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import mujoco
+
+from ffsm_mj.errors import InputError
+from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.source import authored_sensors
+
+Shape = Literal["vector", "direction", "rotation"]
+
+_UNITS = {
+    "accelerometer": "m/s^2",
+    "velocimeter": "m/s",
+    "gyro": "rad/s",
+    "force": "N",
+    "torque": "N m",
+    "touch": "N",
+    "magnetometer": "",
+    "rangefinder": "m",
+    "jointpos": "",
+    "jointvel": "",
+    "actuatorpos": "",
+    "actuatorvel": "",
+    "actuatorfrc": "",
+    "jointactuatorfrc": "",
+    "ballquat": "",
+    "ballangvel": "rad/s",
+    "framepos": "m",
+    "framequat": "",
+    "framexaxis": "",
+    "frameyaxis": "",
+    "framezaxis": "",
+    "framelinvel": "m/s",
+    "frameangvel": "rad/s",
+    "framelinacc": "m/s^2",
+    "frameangacc": "rad/s^2",
+    "subtreecom": "m",
+    "subtreelinvel": "m/s",
+    "subtreeangmom": "N m s",
+    "e_kinetic": "J",
+    "clock": "s",
+}
+"""Unit of each kind of sensor that can be measured, by its MJCF element; joints have that of their axis."""
+_DIRECTIONS = ("framexaxis", "frameyaxis", "framezaxis")
+_ROTATIONS = ("framequat", "ballquat")
+
+
+@dataclass(frozen=True)
+class ModelSensor:
+    """A sensor as its model file has it.
+
+    Attributes:
+        name: Full name.
+        kind: Its element in MJCF, such as ``gyro``.
+        unit: Unit of its values; empty for plain numbers.
+        noise: Standard deviation of the noise of a sample, in this unit, rad for rotations.
+        cutoff: Greatest absolute value; 0: none.
+        interval_s: Time between samples; 0: the control period.
+        first_s: Time of the first sample.
+        delay_s: Time from a sample to its arrival.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    noise: float = 0.0
+    cutoff: float = 0.0
+    interval_s: float = 0.0
+    first_s: float = 0.0
+    delay_s: float = 0.0
+
+    @property
+    def shape(self) -> Shape:
+        """What its value is: a vector (or number), a unit vector, or a unit quaternion."""
+        if self.kind in _ROTATIONS:
+            return "rotation"
+        return "direction" if self.kind in _DIRECTIONS else "vector"
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Sensors of a model.
+
+    Attributes:
+        by_name: Sensors by full name.
+        notes: What of the file is used otherwise than by MuJoCo, as text.
+    """
+
+    by_name: dict[str, ModelSensor]
+    notes: list[str]
+
+
+def sensors_of_model(spec: Any, model: str, files: ModelFiles, vfs: Any) -> Sensors:
+    """Read the sensors of a model.
+
+    Args:
+        spec: Specification of the model, which may lack some of the sensors of its file; all its elements have names.
+        model: Its name in the scene.
+        files: Its files.
+        vfs: MuJoCo's virtual files.
+
+    Raises:
+        InputError: A sensor of a kind that cannot be measured.
+    """
+    found, left = Sensors({}, []), {sensor.name for sensor in spec.sensors}
+    faults: list[str] = []
+    without: list[str] = []
+    for sensor in authored_sensors(files, vfs) if left else ():
+        if sensor.name not in left:
+            continue
+        kind, name = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_").lower(), f"{model}/{sensor.name}"
+        if kind not in _UNITS:
+            line = re.search(r"line ([1-9]\d*)", sensor.info or "")
+            place = f"{files.place}:{line[1]}" if line else files.place
+            faults.append(
+                f"{place}: sensor {sensor.name!r} is a <{kind}>, which cannot be measured; remove it, or use "
+                f"'strip: [sensors]'; known are {', '.join(_UNITS)}"
+            )
+            continue
+        every, phase = map(float, sensor.interval)
+        first = phase % every if every > 0.0 else 0.0
+        settings = float(sensor.noise), float(sensor.cutoff), every, first, float(sensor.delay)
+        found.by_name[name] = ModelSensor(name, kind, _unit(spec, kind, sensor.objname), *settings)
+        if (every or sensor.delay) and not sensor.nsample:
+            without.append(repr(name))
+    if faults:
+        raise InputError(faults)
+    if without:
+        found.notes.append(
+            f"interval and delay of {'sensor' if len(without) == 1 else 'sensors'} {', '.join(without)} are used, although "
+            "MuJoCo ignores or refuses them without nsample"
+        )
+    return found
+
+
+def _unit(spec: Any, kind: str, element: str) -> str:
+    """Unit of a kind of sensor on an element."""
+    if not kind.startswith("joint"):
+        return _UNITS[kind]
+    joint = spec.joint(element)
+    slides = joint is not None and joint.type == mujoco.mjtJoint.mjJNT_SLIDE
+    units = {"jointpos": ("rad", "m"), "jointvel": ("rad/s", "m/s"), "jointactuatorfrc": ("N m", "N")}
+    return units[kind][slides]
