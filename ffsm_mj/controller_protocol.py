@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import StrictModel
+from ffsm_mj.dynamics.prediction import predict
 from ffsm_mj.dynamics.rigid_body import (
     ReducedModel,
     base_jacobian,
@@ -41,6 +42,7 @@ from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ControllerReport, ImpactRecord, PhaseRecord
 from ffsm_mj.records.signals import Signal, identifier
 from ffsm_mj.sensing.measurement import Measurement
+from ffsm_mj.sensing.sensor import Sensor
 
 __all__ = [
     "ActiveContact",
@@ -56,6 +58,7 @@ __all__ = [
     "DrivenJoints",
     "Drives",
     "EffortLimits",
+    "Estimator",
     "Fault",
     "FloatArray",
     "ImpactRecord",
@@ -66,6 +69,7 @@ __all__ = [
     "PhaseRecord",
     "ReducedModel",
     "ScenarioFaults",
+    "Sensor",
     "Signal",
     "SiteMotion",
     "StrictModel",
@@ -83,6 +87,7 @@ __all__ = [
     "kinetic_energy",
     "mass_matrix",
     "momentum_matrix",
+    "predict",
     "reduced_model",
     "site_actuators",
     "site_wrench",
@@ -120,6 +125,7 @@ class ControllerContext:
         reserved: Ids of the actuators that other parts of the phase drive; a law whose ``joints`` are left out leaves their
             joints alone.
         limits: Limits of the actuators; None: all are ideal.
+        sensors: Sensors of the robot and its objects by full name, with their timing and errors.
     """
 
     system: System
@@ -127,6 +133,7 @@ class ControllerContext:
     control_period_s: float
     reserved: frozenset[int] = frozenset()
     limits: EffortLimits | None = None
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
 
 
 class Observation(NamedTuple):
@@ -255,6 +262,33 @@ class Damps(Protocol):
 
     def damping_at(self, data: Any) -> Damping | None:
         """Its damping at a state, all derived quantities current, or None; asked before ``start``."""
+
+
+class Estimator(Protocol):
+    """Estimates the state from measurements; control laws see a state of which they need not know that it is one.
+
+    A class with a ``Config`` is built as ``cls(config, context)``, as a control law is; the instance carries its state.
+    """
+
+    @property
+    def telemetry_signals(self) -> tuple[Signal, ...]:
+        """What it reports of every call; a plain attribute of the class will do."""
+
+    def start(self, data: Any) -> None:
+        """Begin: ``data`` holds the initial state of the scenario, which is known."""
+
+    def update(self, time_s: float, measured: Mapping[str, Measurement], events: Sequence[Any], data: Any) -> None:
+        """Write the estimate at a time into ``data.qpos`` and ``data.qvel``, which hold that of the last call.
+
+        Args:
+            time_s: Time, s; ``data.time`` has that of the last call.
+            measured: Newest sample of each sensor that has arrived, by full name.
+            events: What the robot is told of events since the last call: their class, time and pair.
+            data: MuJoCo data of the model that control laws use, with the efforts held until now in ``ctrl``.
+        """
+
+    def telemetry(self) -> Sequence[float]:
+        """Values of ``telemetry_signals`` after the last call."""
 
 
 class TaskController(Protocol):

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from ffsm_controllers.phases import PhaseMachine
+from ffsm_controllers.phases import Phase, PhaseMachine
 
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.assembly.column_faults import refuse_same_names
@@ -16,6 +16,7 @@ from ffsm_mj.assembly.contact_rules import Contacts, resolve_contacts
 from ffsm_mj.assembly.contact_start import refuse_undetectable
 from ffsm_mj.assembly.control_laws import build_phases, refuse_start
 from ffsm_mj.assembly.controller_model import ControllerModel, ControllerModelPhaseMachine
+from ffsm_mj.assembly.estimation import EstimatePhaseMachine, make_estimator
 from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.joint_limits import joint_limits, refuse_outside
@@ -126,15 +127,9 @@ def assemble(
         plant = build_plant(scenario, system, data, contacts.pairs, limits, held, task)
         plant.integrator.restore_state(plant.integrator.motion)
         contexts = _contexts(scenario, controller_system or system, plant, held)
-        phases = build_phases(scenario, contexts.pop(""), laws, contexts)
+        phases = build_phases(scenario, contexts[""], laws, {name: each for name, each in contexts.items() if name})
         controller_model = ControllerModel(controller_system.mj, data) if controller_system is not None else None
-        controller = (
-            PhaseMachine(phases)
-            if controller_model is None
-            else ControllerModelPhaseMachine(
-                phases, controller_model, _grasped_models(plant.integrator.contact_models, held)
-            )
-        )
+        controller = _phase_machine(scenario, phases, contexts[""], controller_model, plant, held)
         controller_data = data if controller_model is None else controller_model.data
         refuse_start(phases[0], scenario.phases[0], controller_data)
         columns = [*plant.columns, *controller.columns]
@@ -146,6 +141,26 @@ def assemble(
         raise located(faults, source) from faults
     known = contacts.ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
     return Assembly(scenario, plant, controller_data, controller_system, contacts, limits, known, controller, task, row)
+
+
+def _phase_machine(
+    scenario: Scenario,
+    phases: Sequence[Phase],
+    context: ControllerContext,
+    controller_model: ControllerModel | None,
+    plant: Plant,
+    held: Mapping[str, GraspedSystem],
+) -> PhaseMachine:
+    """The phases, with control laws that see the plant, a controller model at its state, or an estimate."""
+    if controller_model is None:
+        return PhaseMachine(phases)
+    grasped = _grasped_models(plant.integrator.contact_models, held)
+    if scenario.estimator.kind == "truth":
+        return ControllerModelPhaseMachine(phases, controller_model, grasped)
+    estimator = make_estimator(scenario.estimator, context)
+    systems = {name: each.controller_system for name, each in held.items()}
+    models = {name: (system, grasped[name]) for name, system in systems.items() if system is not None}
+    return EstimatePhaseMachine(phases, estimator, scenario.estimator.kind, context.system, controller_model, models)
 
 
 def _refuse_endless(scenario: Scenario, contacts: Contacts) -> None:
@@ -192,7 +207,13 @@ def _contexts(
     """What control laws are made for: in the scene (empty name), and while an object is grasped, by the grasp's name."""
     systems = {"": system} | {name: each.controller_system or each.system for name, each in held.items()}
     return {
-        name: ControllerContext(each, task_of(scenario, each), scenario.control_period_s, limits=plant.actuation.envelope)
+        name: ControllerContext(
+            each,
+            task_of(scenario, each),
+            scenario.control_period_s,
+            limits=plant.actuation.envelope,
+            sensors=plant.sampler.by_name if plant.sampler is not None else {},
+        )
         for name, each in systems.items()
     }
 

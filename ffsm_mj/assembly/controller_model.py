@@ -16,6 +16,7 @@ class ControllerModel:
     """A controller model at the true state.
 
     Attributes:
+        model: The model.
         data: MuJoCo data of that model; always the same object.
     """
 
@@ -27,15 +28,19 @@ class ControllerModel:
             truth: The plant's data.
             grasped: Model of the plant with a grasped object, if there is one.
         """
-        self._model, self.data, self._truth = model, mujoco.MjData(model), grasped
+        self.model, self.data, self._truth = model, mujoco.MjData(model), grasped
         self.follow(truth)
 
     def follow(self, truth: Any) -> None:
         """Copy time, coordinates, rates and forces from the plant's data; derived quantities are those of this model."""
-        mujoco.mj_copyState(self._model, truth, self.data, WHOLE_STATE)
+        mujoco.mj_copyState(self.model, truth, self.data, WHOLE_STATE)
+        self.update()
+
+    def update(self) -> None:
+        """Update derived quantities for the state in ``data``."""
         if self._truth is not None:  # the pose of a grasped object is written as the grasp closes
-            self._model.body_pos[:], self._model.body_quat[:] = self._truth.body_pos, self._truth.body_quat
-        mujoco.mj_forward(self._model, self.data)
+            self.model.body_pos[:], self.model.body_quat[:] = self._truth.body_pos, self._truth.body_quat
+        mujoco.mj_forward(self.model, self.data)
 
 
 class ControllerModelPhaseMachine(PhaseMachine):

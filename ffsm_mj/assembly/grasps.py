@@ -117,7 +117,7 @@ def held_systems(
             check_grasped_system(system, held, grasp)
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("captures", grasp.name, "object_site")))
-        controller_system = compiled(grasp, True) if any(scenario.controller_model.values()) else None
+        controller_system = compiled(grasp, True) if scenario.has_controller_model else None
         found[grasp.name] = GraspedSystem(grasp, held, controller_system)
     if faults:
         raise ScenarioFaults(faults)

@@ -46,9 +46,7 @@ def compile_scenario(
     files = _model_files(scenario, source, read)
     try:
         system = _compiled(scenario, files, "model")
-        controller_model = (
-            _compiled(scenario, files, *_CONTROLLER_MODEL) if any(scenario.controller_model.values()) else None
-        )
+        controller_model = _compiled(scenario, files, *_CONTROLLER_MODEL) if scenario.has_controller_model else None
         grasped = held_systems(
             scenario,
             system,
@@ -82,7 +80,15 @@ def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, g
         for name, each in files.items()
     }
     robot = changed.pop("robot")
-    return compile_system(robot, changed, time_step_s=scenario.time_step_s, conservative=scenario.conservative, grasp=grasp)
+    added = (config.added(name) for name, config in scenario.sensors.items())
+    return compile_system(
+        robot,
+        changed,
+        time_step_s=scenario.time_step_s,
+        conservative=scenario.conservative,
+        grasp=grasp,
+        sensors=[sensor for sensor in added if sensor is not None],
+    )
 
 
 def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[str, ModelFiles]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -135,7 +136,9 @@ def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:
 
 
 def _settings(config: Scenario) -> Settings:
-    return Settings(time_step_s=config.time_step_s, steps_per_tick=config.steps_per_tick, ticks=config.ticks)
+    told = config.told_of_impacts
+    above = (-math.inf if told else None) if isinstance(told, bool) else told.above_N_s
+    return Settings(config.time_step_s, config.steps_per_tick, config.ticks, above)
 
 
 def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:

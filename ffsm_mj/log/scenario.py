@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from ffsm_mj.errors import THE_LOG, InputError, ScenarioFaults
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
+from ffsm_mj.model.added_sensors import ADDED_KINDS, AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
 from ffsm_mj.model.grasp import Grasp
@@ -31,6 +32,7 @@ class LoggedScenario:
         objects: Name of the model file of each object, by object.
         strip: Elements that are removed from the models, by ``robot`` or object.
         sites: Sites that are added to the robot.
+        sensors: Sensors that are added to the scene.
         overrides: Changed properties of bodies and geoms, by ``robot`` or object; only models with changes.
         poses: Poses of the fixed objects, by object.
         time_step_s: Integration step, s.
@@ -43,6 +45,7 @@ class LoggedScenario:
     objects: Mapping[str, str]
     strip: Mapping[str, tuple[str, ...]]
     sites: tuple[AddedSite, ...]
+    sensors: tuple[AddedSensor, ...]
     overrides: Mapping[str, Overrides]
     poses: Mapping[str, Pose]
     time_step_s: float
@@ -88,6 +91,11 @@ def logged_scenario(log: RunLog, place: str = THE_LOG) -> LoggedScenario:
                 for name, part in parts.items()
             },
             sites=tuple(_site(_text(name), site) for name, site in (data["robot"].get("sites") or {}).items()),
+            sensors=tuple(
+                _sensor(_text(name), part)
+                for name, part in (data.get("sensors") or {}).items()
+                if part.get("kind") is not None
+            ),
             overrides={_text(name): _overrides(found) for name, found in model.items()},
             poses={name: _pose(part.get("pose")) for name, part in objects.items() if part.get("fixed") is True},
             time_step_s=_positive(data["time_step_s"]),
@@ -112,6 +120,12 @@ def _site(name: str, data: Any) -> AddedSite:
     if len(place) != 3 or not all(isinstance(x, int | float) and math.isfinite(x) for x in place):
         raise ValueError(f"sites: {place!r} is not a position")
     return AddedSite(name, _text(data["body"]), (float(place[0]), float(place[1]), float(place[2])))
+
+
+def _sensor(name: str, data: Any) -> AddedSensor:
+    if data["kind"] not in ADDED_KINDS:
+        raise ValueError(f"sensors: {data['kind']!r} is none of {', '.join(ADDED_KINDS)}")
+    return AddedSensor(name, data["kind"], _text(data["of"]), _text(data.get("relative_to") or ""))
 
 
 def _overrides(bodies: Any) -> Overrides:
@@ -171,6 +185,7 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
             time_step_s=scenario.time_step_s,
             conservative=scenario.conservative,
             grasp=grasp,
+            sensors=scenario.sensors,
         )
     except ScenarioFaults as error:
         raise InputError([f"{place}: {fault.message}" for fault in error.faults]) from error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from threading import Lock
 from typing import Any
 from warnings import catch_warnings
@@ -10,6 +10,7 @@ from warnings import catch_warnings
 import mujoco
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.added_sensors import AddedSensor, add_sensors
 from ffsm_mj.model.conservative import gravity_faults, gravity_of, model_faults, spec_faults
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.fixed import fixed_model, moving_parts, place
@@ -35,6 +36,7 @@ def compile_system(
     time_step_s: float,
     conservative: bool = True,
     grasp: Grasp | None = None,
+    sensors: Sequence[AddedSensor] = (),
 ) -> System:
     """Compile robot and objects into one model with index maps; nothing is read from disk.
 
@@ -47,6 +49,7 @@ def compile_system(
         time_step_s: Integration step in s.
         conservative: Refuse elements that break the conservation of energy or momentum.
         grasp: Closed grasp: the object is part of the robot's tree, at a pose that is written to the model later.
+        sensors: Sensors to add.
 
     Raises:
         InputError: A model is malformed, does not have exactly one moving tree, moves although it is fixed, or is not
@@ -59,6 +62,7 @@ def compile_system(
     # The compiler also issues Python warnings, whose filters are global.
     with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
         parts, faults = _attach(scene, files, grasp, vfs, warned, conservative=conservative)
+        added = add_sensors(scene, sensors)
         model = compile_scene(scene, files, vfs)
     changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
     faults += model_faults(model, scene, files, conservative=conservative)
@@ -78,7 +82,7 @@ def compile_system(
         joints={joint.name: joint for tree in trees for joint in tree.joints},
         changes=changes,
         grasp=grasp,
-        sensors={name: sensor for each in parts for name, sensor in each.sensors.by_name.items()},
+        sensors={name: sensor for each in parts for name, sensor in each.sensors.by_name.items()} | added,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import numpy as np
 
 _NO_TURN = (1.0, 0.0, 0.0, 0.0)
@@ -40,6 +41,9 @@ def join(scene: Any, spec: Any, grasp: Grasp) -> None:
         grasp: The grasp.
     """
     base = spec.body(grasp.root.partition("/")[2])
+    gone = {joint.name for joint in base.joints}
+    for sensor in [each for each in spec.sensors if each.objtype == mujoco.mjtObj.mjOBJ_JOINT and each.objname in gone]:
+        spec.delete(sensor)
     for joint in base.joints:
         spec.delete(joint)
     base.pos, base.quat = np.zeros(3), np.array(_NO_TURN)

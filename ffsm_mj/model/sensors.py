@@ -130,7 +130,7 @@ def sensors_of_model(spec: Any, model: str, files: ModelFiles, vfs: Any) -> Sens
         every, phase = map(float, sensor.interval)
         first = phase % every if every > 0.0 else 0.0
         settings = float(sensor.noise), float(sensor.cutoff), every, first, float(sensor.delay)
-        found.by_name[name] = ModelSensor(name, kind, _unit(spec, kind, sensor.objname), *settings)
+        found.by_name[name] = ModelSensor(name, kind, unit_of_sensor(spec, kind, sensor.objname), *settings)
         if (every or sensor.delay) and not sensor.nsample:
             without.append(repr(name))
     if faults:
@@ -143,8 +143,8 @@ def sensors_of_model(spec: Any, model: str, files: ModelFiles, vfs: Any) -> Sens
     return found
 
 
-def _unit(spec: Any, kind: str, element: str) -> str:
-    """Unit of a kind of sensor on an element."""
+def unit_of_sensor(spec: Any, kind: str, element: str) -> str:
+    """Unit of a kind of sensor on an element of a specification."""
     if not kind.startswith("joint"):
         return _UNITS[kind]
     joint = spec.joint(element)

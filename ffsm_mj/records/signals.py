@@ -25,6 +25,7 @@ GROUPS = {
     "contact": "telemetry of the contact models",
     "actuators": "commanded and applied efforts, and their bounds",
     "sensor": "measurements as the control law is shown them, with their true values",
+    "estimate": "state as the control law sees it, and its error",
     "controller": "telemetry of the controller",
     "phase": "the phase of the task",
 }

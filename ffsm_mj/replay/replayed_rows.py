@@ -61,7 +61,7 @@ class ReplayedRows:
         self.predicted, self.forces_apart = np.zeros((BLOCK_ROWS, model.nq + model.nv)), np.zeros(BLOCK_ROWS)
         known = plant.columns
         # Columns of the controller cannot be recomputed: they are copied from the log.
-        controller = tuple(signal for signal in layout.signals if signal.group in ("controller", "phase"))
+        controller = tuple(signal for signal in layout.signals if signal.group in ("estimate", "controller", "phase"))
         self._copied, self._copy = layout.places(signal.key for signal in controller), np.zeros(len(controller))
         row = _row_of_log([*known, Columns(controller, live=self._copy)], layout)
         self._writer = RowWriter(row, plant.state.sampler, self.again)

@@ -19,7 +19,12 @@ from ffsm_mj.scenario.impact_law import UNUSABLE_LAW
 from ffsm_mj.scenario.scenario import Scenario, timing_faults, with_contact_models
 from ffsm_mj.simulation.plant import Plant
 
-_NO_LAW = [{"name": "any", "until": "end", "controller": {"kind": "off"}}]
+_NO_CONTROL = {
+    "phases": [{"name": "any", "until": "end", "controller": {"kind": "off"}}],
+    "controller_model": {},
+    "estimator": {"kind": "truth"},
+}
+"""Control laws and estimators need not be installed where a log is analysed."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +60,7 @@ def _scenario(log: RunLog) -> Scenario:
         InputError: It does not match the schema of this version.
     """
     try:
-        scenario = with_contact_models(
-            Scenario.model_validate(scenario_data(log) | {"phases": _NO_LAW, "controller_model": {}})
-        )
+        scenario = with_contact_models(Scenario.model_validate(scenario_data(log) | _NO_CONTROL))
     except ValidationError as error:
         for item in error.errors():
             if item["type"] == UNUSABLE_LAW:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 from ffsm_controllers import kinds
+from ffsm_controllers.estimators import estimators
 from ffsm_controllers.settled import SettledConfig
 from pydantic import (
     ConfigDict,
@@ -45,6 +46,28 @@ _MOST_PERIODS = 5e8
 
 Axis = Literal["x", "y", "z"]
 JointValue = float | tuple[float, ...]
+
+
+class TruthConfig(StrictModel):
+    """Control laws see the true state."""
+
+    kind: Literal["truth"]
+
+
+class ToldAboveConfig(StrictModel):
+    """Impacts of which control laws are told."""
+
+    above_N_s: Annotated[float, Field(ge=0.0)]
+    """Least impulse, N s; of contacts that begin or end, stick or slip, nothing is told."""
+
+
+if TYPE_CHECKING:
+    EstimatorConfig: TypeAlias = Any
+else:
+    EstimatorConfig = Annotated[
+        Union[TruthConfig, *(cls.Config for cls in estimators().classes.values())],
+        Field(discriminator="kind"),
+    ]
 
 
 class SiteConfig(StrictModel):
@@ -234,6 +257,10 @@ class Scenario(StrictModel):
     """Errors and timing of the sensors of the models by name; every ``<sensor>`` of a model is measured."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Seed of all random numbers of the run."""
+    estimator: SerializeAsAny[EstimatorConfig] = TruthConfig(kind="truth")
+    """Where control laws take the state from, chosen by ``kind``; ``truth``: the true state."""
+    told_of_impacts: bool | ToldAboveConfig = True
+    """Whether control laws are called at impacts and other contact events, and told of them; or of impacts above a bound."""
     task: TaskConfig | None = None
     joint_limits: dict[Name, JointLimitConfig] = {}
     """Restitution of joints that stop at limits, by joint; default: 0."""
@@ -247,6 +274,11 @@ class Scenario(StrictModel):
     contact_models: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()
     """Contact models in addition to impacts, each with its ``kind``; see docs/contact-models.md."""
     log: LogConfig = LogConfig()
+
+    @property
+    def has_controller_model(self) -> bool:
+        """Whether control laws compute with models of their own: other ones, or with an estimated state."""
+        return any(self.controller_model.values()) or self.estimator.kind != "truth"
 
     @property
     def steps_per_tick(self) -> int:

@@ -34,12 +34,17 @@ class SensorReader:
             bodies_of: Bodies of the two geoms of each pair by its name, ids in the logged system.
         """
         self._model, self._data, self._motion, self._bodies_of = motion.model, motion.data, motion, bodies_of
-        ids = [int(motion.model.sensor(sensor.name).id) for sensor in sensors]
+        ids = [mujoco.mj_name2id(motion.model, mujoco.mjtObj.mjOBJ_SENSOR, sensor.name) for sensor in sensors]
         starts = [int(motion.model.sensor_adr[i]) for i in ids]
         ends = list(np.cumsum([sensor.size for sensor in sensors]))
         self.parts = [slice(end - sensor.size, end) for end, sensor in zip(ends, sensors, strict=True)]
-        order = [np.arange(start, start + sensor.size) for start, sensor in zip(starts, sensors, strict=True)]
+        order = [
+            np.arange(start, start + sensor.size) % max(1, motion.model.nsensordata)
+            for start, sensor in zip(starts, sensors, strict=True)
+        ]
         self._order = np.concatenate(order) if order else np.zeros(0, dtype=np.intp)
+        # A sensor of a joint that a closed grasp has removed: nothing to measure.
+        self._gone = [part for part, i in zip(self.parts, ids, strict=True) if i < 0]
         touching = [k for k, sensor in enumerate(sensors) if sensor.model.kind == "touch"]
         self._touch = [(self.parts[k], int(motion.model.sensor_objid[ids[k]])) for k in touching]
         self._needs_forces = any(sensor.model.kind in ("force", "torque") for sensor in sensors)
@@ -58,6 +63,8 @@ class SensorReader:
             mujoco.mj_sensorVel(self._model, self._data)
             mujoco.mj_sensorAcc(self._model, self._data)
         values: FloatArray = self._data.sensordata[self._order]
+        for part in self._gone:
+            values[part] = np.nan
         for part, site in self._touch:
             values[part] = sum(self._normal_force(contact, site) for contact in contacts)
         return values

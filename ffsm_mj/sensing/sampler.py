@@ -30,6 +30,7 @@ class SensorSampler:
     state is found as that of an event is, by integrating a shorter step from the same start. Nothing of the plant changes.
 
     Attributes:
+        by_name: The sensors by full name.
         columns: Columns of the measurements.
     """
 
@@ -58,6 +59,7 @@ class SensorSampler:
             bodies_of: See :class:`~ffsm_mj.sensing.reader.SensorReader`.
         """
         self._sensors, self._system, self._data = tuple(sensors), system, data
+        self.by_name = {sensor.name: sensor for sensor in sensors}
         self._current_motion, self._forces = motion, forces
         self._motion: Motion | None = None
         self._time_step_s, self._bodies_of = time_step_s, bodies_of
@@ -120,7 +122,8 @@ class SensorSampler:
         values = self._reader.read(*self._forces())
         for samples, part, view in zip(self._samples, self._reader.parts, self._views, strict=True):
             while samples.next_s <= due_s:
-                samples.take(values[part], view is None or view.shows(motion.data))
+                seen = view is None or view.shows(motion.data)
+                samples.take(values[part], seen and not np.isnan(values[part]).any())
         self._next_s = min(samples.next_s for samples in self._samples)
 
     def _take_inside(self, at_s: float, duration_s: float) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.model.added_sensors import AddedKind, AddedSensor
 
 Components = float | Annotated[tuple[float, ...], Field(min_length=1, max_length=4)]
 """One number for all components of a value, or one for each."""
@@ -31,6 +32,12 @@ class SensorConfig(StrictModel):
     are rotation vectors in the measured frame, rad.
     """
 
+    kind: AddedKind | None = None
+    """Element of MJCF, for a sensor that no model file has: one on or of an element of any model."""
+    of: Name | None = None
+    """With ``kind``: site, body (of frame sensors) or joint that it is on or measures."""
+    relative_to: Name | None = None
+    """With ``kind`` of a frame sensor: site or body in whose frame it measures; default: the world."""
     interval_s: PositiveFloat | None = None
     """Time between samples, s; default: ``interval`` of the model file, or else the control period."""
     first_s: NonNegativeFloat | None = None
@@ -66,6 +73,10 @@ class SensorConfig(StrictModel):
 
     @model_validator(mode="after")
     def _is_consistent(self) -> SensorConfig:
+        if (self.kind is None) != (self.of is None):
+            raise ValueError("'kind' and 'of' go together: they add a sensor")
+        if self.relative_to is not None and not (self.kind or "").startswith("frame"):
+            raise ValueError("'relative_to' needs a 'kind' that begins with 'frame'")
         if self.noise is not None and self.noise_density is not None:
             raise ValueError("has both 'noise' and 'noise_density'; leave one of them out")
         if self.range is not None and not self.range[0] < self.range[1]:
@@ -73,3 +84,9 @@ class SensorConfig(StrictModel):
         if self.occlusion and self.field_of_view is None:
             raise ValueError("'occlusion' needs 'field_of_view', whose site the line of sight starts from")
         return self
+
+    def added(self, name: str) -> AddedSensor | None:
+        """The sensor to add under a name; None if it is one of a model file."""
+        if self.kind is None or self.of is None:
+            return None
+        return AddedSensor(name, self.kind, self.of, self.relative_to or "")

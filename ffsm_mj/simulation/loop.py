@@ -29,6 +29,7 @@ from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.simulation.step_control import StepLimitError
+from ffsm_mj.simulation.told_records import told_records
 
 MOST_EVENTS_PER_STEP = 1000
 _NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})
@@ -36,11 +37,20 @@ _NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Settings:
-    """Time grid of a run; see the scenario keys of the same names."""
+    """Time grid of a run, and what the control law is told; see the scenario keys of the same names.
+
+    Attributes:
+        time_step_s: Integration step, s.
+        steps_per_tick: Steps in a control period.
+        ticks: Control periods in the run.
+        told_above_N_s: Least impulse of an impact of which the control law is told; -inf: it is told of all events of
+            contacts; None: of none.
+    """
 
     time_step_s: float
     steps_per_tick: int
     ticks: int
+    told_above_N_s: float | None = -math.inf
 
 
 @dataclass
@@ -288,11 +298,13 @@ class Simulation:
 
     def _after_event(self, effect: EventEffect, time_s: float) -> None:
         """Evaluate the controller if the event triggers it, and record the event with the efforts that follow."""
-        end, events = effect.end, (*self._pending_records, *effect.records)
-        contacts = self._plant.integrator.contacts() if effect.triggers_control else ()
+        told = told_records(effect.records, self._settings.told_above_N_s)
+        triggers_control = effect.triggers_control and (bool(told) or not effect.records)
+        end, events = effect.end, (*self._pending_records, *told)
+        contacts = self._plant.integrator.contacts() if triggers_control else ()
         observation = self._observed(time_s, events, contacts, at_tick=False)
         try:
-            if not effect.triggers_control:
+            if not triggers_control:
                 self._pending_records = events
             elif end is None or end.outcome == Outcome.COMPLETED:
                 self._evaluate_controller(observation)

@@ -1,0 +1,204 @@
+"""What sensors say of coordinates and rates of a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_controllers.estimators.frames import Frame, frame_of, root_frame
+from ffsm_mj.controller_protocol import Fault, FloatArray, Measurement, ScenarioFaults, Sensor, System
+
+ORDER = ("attitude", "position", "twist")
+"""Order in which samples of one time are written: positions of a point refer to the attitude, rates to both."""
+
+Write = Callable[[FloatArray, Any], None]
+"""Writes a measured value into the coordinates or rates of MuJoCo data, whose kinematics are current."""
+
+
+class Reading:
+    """A sensor that measures coordinates or rates of one joint.
+
+    Attributes:
+        sensor: Its full name.
+        order: One of ``ORDER``.
+        qpos: Coordinates that it determines.
+        dofs: Rates that it determines.
+        time_s: Time of the last sample that was used, s; NaN: none.
+    """
+
+    def __init__(self, sensor: str, order: str, qpos: slice, dofs: slice, write: Write) -> None:
+        """Nothing has been measured."""
+        self.sensor, self.order, self.qpos, self.dofs, self._write = sensor, order, qpos, dofs, write
+        self._rate: RateFilter | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing has been measured."""
+        self.time_s = math.nan
+        if self._rate is not None:
+            self._rate.forget()
+
+    def differentiate(self, filter_s: float, rate_of: Callable[[FloatArray, FloatArray], FloatArray]) -> None:
+        """Take the rates from differences of samples; ``rate_of`` gives the change from one coordinate value to another."""
+        self._rate = RateFilter(filter_s, rate_of)
+
+    def is_new(self, sample: Measurement) -> bool:
+        """Whether a sample is valid and has not been used."""
+        return sample.valid and sample.time_s != self.time_s
+
+    def write(self, sample: Measurement, data: Any) -> None:
+        """Write a sample into a state at its time."""
+        self._write(sample.value, data)
+        if self._rate is not None:
+            rate = self._rate.rate(sample.time_s, data.qpos[self.qpos].copy())
+            if rate is not None:
+                data.qvel[self.dofs] = rate
+        self.time_s = sample.time_s
+
+
+class RateFilter:
+    """Rate from differences of samples, with a first-order low-pass."""
+
+    def __init__(self, filter_s: float, change: Callable[[FloatArray, FloatArray], FloatArray]) -> None:
+        """Nothing has been measured."""
+        self._filter_s, self._change = filter_s, change
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing has been measured."""
+        self._last: tuple[float, FloatArray] | None = None
+        self._value: FloatArray | None = None
+
+    def rate(self, time_s: float, value: FloatArray) -> FloatArray | None:
+        """Filtered rate with another sample; None at the first one."""
+        last, self._last = self._last, (time_s, value)
+        if last is None or time_s <= last[0]:
+            return self._value
+        passed = time_s - last[0]
+        raw = self._change(last[1], value) / passed
+        weight = 1.0 if self._value is None or self._filter_s == 0.0 else 1.0 - math.exp(-passed / self._filter_s)
+        self._value = raw if self._value is None else self._value + weight * (raw - self._value)
+        return self._value
+
+
+def readings_of(system: System, sensors: Mapping[str, Sensor], rate_filter_s: float) -> list[Reading]:
+    """Readings of all sensors that measure something of the state, in the order in which they are written.
+
+    Raises:
+        ScenarioFaults: There are none.
+    """
+    found = [reading for name in sensors if (reading := _reading(system, name)) is not None]
+    if not found:
+        raise ScenarioFaults([Fault("no sensor measures a joint or a floating body: the models need <sensor> elements")])
+    rated = {(reading.order, dof) for reading in found for dof in range(reading.dofs.start, reading.dofs.stop)}
+    for reading in found:
+        if reading.order != "twist" and ("twist", reading.dofs.start) not in rated:
+            turns = reading.qpos.stop - reading.qpos.start == 4
+            reading.differentiate(rate_filter_s, _turn if turns else _difference)
+    return sorted(found, key=lambda reading: ORDER.index(reading.order))
+
+
+def _difference(before: FloatArray, after: FloatArray) -> FloatArray:
+    return after - before
+
+
+def _turn(before: FloatArray, after: FloatArray) -> FloatArray:
+    """Rotation vector from one quaternion to another, in body axes."""
+    turn = np.empty(3)
+    mujoco.mju_subQuat(turn, after, before)
+    return turn
+
+
+def _reading(system: System, name: str) -> Reading | None:
+    """Reading of a sensor; None if it measures nothing of the state directly."""
+    model, kind = system.mj, system.sensors[name].kind
+    number = int(model.sensor(name).id)
+    target = int(model.sensor_objid[number])
+    if kind in ("jointpos", "jointvel", "ballquat", "ballangvel"):
+        return _of_joint(model, name, kind, target)
+    if not (kind.startswith("frame") or kind in ("gyro", "velocimeter")):
+        return None
+    frame = frame_of(model, int(model.sensor_objtype[number]), target)
+    free = root_frame(model, frame)
+    if free is None:
+        return None
+    reference = frame_of(model, int(model.sensor_reftype[number]), int(model.sensor_refid[number]))
+    if reference.body and model.body_rootid[reference.body] == model.body_rootid[frame.body]:
+        return None  # of one part of a model relative to another
+    return _of_floating_body(model, name, kind, frame, reference, free)
+
+
+def _of_joint(model: Any, name: str, kind: str, joint: int) -> Reading:
+    q, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+    ball = kind.startswith("ball")
+    qpos, dofs = slice(q, q + (4 if ball else 1)), slice(v, v + (3 if ball else 1))
+
+    def write_coordinates(value: FloatArray, data: Any) -> None:
+        data.qpos[qpos] = value
+
+    def write_rates(value: FloatArray, data: Any) -> None:
+        data.qvel[dofs] = value
+
+    if kind in ("jointpos", "ballquat"):
+        return Reading(name, "attitude" if ball else "position", qpos, dofs, write_coordinates)
+    return Reading(name, "twist", slice(q, q), dofs, write_rates)
+
+
+def _of_floating_body(model: Any, name: str, kind: str, frame: Frame, reference: Frame, joint: int) -> Reading | None:
+    """Reading of a frame that is fixed to a body with a free joint."""
+    q, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+    place, attitude = slice(q, q + 3), slice(q + 3, q + 7)
+    linear, angular = slice(v, v + 3), slice(v + 3, v + 6)
+    nothing = slice(q, q)
+
+    def write_position(value: FloatArray, data: Any) -> None:
+        origin, axes = reference.pose(data)
+        data.qpos[place] = origin + axes @ value - _axes(data.qpos[attitude]) @ frame.offset
+
+    def write_attitude(value: FloatArray, data: Any) -> None:
+        _, axes = reference.pose(data)
+        data.qpos[attitude] = _quaternion(axes @ _axes(value) @ frame.axes.T)
+
+    def write_velocity(value: FloatArray, data: Any) -> None:
+        body = _axes(data.qpos[attitude])
+        lever = body @ frame.offset
+        if kind == "velocimeter":
+            point = body @ frame.axes @ value
+        else:
+            origin, axes = reference.pose(data)
+            moved, turning = reference.twist(model, data)
+            point = moved + np.cross(turning, data.qpos[place] + lever - origin) + axes @ value
+        data.qvel[linear] = point - np.cross(body @ data.qvel[angular], lever)
+
+    def write_angular(value: FloatArray, data: Any) -> None:
+        if kind == "gyro":
+            data.qvel[angular] = frame.axes @ value
+            return
+        _, axes = reference.pose(data)
+        _, turning = reference.twist(model, data)
+        data.qvel[angular] = _axes(data.qpos[attitude]).T @ (turning + axes @ value)
+
+    return {
+        "framepos": Reading(name, "position", place, linear, write_position),
+        "framequat": Reading(name, "attitude", attitude, angular, write_attitude),
+        "framelinvel": Reading(name, "twist", nothing, linear, write_velocity),
+        "velocimeter": Reading(name, "twist", nothing, linear, write_velocity),
+        "frameangvel": Reading(name, "twist", nothing, angular, write_angular),
+        "gyro": Reading(name, "twist", nothing, angular, write_angular),
+    }.get(kind)
+
+
+def _axes(quaternion: FloatArray) -> FloatArray:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion / np.linalg.norm(quaternion))
+    return matrix.reshape(3, 3)
+
+
+def _quaternion(axes: FloatArray) -> FloatArray:
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(axes).ravel())
+    return quaternion

@@ -1,0 +1,211 @@
+"""Estimates in place of the true state: what control laws see with an estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from ffsm_controllers.estimators import estimators
+from ffsm_controllers.phases import Phase, PhaseMachine
+
+from ffsm_mj.arrays import IntArray
+from ffsm_mj.assembly.controller_model import ControllerModel
+from ffsm_mj.controller_protocol import Command, ControllerContext, ControllerError, Estimator, Observation
+from ffsm_mj.dynamics.rigid_body import rotation_dofs
+from ffsm_mj.errors import Fault, ScenarioFaults, described
+from ffsm_mj.model.system import System
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.signals import Signal, coordinate_keys, rate_keys, unit_of
+
+_TOLD = ("event", "time_s", "step", "pair", "geoms", "joint", "rule", "grasp")
+"""Fields of an event record that a robot may be told of."""
+
+
+class EstimatePhaseMachine(PhaseMachine):
+    """Phase machine whose control laws see an estimate of the state: ``data`` and ``free`` are those of the estimate."""
+
+    def __init__(
+        self,
+        phases: Sequence[Phase],
+        estimator: Estimator,
+        kind: str,
+        system: System,
+        model: ControllerModel,
+        grasped: Mapping[str, tuple[System, ControllerModel]],
+    ) -> None:
+        """Bind estimator and control laws to their models.
+
+        Args:
+            phases: The phases, with control laws constructed for these models.
+            estimator: The estimator.
+            kind: Its kind.
+            system: The system of the controller model.
+            model: Controller model of the scene without a grasp; its data hold the initial state.
+            grasped: The same with a grasped object, by the name of the grasp.
+        """
+        super().__init__(phases)
+        self._estimator, self._kind, self._model, self._started = estimator, kind, model, False
+        self._grasped = {name: _GraspedEstimate(system, each, its) for name, (each, its) in grasped.items()}
+        self._columns_of_estimate = EstimateColumns(system)
+        reports = tuple(estimator.telemetry_signals)
+        self._reports = np.full(len(reports), np.nan)
+        self.columns = (
+            *self.columns,
+            Columns(self._columns_of_estimate.signals, live=self._columns_of_estimate.values),
+            *([Columns(reports, live=self._reports)] if reports else []),
+        )
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Update the estimate, change the phase if it has ended, then evaluate its control law."""
+        self._update(observation)
+        free = self._model.data
+        data = self._grasped[observation.grasp].show(self._model) if observation.grasp else free
+        self._columns_of_estimate.compare(free, observation.free)
+        events = tuple(told(event) for event in observation.events)
+        measured = observation.measured
+        estimate = Observation(observation.time_s, data, events, observation.at_tick, (), free, observation.grasp, measured)
+        super().control(estimate, command)
+
+    def _update(self, observation: Observation) -> None:
+        """Let the estimator write its estimate, and update derived quantities.
+
+        Raises:
+            ControllerError: The estimate is not finite, or the telemetry has another length.
+        """
+        data = self._model.data
+        data.ctrl[:] = observation.free.ctrl
+        if not self._started:
+            self._started = True
+            self._estimator.start(data)
+        events = tuple(told(event) for event in observation.events)
+        self._estimator.update(observation.time_s, observation.measured, events, data)
+        if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+            raise ControllerError(f"estimator {self._kind!r} gives an estimate that is not finite")
+        data.time = observation.time_s
+        self._model.update()
+        if len(self._reports):
+            report = self._estimator.telemetry()
+            if len(report) != len(self._reports):
+                raise ControllerError(
+                    f"estimator {self._kind!r}: telemetry gives {len(report)} values for {len(self._reports)} signals"
+                )
+            self._reports[:] = report
+
+
+class _GraspedEstimate:
+    """The estimate in the model with a grasped object."""
+
+    def __init__(self, system: System, grasped: System, model: ControllerModel) -> None:
+        self._model = model
+        own = [(joint, system.joints[name]) for name, joint in grasped.joints.items()]
+        self._qpos = _places(own, "qpos")
+        self._dofs = _places(own, "dofs")
+        assert grasped.grasp is not None
+        tree = next(tree for tree in system.trees if tree.name == grasped.grasp.tree)
+        self._joint, self._object = tree.joints[0], grasped.mj.body(system.mj.body(tree.root).name).id
+        self._scratch = np.zeros(6)
+
+    def show(self, free: ControllerModel) -> Any:
+        """Data of the grasped model at the estimate; the object's own joint in the free estimate follows the hand."""
+        data, scene = self._model.data, free.data
+        (theirs, ours), (their_rates, our_rates) = self._qpos, self._dofs
+        data.qpos[theirs], data.qvel[their_rates] = scene.qpos[ours], scene.qvel[our_rates]
+        data.ctrl[:], data.time = scene.ctrl, scene.time
+        self._model.update()
+        if self._joint.kind == "free":
+            body = self._object
+            mujoco.mj_objectVelocity(self._model.model, data, mujoco.mjtObj.mjOBJ_XBODY, body, self._scratch, 0)
+            turning = data.xmat[body].reshape(3, 3).T @ self._scratch[:3]
+            scene.qpos[self._joint.qpos] = np.concatenate((data.xpos[body], data.xquat[body]))
+            scene.qvel[self._joint.dofs] = np.concatenate((self._scratch[3:], turning))
+            free.update()
+        return data
+
+
+def _places(joints: Sequence[tuple[Any, Any]], what: str) -> tuple[IntArray, IntArray]:
+    """Places of joints in two models: in the first and in the second of each pair."""
+    found = []
+    for side in (0, 1):
+        ranges = [getattr(pair[side], what) for pair in joints]
+        found.append(np.concatenate([np.arange(part.start, part.stop) for part in ranges]))
+    return found[0], found[1]
+
+
+class EstimateColumns:
+    """Columns of the estimate and of its error.
+
+    Attributes:
+        signals: Their signals.
+        values: Estimated coordinates and rates, errors of the coordinates (rotations as vectors in body axes) and of the
+            rates, (nq + 3 nv,).
+    """
+
+    def __init__(self, system: System) -> None:
+        """Name the columns as those of the state."""
+        self._model = system.mj
+        joints = tuple(system.joints.values())
+        coordinates = [key.removeprefix("state.") for key in coordinate_keys(joints)]
+        rates = [key.removeprefix("state.") for key in rate_keys(joints)]
+        turning = {i for part in rotation_dofs(system.mj) for i in range(part.start, part.stop)}
+        errors = [_error_name(rate, i in turning) for i, rate in enumerate(rates)]
+        self.signals = (
+            *(Signal("estimate", name, unit_of(name), f"estimate of state.{name}") for name in (*coordinates, *rates)),
+            *(Signal("estimate", name, unit_of(name), "estimate less truth, of the coordinate") for name in errors),
+            *(Signal("estimate", f"error_{name}", unit_of(name), f"estimate less truth of state.{name}") for name in rates),
+        )
+        self.values = np.full(len(self.signals), np.nan)
+
+    def compare(self, estimate: Any, truth: Any) -> None:
+        """Take the estimate and its error."""
+        model, apart = self._model, np.empty(self._model.nv)
+        mujoco.mj_differentiatePos(model, apart, 1.0, truth.qpos, estimate.qpos)
+        self.values[:] = np.concatenate((estimate.qpos, estimate.qvel, apart, estimate.qvel - truth.qvel))
+
+
+def _error_name(rate: str, turns: bool) -> str:
+    """Name of the error of the coordinate of a rate: ``v_box_vx_m_s`` gives ``error_q_box_x_m``."""
+    for of_rate, of_coordinate in (("rad_s", "rad"), ("m_s", "m")):
+        if rate.endswith(of_rate):
+            stem = rate.removeprefix("v_").removesuffix(of_rate)
+            for axis in "xyz":
+                letter = "w" if turns else "v"
+                if stem.endswith(f"_{letter}{axis}_"):
+                    stem = f"{stem[:-3]}{'turn_' if turns else ''}{axis}_"
+            return f"error_q_{stem}{of_coordinate}"
+    raise ValueError(rate)
+
+
+def told(record: Any) -> Any:
+    """What a robot is told of an event: its class, time and pair; other numbers are NaN, other fields empty."""
+    if not isinstance(record, ImpactRecord):
+        return record
+    hidden: dict[str, Any] = {}
+    for each in fields(record):
+        value = getattr(record, each.name)
+        if each.name not in _TOLD:
+            hidden[each.name] = np.nan if isinstance(value, float) else type(value)()
+    return replace(record, **hidden)
+
+
+def make_estimator(config: Any, context: ControllerContext) -> Estimator:
+    """The estimator of a scenario.
+
+    Raises:
+        ScenarioFaults: It cannot be made; paths in the scenario.
+    """
+    known = estimators()
+    if reason := known.broken.get(config.kind):
+        message = f"the plugin for kind {config.kind!r} cannot be used ({reason})"
+        raise ScenarioFaults([Fault(message, ("estimator", "kind"))])
+    try:
+        made: Estimator = known.classes[config.kind](config, context)
+    except ScenarioFaults as error:
+        raise ScenarioFaults([replace(fault, path=("estimator", *fault.path)) for fault in error.faults]) from error
+    except Exception as error:  # a plugin's code: whatever it raises is a fault of this section
+        message = f"the estimator cannot be made ({described(error)})"
+        raise ScenarioFaults([Fault(message, ("estimator", "kind"), error)]) from error
+    return made

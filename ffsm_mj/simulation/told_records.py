@@ -1,0 +1,28 @@
+"""Of which events a control law is told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ffsm_mj.contact_models.grasp.record import KINDS
+from ffsm_mj.records.events import ImpactRecord
+
+_OF_GRASPS = tuple(kind.record for kind in KINDS)
+
+
+def told_records(records: Sequence[Any], above_N_s: float | None) -> tuple[Any, ...]:
+    """Records of which the control law is told: of its own grasps always, of contacts as far as it is told of impacts.
+
+    Args:
+        records: Records of one event.
+        above_N_s: Least impulse of an impact; -inf: all events are told; None: none of contacts.
+    """
+    if above_N_s == -math.inf:
+        return tuple(records)
+    hard = above_N_s is not None and any(
+        isinstance(record, ImpactRecord) and record.impulse_N_s >= above_N_s for record in records
+    )
+    kinds = (*_OF_GRASPS, ImpactRecord) if hard else _OF_GRASPS
+    return tuple(record for record in records if isinstance(record, kinds))
