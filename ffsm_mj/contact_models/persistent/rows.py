@@ -146,12 +146,13 @@ class FrictionalRows(PointRows):
     @cached_property
     def speed_rounding(self) -> FloatArray:
         """Rounding of the slip speeds, m/s, (k,)."""
-        terms = np.abs(self.J * self.qvel).max(axis=1, initial=0.0).reshape(-1, 3).max(axis=1)
+        terms = np.abs(self.J * self.qvel).reshape(len(self.axes), -1).max(axis=1, initial=0.0)
         return np.asarray(RATE * (1.0 + terms))
 
     def across(self, components: FloatArray) -> FloatArray:
         """Vectors with given components along the tangents of each point, world axes, (k, 3)."""
-        return np.asarray(np.einsum("ki,kij->kj", components, self.axes[:, 1:]))
+        vectors: FloatArray = np.matmul(components[:, None], self.axes[:, 1:])[:, 0]
+        return vectors
 
 
 def _stacked(parts: list[FloatArray]) -> FloatArray:

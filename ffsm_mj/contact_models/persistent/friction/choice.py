@@ -108,7 +108,7 @@ class ModeChoice:
         """
         states = self._states
         if not states.released:
-            if np.all(states.kinds >= 0) and np.all((states.kinds != STICK) | self._still):
+            if (states.kinds >= 0).all() and not (states.slides & (states.kinds == STICK)).any():
                 kept = self.evaluate(states.kinds, self._directions(states.kinds))
                 if kept.valid:
                     return kept
@@ -137,6 +137,8 @@ class ModeChoice:
     def _directions(self, kinds: IntArray) -> FloatArray:
         """Directions of slip: along the slip of a point that slides, the present one at a point that begins to."""
         states, mu = self._states, self._problem.mu
+        if SLIDE not in kinds.tolist():
+            return np.zeros_like(states.directions)
         directions = np.where(states.slides[:, None], unit_slips(states.slips), states.directions)
         return np.where(((kinds == SLIDE) & (mu > 0.0))[:, None], directions, 0.0)
 
@@ -153,8 +155,7 @@ class ModeChoice:
         forces = problem.forces(kinds, directions)
         accelerations = (problem.b + problem.G.dot(forces.ravel())).reshape(-1, 3)
         validity, releases = self._validity(kinds, directions, forces, accelerations)
-        begins = (kinds == SLIDE) & self._still & (problem.mu > 0.0)
-        if begins.any():
+        if SLIDE in kinds.tolist() and (begins := (kinds == SLIDE) & self._still & (problem.mu > 0.0)).any():
             along = (
                 np.sum(accelerations[:, 1:] * directions, axis=1)[begins] + _SLIPS * self._scale + states.rounding[begins]
             )
@@ -185,10 +186,10 @@ class ModeChoice:
 
     def stick_margin(self, kinds: IntArray, forces: FloatArray) -> float:
         """Margin of the sticking points to their friction cones, m/s^2: own forces, or others of the same effect."""
-        problem, sticks = self._problem, np.flatnonzero(kinds == STICK)
+        problem, sticks = self._problem, (kinds == STICK).nonzero()[0]
         of_own = problem.mu * forces[:, 0] - np.hypot(forces[:, 1], forces[:, 2])
         inertia = float(problem.inverse_mass[sticks].mean())
-        allowed = _ON_CONE * float(np.abs(forces).max()) * inertia + float(self._states.rounding[sticks].max()) * _ON_CONE
+        allowed = _ON_CONE * (float(np.abs(forces).max()) * inertia + float(self._states.rounding[sticks].max()))
         own = float(of_own[sticks].min()) * inertia + allowed
         if own >= 0.0 or not problem.structure(kinds).redundant:
             return own

@@ -59,8 +59,10 @@ class FrictionalDecision:
     def rounding(self) -> FloatArray:
         """Rounding of the accelerations of each point, m/s^2, (k,): a share of the largest term."""
         rows = self.rows
-        terms = np.maximum(np.abs(rows.response * self.here.force).max(axis=1, initial=0.0), np.abs(rows.gamma))
-        return np.asarray(ACCELERATION_M_S2 + ACCELERATION * np.maximum(terms.reshape(-1, 3).max(axis=1), rows.scales))
+        k = len(self.contact_points)
+        terms = np.abs(rows.response * self.here.force).reshape(k, -1).max(axis=1, initial=0.0)
+        terms = np.maximum(terms, np.abs(rows.gamma).reshape(k, 3).max(axis=1))
+        return np.asarray(ACCELERATION_M_S2 + ACCELERATION * np.maximum(terms, rows.scales))
 
     @cached_property
     def slips(self) -> FloatArray:
@@ -123,7 +125,7 @@ class FrictionalDecision:
     @cached_property
     def _shared(self) -> FloatArray:
         """Forces (n, t1, t2) of all points, those of sticking points inside their cones, N, (k, 3)."""
-        return shares_in_cones(self.problem, self.solution.forces, np.flatnonzero(self.kinds == STICK))
+        return shares_in_cones(self.problem, self.solution.forces, (self.kinds == STICK).nonzero()[0])
 
     @cached_property
     def forces(self) -> FloatArray:
@@ -148,7 +150,7 @@ class FrictionalDecision:
     @property
     def pressing(self) -> list[int]:
         """Indices of the contact points that carry force: the active set."""
-        return [int(i) for i in np.flatnonzero(self.kinds != CLOSED)]
+        return [i for i, kind in enumerate(self.kinds.tolist()) if kind != CLOSED]
 
     @cached_property
     def directions(self) -> FloatArray:
@@ -168,6 +170,8 @@ class FrictionalDecision:
     def _in_present_modes(self) -> tuple[Solution, float]:
         """Solution in the modes of the step, and least slip of sliding points along their direction at its start, m/s."""
         modes = self.here.modes
+        if not modes.any_slides:
+            return self._choice.evaluate(np.maximum(modes.kinds, 0), modes.no_slips), np.inf
         directions, forward = slip_directions(self.problem, self.rows.slips, self._at_start, modes.slides, modes.straight)
         return self._choice.evaluate(np.maximum(modes.kinds, 0), directions), forward
 

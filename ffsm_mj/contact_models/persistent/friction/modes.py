@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
 from typing import Any
@@ -146,6 +146,8 @@ class FrictionModes:
             slips: Slip speeds, m/s, (k,).
             slides: Points that slip already; others only begin to slide, (k,).
         """
+        if self._keep_still(contact_points, kinds):
+            return
         before, held, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
         self.released, self.struck, self._straight = False, False, set()
         self.forget_structures()
@@ -166,6 +168,15 @@ class FrictionModes:
                 self._largest_slip[contact] = slip
                 if slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S:  # on a new feature
                     self._straight.add(contact)
+
+    def _keep_still(self, contact_points: Sequence[ContactPoint], kinds: IntArray) -> bool:
+        """Keep the modes if none changes and no point slides or has just stopped, and return whether that is so."""
+        values = kinds.tolist()
+        if SLIDE in values or self._largest_slip or self._kinds != dict(zip(contact_points, values, strict=True)):
+            return False
+        self.released = self.struck = False
+        self._of = {points: replace(modes, structures={}) for points, modes in self._of.items()}
+        return True
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores all that decides on the modes of the next step."""

@@ -92,7 +92,7 @@ class FrictionProblem:
         held = np.zeros((len(kinds), 3), dtype=np.bool_)
         held[:, 0] = kinds != CLOSED
         held[:, 1:] = (kinds == STICK)[:, None]
-        return np.flatnonzero((held & self._movable).ravel())
+        return np.asarray((held & self._movable).ravel().nonzero()[0])
 
     def structure(self, kinds: IntArray) -> HeldRows:
         """The rows held in given modes."""
@@ -238,7 +238,7 @@ class HeldRows:
         independent = rows[independent_rows(problem.G[rows[:, None], rows])]
         along = np.zeros((3 * len(kinds), len(rows)))
         along[rows, np.arange(len(rows))] = 1.0
-        slides = np.flatnonzero((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals)
+        slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0]
         return cls(rows, independent, along, slides, np.searchsorted(rows, 3 * slides))
 
     @property

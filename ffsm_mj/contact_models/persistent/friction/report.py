@@ -98,6 +98,8 @@ class FrictionReport:
             if stage.slip_speeds is None or stage.heat is None:
                 continue
             self._work += weight * sum(stage.power.tolist())
+            if not stage.slip_speeds.any():
+                continue
             for contact, heat in zip(contact_points, stage.heat.tolist(), strict=True):
                 if contact.pair.mu > 0.0:
                     self._values[self._rules[contact.pair.rule], _HEAT] += weight * heat
