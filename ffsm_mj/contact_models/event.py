@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ffsm_mj.arrays import FloatArray
@@ -64,6 +66,7 @@ class LoggedEvent:
         state: Coordinates and rates before, (nq + nv,).
         state_after: Coordinates and rates after, (nq + nv,).
         efforts: Efforts after the event, (nu,).
+        in_step: Whether it was located in a step; others are due before one, at a tick or right after another event.
     """
 
     kind: str
@@ -73,6 +76,7 @@ class LoggedEvent:
     state: FloatArray
     state_after: FloatArray
     efforts: FloatArray
+    in_step: bool = False
 
     @property
     def time_s(self) -> float:
@@ -96,6 +100,7 @@ class EventEffect(NamedTuple):
             completes.
         triggers_control: Whether the controller is evaluated immediately; else it receives the records at its next tick.
         leaves_to_impacts: Whether nothing was done because pairs touch, which the model that resolves impacts handles.
+        accuracy: How well the state determines fields of the records that it determines worse than to rounding, by name.
     """
 
     records: tuple[Any, ...]
@@ -104,3 +109,4 @@ class EventEffect(NamedTuple):
     end: RunEnded | None = None
     triggers_control: bool = True
     leaves_to_impacts: bool = False
+    accuracy: Mapping[str, float] = MappingProxyType({})

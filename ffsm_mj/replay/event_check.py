@@ -33,7 +33,7 @@ class EventCheck:
             return effect
         for mine, theirs in zip(effect.records, event.records, strict=True):
             again = replace(mine, time_s=theirs.time_s, efforts_after=theirs.efforts_after)
-            self._found.record(event.name, theirs, again)
+            self._found.record(event.name, theirs, again, effect.accuracy)
         return effect
 
     def _effect(self, event: LoggedEvent) -> EventEffect | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -160,7 +161,7 @@ class LogReplay:
             predicted, none = self._left - left, _NO_TIME * event.time_s
             if predicted <= none:
                 predicted = 0.0 if self._is_at(event.state) else none
-            self._replay_event(event, self._advance_to_state(predicted, event.state))
+            self._replay_event(replace(event, in_step=predicted > 0.0), self._advance_to_state(predicted, event.state))
             self._left = left
             if event.time_s == until_s:
                 return True

@@ -103,8 +103,15 @@ class Agreement:
         signal, time = layout.signals[columns[place]], float(logged[row, layout.time])
         self.keep(Discrepancy(signal.key, float(size[row, place]), float(allowed[row, place]), signal.unit, time))
 
-    def record(self, event: str, logged: Any, again: Any) -> None:
-        """Compare all fields of a record of an event."""
+    def record(self, event: str, logged: Any, again: Any, accuracy: Mapping[str, float] | None = None) -> None:
+        """Compare all fields of a record of an event.
+
+        Args:
+            event: Its name.
+            logged: Its record in the log.
+            again: The record computed again.
+            accuracy: Differences to allow in fields that a state determines worse than to rounding, by name.
+        """
         for each in fields(logged):
             given, known = getattr(logged, each.name), getattr(again, each.name)
             name = f"{event} {each.name}"
@@ -114,15 +121,25 @@ class Agreement:
             a, b = numbers_of(given), numbers_of(known)
             self.numbers += len(a)
             scale = numbers_of(getattr(again, _CHANGES_OF.get(each.name, each.name)))
-            self.vector(name, a, b, scale, unit_of(each.name), logged.time_s)
+            least = (accuracy or {}).get(each.name, 0.0)
+            self.vector(name, a, b, scale, unit_of(each.name), logged.time_s, least)
 
-    def vector(self, name: str, logged: FloatArray, again: FloatArray, scale: FloatArray, unit: str, time_s: float) -> None:
-        """Compare a vector, relative to the largest element of ``scale``."""
+    def vector(
+        self,
+        name: str,
+        logged: FloatArray,
+        again: FloatArray,
+        scale: FloatArray,
+        unit: str,
+        time_s: float,
+        accuracy: float = 0.0,
+    ) -> None:
+        """Compare a vector, relative to the largest element of ``scale``, or to an accuracy if that is worse."""
         size = np.inf
         if logged.shape == again.shape:
             size = float(np.max(np.abs(logged - again), initial=0.0)) if not np.array_equal(logged, again) else 0.0
         allowed = AGREES * (1.0 + float(np.max(np.abs(scale), initial=0.0)))
-        self.keep(Discrepancy(name, math.inf if math.isnan(size) else size, allowed, unit, time_s))
+        self.keep(Discrepancy(name, math.inf if math.isnan(size) else size, max(allowed, accuracy), unit, time_s))
 
 
 def _is_text(value: Any) -> bool:

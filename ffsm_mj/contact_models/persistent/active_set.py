@@ -236,10 +236,15 @@ class ActiveContactSet:
             valid = decision.validity_margin(self.pressing)
         return min(inside, DRIFT_M - drift, tilt, self._clearance_elsewhere(), valid)
 
-    def note_release(self) -> None:
-        """Note whether sticking points are at the limit of friction at the state in ``data``: they slide from there."""
+    def note_release(self, *, slips: bool = False) -> None:
+        """Note whether sticking points are at the limit of friction at the state in ``data``: they slide from there.
+
+        Args:
+            slips: Whether a pair is known to slip here; the forces are then at the limit even if rounding puts them inside.
+        """
         decision = self.decide() if self.has_friction else None
-        self.modes.released = isinstance(decision, FrictionalDecision) and decision.releases
+        if isinstance(decision, FrictionalDecision):
+            self.modes.released = decision.releases or (slips and decision.validity_margin() >= 0.0)
 
     def _tilts_left(self) -> Iterator[tuple[ContactPoint, float, float]]:
         """Rims that carry force, with what their tilt may still change in this step and may change in one step."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
+
+import numpy as np
 
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.contact_models.interface import LoggedEvent, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import switched_rate_tolerance
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
@@ -40,14 +42,15 @@ class ContactChanges:
         self._scene, self._active_set = scene, closed
         self.logged: list[UnilateralConstraint] = []
 
-    def restore_before(self, records: Sequence[Any]) -> None:
-        """Restore the modes before a logged slip or stop: a step that ends there to rounding may have changed them."""
-        modes, first = self._active_set.modes, records[0]
-        modes.released = isinstance(first, ContactSlips)
+    def restore_before(self, event: LoggedEvent) -> None:
+        """Restore the modes before a logged event: a step that ends to rounding at a slip or stop may have changed them."""
+        first, slips = event.records[0], isinstance(event.records[0], ContactSlips)
         if isinstance(first, (ContactSlips, ContactSticks)):
-            names = {record.pair for record in records}
+            names = {record.pair for record in event.records}
             points = [contact for contact in self._active_set.contact_points if contact.pair.name in names]
-            modes.assume(points, sticks=isinstance(first, ContactSlips))
+            self._active_set.modes.assume(points, sticks=slips)
+        if event.in_step:
+            self._active_set.note_release(slips=slips)
 
     def left_at_once(self) -> list[JointLimit]:
         """Limits at which joints are at rest, as at the start of a run, but which they leave under the present efforts.
@@ -90,7 +93,7 @@ class ContactChanges:
     def during_step(self) -> Change | None:
         """Pairs that ended a step early without opening.
 
-        They entered the active set, drifted or tilted to the limit, or a point with friction changed its mode.
+        They entered the active set, drifted or tilted to the limit, or a point with friction changed its mode or direction.
         """
         closed = self._active_set
         decision = closed.decide() if closed.contact_points else None
@@ -101,8 +104,8 @@ class ContactChanges:
         ]
         if isinstance(decision, FrictionalDecision):
             # A log replay chooses modes anew at ticks and events only: it must know of each change between them.
-            kinds = zip(decision.contact_points, closed.modes.of(decision.contact_points).kinds, decision.kinds, strict=True)
-            presses += [contact.pair for contact, before, after in kinds if before != after]
+            changed = (decision.here.modes.kinds != decision.kinds) | decision.restarts
+            presses += [decision.contact_points[i].pair for i in np.flatnonzero(changed).tolist()]
         pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
         return (CONTACT_CHANGES, pairs) if pairs else None
 

@@ -15,7 +15,6 @@ from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.exchange import Shares
-from ffsm_mj.contact_models.persistent.friction.modes import STICK
 from ffsm_mj.contact_models.persistent.projection import ClosedRows, needs_projection, project
 from ffsm_mj.contact_models.persistent.rows import FrictionalRows
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
@@ -82,20 +81,20 @@ def closed_rows(closed: ActiveContactSet) -> ClosedRows:
     if not isinstance(every, FrictionalRows):
         return ClosedRows(every.gaps, every.rates, every.J, np.empty((0, closed.motion.model.nv)))
     J = every.J.reshape(len(closed.contact_points), 3, -1)
-    sticking = J[closed.modes.of(closed.contact_points).kinds == STICK, 1:]
+    sticking = J[closed.modes.of(closed.contact_points).drifts, 1:]
     return ClosedRows(every.gaps, every.rates, J[:, 0], sticking.reshape(-1, J.shape[2]))
 
 
 def unit_wrenches(closed: ActiveContactSet, which: BoolArray) -> FloatArray:
     """Wrenches about the world origin of unit forces on geom b, (m, 6), at some of the closed contact points, (k,).
 
-    Along the normals, and at sticking points along two tangents.
+    Along the normals, and at points whose slip is drift along two tangents.
     """
     points = [contact for contact, taken in zip(closed.contact_points, which.tolist(), strict=True) if taken]
     states = [contact.feature.at(closed.data) for contact in points]
     forces = [
         (here.point, along)
-        for here, kind in zip(states, closed.modes.of(tuple(points)).kinds.tolist(), strict=True)
-        for along in (here.normal, *(tangents(here.normal) if kind == STICK else ()))
+        for here, drifts in zip(states, closed.modes.of(tuple(points)).drifts.tolist(), strict=True)
+        for along in (here.normal, *(tangents(here.normal) if drifts else ()))
     ]
     return np.array([np.concatenate((along, np.cross(point, along))) for point, along in forces]).reshape(-1, 6)

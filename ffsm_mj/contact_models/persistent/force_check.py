@@ -41,6 +41,8 @@ from ffsm_mj.records.signals import Layout
 from ffsm_mj.tolerances import CLEARLY_APART_M, LANDING_DEPTH_M, SAME_POINT_M
 
 _FIRST = np.array((1.0, 0.0, 0.0))
+_LIFTS_M_S = 1e-3
+"""A closed point without force that lifts off stays listed up to DRIFT_M: at 1000 m/s^2 it has this speed there."""
 
 
 class ForceCheck:
@@ -101,7 +103,7 @@ class ForceCheck:
         near = pair.proximity(model, data)
         # MuJoCo stores mesh vertices in single precision: with several touching, the gap is known no better than that.
         seen = replace(near, gap=near.gap - pair.position_tolerance) if lasts else near
-        return near if closed_and_still(seen, held_rate_tolerance(near) if lasts else near.rate_tolerance) else None
+        return near if closed_and_still(seen, _LIFTS_M_S if lasts else near.rate_tolerance) else None
 
     def _resultants(
         self, touching: Sequence[tuple[UnilateralConstraint, Proximity]], motion: Motion
@@ -163,11 +165,15 @@ def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArr
 
     All corners of a face that is flat to 1e-6 rad are candidates; corners that open are no longer in contact.
     """
-    still = [
-        point for point, rate in zip(near.points, near.rates.tolist(), strict=True) if abs(rate) <= held_rate_tolerance(near)
+    points = [(point, abs(rate)) for point, rate in zip(near.points, near.rates.tolist(), strict=True)]
+    closed = [
+        point
+        for point, speed in points
+        if speed <= _LIFTS_M_S and any(math.dist(point, each) <= SAME_POINT_M for each in held)
     ]
-    closed = [point for point in still if any(math.dist(point, each) <= SAME_POINT_M for each in held)]
-    return closed if closed and near.gap >= -LANDING_DEPTH_M else still
+    if closed and near.gap >= -LANDING_DEPTH_M:
+        return closed
+    return [point for point, speed in points if speed <= held_rate_tolerance(near)]
 
 
 def _push(motion: Motion, model: Any, data: Any) -> None:

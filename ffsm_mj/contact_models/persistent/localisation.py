@@ -41,8 +41,6 @@ def first_change(active_set: ActiveContactSet, duration_s: float) -> tuple[float
         changed = _just_after(slack, 0.0, 0.5 * changed)
     path.move_to(changed)
     landing = active_set.touches_elsewhere()
-    if not landing:
-        active_set.note_release()
     return _landing_time(active_set, changed) if landing else changed, landing
 
 

@@ -87,6 +87,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self.columns = (*self._report.columns, *self._limits.columns)
         self._previous_motion: Motion | None = None
         self._landing = False
+        self._located_s: float | None = None
 
     def bind(self, motion: Motion) -> None:
         """Use another motion: closed contacts stay closed, except pairs whose geoms are on one rigid body in it.
@@ -134,9 +135,13 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def prepare_replay(self, records: Sequence[Any]) -> None:
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
-        self._changes.restore_before(records)
         if set(map(name_of, records)) - {pair.name for pair in self._active_set.by_pair}:
             self.close(closed_pairs(self._broad_phase, self.scene, self.motion))
+
+    def replay(self, event: LoggedEvent) -> EventEffect | None:
+        """Reproduce a logged event in the modes before it."""
+        self._changes.restore_before(event)
+        return super().replay(event)
 
     def refusal(self, _: UnilateralConstraint) -> str:
         """Why a pair cannot stay in contact; empty if it can."""
@@ -197,7 +202,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._drop(self._changes.left_at_once())  # in a log replay, which has no event for it
         self._account.projected = self._drift.remove_drift()
         self._active_set.update_pressing()
+        self._active_set.modes.move()
         self._active_set.stages.clear()
+        self._located_s = None
 
     def continue_step(self) -> None:
         """Go on with the active set and the modes of the step before, without projection."""
@@ -221,8 +228,13 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         located = first_change(self._active_set, duration_s)
         if located is None:
             return None
-        at_s, self._landing = located
-        return at_s
+        self._located_s, self._landing = located
+        return self._located_s
+
+    def on_event_located(self, time_s: float) -> None:
+        """Note whether the event, if it is one of this model, is that sticking points reach the limit of friction."""
+        if time_s == self._located_s and not self._landing:
+            self._active_set.note_release()
 
     def names(self) -> str:
         """The closed pairs."""
@@ -272,9 +284,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         news = self._changes.pending() or self._changes.during_step()
         if news is None:
             return None
-        kind, pairs = news
+        (kind, pairs), accuracy = news, self._report.accuracy()
         records = self._records.of(kind, pairs, instant, lambda: self._apply(kind, pairs))
-        return EventEffect(records, triggers_control=False)
+        return EventEffect(records, triggers_control=False, accuracy=accuracy)
 
     def _apply(self, kind: RecordKind, pairs: Sequence[UnilateralConstraint]) -> None:
         """Apply a change of some pairs or limits to the closed contacts."""

@@ -201,6 +201,13 @@ class ContactReport:
             pair: resultant(self._active_set.pressing, stage.rows, stage.forces, pair, stage.friction).size for pair in pairs
         }
 
+    def accuracy(self) -> dict[str, float]:
+        """Accuracy of the forces at the end of the last step, N, by field of a record; empty if it is rounding."""
+        closed = self._active_set
+        decision = closed.decide() if closed.contact_points and closed.stages else None
+        worst = float(decision.force_accuracy().sum()) if isinstance(decision, FrictionalDecision) else 0.0
+        return {"force_before_N": worst} if worst else {}
+
     def places(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, Resultant]:
         """Resultant force and centre of pairs at the state in ``data`` under its efforts."""
         closed, found = self._active_set, {}

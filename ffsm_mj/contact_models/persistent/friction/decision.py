@@ -94,7 +94,13 @@ class FrictionalDecision:
         """Points that slip, (k,)."""
         modes = self.here.modes
         slides = sliding(
-            self._speeds, modes.kinds, modes.stop_speeds, self.rows.speed_rounding, modes.straight, struck=self._struck
+            self._speeds,
+            modes.kinds,
+            modes.stop_speeds,
+            self.rows.speed_rounding,
+            modes.straight,
+            modes.drifts,
+            struck=self._struck,
         )
         return slides & (modes.mu > 0.0)
 
@@ -187,6 +193,25 @@ class FrictionalDecision:
         if not slides.any():
             return np.asarray(slides)
         return np.asarray(slides & ~self.problem.lines & ~self._modes.of(self.contact_points).straight)
+
+    def force_accuracy(self) -> FloatArray:
+        """Accuracy to which the state determines the forces in the modes of the step, N, (k,).
+
+        A point that goes straight on to its stop keeps the direction of an earlier slip, which turns by the rounding of
+        velocities over that slip.
+        """
+        modes = self.here.modes
+        turned = np.flatnonzero(modes.straight & modes.slides)
+        if not len(turned):
+            return modes.nothing
+        solution, turns = self._in_present_modes[0], (self.rows.speed_rounding / modes.directed_at)[turned]
+        changes = self.problem.responses_to_turns(solution.kinds, solution.directions, turned, solution.forces)
+        return np.asarray(np.linalg.norm(changes, axis=1) @ turns)
+
+    @property
+    def restarts(self) -> BoolArray:
+        """Points that stop and begin to slide in another direction at once, (k,)."""
+        return np.asarray(self.here.modes.slides & ~self._slides & (self.kinds == SLIDE))
 
     @property
     def releases(self) -> bool:

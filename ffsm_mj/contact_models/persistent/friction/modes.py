@@ -54,6 +54,8 @@ class PointModes:
         directions: Directions of slip at the start of the step, world axes, (k, 3); zero for points that do not slide.
         stop_speeds: Slips below which points that slide stop, m/s, (k,).
         straight: Points so close to their stop that their direction of slip is kept until then, (k,).
+        directed_at: Slips at which these directions were determined, m/s, (k,); infinite for points that are not straight.
+        drifts: Points whose slip is drift: those that stick or begin to slide, (k,).
         structures: Rows held in modes of the step, by the modes; see ``HeldRows``.
     """
 
@@ -63,6 +65,8 @@ class PointModes:
     directions: FloatArray
     stop_speeds: FloatArray
     straight: BoolArray
+    directed_at: FloatArray
+    drifts: BoolArray
     structures: dict[bytes, Any]
 
     @cached_property
@@ -97,16 +101,19 @@ class FrictionModes:
     Attributes:
         released: Whether sticking points have reached the limit of friction at the current state: those there slide.
         struck: Whether the velocities are those after an impact, which leaves sticking points a slip of rounding.
+        beginning: Points that begin to slide at the current state. The slip that they have is the drift of sticking points;
+            it is projected out like that before they move.
     """
 
     def __init__(self) -> None:
         """Start without modes."""
         self.released = self.struck = False
+        self.beginning: frozenset[ContactPoint] = frozenset()
         self._of: dict[tuple[ContactPoint, ...], PointModes] = {}
         self._kinds: dict[ContactPoint, int] = {}
         self._directions: dict[ContactPoint, FloatArray] = {}
         self._largest_slip: dict[ContactPoint, float] = {}
-        self._straight: set[ContactPoint] = set()
+        self._straight: dict[ContactPoint, float] = {}
 
     def of(self, contact_points: tuple[ContactPoint, ...]) -> PointModes:
         """Modes of some points; the same object until they change."""
@@ -118,6 +125,8 @@ class FrictionModes:
     def _collected(self, contact_points: tuple[ContactPoint, ...]) -> PointModes:
         mu, nothing = np.array([contact.pair.mu for contact in contact_points]), np.zeros(3)
         kinds = np.array([self._kinds.get(contact, UNKNOWN) for contact in contact_points], dtype=np.int64)
+        begins = np.array([contact in self.beginning for contact in contact_points], dtype=np.bool_)
+        directed_at = np.array([self._straight.get(contact, np.inf) for contact in contact_points])
         largest = [max(self._largest_slip.get(contact, 0.0), _LEAST_SLIP_M_S) for contact in contact_points]
         return PointModes(
             mu=mu,
@@ -125,7 +134,9 @@ class FrictionModes:
             slides=(kinds == SLIDE) & (mu > 0.0),
             directions=np.array([self._directions.get(contact, nothing) for contact in contact_points]).reshape(-1, 3),
             stop_speeds=_STOPPED * np.array(largest),
-            straight=np.array([contact in self._straight for contact in contact_points], dtype=np.bool_),
+            straight=directed_at < np.inf,
+            directed_at=directed_at,
+            drifts=(kinds == STICK) | begins,
             structures={},
         )
 
@@ -149,9 +160,13 @@ class FrictionModes:
         if self._keep_still(contact_points, kinds):
             return
         before, held, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
-        self.released, self.struck, self._straight = False, False, set()
+        self.released, self.struck, self._straight = False, False, {}
         self.forget_structures()
         self._kinds = dict(zip(contact_points, kinds.tolist(), strict=True))
+        begins = ((kinds == SLIDE) & ~slides).tolist()
+        self.beginning = frozenset(
+            each for each, new in zip(contact_points, begins, strict=True) if new and each.pair.mu > 0.0
+        )
         self._directions = dict(zip(contact_points, directions, strict=True))
         self._largest_slip = {}
         for contact, kind, slip, slips_already in zip(
@@ -161,13 +176,13 @@ class FrictionModes:
             if slid and (slips_already or kind == STICK):  # or has just stopped
                 largest = self._largest_slip[contact] = max(before.get(contact, 0.0), slip)
                 if kind == SLIDE and slip <= min(_STRAIGHT * max(largest, _LEAST_SLIP_M_S), 0.5 * largest):
-                    self._straight.add(contact)
+                    self._straight[contact] = straight.get(contact, slip)
                     if contact in straight:
                         self._directions[contact] = kept[contact]
             elif kind == SLIDE:
                 self._largest_slip[contact] = slip
                 if slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S:  # on a new feature
-                    self._straight.add(contact)
+                    self._straight[contact] = slip
 
     def _keep_still(self, contact_points: Sequence[ContactPoint], kinds: IntArray) -> bool:
         """Keep the modes if none changes and no point slides or has just stopped, and return whether that is so."""
@@ -178,12 +193,20 @@ class FrictionModes:
         self._of = {points: replace(modes, structures={}) for points, modes in self._of.items()}
         return True
 
+    def move(self) -> None:
+        """Take all slip from here on as slip: the drift of points that begin to slide has been projected out."""
+        if self.beginning:
+            self.beginning = frozenset()
+            self.forget_structures()
+
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores all that decides on the modes of the next step."""
-        kept = self.released, self.struck, self._kinds, self._directions, self._largest_slip, self._straight
+        flags, points = (self.released, self.struck), (self.beginning, self._straight)
+        kept = self._kinds, self._directions, self._largest_slip
 
         def restore() -> None:
-            self.released, self.struck, self._kinds, self._directions, self._largest_slip, self._straight = kept
+            (self.released, self.struck), (self.beginning, self._straight) = flags, points
+            self._kinds, self._directions, self._largest_slip = kept
             self.forget_structures()
 
         return restore
@@ -207,6 +230,7 @@ def sliding(
     stop_speeds: FloatArray,
     rounding: FloatArray,
     straight: BoolArray,
+    drifts: BoolArray,
     *,
     struck: bool,
 ) -> BoolArray:
@@ -221,6 +245,7 @@ def sliding(
         stop_speeds: Slips below which sliding points stop, m/s, (k,).
         rounding: Rounding of the speeds, m/s, (k,).
         straight: Points that go straight on to their stop, and stop where their slip is zero, (k,).
+        drifts: Points that stick or begin to slide, (k,).
         struck: Whether the velocities are those after an impact.
     """
     if struck:
@@ -231,7 +256,7 @@ def sliding(
     if np.any(slide & (slips <= least)):
         least = np.where(slide, close, least)
     drift = np.maximum(2.0 * close, CLOSED_RATE / RATE * rounding)
-    return np.asarray(slips > np.where(kinds == STICK, drift, least))
+    return np.asarray(slips > np.where(drifts, drift, least))
 
 
 def unit_slips(velocities: FloatArray) -> FloatArray:

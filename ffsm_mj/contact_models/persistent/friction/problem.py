@@ -159,6 +159,20 @@ class FrictionProblem:
             forces = held.forces(slips)
         return forces, slips
 
+    def responses_to_turns(self, kinds: IntArray, slips: FloatArray, points: IntArray, forces: FloatArray) -> FloatArray:
+        """Changes of forces per rad by which the directions of slip of some points turn, N, (k, 3, m).
+
+        Args:
+            kinds: Modes, (k,).
+            slips: Directions of slip, (k, 2).
+            points: The points that turn, (m,).
+            forces: Forces in these modes, N, (k, 3).
+        """
+        held = self._held_in(kinds)
+        held.forces(slips)
+        across = np.stack((-slips[points, 1], slips[points, 0]), axis=1)
+        return held.responses_to_turns(points, across, forces[points, 0]).reshape(-1, 3, len(points))
+
     def _turn(self, held: _Held, forces: FloatArray, s: FloatArray, velocity: OwnVelocity) -> FloatArray:
         """Newton step for the angles of the free directions, rad: each is to be the angle of its velocity."""
         free, steps = velocity.free, velocity.steps_s

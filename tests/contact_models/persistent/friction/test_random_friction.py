@@ -11,11 +11,6 @@ from tests.contact_models.persistent.random_pushes import drawn
 from tests.contact_models.persistent.test_random_pushes import wrong
 
 ROUND = (0.01, 0.1, 0.3, 0.5, 0.7, 1.0, 1.5)
-KNOWN = {
-    19: "the normal force after a slip is replayed to 3e-7 N only",
-    52: "the replay enters another momentum of the robot in the step of a stop, at 10 ms",
-}
-"""Seeds that show a fault which is not mended yet."""
 
 
 def rubbed(seed, folder):
@@ -29,9 +24,6 @@ def rubbed(seed, folder):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "seed",
-    [pytest.param(seed, marks=pytest.mark.xfail(reason=KNOWN[seed])) if seed in KNOWN else seed for seed in range(60)],
-)
+@pytest.mark.parametrize("seed", range(60))
 def test_random_pushes_with_friction(tmp_path, seed):
     assert wrong(rubbed(seed, tmp_path)) == []
