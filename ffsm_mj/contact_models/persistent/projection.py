@@ -28,7 +28,7 @@ class ClosedRows(NamedTuple):
         gaps: Gap of each contact point, m.
         rates: Their rates, m/s.
         normals: Rows of the gap rates, (k, nv).
-        sticking: Rows of the slip of points that stick or begin to slide, (m, nv). Slip is not integrable: only their velocities
+        sticking: Rows of the slip of points that stick or begin to slide, (m, nv). Slip is not integrable: only velocities
             are projected.
     """
 
