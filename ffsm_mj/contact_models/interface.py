@@ -250,6 +250,13 @@ class Replayable(ContactModel):
     def after_replayed_step(self) -> None:
         """Called at the end of a replayed (sub-)step, with the logged state in ``data`` where the log has it."""
 
+    def missing_event(self) -> str:
+        """Name of the records of an event that is due at the logged state in ``data``, from which a log replay goes on.
+
+        A run would have logged it there; empty if none is due.
+        """
+        return ""
+
     def force_check(self, layout: Layout) -> Callable[[FloatArray], float] | None:
         """Independent check of its forces in the rows of a log.
 

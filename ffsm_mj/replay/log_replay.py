@@ -61,6 +61,7 @@ class LogReplay:
         self._tick: int | None = None
         self._left = 0.0
         self._ending = False
+        self._at_logged_state = False
 
     def take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         """Recompute the next samples and compare them with the logged ones.
@@ -116,6 +117,7 @@ class LogReplay:
             self._rows.predicted[line] = logged.states[line]
         plant.data.ctrl[:] = logged.ctrl[line]
         self._rows.write(line, time, logged.rows[line])
+        self._at_logged_state = True
         self._tick = None if tick == BETWEEN else tick
 
     def _start_at_sample(self, line: int, tick: int, time_s: float) -> None:
@@ -173,6 +175,7 @@ class LogReplay:
 
         self._events.compare_state(event, predicted)
         self._plant.apply(reproduce, event.state_after)
+        self._at_logged_state = True
         # If the run ended at this event, the controller was not evaluated or failed: its efforts never acted.
         if self._events.pending or not self._ending:
             self._apply_efforts(event)
@@ -207,6 +210,8 @@ class LogReplay:
             Duration of the last sub-step; 0 if integration was refused.
         """
         left = self._left
+        if self._at_logged_state and duration_s > 0.0:
+            self._find_missing_events()
         while duration_s > 0.0:
             self._before_substep(duration_s, left)
             try:
@@ -220,6 +225,13 @@ class LogReplay:
             self._enter(done_s)
             duration_s, left = duration_s - done_s, left - done_s
         return 0.0
+
+    def _find_missing_events(self) -> None:
+        """Note events that the log ought to have at the logged state in ``data``: to rounding, later states may differ."""
+        self._at_logged_state, time_s = False, float(self._plant.data.time)
+        for contact_model in self._plant.integrator.replayable:
+            if missing := contact_model.missing_event():
+                self.impacts.keep(impossible(f"{missing} missing", time_s))
 
     def _before_substep(self, duration_s: float, left_s: float) -> None:
         """Hook before each (sub-)step of at most ``duration_s``, with ``left_s`` remaining of the grid step."""

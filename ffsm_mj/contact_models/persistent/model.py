@@ -267,6 +267,12 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Work of the contact forces plus heat of sliding in a trial step, J."""
         return self._account.work_without_heat(duration_s)
 
+    def missing_event(self) -> str:
+        """Name of the records of a change that is due; see :class:`Replayable`."""
+        self._drop(self._changes.left_at_once())
+        change = self._changes.pending() if self.active else None
+        return change[0].name if change else ""
+
     def force_check(self, layout: Layout) -> Callable[[FloatArray], float]:
         """Check of the logged contact forces by other functions; see :mod:`.force_check`."""
         return ForceCheck(self.scene, self._pairs, self._active_set, layout).residual

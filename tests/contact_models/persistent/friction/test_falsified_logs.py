@@ -68,3 +68,18 @@ def test_records_that_do_not_follow_from_the_states(rolled, change):
     (sticks,) = rolled.records["contact_sticks"]
     records = {**rolled.records, "contact_sticks": (replace(sticks, **change),)}
     assert not replay_log(replace(rolled, records=records)).agrees
+
+
+@pytest.mark.parametrize("kind", ["contact_beginnings", "contact_sticks"])
+def test_records_that_are_missing(rolled, kind):
+    """The pair begins at the state of a row, and stops within a step."""
+    again = replay_log(replace(rolled, records={**rolled.records, kind: ()}))
+    assert "missing" in again.worst["impacts"].what
+
+
+def test_a_force_before_a_stop_is_compared_to_what_its_state_determines(rolled):
+    """It keeps the direction of a slip of 1e-6 of the largest, 0.14 m/s: velocities within 1e-12 m/s turn 0.2 N by 1e-5."""
+    (sticks,) = rolled.records["contact_sticks"]
+    for error, agrees in ((1e-8, True), (1e-4, False)):
+        changed = replace(sticks, force_before_N=sticks.force_before_N + error)
+        assert replay_log(replace(rolled, records={**rolled.records, "contact_sticks": (changed,)})).agrees == agrees
