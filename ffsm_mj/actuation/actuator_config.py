@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from ffsm_mj.config import StrictModel
 
 
-class IdealConfig(StrictModel):
+class _Delayed(StrictModel):
+    delay_s: NonNegativeFloat | None = None
+    """Time from a command to its effect, s; default: ``delay`` of the model file, or else ``actuation.delay_s``."""
+
+
+class IdealConfig(_Delayed):
     """An actuator that delivers the command within MJCF's own ctrlrange and forcerange."""
 
     kind: Literal["ideal"]
 
 
-class TorqueSpeedConfig(StrictModel):
+class TorqueSpeedConfig(_Delayed):
     """A motor on its torque-speed line, paper (34): |u + (stall / no_load) speed| <= stall, while powered."""
 
     kind: Literal["torque_speed"]
@@ -25,7 +30,7 @@ class TorqueSpeedConfig(StrictModel):
     """Speed at zero torque, rad/s (m/s for a slide joint)."""
 
 
-class ReactionWheelConfig(StrictModel):
+class ReactionWheelConfig(_Delayed):
     """Motor of a reaction wheel: a torque limit, and no torque that would accelerate it beyond its maximum speed."""
 
     kind: Literal["reaction_wheel"]
@@ -35,7 +40,7 @@ class ReactionWheelConfig(StrictModel):
     """Speed of the rotor relative to its bearing at which it saturates, rad/s."""
 
 
-class OnOffConfig(StrictModel):
+class OnOffConfig(_Delayed):
     """A thruster that is off or fully on, in the commanded direction (paper, section 4.4).
 
     With ``release_N`` below ``threshold_N`` it is a Schmitt trigger. A thruster whose ctrlrange starts at 0 pushes only.

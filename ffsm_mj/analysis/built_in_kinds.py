@@ -13,6 +13,7 @@ from ffsm_mj.contact_models.persistent.record import (
     CONTACT_ENDS,
     FRICTION_KINDS,
 )
+from ffsm_mj.records.effort_change import EFFORT_CHANGE
 from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE
 
 IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, INTERNAL_ERROR, OUTCOME)
@@ -20,5 +21,5 @@ IN_EVERY_RUN = (IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED
 LIMITS = (LIMIT_IMPACT, *LIMIT_KINDS)
 """Kinds of runs with joint limits."""
 
-BUILT_IN = (*IN_EVERY_RUN, *FRICTION_KINDS, *LIMITS, *CAPTURES)
+BUILT_IN = (*IN_EVERY_RUN, *FRICTION_KINDS, *LIMITS, EFFORT_CHANGE, *CAPTURES)
 """The last ones belong to runs whose scenario declares grasps."""

@@ -20,6 +20,7 @@ from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
 from ffsm_mj.contact_models.registry import contact_model_of, record_kinds_of
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.records.effort_change import EFFORT_CHANGE
 from ffsm_mj.scenario.scenario import Scenario
 
 
@@ -82,12 +83,15 @@ def _declared(scenario: Scenario, scene: Scene) -> tuple[ContactModel, ...]:
     return tuple(made)
 
 
-def record_kinds(scenario: Scenario, constraints: Sequence[UnilateralConstraint]) -> tuple[str, ...]:
-    """Names of the kinds of records of friction, joint limits, grasps and declared contact models."""
+def record_kinds(
+    scenario: Scenario, constraints: Sequence[UnilateralConstraint], *, delayed_control: bool = False
+) -> tuple[str, ...]:
+    """Names of the kinds of records of friction, joint limits, delays, grasps and declared contact models."""
     limits = any(isinstance(each, JointLimit) for each in constraints)
     kinds = [
         *(FRICTION_KINDS if any(each.mu > 0.0 for each in constraints) else ()),
         *(LIMITS if limits else ()),
+        *((EFFORT_CHANGE,) if delayed_control else ()),
         *(KINDS if scenario.captures else ()),
         *(kind for each in scenario.contact_models for kind in record_kinds_of(each.kind)),
     ]

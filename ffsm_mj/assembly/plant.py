@@ -20,6 +20,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.sensing.sensor import sensors_of
+from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, control_timing
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.state_signals import StateSignals
@@ -49,12 +50,24 @@ def build_plant(
         ScenarioFaults: A contact model or an actuator does not fit the system, or no accuracy can be measured.
     """
     scene, motion = Scene(system, data), Motion(system.mj, data)
-    integrator = EventDrivenIntegrator(motion, contact_models_of(scenario, scene, motion, pairs, limits, held))
+    actuation = Actuation(system, scenario.actuators)
+    control = _delayed_control(scenario, scene, actuation)
+    models = contact_models_of(scenario, scene, motion, pairs, limits, held)
+    integrator = EventDrivenIntegrator(motion, (*models, control) if control is not None else models)
     balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS)
     integrator.control = step_control(scenario, system, data, balance)
     state = StateSignals(system, data, task.tip_site if task is not None else None)
     sampler = _sampler(scenario, scene, integrator, pairs)
-    return Plant(scene, Actuation(system, scenario.actuators), integrator, balance, state, sampler)
+    return Plant(scene, actuation, integrator, balance, state, sampler, control)
+
+
+def _delayed_control(scenario: Scenario, scene: Scene, actuation: Actuation) -> DelayedControl | None:
+    """Timing of control; None if every command acts at once."""
+    system, given = scene.system, {name: config.delay_s for name, config in scenario.actuators.items()}
+    own = {system.resolve("actuator", name): delay for name, delay in given.items()}
+    delays = control_timing(actuation.names, system.actuator_delays_s, scenario.actuation.delay_s, own)
+    timing = ControlTiming(delays, scenario.actuation.control_jitter_s, scenario.control_period_s, scenario.seed)
+    return None if timing.is_ideal else DelayedControl(timing, scene, actuation)
 
 
 def _sampler(

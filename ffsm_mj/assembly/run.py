@@ -88,7 +88,7 @@ def simulate(
         layout,
         system.logged_files,
         _metadata(assembly),
-        record_kinds(config, (*assembly.pairs, *assembly.limits)),
+        record_kinds(config, (*assembly.pairs, *assembly.limits), delayed_control=assembly.plant.control is not None),
     )
     memory, digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
     sinks: list[Sink] = [memory, digested, *watchers]

@@ -101,6 +101,7 @@ class EventEffect(NamedTuple):
         triggers_control: Whether the controller is evaluated immediately; else it receives the records at its next tick.
         leaves_to_impacts: Whether nothing was done because pairs touch, which the model that resolves impacts handles.
         accuracy: How well the state determines fields of the records that it determines worse than to rounding, by name.
+        is_tick: Whether the controller is evaluated as at a control tick, only later.
     """
 
     records: tuple[Any, ...]
@@ -110,3 +111,4 @@ class EventEffect(NamedTuple):
     triggers_control: bool = True
     leaves_to_impacts: bool = False
     accuracy: Mapping[str, float] = MappingProxyType({})
+    is_tick: bool = False

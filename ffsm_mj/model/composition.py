@@ -83,6 +83,7 @@ def compile_system(
         changes=changes,
         grasp=grasp,
         sensors={name: sensor for each in parts for name, sensor in each.sensors.by_name.items()} | added,
+        actuator_delays_s={name: delay for each in parts for name, delay in each.delays_s.items()},
     )
 
 

@@ -36,19 +36,9 @@ def number_faults(model: Any) -> Iterator[tuple[str, str, str]]:
             if not worst <= MOST_LENGTH:
                 yield kind, getattr(model, kind)(i).name, f"has a length of {worst:g} m; at most {MOST_LENGTH:g} m"
     yield from _colour_faults(model)
-    yield from _delays(model)
     for i in range(model.npair):
         if model.pair_geom1[i] == model.pair_geom2[i]:
             yield "geom", model.geom(model.pair_geom1[i]).name, "is in a <contact><pair> with itself; remove it"
-
-
-def _delays(model: Any) -> Iterator[tuple[str, str, str]]:
-    """Actuators with delays in MuJoCo: the balance would use the current effort instead of the delayed one."""
-    for i in range(model.nu):
-        delay, samples = model.actuator_delay[i], model.actuator_history[i, 0]
-        if delay or samples:
-            what = f"delay {delay:g} s, nsample {samples}"
-            yield "actuator", model.actuator(i).name, f"has {what}, which is not modelled; remove delay and nsample"
 
 
 def _colour_faults(model: Any) -> Iterator[tuple[str, str, str]]:

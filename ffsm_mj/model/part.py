@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.actuator_delays import actuator_delays_s
 from ffsm_mj.model.alone import warnings_alone
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.joint_limits import empty_ranges
@@ -26,6 +27,7 @@ class Part:
         overridden: Changed properties, to be verified in the compiled scene; None if there are none.
         warnings: MuJoCo's warnings about the model compiled alone.
         sensors: Its sensors.
+        delays_s: Delays of its actuators by full name, s.
     """
 
     spec: Any
@@ -33,6 +35,7 @@ class Part:
     overridden: ModelOverrides | None
     warnings: tuple[str, ...]
     sensors: Sensors
+    delays_s: dict[str, float]
 
 
 def part(name: str, files: ModelFiles, vfs: Any) -> Part:
@@ -59,4 +62,4 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
     add_sites(spec, files.sites)
     sensors = sensors_of_model(spec, name, files, vfs)
-    return Part(spec, notes + sensors.notes, overridden, warnings, sensors)
+    return Part(spec, notes + sensors.notes, overridden, warnings, sensors, actuator_delays_s(spec, name, files, vfs))

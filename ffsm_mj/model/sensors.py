@@ -14,7 +14,7 @@ import mujoco
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.source import authored_sensors
+from ffsm_mj.model.source import authored
 
 Shape = Literal["vector", "direction", "rotation"]
 
@@ -115,7 +115,7 @@ def sensors_of_model(spec: Any, model: str, files: ModelFiles, vfs: Any) -> Sens
     found, left = Sensors({}, []), {sensor.name for sensor in spec.sensors}
     faults: list[str] = []
     without: list[str] = []
-    for sensor in authored_sensors(files, vfs) if left else ():
+    for sensor in authored(files, vfs).sensors if left else ():
         if sensor.name not in left:
             continue
         kind, name = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_").lower(), f"{model}/{sensor.name}"

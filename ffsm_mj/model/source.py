@@ -41,14 +41,16 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
     _name_all(spec)
     for sensor in spec.sensors:  # MuJoCo would keep delayed values in its state, and refuses a delay without a buffer for it
         sensor.interval, sensor.delay, sensor.nsample, sensor.cutoff = [0.0, 0.0], 0.0, 0, 0.0
+    for actuator in spec.actuators:
+        actuator.delay, actuator.nsample = 0.0, 0
     return spec
 
 
-def authored_sensors(files: ModelFiles, vfs: Any) -> list[Any]:
-    """Sensors as a model file has them, with names; :func:`load_spec` sets their timing and cutoffs to zero."""
+def authored(files: ModelFiles, vfs: Any) -> Any:
+    """Specification as the model file has it, with names: timing and cutoffs too, which :func:`load_spec` sets to zero."""
     spec = parse_spec(files, vfs)
     _name_all(spec)
-    return list(spec.sensors)
+    return spec
 
 
 def parse_spec(files: ModelFiles, vfs: Any) -> Any:

@@ -70,6 +70,7 @@ class System:
         changes: Properties of bodies and geoms given in the scenario, with their compiled values.
         grasp: The closed grasp, which makes an object part of the robot's tree; None in the initial scene.
         sensors: Sensors of the models by full name, in MuJoCo's order.
+        actuator_delays_s: Delays of actuators in the model files by full name, s.
     """
 
     mj: Any
@@ -83,6 +84,7 @@ class System:
     changes: tuple[PropertyChange, ...] = ()
     grasp: Grasp | None = None
     sensors: Mapping[str, ModelSensor] = field(default_factory=dict)
+    actuator_delays_s: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def trees(self) -> tuple[Tree, ...]:

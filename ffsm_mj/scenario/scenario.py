@@ -10,6 +10,7 @@ from ffsm_controllers.settled import SettledConfig
 from pydantic import (
     ConfigDict,
     Field,
+    NonNegativeFloat,
     PositiveFloat,
     SerializeAsAny,
     ValidationInfo,
@@ -210,6 +211,15 @@ class PhaseConfig(StrictModel):
         return ", ".join(f"{part}: {law.kind}" for part, law in self.controllers.items())
 
 
+class ActuationConfig(StrictModel):
+    """Timing of control."""
+
+    delay_s: NonNegativeFloat = 0.0
+    """Time from a command to its effect, s, of actuators without a delay of their own."""
+    control_jitter_s: NonNegativeFloat = 0.0
+    """Each control tick is late by a time that is uniform from 0 to this, s; less than the control period."""
+
+
 class LogConfig(StrictModel):
     """Output files."""
 
@@ -251,6 +261,8 @@ class Scenario(StrictModel):
     controller_model: Trees = {}
     """Further changes, on top of ``model``, in the models that the control laws use; default: the true models."""
     initial: InitialConfig = InitialConfig()
+    actuation: ActuationConfig = ActuationConfig()
+    """Delays of commands and of control ticks."""
     actuators: dict[Name, ActuatorConfig] = {}
     """Limits of the robot's actuators by name; an actuator that is not named is ideal."""
     sensors: dict[Name, SensorConfig] = {}
@@ -294,6 +306,9 @@ class Scenario(StrictModel):
 def timing_faults(scenario: Scenario) -> list[Fault]:
     """Faults of the combination of duration, control period and time step."""
     faults = []
+    if scenario.actuation.control_jitter_s >= scenario.control_period_s:
+        fault = f"must be less than control_period_s ({scenario.control_period_s:g} s): the next tick would be earlier"
+        faults.append(Fault(fault, ("actuation", "control_jitter_s")))
     for key, whole, unit, unit_key in (
         ("control_period_s", scenario.control_period_s, scenario.time_step_s, "time_step_s"),
         ("duration_s", scenario.duration_s, scenario.control_period_s, "control_period_s"),

@@ -98,11 +98,9 @@ def sensors_of(
         faults += [Fault(text, ("sensors", key, of)) for of, text in reasons]
         if not reasons:
             made.append(_sensor(model, size, config, control_period_s))
-            if made[-1].delay_s >= duration_s:
-                text = (
-                    f"a delay of {made[-1].delay_s:g} s is not shorter than the run ({duration_s:g} s): nothing would arrive"
-                )
-                faults.append(Fault(text, ("sensors", key, "delay_s") if config.delay_s is not None else ("robot", "mjcf")))
+            if config.delay_s is not None and config.delay_s >= duration_s:
+                text = f"{config.delay_s:g} s is not shorter than the run ({duration_s:g} s): nothing would arrive"
+                faults.append(Fault(text, ("sensors", key, "delay_s")))
     if faults:
         raise ScenarioFaults(faults)
     return tuple(made)

@@ -180,7 +180,8 @@ class Simulation:
             self._plant.sampler.begin()
         for tick in range(settings.ticks):
             now = tick * period
-            self._decide(self._observed(now, self._pending_records, self._plant.integrator.contacts(), at_tick=True))
+            if self._is_on_time(now, tick):
+                self._decide(self._observed(now, self._pending_records, self._plant.integrator.contacts(), at_tick=True))
             self._record(now)
             report(now)
             poll()
@@ -189,6 +190,15 @@ class Simulation:
                 poll()
                 self._step()
         self._record(settings.ticks * period)
+
+    def _is_on_time(self, time_s: float, tick: int) -> bool:
+        """Whether the controller is called at a tick of the time grid; otherwise an event calls it later."""
+        control = self._plant.control
+        if control is None:
+            return True
+        on_time = control.begin_tick(time_s, tick)
+        self._plant.integrator.reconsider()
+        return on_time
 
     def _finish(self) -> None:
         """Write the remaining records at the end of the run, whatever its outcome."""
@@ -218,7 +228,7 @@ class Simulation:
         self._pending_records = ()
         try:
             self._controller.control(observation, self._command)
-            self._plant.actuation.apply(self._command, self._plant.data, observation.time_s)
+            self._send(observation.time_s)
             if self._command.requests:
                 self._forward_requests()
         except Exception as error:
@@ -226,6 +236,15 @@ class Simulation:
             message = f"{self._controller.in_charge} at t = {observation.time_s:.6g} s: {reason}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
         self._done.ticks += 1
+
+    def _send(self, time_s: float) -> None:
+        """Send the command to the actuators."""
+        plant = self._plant
+        if plant.control is None:
+            plant.actuation.apply(self._command, plant.data, time_s)
+            return
+        plant.control.send(self._command, time_s)
+        plant.integrator.reconsider()
 
     def _forward_requests(self) -> None:
         """Forward the requests of the controller to the contact models that handle them."""
@@ -299,10 +318,10 @@ class Simulation:
     def _after_event(self, effect: EventEffect, time_s: float) -> None:
         """Evaluate the controller if the event triggers it, and record the event with the efforts that follow."""
         told = told_records(effect.records, self._settings.told_above_N_s)
-        triggers_control = effect.triggers_control and (bool(told) or not effect.records)
+        triggers_control = effect.is_tick or (effect.triggers_control and (bool(told) or not effect.records))
         end, events = effect.end, (*self._pending_records, *told)
         contacts = self._plant.integrator.contacts() if triggers_control else ()
-        observation = self._observed(time_s, events, contacts, at_tick=False)
+        observation = self._observed(time_s, events, contacts, at_tick=effect.is_tick)
         try:
             if not triggers_control:
                 self._pending_records = events

@@ -17,6 +17,7 @@ from ffsm_mj.contact_models.interface import EventEffect, EventSource, Scene
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.sensing.sampler import SensorSampler
+from ffsm_mj.simulation.control_timing import DelayedControl
 from ffsm_mj.simulation.event_impulses import event_impulses
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.state_signals import StateSignals
@@ -36,6 +37,7 @@ class Plant:
         balance: Energy and momentum balance.
         state: Columns of the state.
         sampler: Sensors; None: there are none.
+        control: Delays of commands and control ticks; None: there are none.
     """
 
     scene: Scene
@@ -44,6 +46,7 @@ class Plant:
     balance: Balance
     state: StateSignals
     sampler: SensorSampler | None = None
+    control: DelayedControl | None = None
 
     @property
     def system(self) -> System:

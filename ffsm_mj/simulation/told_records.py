@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ffsm_mj.contact_models.grasp.record import KINDS
+from ffsm_mj.records.effort_change import EffortChange
 from ffsm_mj.records.events import ImpactRecord
 
 _OF_GRASPS = tuple(kind.record for kind in KINDS)
@@ -19,6 +20,7 @@ def told_records(records: Sequence[Any], above_N_s: float | None) -> tuple[Any, 
         records: Records of one event.
         above_N_s: Least impulse of an impact; -inf: all events are told; None: none of contacts.
     """
+    records = [record for record in records if not isinstance(record, EffortChange)]
     if above_N_s == -math.inf:
         return tuple(records)
     hard = above_N_s is not None and any(

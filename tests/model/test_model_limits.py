@@ -143,16 +143,3 @@ def test_the_format_of_a_model_follows_from_its_suffix(tmp_path, name):
     (tmp_path / name).write_text(ball("ball"))
     with pytest.raises(InputError, match=r"not the name of a model file: MJCF ends in \.xml, URDF in \.urdf"):
         prepare(path)
-
-
-def test_a_delayed_actuator_is_refused_by_name(tmp_path):
-    """MuJoCo would apply the effort of 10 ms before, and the balance use the current one."""
-    robot = ball("ball", joints="x").replace('name="push_x"', 'name="push_x" delay="0.01" nsample="10"')
-    (line,) = faults(tmp_path, robot)
-    assert line.endswith(
-        "robot.xml:5: actuator 'push_x' has delay 0.01 s, nsample 10, which is not modelled; remove delay and nsample"
-    )
-    # From a class too.
-    default = '<default><motor delay="0.01" nsample="10"/></default><worldbody>'
-    (line,) = faults(tmp_path, ball("ball", joints="x").replace("<worldbody>", default))
-    assert "actuator 'push_x' has delay 0.01 s" in line

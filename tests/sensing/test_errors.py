@@ -122,7 +122,7 @@ def test_samples_that_overtake_and_samples_that_never_arrive(tmp_path):
     ("config", "kind", "words"),
     [
         ({"bias": [1, 2]}, "gyro", "bias has 2 numbers; the errors of a <gyro> have 3 components"),
-        ({"delay_s": 10.0}, "gyro", "a delay of 10 s is not shorter than the run"),
+        ({"delay_s": 10.0}, "gyro", "delay_s 10 s is not shorter than the run"),
         ({"field_of_view": {"half_angle_rad": 0.5, "site": "imu"}}, "gyro", "only frame sensors see something"),
         ({"field_of_view": {"half_angle_rad": 0.5, "site": "eye"}}, "framepos", "unknown site 'eye'; allowed: robot/imu"),
         ({"quantum": 0.1}, "framequat", "has no meaning for a <framequat>"),
