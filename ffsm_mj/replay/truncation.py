@@ -123,16 +123,16 @@ class _Refining(LogReplay):
             self._back_to_start()
 
     def _refine(self, whole: FloatArray, flown_s: float, left_s: float) -> None:
-        found = [whole]
-        taken = [0.0]
+        found, before, falls = [whole], np.inf, False
         for halvings in range(1, _MOST_HALVINGS + 1):
             self._back_to_start()
             found.append(self._in_parts(flown_s, left_s, 2**halvings))
-            taken.append(self._size(found[-2] - found[-1]))
-            if halvings > 1 and taken[-1] > max(taken[-2] / _FALLS, _ROUNDING):
-                return  # it does not fall as truncation does
-            if halvings > 1 and taken[-1] / 15.0 <= max(self._negligible, _ROUNDING):
+            taken = self._size(found[-2] - found[-1])
+            falls, before = halvings > 1 and taken <= max(before / _FALLS, _ROUNDING), taken
+            if falls and taken / 15.0 <= max(self._negligible, _ROUNDING):
                 break
+        if not falls:  # as truncation does, which higher powers of a long step may outweigh in the first halvings
+            return
         # The rest of the geometric series 1, 1/16, 1/256, ... that the differences are.
         limit = found[-1] - (found[-2] - found[-1]) / 15.0
         self._so_far += (found[1] - whole, limit - whole)

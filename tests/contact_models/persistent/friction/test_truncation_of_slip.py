@@ -63,6 +63,15 @@ def test_heat_of_sliding_fails_by_truncation_too(tmp_path):
 
 
 @pytest.mark.long
+def test_so_does_a_step_whose_first_halvings_fall_less(tmp_path):
+    """At 10 ms one step turns the slip so far that its errors fall by 3.5, 6.4, 10, 13, 15."""
+    run = ffsm_mj.run(rubbed(292, tmp_path), controllers=LAWS)
+    found = shares(run.checks())
+    assert ("energy", "total") in found
+    assert all(half < 0.3 and left < 0.1 for half, left in found.values())
+
+
+@pytest.mark.long
 def test_steps_that_are_tried_leave_the_replay_as_it_is(tmp_path):
     """Friction modes are those of the run, to the last bit of the residuals."""
     run = ffsm_mj.run(rubbed(223, tmp_path), controllers=LAWS)
