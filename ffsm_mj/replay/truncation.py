@@ -29,9 +29,10 @@ from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator
 from ffsm_mj.verification.refined import Refined
 from ffsm_mj.verification.residuals import STRETCH_STEPS
 
-_MOST_HALVINGS = 5
-_FALLS = 6.0
-"""What a halving takes off falls by so much at the next one, at least: 16 for truncation, 4 and 2 for lower orders."""
+_MOST_HALVINGS = 6
+_OF_ORDER_FOUR, _FALLS, _HOPELESS = 16.0, 6.0, 3.0
+"""What a halving takes off falls at the next one by the first number for truncation, by 4 and 2 for lower orders: at least
+by the second in the end, and by the third from the start."""
 _ROUNDING = 4e-14
 """Differences over (1 + scale) below this are rounding: a few units in the last place of each of the terms that cancel."""
 _RESIDUALS = 7 * len(SUBSYSTEMS) + 1
@@ -112,7 +113,7 @@ class _Refining(LogReplay):
             flown_s = self._plant.integrate(duration_s, left_s)
             whole = self._left_over(flown_s)
             self._plant.integrator.control = None
-            if self._size(whole) > self._negligible:
+            if self._size(whole) > self._left_out(flown_s):
                 self._refine(whole, flown_s, left_s)
         except RunEnded:  # the flight itself says so
             pass
@@ -123,19 +124,28 @@ class _Refining(LogReplay):
             self._back_to_start()
 
     def _refine(self, whole: FloatArray, flown_s: float, left_s: float) -> None:
-        found, before, falls = [whole], np.inf, False
+        found, taken, ratio = [whole], 0.0, 0.0
         for halvings in range(1, _MOST_HALVINGS + 1):
             self._back_to_start()
             found.append(self._in_parts(flown_s, left_s, 2**halvings))
-            taken = self._size(found[-2] - found[-1])
-            falls, before = halvings > 1 and taken <= max(before / _FALLS, _ROUNDING), taken
-            if falls and taken / 15.0 <= max(self._negligible, _ROUNDING):
+            before, taken = taken, self._size(found[-2] - found[-1])
+            if halvings == 1:
+                continue
+            ratio = min(before / taken, _OF_ORDER_FOUR) if taken > _ROUNDING else _OF_ORDER_FOUR
+            # Higher powers of a long step, and stiff friction, may outweigh the fourth in the first halvings.
+            if ratio < _HOPELESS:
+                return
+            if ratio >= _FALLS and taken / (ratio - 1.0) <= self._left_out(flown_s):
                 break
-        if not falls:  # as truncation does, which higher powers of a long step may outweigh in the first halvings
+        if ratio < _FALLS:
             return
-        # The rest of the geometric series 1, 1/16, 1/256, ... that the differences are.
-        limit = found[-1] - (found[-2] - found[-1]) / 15.0
+        # The rest of the geometric series that the differences are: 1, 1/16, 1/256, ... for short steps.
+        limit = found[-1] - (found[-2] - found[-1]) / (ratio - 1.0)
         self._so_far += (found[1] - whole, limit - whole)
+
+    def _left_out(self, duration_s: float) -> float:
+        """Error of a (sub-)step over (1 + scale) that is left out: steps before a stop are many and short."""
+        return max(self._negligible * duration_s / self._step_s, _ROUNDING)
 
     def _in_parts(self, duration_s: float, left_s: float, parts: int) -> FloatArray:
         """Residuals over a time in so many steps, with the active contacts, friction modes and method of the one step.

@@ -1,30 +1,21 @@
 """Rule (10): an impact brings a contact to rest if its next flight would be shorter than a time that the scenario states.
 
-The gap accelerations at an impact follow from the velocities after a plastic impact of all closed contacts and from all
-forces other than those of contacts: the current efforts, gravity, springs. Contact forces lambda >= 0 keep every gap
-acceleration non-negative. b_i = G_ii lambda_i is the acceleration that presses contact i: -gap'' without its force and with
-those of the other contacts. A contact that separates at speed u is in flight for 2 u / b.
+A contact that separates at speed u and is pressed at b (:mod:`.pressing`) is in flight for 2 u / b.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, contact_points
-from ffsm_mj.contact_models.impact.contact import contact_jacobian
-from ffsm_mj.contact_models.impact.laws import least_norm, project
-from ffsm_mj.contact_models.impact.resolution import Impact, resolve
+from ffsm_mj.contact_models.impact.pressing import pressing_accelerations
+from ffsm_mj.contact_models.impact.resolution import Impact
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.dynamics.rigid_body import mass_matrix
 
 
 @dataclass(frozen=True)
@@ -88,7 +79,7 @@ def resolve_resting(
     stated, speeds, pressing = used, np.zeros(len(points)), np.zeros(len(points))
     if np.all((stated >= 1.0) & (impact.separation_speeds > tolerance)):
         return RestingResult(impact, used, pressing, speeds)
-    pressing = _pressing(model, data, points, impact, motion)
+    pressing = pressing_accelerations(model, data, points, impact, motion)
     # A contact that comes to rest takes velocity from others, which may then come to rest too. At most all of them do.
     for _ in points:
         after = impact.separation_speeds
@@ -100,52 +91,3 @@ def resolve_resting(
         used = np.where(rests, 0.0, used)
         impact = resolve_with(used)
     return RestingResult(impact, used, pressing, speeds)
-
-
-def _pressing(
-    model: Any,
-    data: Any,
-    points: Sequence[tuple[UnilateralConstraint, Proximity, FloatArray]],
-    impact: Impact,
-    motion: Motion,
-) -> FloatArray:
-    """Acceleration b that presses each contact, m/s^2, (k,); zero for contacts that are not pressed."""
-    plastic_contacts = [replace(contact, restitution=0.0) for contact in impact.contacts]
-    plastic = resolve(motion.model, motion.data, plastic_contacts)
-    with _without_contacts(motion, plastic.after.qvel):
-        rates = [pair.second_rate(model, data, near, point) for pair, near, point in points]
-        free, rounding = np.array([[rate.value, rate.rounding] for rate in rates]).T
-        J = np.stack([contact_jacobian(motion.model, motion.data, contact) for contact in impact.contacts])
-        A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, motion.data)), J.T).T
-    # A plastic impact solves the same complementarity problem in velocities: any w with A w = gap'' gives its forces.
-    w = np.linalg.lstsq(A, free, rcond=None)[0]
-    pressing = np.sum(A * A, axis=1) * least_norm(A, project(A, w))
-    return np.where(pressing > rounding, pressing, 0.0)
-
-
-@contextmanager
-def _without_contacts(motion: Motion, qvel: FloatArray) -> Iterator[None]:
-    """Context with the motion at other velocities, under all forces except those of contacts.
-
-    ``qfrc_applied`` holds forces of the last stage: contact forces, which answer the state before the impact, and forces of
-    contact models such as springs at the velocities before it. The latter are evaluated again, the former are left out.
-    """
-    data = motion.data
-    before, pushed = data.qvel.copy(), data.qfrc_applied.copy()
-    try:
-        data.qfrc_applied.fill(0.0)
-        _put(motion, qvel)
-        if motion.pushes:
-            for push in motion.pushes:
-                push(data)
-            _put(motion, qvel)
-        yield
-    finally:
-        data.qfrc_applied[:] = pushed
-        _put(motion, before)
-
-
-def _put(motion: Motion, qvel: FloatArray) -> None:
-    motion.data.qvel[:] = qvel
-    mujoco.mj_forward(motion.model, motion.data)
-    motion.path.on_event_located()

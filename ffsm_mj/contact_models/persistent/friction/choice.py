@@ -13,15 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
-from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
+from ffsm_mj.contact_models.impact.friction.accelerations import coulomb_forces
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity
 from ffsm_mj.tolerances import SOLVED
 
-_COMPLIANCE = 1e-9
-"""Compliance of the contacts in the choice of modes, as a share of the mean inverse mass."""
 _SLIPS, _SATURATED = 1e-7, 1e-6
 """A tangential acceleration above the first share of the largest one is slip; at the event from stick to slip, so is a
 friction force within the second of its limit: the acceleration is zero there."""
@@ -221,20 +219,12 @@ class ModeChoice:
         problem, states = self._problem, self._states
         which = np.flatnonzero(problem.movable_normals)
         forces = np.zeros((len(states.slides), 3))
-        if not len(which) or self._scale == 0.0:
+        if not len(which):
             return forces, 0.0
         rows = (3 * which[:, None] + np.arange(3)).ravel()
-        G, mu = problem.G[np.ix_(rows, rows)], np.where(states.slides, 0.0, problem.mu)[which]
-        # Friction of a sliding point follows its normal force: the column of the latter gets both.
-        along = np.eye(len(rows))
-        slips = self._directions(np.full(len(states.slides), SLIDE))
-        for place, i in enumerate(which.tolist()):
-            if states.slides[i]:
-                along[3 * place + 1 : 3 * place + 3, 3 * place] = -problem.mu[i] * slips[i]
-        compliant = G @ along + _COMPLIANCE * float(G.diagonal()[::3].mean()) * np.eye(len(rows))
-        contacts = CoulombProblem(compliant, problem.b[rows], mu, np.zeros(len(which)), self._scale, inertia=G)
-        found, residual = coulomb(contacts)
-        forces[which] = (along @ found.ravel()).reshape(-1, 3)
+        slips = np.where(states.slides[:, None], self._directions(np.full(len(states.slides), SLIDE)), 0.0)
+        G, b, mu = problem.G[np.ix_(rows, rows)], problem.b[rows], problem.mu[which]
+        forces[which], residual = coulomb_forces(G, b, mu, slips[which])
         return forces, residual
 
     def _classified(self, forces: FloatArray) -> tuple[IntArray, FloatArray]:
