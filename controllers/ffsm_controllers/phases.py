@@ -27,6 +27,29 @@ from ffsm_mj.controller_protocol import (
 
 
 @dataclass(frozen=True)
+class MeasurementBound:
+    """A bound on what a sensor measures.
+
+    Attributes:
+        sensor: Its full name.
+        above: The measurement is beyond it above this value; None: no such bound.
+        below: The measurement is beyond it below this value; None: no such bound.
+    """
+
+    sensor: str
+    above: float | None = None
+    below: float | None = None
+
+    def is_exceeded(self, observation: Observation) -> bool:
+        """Whether the newest sample is valid, and its value, or the norm of a vector, is beyond the bound."""
+        sample = observation.measured[self.sensor]
+        if not sample.valid:
+            return False
+        value = float(sample.value[0]) if len(sample.value) == 1 else math.hypot(*sample.value.tolist())
+        return value > self.above if self.above is not None else self.below is not None and value < self.below
+
+
+@dataclass(frozen=True)
 class Phase:
     """One phase.
 
@@ -38,6 +61,7 @@ class Phase:
             nothing.
         ending: Class of the records that do.
         settled: Says when the tip has settled, which ends it; None where that does not.
+        sensed: Bound on a measurement, beyond which it ends; None where that does not.
         duration_s: It ends at the first control tick at or after this time since its start; None: no such end.
         arm: Names of the captures that may close while it lasts.
         release: Names of those that let go as it begins.
@@ -50,6 +74,7 @@ class Phase:
     until: str = ""
     ending: type | None = None
     settled: SettlingMonitor | None = None
+    sensed: MeasurementBound | None = None
     duration_s: float | None = None
     arm: tuple[str, ...] = ()
     release: tuple[str, ...] = ()
@@ -122,6 +147,8 @@ class PhaseMachine:
         if phase.ending is not None and any(isinstance(event, phase.ending) for event in observation.events):
             return phase.until
         if phase.settled is not None and phase.settled.look(_of_free(observation)):
+            return phase.until
+        if phase.sensed is not None and phase.sensed.is_exceeded(observation):
             return phase.until
         elapsed = observation.time_s - self._start_s
         if observation.at_tick and phase.duration_s is not None and elapsed >= phase.duration_s - TIME_TOLERANCE_S:

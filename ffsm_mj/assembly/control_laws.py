@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from ffsm_controllers import kinds
 from ffsm_controllers.parts import Parts
-from ffsm_controllers.phases import Phase
+from ffsm_controllers.phases import MeasurementBound, Phase
 from ffsm_controllers.settled import SettlingMonitor
 
 from ffsm_mj.assembly.column_faults import refuse_telemetry, signals_fault
@@ -20,7 +20,7 @@ from ffsm_mj.errors import Fault, ScenarioFaults, described
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import kind_named
-from ffsm_mj.scenario.scenario import PhaseConfig, Scenario
+from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, SensorEndConfig
 
 
 def build_phases(
@@ -49,7 +49,10 @@ def build_phases(
                 faults += [replace(f, message=prefix + f.message, path=("phases", i, *f.path)) for f in error.faults]
                 break
         else:
-            phases.append(_phase(config, made.pop(""), context, made))
+            try:
+                phases.append(_phase(config, made.pop(""), context, made))
+            except ScenarioFaults as error:
+                faults += [replace(fault, path=("phases", i, *fault.path)) for fault in error.faults]
     if faults:
         raise ScenarioFaults(faults)
     refuse_telemetry(phases)
@@ -164,11 +167,13 @@ def _refuse_second_claims(system: System, name: str, claims: list[int], owners: 
 
 def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, held: Mapping[str, Any]) -> Phase:
     """A phase with its end condition."""
-    until = config.until if config.until not in (None, "end") else ""
-    ending, settled = None, None
+    until = config.until if isinstance(config.until, str) and config.until != "end" else ""
+    ending, settled, sensed = None, None, None
+    if isinstance(config.until, SensorEndConfig):
+        until, sensed = config.until.sensor, _sensor_end(config.until, context)
     if config.settled is not None and context.task is not None:
         settled = SettlingMonitor(config.settled, context.system, context.task)
-    elif until:
+    elif until and sensed is None:
         ending = ImpactRecord if until == "impact" else kind_named(until).record
     return Phase(
         name=config.name,
@@ -177,11 +182,25 @@ def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, hel
         until=until,
         ending=ending,
         settled=settled,
+        sensed=sensed,
         duration_s=config.for_s,
         arm=config.arm,
         release=config.release,
         held=held,
     )
+
+
+def _sensor_end(config: SensorEndConfig, context: ControllerContext) -> MeasurementBound:
+    """Bound on a measurement.
+
+    Raises:
+        ScenarioFaults: There is no such sensor.
+    """
+    try:
+        name = context.system.resolve("sensor", config.sensor)
+    except LookupError as error:
+        raise ScenarioFaults([Fault(str(error.args[0]), ("until", "sensor"))]) from error
+    return MeasurementBound(name, config.above, config.below)
 
 
 def undriven_actuators(system: System, phases: tuple[Phase, ...]) -> Iterator[str]:

@@ -29,6 +29,7 @@ class KindNames:
         actuators: Kinds of actuators.
         broken: Why the kind of a plug-in cannot be used.
         of_scripts: Kinds whose control laws a script had passed to the run that wrote the scenario.
+        estimators: Kinds of estimators.
     """
 
     model: type[BaseModel]
@@ -36,6 +37,7 @@ class KindNames:
     actuators: Collection[str]
     broken: Mapping[str, str]
     of_scripts: Collection[str] = ()
+    estimators: Collection[str] = ()
 
 
 def plain_faults(error: ValidationError, names: KindNames) -> list[Fault]:
@@ -110,17 +112,17 @@ def _without_other_members(error: ValidationError) -> list[Any]:
 
 def _fit(errors: list[Any]) -> tuple[int, bool, int]:
     """Rank of a union member by the depth of its errors, whether its type was right, and the number of errors."""
-    wrong_shape = any(item["type"] in ("tuple_type", "literal_error") for item in errors)
+    wrong_shape = any(item["type"] in ("tuple_type", "literal_error", "string_type") for item in errors)
     return max(len(item["loc"]) for item in errors), not wrong_shape, -len(errors)
 
 
 def _file_path(location: KeyPath, names: KindNames) -> KeyPath:
     """Keys of the file in a pydantic location, without union members and tags."""
-    known = {*names.controllers, *names.actuators}
+    known = {*names.controllers, *names.actuators, *names.estimators}
     out: list[str | int] = []
     for i, part in enumerate(location):
         after_union = i > 0 and (
-            location[i - 1] == "controller" or (len(out) >= 2 and out[-2] in ("actuators", "controllers"))
+            location[i - 1] in ("controller", "estimator") or (len(out) >= 2 and out[-2] in ("actuators", "controllers"))
         )
         if isinstance(part, str) and ((after_union and part in known) or _is_union_member(part)):
             continue
@@ -130,7 +132,12 @@ def _file_path(location: KeyPath, names: KindNames) -> KeyPath:
 
 def _is_union_member(part: str | int) -> bool:
     """Whether a step of a pydantic location names a member of a plain union rather than a key."""
-    return part in ("float", "str", "[key]") or str(part).startswith(("constrained-", "literal[", "tuple["))
+    name = str(part)
+    return (
+        name in ("float", "str", "bool", "[key]")
+        or name.startswith(("constrained-", "literal[", "tuple[", "function-"))
+        or name.endswith("Config")
+    )
 
 
 def _unknown_key(model: Any, location: KeyPath) -> str:

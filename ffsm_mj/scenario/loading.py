@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ffsm_controllers import kinds
+from ffsm_controllers.estimators import estimators
 from pydantic import ValidationError
 
 from ffsm_mj.actuation.actuator_config import ACTUATOR_KINDS
@@ -61,7 +62,12 @@ def validated(source: YamlSource, laws: Mapping[str, Any] = MappingProxyType({})
         scenario = model.model_validate(source.data)
     except ValidationError as error:
         kinds_known = KindNames(
-            model, {*installed.classes, *laws}, ACTUATOR_KINDS, installed.broken, _script_laws(source.data)
+            model,
+            {*installed.classes, *laws},
+            ACTUATOR_KINDS,
+            installed.broken | estimators().broken,
+            _script_laws(source.data),
+            {"truth", *estimators().classes},
         )
         raise InputError(source.lines(plain_faults(error, kinds_known))) from error
     try:
@@ -111,7 +117,8 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
     for i, phase in enumerate(scenario.phases):
         if phase.name in names[:i]:
             faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
-        if fault := fault_of_ending(phase.until, scenario.contact_models, captures=bool(scenario.captures)):
+        event = phase.until if isinstance(phase.until, str) else None
+        if fault := fault_of_ending(event, scenario.contact_models, captures=bool(scenario.captures)):
             faults.append(Fault(fault, ("phases", i, "until")))
         if phase.until == "settled" and scenario.task is None:
             faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, "until")))

@@ -156,17 +156,34 @@ class TaskConfig(StrictModel):
         return self
 
 
+class SensorEndConfig(StrictModel):
+    """A phase ends at a control tick at which a valid measurement is beyond a bound."""
+
+    sensor: Name
+    """A sensor; of a vector its norm counts."""
+    above: float | None = None
+    """The phase ends above this value, in the unit of the sensor."""
+    below: float | None = None
+    """The phase ends below this value."""
+
+    @model_validator(mode="after")
+    def _has_one_bound(self) -> SensorEndConfig:
+        if (self.above is None) == (self.below is None):
+            raise ValueError("needs 'above' or 'below', one of the two")
+        return self
+
+
 class PhaseConfig(StrictModel):
     """A phase of the task; it ends at an event, when the tip has settled, after a time, or with the run."""
 
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["controller"]}, {"required": ["controllers"]}]})
 
     name: Name
-    until: Name | None = None
+    until: Name | SensorEndConfig | None = None
     """``impact``, ``contact_begins``, ``contact_ends``, ``contact_slips``, ``contact_sticks`` (of a contact with friction),
     ``limit_impact``, ``limit_begins``, ``limit_ends`` (of a joint at a limit), ``capture``, ``release`` or a record of a
     contact model: the first such event after the start of the phase; ``settled``: see that key; ``end``: the end of the
-    run."""
+    run; ``{sensor: NAME, above: VALUE}`` (or ``below``): a measurement."""
     settled: SettledConfig | None = None
     """With ``until: settled``: the phase ends when the tip has been near its target and slow for a time."""
     for_s: PositiveFloat | None = None

@@ -85,7 +85,7 @@ def test_null_takes_away_and_another_kind_replaces(folder):
     scenario, _ = load_scenario(child(folder, "actuators: {robot/push_x: null}\n"))
     assert scenario.actuators == {}
     scenario, _ = load_scenario(child(folder, "actuators: {robot/push_x: {kind: ideal}}\n"))
-    assert scenario.actuators["robot/push_x"].model_dump() == {"kind": "ideal"}
+    assert scenario.actuators["robot/push_x"].model_dump() == {"kind": "ideal", "delay_s": None}
 
 
 def test_phases_start_from_those_of_the_same_name(folder):

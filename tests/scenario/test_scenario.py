@@ -36,9 +36,9 @@ def faults(*overrides, path=BASELINE):
 @pytest.mark.parametrize(
     ("override", "expected"),
     [
-        ("foo=1", "foo: unknown key; allowed: accuracy, actuators, captures, conservative"),
+        ("foo=1", "foo: unknown key; allowed: accuracy, actuation, actuators, captures"),
         ("phases.0.controller.zz=1", "unknown key; allowed: Q, R, joints, kind, null_space_damping, parameterization"),
-        ("actuators.motor_1.kk=1", "unknown key; allowed: kind, no_load_speed_rad_s, stall_torque_N_m"),
+        ("actuators.motor_1.kk=1", "unknown key; allowed: delay_s, kind, no_load_speed_rad_s, stall_torque_N_m"),
         ("duration_s='3'", 'duration_s: should be a valid number, got "3"'),
         ("duration_s=true", "duration_s: should be a valid number, got true"),
         ("task.target_m=[1, .nan]", "task.target_m.1: should be a finite number"),

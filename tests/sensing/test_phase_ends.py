@@ -1,0 +1,59 @@
+"""Phases that end at a measurement."""
+
+from __future__ import annotations
+
+import pytest
+
+from ffsm_mj.errors import InputError
+from tests.sensing.scenes import pushing, run
+
+
+def phases(until):
+    return [
+        {"name": "approach", "until": until, "controller": {"kind": "listen"}},
+        {"name": "after", "until": "end", "controller": {"kind": "off"}},
+    ]
+
+
+def test_a_jump_of_the_rates_is_felt(tmp_path):
+    """The gyro at 100 Hz, untold of the impact at 0.195 s: its next sample, at 0.2 s, ends the phase."""
+    made = run(pushing(tmp_path, phases=phases({"sensor": "gyro", "below": 0.34}), told_of_impacts=False))
+    (change,) = [each for each in made.log.records["phases"] if each.name == "after"]
+    assert change.start_s == pytest.approx(0.2, abs=1e-9)
+    assert change.reason == "gyro"
+
+
+@pytest.mark.parametrize(
+    ("until", "words"),
+    [
+        ({"sensor": "giro", "above": 1.0}, r"phases.0.until.sensor: unknown sensor 'giro' .did you mean 'robot/gyro'"),
+        ({"sensor": "gyro"}, r"phases.0.until: needs 'above' or 'below', one of the two"),
+        ({"sensor": "gyro", "over": 1.0}, r"phases.0.until.over: unknown key"),
+        (3, r"phases.0.until: "),
+    ],
+)
+def test_a_wrong_end_is_refused_with_its_place(tmp_path, until, words):
+    with pytest.raises(InputError, match=words):
+        run(pushing(tmp_path, phases=phases(until)))
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        (
+            {"estimator": {"kind": "direct", "rate_filter_s": -1}},
+            r"estimator.rate_filter_s: should be greater",
+        ),
+        ({"estimator": {"kind": "drect"}}, r"estimator.kind: unknown kind 'drect'.*direct"),
+        ({"told_of_impacts": {"above_N_s": 1, "over": 1}}, r"told_of_impacts.over: unknown key.*above_N_s"),
+        ({"told_of_impacts": "no"}, r"told_of_impacts: should be a valid boolean"),
+        ({"sensors": {"gyro": {"noise": 1, "noise_density": 1}}}, r"sensors.gyro: has both 'noise' and 'noise_density'"),
+        ({"sensors": {"gyro": {"bias": "a"}}}, r"sensors.gyro.bias: should be a valid number"),
+        ({"sensors": {"giro": {}}}, r"sensors.giro: unknown sensor 'giro' .did you mean 'robot/gyro'"),
+        ({"seed": -1}, r"seed: should be greater than or equal to 0"),
+    ],
+)
+def test_wrong_keys_are_refused_with_their_place_on_one_line(tmp_path, config, words):
+    with pytest.raises(InputError, match=words) as refused:
+        run(pushing(tmp_path, **config))
+    assert len(str(refused.value).splitlines()) == 1
