@@ -7,6 +7,7 @@ import pytest
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.report.plots import figure_names, figures
 from tests.sensing.scenes import Listener, arm, column, pushing, run
 
 ENCODERS = "".join(f'<jointpos name="q{i}" joint="j{i}"/><jointvel name="v{i}" joint="j{i}"/>' for i in (1, 2))
@@ -113,3 +114,12 @@ def test_an_estimator_without_sensors_is_refused(tmp_path):
 def test_an_added_sensor_names_what_there_is(tmp_path):
     with pytest.raises(InputError, match=r"sensors.eye.of: unknown site or body 'c/c'; allowed: .*b/b"):
         run(pushing(tmp_path, sensors={"eye": {"kind": "framepos", "of": "c/c"}}))
+
+
+def test_figures_of_sensors_and_estimates(tmp_path):
+    """A run without them has none of these."""
+    seen = run(pushing(tmp_path, robot=arm(ENCODERS + BASE), phases=HOLD, duration_s=0.05, estimator=DIRECT))
+    drawn = figures(seen, ["sensors", "estimates"])
+    assert {name: len(figure.axes) for name, figure in drawn.items()} == {"sensors": 8, "estimates": 6}
+    without = run(pushing(tmp_path, robot=arm(""), duration_s=0.05))
+    assert not {"sensors", "estimates"} & set(figure_names(without))

@@ -1,0 +1,93 @@
+"""Figures of sensors and estimates: what is measured against what is true, and errors of the estimate."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from ffsm_mj.model.system import Tree
+from ffsm_mj.records.signals import Signal, identifier, rate_names
+from ffsm_mj.report.plots.panels import Curve, Panel, stacked
+from ffsm_mj.report.plots.style import BLACK, COLOURS, plain
+from ffsm_mj.report.plots.subject import Subject
+
+_GREY = "#7F7F7F"
+_MOST_IN_A_COLUMN = 4
+
+
+def sensors(subject: Subject) -> Figure:
+    """The newest sample of each sensor that has arrived, and the true value at the time of the log (dashed)."""
+    found = sensor_columns(subject)
+    panels = []
+    for name, columns in found.items():
+        lines = [
+            Curve(_component(signal, name), subject.run[signal.key], COLOURS[i % len(COLOURS)], "-")
+            for i, (signal, _) in enumerate(columns)
+        ]
+        for i, (_, true) in enumerate(columns):
+            style = "true then" if i == 0 else "_"
+            lines.append(Curve(style, subject.run[true], BLACK, (0, (3.0, 2.0)), 0.6))
+        unit = columns[0][0].unit
+        panels.append(Panel(plain(name.split("/", 1)[-1].replace("_", " ")) + (f", {unit}" if unit else ""), lines))
+    return _stacked(subject, panels)
+
+
+def _stacked(subject: Subject, panels: list[Panel]) -> Figure:
+    return stacked(subject.run, panels, columns=1 if len(panels) <= _MOST_IN_A_COLUMN else 2, height_in=1.5)
+
+
+def sensor_columns(subject: Subject) -> dict[str, list[tuple[Signal, str]]]:
+    """Columns of each sensor: the signal of each component, and the key of its true value."""
+    found: dict[str, list[tuple[Signal, str]]] = {}
+    keys = set(subject.run.keys)
+    for signal in subject.run.log.header.layout.signals:
+        if signal.group != "sensor" or not signal.element:
+            continue
+        own = identifier(signal.element)
+        rest = signal.name.removeprefix(own)
+        true = f"sensor.{own}_true{rest}"
+        if true in keys:
+            found.setdefault(signal.element, []).append((signal, true))
+    return found
+
+
+def _component(signal: Signal, name: str) -> str:
+    rest = signal.name.removeprefix(identifier(name)).split("_")
+    return rest[1] if len(rest) > 1 and rest[1] in ("w", "x", "y", "z") else "measured"
+
+
+def estimates(subject: Subject) -> Figure:
+    """Errors of the estimate, coordinate by coordinate, within three standard deviations where the estimator states them."""
+    panels = [panel for tree in subject.system.trees for panel in _of_tree(subject, tree)]
+    return _stacked(subject, panels)
+
+
+def _of_tree(subject: Subject, tree: Tree) -> list[Panel]:
+    """Errors of position and attitude of a floating body, and of all joints together."""
+    panels, whose = [], plain(tree.name.replace("_", " "))
+    joints: list[tuple[str, str]] = []
+    for joint in tree.joints:
+        names = rate_names(joint)
+        if joint.kind == "free":
+            stem = identifier(joint.name)
+            places = [(axis, f"error_q_{stem}_{axis}_m") for axis in "xyz"]
+            turns = [(axis, f"error_q_{stem}_turn_{axis}_rad") for axis in "xyz"]
+            panels.append(Panel(f"{whose}: error of position, m", _errors(subject, places)))
+            panels.append(Panel(f"{whose}: error of attitude, rad", _errors(subject, turns)))
+        elif joint.kind in ("hinge", "slide"):
+            joints.append((joint.name.split("/", 1)[-1], f"error_q_{names[0].rsplit('_s', 1)[0]}"))
+    if joints:
+        panels.append(Panel(f"{whose}: error of joints, rad or m", _errors(subject, joints)))
+    return panels
+
+
+def _errors(subject: Subject, named: list[tuple[str, str]]) -> list[Curve]:
+    run, lines = subject.run, []
+    for i, (label, name) in enumerate(named):
+        if (key := f"estimate.{name}") in run.keys:
+            lines.append(Curve(plain(label), run[key], COLOURS[i % len(COLOURS)], "-"))
+    for i, (_, name) in enumerate(named):
+        if (key := f"estimate.{name.replace('error_', 'sigma_', 1)}") in run.keys:
+            for sign in (3.0, -3.0):
+                label = r"3$\sigma$" if i == 0 and sign > 0.0 else "_"
+                lines.append(Curve(label, sign * run[key], _GREY, (0, (1.0, 1.5)), 0.8))
+    return lines
