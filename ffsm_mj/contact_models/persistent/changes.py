@@ -84,7 +84,10 @@ class ContactChanges:
         decision = closed.decide() if closed.has_friction else None
         if not isinstance(decision, FrictionalDecision):
             return None
-        before = _slides(decision.contact_points, closed.modes.of(decision.contact_points).kinds.tolist())
+        kinds = closed.modes.of(decision.contact_points).kinds.tolist()
+        if kinds == decision.kinds.tolist():
+            return None
+        before = _slides(decision.contact_points, kinds)
         after = _slides(decision.contact_points, decision.kinds.tolist())
         changed = [pair for pair, slides in after.items() if pair in before and before[pair] != slides]
         slips, sticks = [pair for pair in changed if after[pair]], [pair for pair in changed if not after[pair]]

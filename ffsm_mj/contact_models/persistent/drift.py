@@ -6,6 +6,8 @@ position and velocity constraints is the standard remedy (Hairer & Wanner, *Solv
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
@@ -18,6 +20,8 @@ from ffsm_mj.contact_models.persistent.exchange import Shares
 from ffsm_mj.contact_models.persistent.projection import ClosedRows, needs_projection, project
 from ffsm_mj.contact_models.persistent.rows import FrictionalRows
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
+
+_NO_SLIP: FloatArray = np.zeros((0, 2))
 
 
 def sum_exchanges(one: Exchange | None, other: Exchange) -> Exchange:
@@ -36,7 +40,7 @@ class DriftProjection:
     def remove_drift(self) -> Exchange | None:
         """Project the state in ``data`` at the start of a step if needed; returns the energy and momentum this changed."""
         closed, system, data = self._active_set, self._scene.system, self._scene.data
-        if not closed.contact_points or not needs_projection(closed_rows(closed), closed.motion.data.qvel):
+        if not closed.contact_points or not needs_projection(*drifts(closed)):
             return None
         contact_points, motion = closed.contact_points, closed.motion
         outside = Shares.of(system, contact_points, motion.grasped_bodies).outside != 0.0
@@ -73,6 +77,15 @@ class DriftProjection:
         )
         energy, of_all = np.array((total, own, total - own)), momentum_matrix(system.mj, data, 0) @ data.qvel
         return energy, sum(of_objects, np.zeros(6)), of_all
+
+
+def drifts(closed: ActiveContactSet) -> tuple[Sequence[float], Sequence[float], FloatArray]:
+    """Gaps of the closed contact points, m, their rates, m/s, and slips of sticking points along their tangents, m/s."""
+    rows = closed.decide().rows
+    slips = (
+        rows.slips[closed.modes.of(closed.contact_points).kinds == STICK] if isinstance(rows, FrictionalRows) else _NO_SLIP
+    )
+    return rows.gaps, rows.rates, slips
 
 
 def closed_rows(closed: ActiveContactSet) -> ClosedRows:

@@ -38,11 +38,11 @@ class ClosedRows(NamedTuple):
     sticking: FloatArray
 
 
-def needs_projection(rows: ClosedRows, qvel: FloatArray) -> bool:
+def needs_projection(gaps: Sequence[float], rates: Sequence[float], slips: FloatArray) -> bool:
     """Whether a gap, a gap rate or the slip of a sticking point has drifted beyond tolerance."""
-    if max(map(abs, rows.gaps)) > PROJECTED_GAP_M or max(map(abs, rows.rates)) > PROJECTED_RATE_M_S:
+    if max(map(abs, gaps)) > PROJECTED_GAP_M or max(map(abs, rates)) > PROJECTED_RATE_M_S:
         return True
-    return bool(len(rows.sticking) and np.abs(rows.sticking @ qvel).max() > PROJECTED_SLIP_M_S)
+    return bool(len(slips) and np.abs(slips).max() > PROJECTED_SLIP_M_S)
 
 
 def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray, taken: FloatArray) -> None:

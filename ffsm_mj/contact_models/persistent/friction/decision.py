@@ -93,6 +93,8 @@ class FrictionalDecision:
     def _slides(self) -> BoolArray:
         """Points that slip, (k,)."""
         modes = self.here.modes
+        if not self._struck and float(self._speeds.max(initial=0.0)) <= modes.drift_m_s:
+            return np.zeros(len(self._speeds), dtype=np.bool_)
         slides = sliding(
             self._speeds,
             modes.kinds,
@@ -166,7 +168,7 @@ class FrictionalDecision:
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap opens, in the order of ``contact_points``."""
         rates = zip(self.contact_points, self.solution.accelerations[:, 0].tolist(), self.rounding.tolist(), strict=True)
-        return tuple(contact for contact, rate, rounding in rates if rate > _OPENS * rounding)
+        return tuple([contact for contact, rate, rounding in rates if rate > _OPENS * rounding])
 
     def keep_modes(self) -> None:
         """Make the modes chosen those of the next step."""

@@ -80,6 +80,11 @@ class PointModes:
         return np.zeros((len(self.kinds), 2))
 
     @cached_property
+    def drift_m_s(self) -> float:
+        """Speed up to which no point slips, if all stick; negative if one does not."""
+        return 2.0 * _TOGETHER * float(self.stop_speeds.min()) if (self.kinds == STICK).all() else -1.0
+
+    @cached_property
     def any_slides(self) -> bool:
         """Whether any point slides with friction."""
         return bool(self.slides.any())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -35,7 +36,7 @@ class PairFriction(NamedTuple):
     @property
     def slip_speed(self) -> float:
         """Norm of the slip velocity, m/s."""
-        return float(np.linalg.norm(self.slip))
+        return math.hypot(*self.slip.tolist())
 
 
 class FrictionOfPairs:
@@ -63,16 +64,13 @@ class FrictionOfPairs:
             slips: Slip velocities, world axes, m/s, (k, 3).
         """
         self._problem, self._solution, self._kinds = problem, solution, solution.kinds.tolist()
+        self._sticks: IntArray = (solution.kinds == STICK).nonzero()[0]
         self._points: dict[UnilateralConstraint, list[int]] = {}
         for i, (contact, kind) in enumerate(zip(contact_points, self._kinds, strict=True)):
             if kind != CLOSED and contact.pair.mu > 0.0:
                 self._points.setdefault(contact.pair, []).append(i)
         self._ratios = limit_ratios(solution.forces, problem.mu)
         self.by_pair = {pair: self._of_points(mine, friction, slips) for pair, mine in self._points.items()}
-
-    @property
-    def _sticks(self) -> IntArray:
-        return np.flatnonzero(self._solution.kinds == STICK)
 
     def _of_points(self, mine: list[int], friction: FloatArray, slips: FloatArray) -> PairFriction:
         force = friction[mine].sum(axis=0)
@@ -89,8 +87,8 @@ class FrictionOfPairs:
         the least such ratio that any shares have.
         """
         sticks = self._sticks
-        if max(self._ratios[i] for i in sticks.tolist()) <= 1.0:
-            return max(self._ratios[i] for i in mine)
+        if max([self._ratios[i] for i in sticks.tolist()]) <= 1.0:
+            return max([self._ratios[i] for i in mine])
         return least_use(self._problem, self._solution.forces, sticks, mine[0])
 
     def is_wedged(self, pair: UnilateralConstraint) -> bool:

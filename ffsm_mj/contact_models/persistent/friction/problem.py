@@ -227,33 +227,41 @@ class FrictionProblem:
         return shares
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HeldRows:
     """The rows held by points in given modes; it stays the same for a step.
 
     Attributes:
-        rows: Their indices among the 3k rows, ascending, (r,).
+        count: Number of all rows, 3k.
+        rows: Indices of those held, ascending, (r,).
         independent: Largest set of them that are independent, as indices among the 3k rows.
-        along: Directions along which the forces of the rows act, (3k, r); without friction of sliding points.
         slides: Indices of sliding points with friction, (m,).
-        columns: Columns of their normal forces, (m,).
     """
 
+    count: int
     rows: IntArray
     independent: IntArray
-    along: FloatArray
     slides: IntArray
-    columns: IntArray
 
     @classmethod
     def of(cls, problem: FrictionProblem, kinds: IntArray) -> HeldRows:
         """Determine the rows in a problem."""
         rows = problem.held_rows(kinds)
         independent = rows[independent_rows(problem.G[rows[:, None], rows])]
-        along = np.zeros((3 * len(kinds), len(rows)))
-        along[rows, np.arange(len(rows))] = 1.0
         slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0]
-        return cls(rows, independent, along, slides, np.searchsorted(rows, 3 * slides))
+        return cls(3 * len(kinds), rows, independent, slides)
+
+    @cached_property
+    def along(self) -> FloatArray:
+        """Directions along which the forces of the rows act, (3k, r); without friction of sliding points."""
+        along = np.zeros((self.count, len(self.rows)))
+        along[self.rows, np.arange(len(self.rows))] = 1.0
+        return along
+
+    @cached_property
+    def columns(self) -> IntArray:
+        """Columns of the normal forces of the sliding points, (m,)."""
+        return np.searchsorted(self.rows, 3 * self.slides)
 
     @property
     def rank(self) -> int:
@@ -275,36 +283,45 @@ class _Held:
 
     def __init__(self, problem: FrictionProblem, structure: HeldRows) -> None:
         self._problem, self._structure = problem, structure
-        self._held_G, self._along = problem.G[structure.rows], structure.along
+        self._held_G = problem.G[structure.rows]
         # The columns of independent rows span the same forces as those of all rows.
         self._range = range_basis(self._held_G[:, structure.independent]) if structure.redundant else None
+        self._along = structure.along if len(structure.slides) else None
 
     def is_regular(self, slips: FloatArray) -> bool:
         """Whether the determinant of the linear problem has the sign that it has without sliding friction."""
         self.forces(slips)
-        system, U = self._held_G.dot(self._along), self._range
+        system, U = self._system, self._range
         return bool(np.linalg.slogdet(system if U is None else U.T.dot(system).dot(U))[0] > 0.0)
 
     def forces(self, slips: FloatArray) -> FloatArray:
         """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""
-        slides, columns = self._structure.slides, self._structure.columns
-        if len(slides):
-            self._along = self._structure.along.copy()
-            friction = -self._problem.mu[slides, None] * slips[slides]
-            self._along[3 * slides + 1, columns], self._along[3 * slides + 2, columns] = friction[:, 0], friction[:, 1]
-        forces: FloatArray = self._along.dot(self._solve(-self._problem.b[self._structure.rows]))
+        structure = self._structure
+        right = -self._problem.b[structure.rows]
+        if self._along is None:  # forces act along the rows themselves
+            plain = np.zeros(structure.count)
+            plain[structure.rows] = self._solve(right)
+            return plain.reshape(-1, 3)
+        slides, columns = structure.slides, structure.columns
+        self._along = structure.along.copy()
+        friction = -self._problem.mu[slides, None] * slips[slides]
+        self._along[3 * slides + 1, columns], self._along[3 * slides + 2, columns] = friction[:, 0], friction[:, 1]
+        forces: FloatArray = self._along.dot(self._solve(right))
         return forces.reshape(-1, 3)
+
+    @property
+    def _system(self) -> FloatArray:
+        """Accelerations of the held rows per unit forces of these, (r, r)."""
+        held: FloatArray = self._held_G
+        return held[:, self._structure.rows] if self._along is None else held.dot(self._along)
 
     def _solve(self, right: FloatArray) -> FloatArray:
         if not len(right):
             return right
-        # Without sliding friction forces act along the rows themselves.
-        plain = not len(self._structure.slides)
-        system = self._held_G[:, self._structure.rows] if plain else self._held_G.dot(self._along)
         if self._range is None:
-            return solved(system, right)
+            return solved(self._system, right)
         U = self._range
-        return np.asarray(U.dot(solved(U.T.dot(system).dot(U), U.T.dot(right))))
+        return np.asarray(U.dot(solved(U.T.dot(self._system).dot(U), U.T.dot(right))))
 
     def responses_to_turns(self, points: IntArray, across: FloatArray, normal_forces: FloatArray) -> FloatArray:
         """Changes of all forces per rad by which the directions of slip of some points turn, (3k, m).
@@ -314,7 +331,8 @@ class _Held:
             across: Unit vectors into which their directions turn, (m, 2).
             normal_forces: Their normal forces, N, (m,).
         """
-        turned, columns = np.zeros((len(self._along), len(points))), np.arange(len(points))
+        along = self._structure.along if self._along is None else self._along
+        turned, columns = np.zeros((len(along), len(points))), np.arange(len(points))
         friction = -(self._problem.mu[points] * normal_forces)[:, None] * across
         turned[3 * points + 1, columns], turned[3 * points + 2, columns] = friction[:, 0], friction[:, 1]
-        return np.asarray(turned + self._along.dot(self._solve(-self._held_G.dot(turned))))
+        return np.asarray(turned + along.dot(self._solve(-self._held_G.dot(turned))))
