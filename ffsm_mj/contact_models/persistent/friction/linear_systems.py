@@ -20,21 +20,25 @@ def solved(system: FloatArray, right: FloatArray) -> FloatArray:
     return solution
 
 
-def independent_rows(square: FloatArray) -> IntArray:
-    """Indices of a largest set of independent rows of a positive semidefinite matrix, by Cholesky with pivots."""
-    if not len(square):
-        return np.zeros(0, dtype=np.int64)
-    _, order, rank, _ = _lapack().dpstrf(square, tol=RANK * square.diagonal().max())
-    return np.asarray(order[:rank] - 1, dtype=np.int64)
+def rank_of(square: FloatArray) -> int:
+    """Rank of a positive semidefinite matrix."""
+    return _pivots(square)[1] if len(square) else 0
 
 
-def range_basis(columns: FloatArray) -> FloatArray:
-    """Orthonormal basis of the space that independent columns span, of the same shape, by Householder's method."""
+def range_basis(square: FloatArray, rank: int) -> FloatArray:
+    """Orthonormal basis of the range of a positive semidefinite matrix of a given rank, (n, rank)."""
     basis: FloatArray
     lapack = _lapack()
-    reflectors, scales, _, _ = lapack.dgeqrf(columns)
+    # The columns of the largest pivots span the range; Householder's method makes them orthonormal.
+    reflectors, scales, _, _ = lapack.dgeqrf(square[:, _pivots(square)[0][:rank] - 1])
     basis, _, _ = lapack.dorgqr(reflectors, scales)
     return basis
+
+
+def _pivots(square: FloatArray) -> tuple[IntArray, int]:
+    """Pivots of the Cholesky factorisation, largest first and counted from 1, (n,), and the rank."""
+    _, order, rank, _ = _lapack().dpstrf(square, tol=RANK * square.diagonal().max())
+    return order, int(rank)
 
 
 @cache

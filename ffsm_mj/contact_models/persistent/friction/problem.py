@@ -22,7 +22,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
-from ffsm_mj.contact_models.persistent.friction.linear_systems import independent_rows, range_basis, solved
+from ffsm_mj.contact_models.persistent.friction.linear_systems import range_basis, rank_of, solved
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
 from ffsm_mj.tolerances import CANCELLED, RANK
 
@@ -234,22 +234,22 @@ class HeldRows:
     Attributes:
         count: Number of all rows, 3k.
         rows: Indices of those held, ascending, (r,).
-        independent: Largest set of them that are independent, as indices among the 3k rows.
+        rank: Number of independent ones. Which ones is not kept: tangents may change places in a step.
         slides: Indices of sliding points with friction, (m,).
     """
 
     count: int
     rows: IntArray
-    independent: IntArray
+    rank: int
     slides: IntArray
 
     @classmethod
     def of(cls, problem: FrictionProblem, kinds: IntArray) -> HeldRows:
         """Determine the rows in a problem."""
         rows = problem.held_rows(kinds)
-        independent = rows[independent_rows(problem.G[rows[:, None], rows])]
+        rank = rank_of(problem.G[rows[:, None], rows])
         slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0]
-        return cls(3 * len(kinds), rows, independent, slides)
+        return cls(3 * len(kinds), rows, rank, slides)
 
     @cached_property
     def along(self) -> FloatArray:
@@ -264,14 +264,9 @@ class HeldRows:
         return np.searchsorted(self.rows, 3 * self.slides)
 
     @property
-    def rank(self) -> int:
-        """Number of independent rows."""
-        return len(self.independent)
-
-    @property
     def redundant(self) -> bool:
         """Whether rows depend on each other."""
-        return len(self.independent) < len(self.rows)
+        return self.rank < len(self.rows)
 
 
 Structures: TypeAlias = dict[bytes, HeldRows]
@@ -284,8 +279,7 @@ class _Held:
     def __init__(self, problem: FrictionProblem, structure: HeldRows) -> None:
         self._problem, self._structure = problem, structure
         self._held_G = problem.G[structure.rows]
-        # The columns of independent rows span the same forces as those of all rows.
-        self._range = range_basis(self._held_G[:, structure.independent]) if structure.redundant else None
+        self._range = range_basis(self._held_G[:, structure.rows], structure.rank) if structure.redundant else None
         self._along = structure.along if len(structure.slides) else None
 
     def is_regular(self, slips: FloatArray) -> bool:
