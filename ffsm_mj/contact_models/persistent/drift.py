@@ -40,7 +40,7 @@ class DriftProjection:
     def remove_drift(self) -> Exchange | None:
         """Project the state in ``data`` at the start of a step if needed; returns the energy and momentum this changed."""
         closed, system, data = self._active_set, self._scene.system, self._scene.data
-        if not closed.contact_points or not needs_projection(*drifts(closed)):
+        if not closed.contact_points or not needs_projection(*drift_of(closed)):
             return None
         contact_points, motion = closed.contact_points, closed.motion
         outside = Shares.of(system, contact_points, motion.grasped_bodies).outside != 0.0
@@ -79,13 +79,12 @@ class DriftProjection:
         return energy, sum(of_objects, np.zeros(6)), of_all
 
 
-def drifts(closed: ActiveContactSet) -> tuple[Sequence[float], Sequence[float], FloatArray]:
-    """Gaps of the closed contact points, m, their rates, m/s, and slips of sticking points along their tangents, m/s."""
+def drift_of(closed: ActiveContactSet) -> tuple[Sequence[float], Sequence[float], FloatArray]:
+    """Gaps of the closed contact points, m, their rates, m/s, and slips that are drift along two tangents, m/s, (m, 2)."""
     rows = closed.decide().rows
-    slips = (
-        rows.slips[closed.modes.of(closed.contact_points).kinds == STICK] if isinstance(rows, FrictionalRows) else _NO_SLIP
-    )
-    return rows.gaps, rows.rates, slips
+    if not isinstance(rows, FrictionalRows):
+        return rows.gaps, rows.rates, _NO_SLIP
+    return rows.gaps, rows.rates, rows.slips[closed.modes.of(closed.contact_points).drifts]
 
 
 def closed_rows(closed: ActiveContactSet) -> ClosedRows:

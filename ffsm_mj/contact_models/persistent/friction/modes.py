@@ -192,7 +192,9 @@ class FrictionModes:
     def _keep_still(self, contact_points: Sequence[ContactPoint], kinds: IntArray) -> bool:
         """Keep the modes if none changes and no point slides or has just stopped, and return whether that is so."""
         values = kinds.tolist()
-        if SLIDE in values or self._largest_slip or self._kinds != dict(zip(contact_points, values, strict=True)):
+        if SLIDE in values or self._largest_slip or self.beginning:
+            return False
+        if self._kinds != dict(zip(contact_points, values, strict=True)):
             return False
         self.released = self.struck = False
         self._of = {points: replace(modes, structures={}) for points, modes in self._of.items()}
