@@ -117,8 +117,19 @@ class FrictionalDecision:
             return self._choice.choose()
         except NoModesError:
             names = "; ".join(dict.fromkeys(str(contact.pair) for contact in self.contact_points))
-            why = f"painleve: no friction modes satisfy Coulomb's conditions ({names})"
+            why = f"painleve: no friction modes satisfy Coulomb's conditions ({names}){self._worst_slide()}"
             raise RunEnded(Outcome.UNSUPPORTED_CONTACT, why) from None
+
+    def _worst_slide(self) -> str:
+        """What pushes the sliding point apart whose own normal force does so least; empty where none slides."""
+        slides = np.flatnonzero(self._slides)
+        if not len(slides):
+            return ""
+        own = self.problem.G.reshape(len(self.rows.axes), 3, -1, 3)[slides, :, slides][:, 0]
+        apart = own[:, 0] - self.here.modes.mu[slides] * np.sum(own[:, 1:] * unit_slips(self.rows.slips[slides]), axis=1)
+        least = int(np.argmin(apart))
+        name, falls = self.contact_points[slides[least]].pair, self.problem.b[3 * slides[least]]
+        return f"; sliding point of {name}: G_nn - mu G_nt = {apart[least]:.3g} 1/kg, gap'' without forces {falls:.3g} m/s^2"
 
     @property
     def kinds(self) -> IntArray:
