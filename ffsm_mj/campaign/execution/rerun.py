@@ -65,7 +65,7 @@ def rerun(
     Raises:
         InputError: The run cannot be prepared.
     """
-    assembly = prepared_run(job, overrides).assemble()
+    assembly = prepared_run(job, index, overrides).assemble()
     effort = Effort(assembly.system, assembly.actuation.keys)
     run = simulate(assembly, RunFolder(folder, force=True), with_rerun=False, watchers=(effort,))
     if run.outcome == Outcome.INTERRUPTED:

@@ -119,7 +119,7 @@ def execute_run(job: Job, index: int, overrides: Mapping[str, Any]) -> RunRow:
     """Execute one run; a failure of any kind gives a row too."""
     started, used = time.perf_counter(), time.process_time()
     try:
-        result = _run(job, overrides, started)
+        result = _run(job, index, overrides, started)
     except _TimeoutError:
         result = {"outcome": TIMEOUT, "message": f"took more than {job.timeout_s:g} s"}
     except InputError as error:
@@ -130,8 +130,8 @@ def execute_run(job: Job, index: int, overrides: Mapping[str, Any]) -> RunRow:
     return RunRow(index, cpu=processor(), wall_s=round(wall, 6), cpu_s=round(cpu, 6), **result)
 
 
-def _run(job: Job, overrides: Mapping[str, Any], started: float) -> dict[str, Any]:
-    assembly = prepared_run(job, overrides).assemble()
+def _run(job: Job, index: int, overrides: Mapping[str, Any], started: float) -> dict[str, Any]:
+    assembly = prepared_run(job, index, overrides).assemble()
     effort = Effort(assembly.system, assembly.actuation.keys)
 
     def check_time(*_: float) -> None:
@@ -143,7 +143,7 @@ def _run(job: Job, overrides: Mapping[str, Any], started: float) -> dict[str, An
         checks = run.checks()
         if _may_be_truncation(run, checks):
             # A replay with shorter steps needs all rows, which are not kept: the run is repeated.
-            log = simulate(prepared_run(job, overrides).assemble(), report=check_time).log
+            log = simulate(prepared_run(job, index, overrides).assemble(), report=check_time).log
             checks = explained(checks, DEFAULT_TOLERANCE, lambda: refined(log, check_time))
         counted = check_metrics(checks, truncated=job.truncated)
         metrics = metric_values(run, effort.by_actuator(), job.metrics, counted)
@@ -190,13 +190,19 @@ def _null_device() -> Any:
     return Path(os.devnull).open("w", encoding="utf-8")
 
 
-def prepared_run(job: Job, overrides: Mapping[str, Any]) -> PreparedRun:
+def prepared_run(job: Job, index: int, overrides: Mapping[str, Any]) -> PreparedRun:
     """Prepare a run of a campaign.
+
+    The seed of its noise is that of the scenario plus its index, unless the campaign sets seeds: runs of one index have the
+    same noise under every control law.
 
     Raises:
         InputError: The overrides are invalid, or a model does not compile with them.
     """
-    source = _read(job.scenario, job.digest).overridden(as_overrides(overrides))
+    base = _read(job.scenario, job.digest)
+    seed = base.data.get("seed", 0) if isinstance(base.data, Mapping) else 0
+    own = {} if "seed" in overrides or not isinstance(seed, int) else {"seed": seed + index}
+    source = base.overridden(as_overrides({**overrides, **own}))
     return recipe(validated(source, job.controllers), source, job.controllers, _model_reader(job.scenario, job.digest))
 
 
