@@ -17,7 +17,7 @@ from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.sensing.reader import SensorReader
-from ffsm_mj.sensing.samples import SAME_TIME_S, Samples
+from ffsm_mj.sensing.samples import SAME_TIME_S, Measured, Sample, Samples
 from ffsm_mj.sensing.sensor import Sensor
 from ffsm_mj.sensing.signals import SensorColumns
 from ffsm_mj.sensing.view import FieldOfView
@@ -64,7 +64,8 @@ class SensorSampler:
         self._motion: Motion | None = None
         self._time_step_s, self._bodies_of = time_step_s, bodies_of
         self._samples = [Samples(sensor, seed) for sensor in sensors]
-        self._next_s, self._clock_s = math.inf, 0.0
+        self._newest: dict[str, Sample | int] = {sensor.name: sensor.size for sensor in sensors}
+        self._next_s, self._arrival_s, self._clock_s = math.inf, math.inf, 0.0
         self._shown = SensorColumns(self._sensors)
         self.columns: tuple[Columns, ...] = (
             Columns(self._shown.signals, live=self._shown.values, on_sample=self._show, resume=self._shown.resume),
@@ -99,7 +100,7 @@ class SensorSampler:
         self._clock_s = time_s
         for samples in self._samples:
             samples.begin(time_s)
-        self._next_s = min(samples.next_s for samples in self._samples)
+        self._next_s, self._arrival_s = min(samples.next_s for samples in self._samples), math.inf
 
     def elapse(self, duration_s: float) -> None:
         """Take the samples of a finished (sub-)step, whose end is the state in ``data``."""
@@ -125,6 +126,7 @@ class SensorSampler:
                 seen = view is None or view.shows(motion.data)
                 samples.take(values[part], seen and not np.isnan(values[part]).any())
         self._next_s = min(samples.next_s for samples in self._samples)
+        self._arrival_s = min(samples.arrival_s for samples in self._samples)
 
     def _take_inside(self, at_s: float, duration_s: float) -> None:
         """Take the samples that are due at a time in the last (sub-)step, and return to its end."""
@@ -157,16 +159,20 @@ class SensorSampler:
                 samples.add_impulse(values[start : start + 3])
 
     def measured(self, time_s: float) -> Mapping[str, Measurement]:
-        """Newest sample of each sensor that has arrived at a time, by full name."""
-        for samples in self._samples:
-            samples.arrive(time_s)
-        return {samples.sensor.name: samples.measurement(time_s) for samples in self._samples}
+        """Newest sample of each sensor that has arrived at a time, by full name; evaluated where it is looked up."""
+        self._show(time_s)
+        return Measured(self._newest, time_s)
 
     def _show(self, time_s: float) -> None:
-        """Update the columns."""
+        """Let samples arrive, and update the columns."""
+        if self._arrival_s > time_s + SAME_TIME_S:
+            return
+        self._newest = self._newest.copy()  # observations before keep theirs
         for i, samples in enumerate(self._samples):
-            samples.arrive(time_s)
-            self._shown.show(i, samples.shown)
+            if samples.arrival_s <= time_s + SAME_TIME_S and samples.arrive(time_s) and samples.shown is not None:
+                self._newest[samples.sensor.name] = samples.shown
+                self._shown.show(i, samples.shown)
+        self._arrival_s = min(samples.arrival_s for samples in self._samples)
 
 
 def impulses_through(model: Any, data: Any, jump: FloatArray, wrenches: Sequence[Wrench]) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from heapq import heappop, heappush
 from typing import NamedTuple
 
@@ -46,6 +47,7 @@ class Samples:
     Attributes:
         sensor: The sensor.
         next_s: Time of the next sample.
+        arrival_s: Time of the next arrival; infinite if nothing is under way.
         shown: Newest sample that has arrived; None before the first.
     """
 
@@ -61,6 +63,7 @@ class Samples:
         self._number = max(0, math.ceil((time_s - sensor.first_s) / sensor.interval_s - 1e-9))
         self.next_s = sensor.first_s + self._number * sensor.interval_s
         self.shown: Sample | None = None
+        self.arrival_s = math.inf
         self._under_way: list[tuple[float, int, Sample]] = []
         self._impulse, self._last = np.zeros(3), np.full(3, np.nan)
 
@@ -78,21 +81,40 @@ class Samples:
         sample = Sample(time_s, number, self._errors.measured(true, number), true, valid, impulse, mean)
         if (after_s := self._errors.arrival_s(number)) < math.inf:
             heappush(self._under_way, (time_s + after_s, number, sample))
+            self.arrival_s = self._under_way[0][0]
         self._number = number + 1
         self.next_s = self.sensor.first_s + self._number * self.sensor.interval_s
 
-    def arrive(self, time_s: float) -> None:
-        """Let everything arrive that is due at a time; the newest sample is shown, whenever it arrives."""
-        under_way = self._under_way
-        while under_way and under_way[0][0] <= time_s + SAME_TIME_S:
+    def arrive(self, time_s: float) -> bool:
+        """Let everything arrive that is due at a time; returns whether another sample is shown: the newest."""
+        under_way, before = self._under_way, self.shown
+        while self.arrival_s <= time_s + SAME_TIME_S:
             sample = heappop(under_way)[2]
+            self.arrival_s = under_way[0][0] if under_way else math.inf
             if self.shown is None or sample.number > self.shown.number:
                 self.shown = sample
+        return self.shown is not before
 
-    def measurement(self, time_s: float) -> Measurement:
-        """What a control law is shown at a time."""
-        shown = self.shown
-        if shown is None:
-            nan = np.full(self.sensor.size, np.nan)
-            return Measurement(nan, math.nan, math.nan, False)
-        return Measurement(shown.value, shown.time_s, time_s - shown.time_s, shown.valid, shown.impulse, shown.mean)
+
+class Measured(Mapping[str, Measurement]):
+    """What a control law is shown of all sensors at a time: measurements by full name, made where they are looked up."""
+
+    def __init__(self, shown: Mapping[str, Sample | int], time_s: float) -> None:
+        """Show the newest sample of each sensor, or the size of its value if none has arrived."""
+        self._shown, self._time_s = shown, time_s
+
+    def __getitem__(self, name: str) -> Measurement:
+        """Newest sample of a sensor."""
+        shown = self._shown[name]
+        if isinstance(shown, int):
+            return Measurement(np.full(shown, np.nan), math.nan, math.nan, False)
+        age_s = self._time_s - shown.time_s
+        return Measurement(shown.value, shown.time_s, age_s, shown.valid, shown.impulse, shown.mean)
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of the sensors."""
+        return iter(self._shown)
+
+    def __len__(self) -> int:
+        """Number of sensors."""
+        return len(self._shown)

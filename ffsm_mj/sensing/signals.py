@@ -38,11 +38,14 @@ class SensorColumns:
         self.signals = tuple(signal for each in found for signal in each)
         self.values = np.full(len(self.signals), np.nan)
 
-    def show(self, i: int, sample: Sample | None) -> None:
+    def show(self, i: int, sample: Sample) -> None:
         """Show the newest sample of a sensor."""
-        if sample is not None:
-            parts = (sample.value, sample.true, (sample.time_s, float(sample.valid)), sample.impulse, sample.mean)
-            self.values[self._parts[i]] = np.concatenate(parts)
+        values, start, stop = self.values, self._parts[i].start, self._parts[i].stop
+        size = len(sample.value)
+        values[start : start + size], values[start + size : start + 2 * size] = sample.value, sample.true
+        values[start + 2 * size], values[start + 2 * size + 1] = sample.time_s, sample.valid
+        if len(sample.impulse):
+            values[stop - 6 : stop - 3], values[stop - 3 : stop] = sample.impulse, sample.mean
 
     def resume(self, values: FloatArray) -> None:
         """Continue from the values at a sample of the log; those at the start of a run are not known."""

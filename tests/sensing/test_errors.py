@@ -107,15 +107,15 @@ def test_samples_that_overtake_and_samples_that_never_arrive(tmp_path):
     for tick in range(200):
         late.take(np.full(3, float(tick)), True)
         late.arrive(0.01 * tick)
-        times.append(late.measurement(0.01 * tick).time_s)
+        times.append(late.shown.time_s if late.shown is not None else 0.0)
     seen = np.array(times[20:])
     assert (np.diff(seen) >= 0.0).all()
     assert (np.diff(seen) == 0.0).any()
     assert (np.diff(seen) > 0.015).any()
     lost = Samples(sensor(tmp_path, dropout=1.0), 0)
     lost.take(np.zeros(3), True)
-    lost.arrive(9.0)
-    assert not lost.measurement(9.0).valid
+    assert not lost.arrive(9.0)
+    assert lost.shown is None
 
 
 @pytest.mark.parametrize(
