@@ -23,7 +23,8 @@ FIGURES = Path(__file__).parents[1] / "docs" / "figures" / "squeeze"
 MU, GRIP_N, DURATION_S = 0.7, 10.0, 10.0
 PUSH_N = 0.5 * 2 * MU * GRIP_N * 12.4 / 2.0
 FAR_M = 1e9
-RECIPES = {"elliptic cone, impratio 1": 1.0, "elliptic cone, impratio 10": 10.0, "elliptic cone, impratio 100": 100.0}
+RECIPES = {f"MuJoCo, impratio {ratio:g}": ratio for ratio in (1.0, 10.0, 100.0)}
+OURS, ROUNDING_M = "persistent contact", 1e-12
 
 
 def robot(head: str, damping: float) -> str:
@@ -92,7 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--dry", action="store_true", help="only print")
     dry = parser.parse_args().dry
-    curves = {name: soft(impratio) for name, impratio in RECIPES.items()} | {"persistent contact": exact()}
+    curves = {name: soft(impratio) for name, impratio in RECIPES.items()} | {OURS: exact()}
     for name, (_, slip) in curves.items():
         print(f"{name:32}{1e6 * slip[-1]:14.6g} um in {DURATION_S:g} s")
     if dry:
@@ -101,11 +102,23 @@ def main() -> None:
         figure = Figure(figsize=(WIDTH_IN, 0.4 * WIDTH_IN))
         axes = figure.subplots()
         for name, (time, slip) in curves.items():
-            ours = name == "persistent contact"
-            axes.plot(time, 1e3 * slip, label=name, color=BLUE if ours else VERMILION, alpha=1.0 if ours else 0.7)
-            axes.annotate(name, (time[-1], 1e3 * slip[-1]), fontsize=6, ha="right", va="bottom")
+            colour = BLUE if name == OURS else VERMILION
+            # Rounding is labelled as none.
+            end = 0.0 if abs(slip[-1]) < ROUNDING_M else 1e3 * slip[-1]
+            axes.plot(time, 1e3 * slip, color=colour, clip_on=False)
+            axes.annotate(
+                f"{name}\n{end:.3g} mm",
+                (time[-1], end),
+                xytext=(6, 0),
+                textcoords="offset points",
+                fontsize=7,
+                va="center",
+                color=colour,
+                annotation_clip=False,
+            )
         axes.set_yscale("symlog", linthresh=1e-3)
-        axes.set(xlabel="time, s", ylabel="slip of the box, mm", ylim=(-3e-4, 60.0))
+        axes.set_yticks((0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0), ("0", "0.001", "0.01", "0.1", "1", "10"))
+        axes.set(xlabel="time under load, s", ylabel="slip of the box, mm", xlim=(0.0, DURATION_S), ylim=(-2e-4, 40.0))
     FIGURES.mkdir(parents=True, exist_ok=True)
     write(figure, FIGURES, "creep", ("svg",))
 

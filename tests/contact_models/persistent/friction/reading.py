@@ -9,22 +9,21 @@ import numpy as np
 from ffsm_mj.replay import replay_log
 
 
-def good(run, *, unique=True):
+def good(run, *, records=True):
     """It ran to its end, every check passes, and the log says what its states say.
 
     Args:
         run: The run.
-        unique: Whether forces of single pairs follow from the motion. If not, only the motion of the replay is compared.
+        records: Whether records of events are compared too. Redundant points at the limit of friction share their load in
+            the cones to 1e-9 of their force only, and the centre of pressure in a record is known no better.
     """
     assert run.outcome == "completed", run.message
     assert [check for check in run.checks() if not check.passes] == []
     again = replay_log(run.log)
     assert not again.obstacle
-    if unique:
-        assert again.agrees, again.worst
-        assert [check for check in again.checks() if not check.passes] == []
-    else:
-        assert again.worst["motion"].passes
+    assert all(worst.passes for name, worst in again.worst.items() if records or name != "impacts"), again.worst
+    assert again.agrees or not records
+    assert [check for check in again.checks() if not check.passes] == []
     return run
 
 

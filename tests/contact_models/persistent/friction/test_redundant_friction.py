@@ -107,5 +107,5 @@ def test_a_wedged_ball_is_held_whatever_pulls(tmp_path, angle):
 def test_a_ball_pressed_into_a_v_stays_when_pulled_out_if_it_is_wedged(tmp_path, mu, stays):
     """The load turns round at 0.01 s: opening solves the problem as well, but present modes that are valid are kept."""
     path = in_a_v(tmp_path, 30, mu, 0.0, more=[[0, 0, 100]], duration=0.02)
-    run = good(ffsm_mj.run(path), unique=False)
+    run = good(ffsm_mj.run(path))
     assert bool(np.abs(final(run, "v_robot_free")).max() < 1e-12) is stays

@@ -55,7 +55,7 @@ def pulled_away(folder, rate):
 
 def test_the_grip_slips_where_the_load_exceeds_the_friction_of_both_pads(tmp_path):
     """Without rotation the cube of 5 kg needs 5 kg times 35 t m/s^2 of 2 mu N = 9 N: until 9 / 175 s, inside a step."""
-    run = good(ffsm_mj.run(pulled_away(tmp_path, 35.0)), unique=False)
+    run = good(ffsm_mj.run(pulled_away(tmp_path, 35.0)), records=False)
     assert slips(run) == [pytest.approx(2 * MU * GRIP_N / (CUBE_KG * 35.0), rel=1e-6)] * 2
 
 
