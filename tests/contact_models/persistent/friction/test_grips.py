@@ -36,7 +36,7 @@ def test_a_grip_loses_what_is_too_heavy(tmp_path, step, tip):
         step=step,
         duration=0.6,
     )
-    run = good(ffsm_mj.run(path), unique=tip == BALL_TIP)
+    run = good(ffsm_mj.run(path), records=tip == BALL_TIP)
     # Bracketed to 1e-12 s.
     assert slips(run) == [pytest.approx(0.5, abs=1e-11)] * 2
     before = run.time < 0.499
