@@ -10,10 +10,11 @@ from functools import cache
 from typing import Any
 
 from ffsm_controllers.estimators.direct import Direct
+from ffsm_controllers.estimators.mekf import Mekf
 from ffsm_controllers.plugins import Kinds, installed
 
 GROUP = "ffsm_mj.estimators"
-_BUILT_IN: tuple[Any, ...] = (Direct,)
+_BUILT_IN: tuple[Any, ...] = (Direct, Mekf)
 
 
 @cache

@@ -15,6 +15,8 @@ from ffsm_mj.controller_protocol import Fault, FloatArray, Measurement, Scenario
 ORDER = ("attitude", "position", "twist")
 """Order in which samples of one time are written: positions of a point refer to the attitude, rates to both."""
 
+_OF_JOINTS = ("jointpos", "jointvel", "ballquat", "ballangvel")
+
 Write = Callable[[FloatArray, Any], None]
 """Writes a measured value into the coordinates or rates of MuJoCo data, whose kinematics are current."""
 
@@ -91,9 +93,20 @@ def readings_of(system: System, sensors: Mapping[str, Sensor], rate_filter_s: fl
     Raises:
         ScenarioFaults: There are none.
     """
-    found = [reading for name in sensors if (reading := _reading(system, name)) is not None]
+    found = _found(system, sensors, rate_filter_s)
     if not found:
         raise ScenarioFaults([Fault("no sensor measures a joint or a floating body: the models need <sensor> elements")])
+    return found
+
+
+def readings_of_joints(system: System, sensors: Mapping[str, Sensor], rate_filter_s: float) -> list[Reading]:
+    """Readings of all sensors that measure joints, in the order in which they are written."""
+    kinds = {name: system.sensors[name].kind for name in sensors}
+    return _found(system, {name: sensors[name] for name, kind in kinds.items() if kind in _OF_JOINTS}, rate_filter_s)
+
+
+def _found(system: System, sensors: Mapping[str, Sensor], rate_filter_s: float) -> list[Reading]:
+    found = [reading for name in sensors if (reading := _reading(system, name)) is not None]
     rated = {(reading.order, dof) for reading in found for dof in range(reading.dofs.start, reading.dofs.stop)}
     for reading in found:
         if reading.order != "twist" and ("twist", reading.dofs.start) not in rated:
@@ -118,7 +131,7 @@ def _reading(system: System, name: str) -> Reading | None:
     model, kind = system.mj, system.sensors[name].kind
     number = int(model.sensor(name).id)
     target = int(model.sensor_objid[number])
-    if kind in ("jointpos", "jointvel", "ballquat", "ballangvel"):
+    if kind in _OF_JOINTS:
         return _of_joint(model, name, kind, target)
     if not (kind.startswith("frame") or kind in ("gyro", "velocimeter")):
         return None

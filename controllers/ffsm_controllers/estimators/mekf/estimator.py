@@ -1,0 +1,212 @@
+"""The filter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.stats import chi2
+
+from ffsm_controllers.estimators.mekf.belief import Belief
+from ffsm_controllers.estimators.mekf.config import InitialConfig, MekfConfig
+from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, FrameMeasurement, measurement_of
+from ffsm_controllers.estimators.mekf.history import Entry, History
+from ffsm_controllers.estimators.mekf.impacts import impact_of, is_jump
+from ffsm_controllers.estimators.mekf.joints import joint_entry
+from ffsm_controllers.estimators.mekf.layout import FloatingBody, Layout, floating_bodies
+from ffsm_controllers.estimators.mekf.missing import missing_measurements
+from ffsm_controllers.estimators.mekf.propagation import Propagation
+from ffsm_controllers.estimators.mekf.report import report_signals, report_values
+from ffsm_controllers.estimators.mekf.update import Innovation, update
+from ffsm_controllers.estimators.readings import readings_of_joints
+from ffsm_mj.controller_protocol import (
+    ControllerContext,
+    Fault,
+    FloatArray,
+    Measurement,
+    ScenarioFaults,
+    Sensor,
+    Signal,
+    System,
+    unknown_name,
+)
+
+_JOINTS, _FIRST_FRAME, _GIVEN, _JUMP = 0, 1, 8, 9
+"""Ranks of entries of one time: a sample at an impact is of the state before it."""
+_GIVEN_BEYOND = 1e-12
+"""An estimate that differs by more than this from what the filter left has been set by others."""
+
+
+class Mekf:
+    """Multiplicative error-state Kalman filter of pose and twist of every floating body, with biases of gyros.
+
+    - Attitudes are quaternions; their errors are rotation vectors in body axes, whose mean is zero after every update
+      (Markley and Crassidis 2014, 6.2; Sola 2017, 5 and 6).
+    - Floating bodies move as the model predicts it under the efforts held; see :class:`~.propagation.Propagation`.
+    - ``framepos``, ``framequat``, ``framelinvel``, ``frameangvel``, ``gyro`` and ``velocimeter`` update them, of frames on
+      any body of their trees, relative to the world or to frames of other trees: relative ones correct both.
+    - Joints are as measured last, with a stated filter on rates from differences, without an error of their own.
+    - Samples are used at their own time, late ones too; see :class:`~.history.History`. Of several samples of a sensor that
+      arrive between two calls, only the newest is shown and used.
+    - While an object is held, its estimate follows the hand, and the base is predicted without its load: the covariance
+      knows of neither, so that errors may then be larger than it says, unless the process noise covers that.
+    """
+
+    Config = MekfConfig
+    telemetry_signals: tuple[Signal, ...]
+
+    def __init__(self, config: MekfConfig, context: ControllerContext) -> None:
+        """Find what each sensor measures.
+
+        Raises:
+            ScenarioFaults: No body floats, something of one is not measured, or a name is unknown.
+        """
+        system, model = context.system, context.system.mj
+        bodies = floating_bodies(system)
+        kinds = {name: sensor.model.kind for name, sensor in context.sensors.items()}
+        found = [measurement_of(model, bodies, name, kind) for name, kind in kinds.items()]
+        self._frames = [each for each in found if each is not None]
+        believed, faults = _believed_noise(system, [each.sensor for each in self._frames], config)
+        if faults := [*faults, *_faults(bodies, self._frames, config)]:
+            raise ScenarioFaults(faults)
+        self._system, self._config, sensors = system, config, context.sensors
+        biased = [each.sensor for each in self._frames if each.kind == "gyro" and config.gyro_bias_rad_s is not None]
+        self._layout = Layout(bodies, biased)
+        self._deviations = {
+            each.sensor: _deviation(sensors[each.sensor], believed.get(each.sensor), config) for each in self._frames
+        }
+        self._joints = readings_of_joints(system, sensors, config.rate_filter_s)
+        self._largest_nis = math.inf if config.gate is None else float(chi2.ppf(config.gate, 3))
+        self._belief = Belief(self._layout, mujoco.MjData(model), np.zeros((self._layout.size, self._layout.size)))
+        used = [sensors[name] for name in (*self._deviations, *(reading.sensor for reading in self._joints))]
+        longest_s = max(each.delay_s + each.delay_jitter_s for each in used) + context.control_period_s
+        self._history = History(self._belief, Propagation(model, self._layout, config, sensors), longest_s)
+        self._scratch, self._left = mujoco.MjData(model), mujoco.MjData(model)
+        self._used_s: dict[str, float] = {}
+        self._last_s, self._count = 0.0, 0
+        self._innovations: list[Innovation] = []
+        self.telemetry_signals = report_signals(self._layout)
+
+    def start(self, data: Any) -> None:
+        """Begin at the initial state, with the initial covariance."""
+        belief, config = self._belief, self._config
+        deviations = np.full(self._layout.size, config.gyro_bias_rad_s or 0.0)
+        for body in self._layout.bodies:
+            deviations[body.error] = np.repeat(_initial(config, body), 3)
+        belief.covariance, belief.biases = np.diag(deviations**2), np.zeros_like(belief.biases)
+        belief.data.qpos[:], belief.data.qvel[:], belief.data.ctrl[:] = data.qpos, data.qvel, data.ctrl
+        self._used_s.clear()
+        for reading in self._joints:
+            reading.forget()
+        self._last_s = float(data.time)
+        self._history.begin(self._last_s)
+        self._leave(data)
+
+    def update(self, time_s: float, measured: Mapping[str, Measurement], events: Sequence[Any], data: Any) -> None:
+        """See :class:`~ffsm_mj.controller_protocol.Estimator`."""
+        new = [*self._given(data), *self._of_joints(measured), *self._of_frames(measured)]
+        for event in filter(is_jump, events):
+            new.append(self._entry(event.time_s, _JUMP, impact_of(event, self._system, self._layout, self._config)))
+        self._innovations = self._history.advance(time_s, data.ctrl, new)
+        data.qpos[:], data.qvel[:] = self._belief.data.qpos, self._belief.data.qvel
+        self._last_s = time_s
+        self._leave(data)
+
+    def telemetry(self) -> FloatArray:
+        """Values of ``telemetry_signals`` after the last call."""
+        return report_values(self._belief, self._innovations)
+
+    def covariance(self, body: str) -> FloatArray:
+        """Covariance of the error of a body, (12, 12): position, rotation vector, velocity, angular velocity.
+
+        Args:
+            body: ``robot``, or the name of an object; see :class:`~.layout.FloatingBody` for frames and units.
+        """
+        part = self._layout.named(body).error
+        return self._belief.covariance[part, part].copy()
+
+    def _entry(self, time_s: float, rank: int, apply: Callable[[Belief], Innovation | None]) -> Entry:
+        self._count += 1
+        return Entry(time_s, rank, self._count, apply)
+
+    def _of_joints(self, measured: Mapping[str, Measurement]) -> list[Entry]:
+        samples = [(reading, measured[reading.sensor]) for reading in self._joints]
+        return [
+            self._entry(sample.time_s, _JOINTS, joint_entry(reading, sample, self._scratch))
+            for reading, sample in samples
+            if reading.is_new(sample)
+        ]
+
+    def _of_frames(self, measured: Mapping[str, Measurement]) -> list[Entry]:
+        ranks, found = list(KINDS), []
+        for frame in self._frames:
+            sample = measured[frame.sensor]
+            if sample.valid and sample.time_s != self._used_s.get(frame.sensor):
+                self._used_s[frame.sensor] = sample.time_s
+                rank = _FIRST_FRAME + ranks.index(frame.kind)
+                found.append(self._entry(sample.time_s, rank, partial(self._measure, frame, sample.value)))
+        return found
+
+    def _measure(self, frame: FrameMeasurement, value: FloatArray, belief: Belief) -> Innovation:
+        innovation, slope = frame.innovation(self._system.mj, belief, value)
+        return update(belief, innovation, slope, self._deviations[frame.sensor], self._largest_nis)
+
+    def _given(self, data: Any) -> list[Entry]:
+        """What others have set in the estimate since the last call, as the state of a held object."""
+        return [
+            self._entry(self._last_s, _GIVEN, _setting(body, data.qpos[body.qpos].copy(), data.qvel[body.dofs].copy()))
+            for body in self._layout.bodies
+            if np.abs(data.qpos[body.qpos] - self._left.qpos[body.qpos]).max() > _GIVEN_BEYOND
+            or np.abs(data.qvel[body.dofs] - self._left.qvel[body.dofs]).max() > _GIVEN_BEYOND
+        ]
+
+    def _leave(self, data: Any) -> None:
+        self._left.qpos[:], self._left.qvel[:] = data.qpos, data.qvel
+
+
+def _setting(body: FloatingBody, pose: FloatArray, twist: FloatArray) -> Callable[[Belief], None]:
+    def give(belief: Belief) -> None:
+        belief.data.qpos[body.qpos], belief.data.qvel[body.dofs] = pose, twist
+
+    return give
+
+
+def _initial(config: MekfConfig, body: FloatingBody) -> tuple[float, float, float, float]:
+    """Initial standard deviations of position, attitude, velocity and angular velocity."""
+    special = config.bodies.get(body.name)
+    initial: InitialConfig = config.initial if special is None or special.initial is None else special.initial
+    return initial.position_m, initial.attitude_rad, initial.velocity_m_s, initial.rate_rad_s
+
+
+def _faults(bodies: Sequence[FloatingBody], frames: Sequence[FrameMeasurement], config: MekfConfig) -> list[Fault]:
+    """What keeps the filter from working."""
+    if not bodies:
+        return [Fault("no body floats: there is nothing to filter", ("kind",))]
+    names = [body.name for body in bodies]
+    unknown = [Fault(unknown_name("body", name, names), ("bodies", name)) for name in config.bodies if name not in names]
+    return [*unknown, *missing_measurements(bodies, frames)]
+
+
+def _believed_noise(system: System, used: Collection[str], config: MekfConfig) -> tuple[dict[str, float], list[Fault]]:
+    """Standard deviations that the configuration states, by full name of the sensor, and what is wrong with them."""
+    found, faults = {}, []
+    for name, value in config.noise.items():
+        try:
+            full = system.resolve("sensor", name)
+        except LookupError as error:
+            faults.append(Fault(str(error.args[0]), ("noise", name)))
+            continue
+        found[full] = value
+        if full not in used:
+            faults.append(Fault(f"the filter takes no noise from {full!r}: it measures no floating body", ("noise", name)))
+    return found, faults
+
+
+def _deviation(sensor: Sensor, believed: float | None, config: MekfConfig) -> float:
+    """Standard deviation of a component of a sample: white noise and rounding, at least the floor."""
+    noise = math.hypot(sensor.noise, sensor.quantum / math.sqrt(12.0)) if believed is None else believed
+    return max(noise, float(getattr(config.floor, KINDS[sensor.model.kind])))

@@ -1,0 +1,133 @@
+"""Past estimates with what was done to them, so that late samples are used at their own time."""
+
+from __future__ import annotations
+
+import math
+from bisect import insort
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from ffsm_controllers.estimators.mekf.belief import Belief
+from ffsm_controllers.estimators.mekf.propagation import Propagation
+from ffsm_controllers.estimators.mekf.update import Innovation
+from ffsm_mj.controller_protocol import FloatArray
+
+_SAME_TIME_S = 1e-9
+"""Times within this of each other are one."""
+
+
+@dataclass(frozen=True, order=True)
+class Entry:
+    """Something that is done to the estimate at a time.
+
+    Attributes:
+        time_s: The time.
+        rank: Order among entries of one time.
+        number: Order in which they became known.
+        apply: Does it; returns the innovation if it is a measurement of a floating body.
+    """
+
+    time_s: float
+    rank: int
+    number: int
+    apply: Callable[[Belief], Innovation | None] = field(compare=False)
+
+
+@dataclass(frozen=True)
+class Knot:
+    """The estimate at the time of a call.
+
+    Attributes:
+        time_s: The time.
+        through_s: Entries up to this time are in it.
+        ctrl: Efforts held until then, (nu,).
+        qpos: Estimated coordinates, (nq,).
+        qvel: Estimated rates, (nv,).
+        biases: Estimated biases of gyros.
+        covariance: Covariance of the error state.
+    """
+
+    time_s: float
+    through_s: float
+    ctrl: FloatArray
+    qpos: FloatArray
+    qvel: FloatArray
+    biases: FloatArray
+    covariance: FloatArray
+
+
+class History:
+    """The estimates at past calls and the entries since the oldest of them.
+
+    An entry that becomes known late takes the estimate back to the call before its time, from where all later entries are
+    applied again under the efforts of the time: the estimate is that of a filter to which nothing was late.
+    """
+
+    def __init__(self, belief: Belief, propagation: Propagation, longest_s: float) -> None:
+        """Keep entries for as long as samples may be under way."""
+        self._belief, self._propagation, self._longest_s = belief, propagation, longest_s
+        self._knots: list[Knot] = []
+        self._entries: list[Entry] = []
+
+    def begin(self, time_s: float) -> None:
+        """Begin with the present estimate, which nothing has been done to."""
+        self._entries.clear()
+        self._knots[:] = [self._knot(time_s, -math.inf, self._belief.data.ctrl.copy())]
+
+    def advance(self, time_s: float, ctrl: FloatArray, new: Sequence[Entry]) -> list[Innovation]:
+        """Bring the estimate to a time, with new entries; returns the innovations of those.
+
+        Args:
+            time_s: Time of the call; nothing has happened after it.
+            ctrl: Efforts held since the last call, (nu,).
+            new: What has become known since then.
+        """
+        known = [entry for entry in new if entry.time_s > self._knots[0].through_s + _SAME_TIME_S]
+        for entry in known:
+            insort(self._entries, entry)
+        first_s = min((entry.time_s for entry in known), default=math.inf)
+        calls = [(time_s, ctrl.copy())]
+        while self._knots[-1].through_s > first_s - _SAME_TIME_S:
+            undone = self._knots.pop()
+            calls.insert(0, (undone.time_s, undone.ctrl))
+        self._return_to(self._knots[-1])
+        numbers, found = {entry.number for entry in known}, []
+        for call_s, held in calls:
+            for entry, innovation in self._replay(call_s, held):
+                if entry.number in numbers:
+                    found.append(innovation)
+        self._forget(time_s)
+        return found
+
+    def _replay(self, call_s: float, ctrl: FloatArray) -> list[tuple[Entry, Innovation]]:
+        """From the last knot to the next call."""
+        last, found = self._knots[-1], []
+        now_s = last.time_s
+        for entry in self._entries:
+            if last.through_s + _SAME_TIME_S < entry.time_s <= call_s + _SAME_TIME_S:
+                self._propagation.advance(self._belief, entry.time_s - now_s, ctrl)
+                now_s = max(now_s, entry.time_s)
+                innovation = entry.apply(self._belief)
+                if innovation is not None:
+                    found.append((entry, innovation))
+        self._propagation.advance(self._belief, call_s - now_s, ctrl)
+        self._knots.append(self._knot(call_s, call_s, ctrl))
+        return found
+
+    def _knot(self, time_s: float, through_s: float, ctrl: FloatArray) -> Knot:
+        belief = self._belief
+        qpos, qvel = belief.data.qpos.copy(), belief.data.qvel.copy()
+        return Knot(time_s, through_s, ctrl, qpos, qvel, belief.biases.copy(), belief.covariance)
+
+    def _return_to(self, knot: Knot) -> None:
+        belief = self._belief
+        belief.data.qpos[:], belief.data.qvel[:] = knot.qpos, knot.qvel
+        belief.biases, belief.covariance = knot.biases.copy(), knot.covariance
+
+    def _forget(self, time_s: float) -> None:
+        """Drop what no sample under way can change."""
+        knots = self._knots
+        while len(knots) > 1 and knots[1].time_s <= time_s - self._longest_s:
+            del knots[0]
+        oldest_s = knots[0].through_s
+        self._entries[:] = [entry for entry in self._entries if entry.time_s > oldest_s + _SAME_TIME_S]

@@ -1,0 +1,48 @@
+"""What an impact does to an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ffsm_controllers.estimators.mekf.belief import Belief
+from ffsm_controllers.estimators.mekf.config import MekfConfig
+from ffsm_controllers.estimators.mekf.layout import FloatingBody, Layout
+from ffsm_mj.controller_protocol import System
+
+
+def is_jump(event: Any) -> bool:
+    """Whether velocities jump at an event: an impact of geoms or at a joint limit, or a capture.
+
+    Their records, and no others, state energies before and after, though the robot is not told of the numbers.
+    """
+    return hasattr(event, "energy_before_J")
+
+
+def impact_of(event: Any, system: System, layout: Layout, config: MekfConfig) -> Callable[[Belief], None]:
+    """Inflation of the covariance at an event at which velocities jump; the estimate itself stays.
+
+    To the variances of velocity and angular velocity of each body that it involves those of ``impact_velocity_m_s`` and
+    ``impact_rate_rad_s`` are added: the jump is taken to be of zero mean, independent of what was, in any direction.
+    """
+    bodies = _involved(event, system, layout)
+
+    def inflate(belief: Belief) -> None:
+        more = np.zeros(layout.size)
+        for body in bodies:
+            more[body.velocity] = config.impact_velocity_m_s**2
+            more[body.rate] = config.impact_rate_rad_s**2
+        belief.covariance = belief.covariance + np.diag(more)
+
+    return inflate
+
+
+def _involved(event: Any, system: System, layout: Layout) -> list[FloatingBody]:
+    """Floating bodies with one of the geoms or the joint of an event; all of them if it names none."""
+    model, geoms, joint = system.mj, getattr(event, "geoms", ()), getattr(event, "joint", "")
+    ids = [int(model.geom(name).bodyid[0]) for name in geoms] + ([system.joint(joint).body] if joint else [])
+    if not ids:
+        return list(layout.bodies)
+    return [body for body in layout.bodies if any(each in body.tree.bodies for each in ids)]

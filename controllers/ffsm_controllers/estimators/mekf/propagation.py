@@ -1,0 +1,124 @@
+"""Motion of the estimate and of its covariance between measurements."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_controllers.estimators.mekf.belief import Belief, symmetric
+from ffsm_controllers.estimators.mekf.config import MekfConfig
+from ffsm_controllers.estimators.mekf.layout import SIZE, FloatingBody, Layout
+from ffsm_mj.controller_protocol import FloatArray, Sensor, predict, skew
+
+_TURN_RAD = 0.1
+"""Largest turn of a body within one step of the covariance, whose relative error is then below 0.1^3 / 12 = 1e-4."""
+_DIFFERENCE_RAD_S = 1e-3
+"""Step of the differences by angular velocity: accelerations are quadratic in it, so central differences are exact."""
+
+
+class Propagation:
+    """Prediction of the estimate by the model's own motion under held efforts, and of the covariance of its error.
+
+    The error of a body moves by ``dp' = dv``, ``dtheta' = -w x dtheta + dw``, ``dv' = R (-f x dtheta + (df/dw) dw)`` and
+    ``dw' = (da/dw) dw``: the acceleration of its origin less gravity, f, and its angular acceleration, a, in body axes, do
+    not depend on place, attitude and velocity, and come from the model with all its joints (Euler's equations for one rigid
+    body); their derivatives by w are central differences. The transition over a step is the exponential of this matrix at
+    the middle, to third order. White noise of the two accelerations enters as over a step without rotation.
+    """
+
+    def __init__(self, model: Any, layout: Layout, config: MekfConfig, sensors: Mapping[str, Sensor]) -> None:
+        """Bind to a model."""
+        self._model, self._layout = model, layout
+        self._process = [_densities(config, body) for body in layout.bodies]
+        self._walks = [_walk(sensors[bias.sensor]) for bias in layout.biases]
+
+    def advance(self, belief: Belief, duration_s: float, ctrl: FloatArray) -> None:
+        """Move an estimate on under given efforts, (nu,); nothing is done unless the duration is positive."""
+        if not duration_s > 0.0:
+            return
+        belief.data.ctrl[:] = ctrl
+        fastest = max(math.hypot(*belief.data.qvel[body.turning].tolist()) for body in self._layout.bodies)
+        steps = max(1, math.ceil(duration_s * fastest / _TURN_RAD))
+        for _ in range(steps):
+            self._step(belief, duration_s / steps)
+
+    def _step(self, belief: Belief, h: float) -> None:
+        predict(self._model, belief.data, 0.5 * h)
+        dynamics = self._dynamics(belief.data)
+        predict(self._model, belief.data, 0.5 * h)
+        transition = np.eye(self._layout.size)
+        for body, matrix in zip(self._layout.bodies, dynamics, strict=True):
+            scaled = h * matrix
+            square = scaled @ scaled
+            transition[body.error, body.error] += scaled + square / 2.0 + square @ scaled / 6.0
+        moved = symmetric(transition @ belief.covariance @ transition.T)
+        self._add_noise(moved, h)
+        belief.covariance = moved
+
+    def _add_noise(self, covariance: FloatArray, h: float) -> None:
+        """Add the noise of a step: a random walk of rates, and its integral."""
+        here = np.arange(3)
+        for body, densities in zip(self._layout.bodies, self._process, strict=True):
+            pairs = ((body.position, body.velocity), (body.attitude, body.rate))
+            for (coordinate, rate), density in zip(pairs, densities, strict=True):
+                q, v, variance = coordinate.start + here, rate.start + here, density**2
+                covariance[q, q] += variance * h**3 / 3.0
+                covariance[q, v] += variance * h**2 / 2.0
+                covariance[v, q] += variance * h**2 / 2.0
+                covariance[v, v] += variance * h
+        for bias, walk in zip(self._layout.biases, self._walks, strict=True):
+            covariance[bias.first + here, bias.first + here] += walk**2 * h
+
+    def _dynamics(self, data: Any) -> list[FloatArray]:
+        """Matrix of the error dynamics of each body at a state, (12, 12)."""
+        model, bodies = self._model, self._layout.bodies
+        mujoco.mj_forward(model, data)
+        still = data.qacc.copy()
+        slopes = self._slopes(data)
+        return [_matrix(body, data, model.opt.gravity, still, slopes) for body in bodies]
+
+    def _slopes(self, data: Any) -> FloatArray:
+        """Derivatives of all accelerations by each component of the angular velocities, (nv, 3).
+
+        Trees do not act on each other, so that one component of all bodies is moved at a time.
+        """
+        slopes = np.empty((self._model.nv, 3))
+        for axis in range(3):
+            turning = [body.turning.start + axis for body in self._layout.bodies]
+            usual = data.qvel[turning].copy()
+            data.qvel[turning] = usual + _DIFFERENCE_RAD_S
+            mujoco.mj_forwardSkip(self._model, data, mujoco.mjtStage.mjSTAGE_POS, 1)
+            slopes[:, axis] = data.qacc
+            data.qvel[turning] = usual - _DIFFERENCE_RAD_S
+            mujoco.mj_forwardSkip(self._model, data, mujoco.mjtStage.mjSTAGE_POS, 1)
+            slopes[:, axis] -= data.qacc
+            data.qvel[turning] = usual
+        return slopes / (2.0 * _DIFFERENCE_RAD_S)
+
+
+def _matrix(body: FloatingBody, data: Any, gravity: FloatArray, qacc: FloatArray, slopes: FloatArray) -> FloatArray:
+    axes = data.xmat[body.tree.root].reshape(3, 3)
+    linear, turning = slice(body.dofs.start, body.dofs.start + 3), body.turning
+    found = np.zeros((SIZE, SIZE))
+    found[0:3, 6:9] = np.eye(3)
+    found[3:6, 3:6] = -skew(data.qvel[turning])
+    found[3:6, 9:12] = np.eye(3)
+    found[6:9, 3:6] = -skew(qacc[linear] - gravity) @ axes
+    found[6:9, 9:12] = slopes[linear]
+    found[9:12, 9:12] = slopes[turning]
+    return found
+
+
+def _densities(config: MekfConfig, body: FloatingBody) -> tuple[float, float]:
+    special = config.bodies.get(body.name)
+    process = config.process if special is None or special.process is None else special.process
+    return process.acceleration_density, process.angular_acceleration_density
+
+
+def _walk(sensor: Sensor) -> float:
+    """Density of the random walk of a gyro's bias, rad/s/sqrt(s)."""
+    return sensor.walk / math.sqrt(sensor.interval_s)

@@ -1,0 +1,48 @@
+"""Update of an estimate with one measurement."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsm_controllers.estimators.mekf.belief import Belief
+from ffsm_mj.controller_protocol import FloatArray
+
+
+class Innovation(NamedTuple):
+    """What a measurement said of an estimate.
+
+    Attributes:
+        nis: Normalised innovation squared; of a consistent filter chi-square with three degrees of freedom.
+        used: Whether it passed the gate.
+    """
+
+    nis: float
+    used: bool
+
+
+def update(
+    belief: Belief, innovation: FloatArray, slope: FloatArray, deviation: float, largest_nis: float = math.inf
+) -> Innovation:
+    """Update an estimate, in Joseph's form, which keeps a covariance positive whatever rounding does to the gain.
+
+    Args:
+        belief: The estimate.
+        innovation: Measured less expected, (3,).
+        slope: Derivative of the expected value by the error state, (3, size).
+        deviation: Standard deviation of each component of the measurement, > 0.
+        largest_nis: The measurement is left out beyond this normalised innovation squared.
+    """
+    P, R = belief.covariance, deviation**2
+    shared = P @ slope.T
+    S = slope @ shared + R * np.eye(3)
+    nis = float(innovation @ np.linalg.solve(S, innovation))
+    if not nis <= largest_nis:
+        return Innovation(nis, False)
+    gain = np.linalg.solve(S, shared.T).T
+    rest = np.eye(len(P)) - gain @ slope
+    belief.covariance = rest @ P @ rest.T + R * (gain @ gain.T)
+    belief.correct(gain @ innovation)
+    return Innovation(nis, True)
