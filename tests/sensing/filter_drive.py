@@ -16,7 +16,7 @@ from ffsm_mj.controller_protocol import ControllerContext, Measurement, Sensor, 
 from ffsm_mj.model.added_sensors import AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
-from ffsm_mj.sensing.samples import Samples
+from ffsm_mj.sensing.samples import Measured, Samples
 from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.sensing.sensor_config import SensorConfig
 from tests.scenes import HEAD, box
@@ -116,7 +116,8 @@ class Truth:
         """Newest samples that have arrived."""
         for samples in self._samples:
             samples.arrive(time_s)
-        return {samples.sensor.name: samples.measurement(time_s) for samples in self._samples}
+        shown = {samples.sensor.name: samples.shown or samples.sensor.size for samples in self._samples}
+        return dict(Measured(shown, time_s))
 
 
 def moved(system: System, data: Any, error: np.ndarray) -> Any:
