@@ -79,7 +79,8 @@ class _SeveralContacts:
     def __post_init__(self) -> None:
         self.G: FloatArray = self.A @ self.A.T
         self.u: FloatArray = self.A @ self.w
-        self.speed = float(np.abs(self.u).max())
+        # The same in all axes of the tangents, on which no decision may depend.
+        self.speed = float(np.linalg.norm(self.u.reshape(-1, 3), axis=1).max())
         self.energy = 0.5 * float(self.w @ self.w)
 
     def solve(self, which: IntArray, u: FloatArray, least: FloatArray) -> FloatArray:

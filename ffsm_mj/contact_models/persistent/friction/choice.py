@@ -96,7 +96,7 @@ class ModeChoice:
     @cached_property
     def _scale(self) -> float:
         """Largest acceleration without contact forces, m/s^2."""
-        return float(np.abs(self._problem.b).max(initial=0.0))
+        return float(np.sqrt(np.square(self._problem.b.reshape(-1, 3)).sum(axis=1).max(initial=0.0)))
 
     def choose(self) -> Solution:
         """Choose the modes.

@@ -58,3 +58,26 @@ def test_units_do_not_matter(law, factor):
         here, there = impact_with_friction(A, w, mu, e, law), impact_with_friction(A * 30.0, w * factor, mu, e, law)
         np.testing.assert_allclose(there.w / factor, here.w, rtol=0, atol=1e-7 * np.abs(w).max())
         assert energy(there.w) <= energy(w) * factor**2 * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("seed", [4, 7])
+def test_an_approach_near_rounding_is_judged_alike_in_all_tangents(seed):
+    """A contact that drifts at 0.9e-10 of its slip takes part in the first elastic pass in all axes or in none."""
+    A = np.random.default_rng(seed).normal(size=(6, 6))
+    w = np.linalg.solve(A, [-0.9e-10, 1.0, 0.0, -0.1, 0.0, 0.2])
+    c = np.sqrt(0.5)
+    turned = np.kron(np.eye(2), [[1, 0, 0], [0, c, c], [0, -c, c]]) @ A
+    here, there = (
+        impact_with_friction(rows, w, np.array([0.3, 0.5]), np.array([0.0, 0.7]), "blend") for rows in (A, turned)
+    )
+    np.testing.assert_allclose(there.w, here.w, rtol=0, atol=1e-10 * np.abs(w).max())
+
+
+def test_contacts_that_rest_on_fast_bodies_converge():
+    """They approach at 3e-11 m/s; velocities of 1 m/s are known to 1e-16, more than 1e-9 of that."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        A = rng.normal(size=(6, 12))
+        free = rng.normal(size=12)
+        w = free - np.linalg.pinv(A) @ (A @ free - [-3e-11, 2e-12, 7e-12, -6e-12, 7e-12, -5e-12])
+        assert impact_with_friction(A, w, np.array([0.8, 0.2]), np.zeros(2), "blend").status == "ok"

@@ -1,4 +1,4 @@
-"""Wrong code of friction put in on purpose: runs of it are not reported as good."""
+"""Wrong friction put in on purpose fails closed forms, and replays of its logs with the right code do not agree."""
 
 from __future__ import annotations
 
@@ -7,96 +7,180 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.persistent import active_set, point_groups
-from ffsm_mj.contact_models.persistent.friction import problem, stage
-from tests.contact_models.persistent.friction.scenes import BALL_TIP, block, cube, gripped, sphere, thrust
+from ffsm_mj.contact_models.persistent.friction import choice, stage
+from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+from tests.contact_models.persistent.friction import test_closed_forms as closed_forms
+from tests.contact_models.persistent.friction import test_slip_in_space as slip_in_space
+from tests.contact_models.persistent.friction.reading import final
+from tests.contact_models.persistent.friction.scenes import BALL_TIP, block, cube, gripped, load, sphere, thrust
 from tests.contact_models.persistent.test_wrong_on_purpose import faults, judged
 
 
-def sliding(folder):
-    """A sphere that slides."""
-    return sphere(folder, mu=0.2, velocity=(0.7, 0, 0), step=4e-3, duration=0.04)
+def along_the_slip(monkeypatch):
+    """Friction in the stages acts along the slip, not against it."""
+    right = stage.slip_directions
+
+    def wrong(*given):
+        directions, forward = right(*given)
+        return -directions, forward
+
+    monkeypatch.setattr(stage, "slip_directions", wrong)
 
 
-def rolling(folder):
+def freed_one_at_a_time(monkeypatch):
+    """Of the points beyond their limit only one is freed; the others stick until the next choice of modes."""
+
+    def wrong(self):
+        still = self._still
+        kinds = np.where(still, np.where(self._states.kinds == SLIDE, SLIDE, STICK), SLIDE)
+        directions = self._directions(kinds)
+        found = self.evaluate(kinds, directions)
+        friction = np.hypot(*found.forces[:, 1:].T)
+        first = np.argmax(np.where(kinds == STICK, friction - self._problem.mu * found.forces[:, 0], -np.inf))
+        kinds[first], directions[first] = SLIDE, -found.forces[first, 1:] / friction[first]
+        return self.evaluate(kinds, directions)
+
+    monkeypatch.setattr(choice.ModeChoice, "_solved", wrong)
+
+
+def fixed_in_the_bodies(monkeypatch):
+    """The rate of a row is that of a point fixed in each body, as from ``mj_jacDot``."""
+    group = point_groups.SingleState
+    right = group.tangential_rows
+
+    def wrong(self, axes, J, gamma):
+        right(self, axes, J, gamma)
+        c, rate = self._here.point, self._here.point_rate
+        for sign, body in ((1.0, self._b), (-1.0, self._a)):
+            relative = rate - np.array(body.velocity) - np.cross(body.omega, c - np.array(body.centre))
+            gamma[0] -= sign * (axes @ np.cross(body.omega, relative))
+
+    monkeypatch.setattr(group, "tangential_rows", wrong)
+
+
+def frozen_for_a_step(monkeypatch):
+    """The direction of slip is that of the start of the step in all of its stages."""
+    monkeypatch.setattr(stage, "slip_directions", lambda _problem, _u, at_start, *_: (at_start, np.inf))
+    monkeypatch.setattr(
+        FrictionProblem, "forces_along_slip", lambda self, kinds, slips, _: (self.forces(kinds, slips), slips)
+    )
+
+
+def explicit_stages(monkeypatch):
+    """All stages are explicit, however fast friction turns the slip."""
+    right = stage.step_limit
+    monkeypatch.setattr(active_set, "step_limit", lambda *given: (right(*given)[0], False))
+
+
+def heat_of_sizes(monkeypatch):
+    """Heat is the size of the friction force of all points times the size of their mean slip."""
+    right = stage.stage_of
+
+    def wrong(here, implicit):
+        found, generalised = right(here, implicit)
+        u = here.rows.across(here.rows.slips)
+        heat = np.linalg.norm(found.friction.sum(axis=0)) * np.linalg.norm(u.mean(axis=0)) / len(u)
+        return found._replace(heat=np.full(len(u), heat)), generalised
+
+    monkeypatch.setattr(active_set, "stage_of", wrong)
+
+
+def sliding_block(tmp_path):
+    closed_forms.test_a_sliding_block(tmp_path, 0.0)
+
+
+def spinning_roller(tmp_path):
+    """For 0.02 s, in which a mistake turns its velocity by milliradians."""
+    run = ffsm_mj.run(sphere(tmp_path, mu=5.0, velocity=(0.5, 0, 0), spin=(0, 0.5, 5), step=4e-3, duration=0.02))
+    np.testing.assert_allclose(final(run, "v_robot_free")[:3], [0.5, 0, 0], atol=1e-12)
+
+
+def spinning_block(tmp_path):
+    slip_in_space.test_a_block_slides_and_spins_on_four_corners(tmp_path, 4e-3)
+
+
+def curving_foot(tmp_path):
+    slip_in_space.test_a_foot_breaks_away_along_a_curve(tmp_path, 4e-3)
+
+
+def test_a_spinning_roller_goes_straight_on(tmp_path):
+    spinning_roller(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "noticed_by"),
+    [
+        (along_the_slip, sliding_block),
+        (fixed_in_the_bodies, spinning_roller),
+        (frozen_for_a_step, spinning_block),
+        (explicit_stages, curving_foot),
+        (heat_of_sizes, spinning_block),
+    ],
+)
+def test_a_mistake_fails_a_closed_form(tmp_path, monkeypatch, mistake, noticed_by):
+    mistake(monkeypatch)
+    with pytest.raises(AssertionError):
+        noticed_by(tmp_path)
+
+
+def slides(folder):
+    """A block that slides and spins on its corners."""
+    return block(folder, mu=0.3, velocity=(0.6, 0.2, 0.0), spin=4.0, step=4e-3, duration=0.02)
+
+
+def breaks_away(folder):
+    """A block at rest that a side load beyond the limit of friction pulls away."""
+    pull = load("robot/box", force_N=[[2.0, 3.0, 0]], at_m=[0, 0, -0.05])
+    return block(folder, mu=0.3, velocity=(0, 0, 0), weight=10.0, step=4e-3, duration=0.02, loads=[pull])
+
+
+def rolls(folder):
     """A sphere that rolls and spins."""
-    return sphere(folder, mu=5.0, velocity=(0.5, 0, 0), spin=(0, 0.5, 5), step=4e-3, duration=0.04)
+    return sphere(folder, mu=5.0, velocity=(0.5, 0, 0), spin=(0, 0.5, 5), step=4e-3, duration=0.02)
 
 
-def turning(folder):
-    """A block on four corners that slides and spins: the slip of each corner turns."""
-    return block(folder, mu=0.3, velocity=(0.6, 0.2, 0.0), spin=4.0, step=4e-3, duration=0.04)
+def pulled_out(folder):
+    """A cube between two balls, which the thrust of their base pulls off it."""
+    held = cube(2.0, 0.05, 0.004)
+    return gripped(folder, BALL_TIP, held, mu=0.4, grip_N=5.0, loads=[thrust((0, 0, 36))], step=4e-3, duration=0.02)
 
 
-def pinched(folder):
-    """A cube between two ball tips, which both let go at 0.5 s."""
-    pull = [thrust((0, 0, 0), (200, 0, 0))]
-    shape = {"base_kg": 17.0, "finger_kg": 0.5, "half_m": 0.5}
-    return gripped(folder, BALL_TIP, cube(2.0, 0.5, 0.3), mu=0.5, grip_N=10.0, loads=pull, step=0.02, duration=0.6, **shape)
-
-
-def swinging(folder):
-    """A cube that swings about two ball tips, which stick."""
-    held = cube(2.0, 0.05, 0.004, (0.02, 0, 0))
-    return gripped(folder, BALL_TIP, held, mu=0.4, grip_N=10.0, loads=[thrust((0, 0, 12))], step=8e-3, duration=0.08)
-
-
-@pytest.mark.parametrize("scene", [sliding, rolling, turning, pinched, swinging])
+@pytest.mark.parametrize("scene", [slides, breaks_away, pulled_out, rolls])
 def test_right_code_is_good(tmp_path, scene):
     run = ffsm_mj.run(scene(tmp_path))
     assert faults(run) == judged(run) == set()
 
 
-def test_friction_along_the_slip(tmp_path, monkeypatch):
-    """It drives the sphere on: the log itself says that heat falls."""
-    right = problem._Held.forces
+HEAT, FORCES = {"heat of sliding"}, {"contact complementarity"}
+
+
+@pytest.mark.parametrize(
+    ("mistake", "scene", "by_the_log", "by_the_states"),
+    [
+        (along_the_slip, slides, HEAT, {"energy"}),
+        (freed_one_at_a_time, breaks_away, set(), FORCES),
+        (freed_one_at_a_time, pulled_out, set(), FORCES),
+        (fixed_in_the_bodies, rolls, HEAT, FORCES),
+        (frozen_for_a_step, slides, set(), {"motion"}),
+        (heat_of_sizes, slides, HEAT, {"motion"}),
+    ],
+)
+def test_a_mistake_is_noticed_in_the_log(tmp_path, monkeypatch, mistake, scene, by_the_log, by_the_states):
     with monkeypatch.context() as wrong:
-        wrong.setattr(problem._Held, "forces", lambda self, slips: right(self, -slips))
-        run = ffsm_mj.run(sliding(tmp_path))
-        assert "heat of sliding" in faults(run)
-    assert judged(run)
+        mistake(wrong)
+        run = ffsm_mj.run(scene(tmp_path))
+        assert faults(run) == by_the_log
+    assert by_the_states <= judged(run)
 
 
-def test_rates_of_the_tangents_at_a_point_fixed_to_the_body(tmp_path, monkeypatch):
-    """The path of a spinning roller bends; other functions find other forces."""
-    right = point_groups.SingleState.tangential_rows
-
-    def of_the_body(self, axes, J, gamma):
-        here, body = self._here, self._b
-        rate = np.array(body.velocity) + np.cross(body.omega, np.array(here.point) - body.centre)
-        self._here = here._replace(point_rate=tuple(rate.tolist()))
-        right(self, axes, J, gamma)
-
-    with monkeypatch.context() as wrong:
-        wrong.setattr(point_groups.SingleState, "tangential_rows", of_the_body)
-        run = ffsm_mj.run(rolling(tmp_path))
-        assert "contact complementarity" in judged(run)
-    assert judged(run)
-
-
-def test_a_direction_of_slip_kept_for_a_whole_step(tmp_path, monkeypatch):
-    right = stage.slip_directions
-
-    def kept(now, slips, at_start, slides, *more):
-        return at_start * slides[:, None], right(now, slips, at_start, slides, *more)[1]
-
-    with monkeypatch.context() as wrong:
-        wrong.setattr(stage, "slip_directions", kept)
-        run = ffsm_mj.run(turning(tmp_path))
-    assert "motion" in judged(run)
-
-
-def test_heat_from_the_sizes_of_force_and_slip(tmp_path, monkeypatch):
-    """The size of the force includes the normal one: heat is not what the energy lacks."""
-    right = active_set.stage_of
-
-    def sizes(here, implicit):
-        found, generalised = right(here, implicit)
-        return found._replace(
-            heat=np.hypot(found.forces, np.linalg.norm(found.friction, axis=1)) * found.slip_speeds
-        ), generalised
-
-    with monkeypatch.context() as wrong:
-        wrong.setattr(active_set, "stage_of", sizes)
-        run = ffsm_mj.run(sliding(tmp_path))
-        assert "heat of sliding" in faults(run)
-    assert judged(run)
+def test_heat_that_is_positive_whatever_friction_does_fails_a_check(tmp_path, monkeypatch):
+    """At a single point the heat of sizes is right, unless friction drives the slip."""
+    for mistakes, expected in (((heat_of_sizes,), set()), ((heat_of_sizes, along_the_slip), {"heat of sliding"})):
+        folder = tmp_path / str(len(mistakes))
+        folder.mkdir()
+        with monkeypatch.context() as wrong:
+            for mistake in mistakes:
+                mistake(wrong)
+            run = ffsm_mj.run(sphere(folder, mu=0.2, velocity=(0.7, 0, 0), step=4e-3, duration=0.02))
+            assert faults(run) == expected
