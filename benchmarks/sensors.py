@@ -1,0 +1,82 @@
+"""Cost of sensors: a free arm with ten sensors at 100 Hz against one without, at ticks of 1 ms.
+
+``uv run --extra fast python benchmarks/sensors.py``: ratios of process time, the best of several interleaved runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import ffsm_mj
+
+_ARM = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="base"/>
+  <geom type="box" size=".3 .3 .3" mass="50"/><site name="imu" pos=".1 .05 .02"/>
+  <body name="link" pos=".3 0 0"><joint name="j1" axis="0 1 0"/><geom type="capsule" size=".05" fromto="0 0 0 .5 0 0" mass="3"/>
+  <body name="hand" pos=".5 0 0"><joint name="j2"/><site name="wrist"/><geom type="sphere" size=".08" pos=".2 0 0" mass="1"/>
+  </body></body></body></worldbody><sensor>{}</sensor></mujoco>"""
+_TIMING = 'interval="0.01" noise="0.01"'
+_SENSORS = "".join(
+    f"<{kind} {of} {_TIMING}/>"
+    for kind, of in (
+        ("gyro", 'site="imu"'),
+        ("accelerometer", 'site="imu"'),
+        ("jointpos", 'joint="j1"'),
+        ("jointpos", 'joint="j2"'),
+        ("jointvel", 'joint="j1"'),
+        ("jointvel", 'joint="j2"'),
+        ("framepos", 'objtype="site" objname="imu"'),
+        ("framequat", 'objtype="site" objname="imu"'),
+        ("force", 'site="wrist"'),
+        ("torque", 'site="wrist"'),
+    )
+)
+_SCENE = """name: arm
+duration_s: 2.0
+robot: {mjcf: arm.xml}
+initial: {rates: {j1: 0.3, j2: 0.2}}
+contacts: {rules: []}
+phases: [{name: coast, until: end, controller: {kind: "off"}}]
+"""
+
+
+def measured(repeats: int) -> tuple[float, float]:
+    """Least process time of a tick without and with sensors, s."""
+    with TemporaryDirectory() as folder:
+        prepared = []
+        for sensors in ("", _SENSORS):
+            (Path(folder) / "arm.xml").write_text(_ARM.format(sensors))
+            (Path(folder) / "scene.yaml").write_text(_SCENE)
+            prepared.append(ffsm_mj.prepare(Path(folder) / "scene.yaml"))
+        best = [float("inf")] * 2
+        for _ in range(repeats):
+            for i, each in enumerate(prepared):
+                started = time.process_time()
+                each.run()
+                best[i] = min(best[i], time.process_time() - started)
+    return best[0] / 2000, best[1] / 2000
+
+
+def main() -> None:
+    """Print the ratios, plain and compiled; each in a process of its own."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=8)
+    parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.one:
+        without, with_sensors = measured(arguments.repeats)
+        print(f"{1e6 * without:.1f} us without, {1e6 * with_sensors:.1f} us with ten sensors: {with_sensors / without:.2f}")
+        return
+    for name, compiled in (("plain", "0"), ("compiled", "1")):
+        print(f"{name:9}", end="", flush=True)
+        command = [sys.executable, __file__, "--one", "--repeats", str(arguments.repeats)]
+        subprocess.run(command, env=os.environ | {"FFSM_COMPILED": compiled}, check=True)
+
+
+if __name__ == "__main__":
+    main()
