@@ -17,7 +17,8 @@ import ffsm_mj
 
 _ARM = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="base"/>
   <geom type="box" size=".3 .3 .3" mass="50"/><site name="imu" pos=".1 .05 .02"/>
-  <body name="link" pos=".3 0 0"><joint name="j1" axis="0 1 0"/><geom type="capsule" size=".05" fromto="0 0 0 .5 0 0" mass="3"/>
+  <body name="link" pos=".3 0 0"><joint name="j1" axis="0 1 0"/>
+  <geom type="capsule" size=".05" fromto="0 0 0 .5 0 0" mass="3"/>
   <body name="hand" pos=".5 0 0"><joint name="j2"/><site name="wrist"/><geom type="sphere" size=".08" pos=".2 0 0" mass="1"/>
   </body></body></body></worldbody><sensor>{}</sensor></mujoco>"""
 _TIMING = 'interval="0.01" noise="0.01"'

@@ -8,7 +8,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 
-_BLOCK = 256
+BLOCK = 256
 """Samples that are drawn at once."""
 
 
@@ -36,19 +36,23 @@ class NoiseStream:
         counter = np.array((0, 0, block, 0), dtype=np.uint64)
         return np.random.Generator(np.random.Philox(key=self._key, counter=counter))
 
+    def block(self, block: int) -> FloatArray:
+        """Standard normal numbers of a block of samples, (BLOCK, size)."""
+        if self._normal[0] != block:
+            self._normal = block, self._generator(block).standard_normal((BLOCK, self._size))
+        return self._normal[1]
+
     def normal(self, sample: int) -> FloatArray:
         """Standard normal numbers of a sample, (size,)."""
-        block, line = divmod(sample, _BLOCK)
-        if self._normal[0] != block:
-            self._normal = block, self._generator(block).standard_normal((_BLOCK, self._size))
-        numbers: FloatArray = self._normal[1][line]
+        block, line = divmod(sample, BLOCK)
+        numbers: FloatArray = self.block(block)[line]
         return numbers
 
     def uniform(self, sample: int) -> FloatArray:
         """Uniform numbers in [0, 1) of a sample, (size,)."""
-        block, line = divmod(sample, _BLOCK)
+        block, line = divmod(sample, BLOCK)
         if self._uniform[0] != block:
-            self._uniform = block, self._generator(block).random((_BLOCK, self._size))
+            self._uniform = block, self._generator(block).random((BLOCK, self._size))
         numbers: FloatArray = self._uniform[1][line]
         return numbers
 

@@ -15,6 +15,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.sensing.batch import Batch
 from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.sensing.reader import SensorReader
 from ffsm_mj.sensing.samples import SAME_TIME_S, Measured, Sample, Samples
@@ -62,6 +63,7 @@ class SensorSampler:
         self.by_name = {sensor.name: sensor for sensor in sensors}
         self._current_motion, self._forces = motion, forces
         self._motion: Motion | None = None
+        self._batches: dict[tuple[int, ...], Batch] = {}
         self._time_step_s, self._bodies_of = time_step_s, bodies_of
         self._samples = [Samples(sensor, seed) for sensor in sensors]
         self._newest: dict[str, Sample | int] = {sensor.name: sensor.size for sensor in sensors}
@@ -121,12 +123,23 @@ class SensorSampler:
         if motion is not self._motion:
             self._bind(motion)
         values = self._reader.read(*self._forces())
-        for samples, part, view in zip(self._samples, self._reader.parts, self._views, strict=True):
-            while samples.next_s <= due_s:
-                seen = view is None or view.shows(motion.data)
-                samples.take(values[part], seen and not np.isnan(values[part]).any())
+        while due := tuple(i for i, samples in enumerate(self._samples) if samples.next_s <= due_s):
+            self._take_batch(due, values, motion)
         self._next_s = min(samples.next_s for samples in self._samples)
         self._arrival_s = min(samples.arrival_s for samples in self._samples)
+
+    def _take_batch(self, due: tuple[int, ...], values: FloatArray, motion: Motion) -> None:
+        """Take one sample of each of these sensors."""
+        batch = self._batches.get(due)
+        if batch is None:
+            batch = self._batches[due] = Batch([self._samples[i] for i in due], [self._reader.parts[i] for i in due])
+        true = values[batch.places]
+        measured = batch.measured(true)
+        whole = not np.isnan(true).any()
+        for i, samples, part in zip(due, batch.samples, batch.parts, strict=True):
+            view = self._views[i]
+            seen = (whole or not np.isnan(true[part]).any()) and (view is None or view.shows(motion.data))
+            samples.take(true[part], measured[part], seen)
 
     def _take_inside(self, at_s: float, duration_s: float) -> None:
         """Take the samples that are due at a time in the last (sub-)step, and return to its end."""

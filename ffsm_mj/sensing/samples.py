@@ -46,6 +46,8 @@ class Samples:
 
     Attributes:
         sensor: The sensor.
+        errors: Its errors.
+        number: Number of the next sample, from 0.
         next_s: Time of the next sample.
         arrival_s: Time of the next arrival; infinite if nothing is under way.
         shown: Newest sample that has arrived; None before the first.
@@ -53,15 +55,15 @@ class Samples:
 
     def __init__(self, sensor: Sensor, seed: int) -> None:
         """Before the first sample."""
-        self.sensor, self._errors = sensor, SensorErrors(sensor, seed)
+        self.sensor, self.errors = sensor, SensorErrors(sensor, seed)
         self._sums = sensor.model.kind in ("force", "torque")
         self.begin(0.0)
 
     def begin(self, time_s: float) -> None:
         """Begin at a time: samples before it are taken to have been lost."""
         sensor = self.sensor
-        self._number = max(0, math.ceil((time_s - sensor.first_s) / sensor.interval_s - 1e-9))
-        self.next_s = sensor.first_s + self._number * sensor.interval_s
+        self.number = max(0, math.ceil((time_s - sensor.first_s) / sensor.interval_s - 1e-9))
+        self.next_s = sensor.first_s + self.number * sensor.interval_s
         self.shown: Sample | None = None
         self.arrival_s = math.inf
         self._under_way: list[tuple[float, int, Sample]] = []
@@ -71,19 +73,19 @@ class Samples:
         """Add an impulse through a force sensor, or an angular impulse through a torque sensor, (3,)."""
         self._impulse = self._impulse + impulse
 
-    def take(self, true: FloatArray, valid: bool) -> None:
-        """Take the next sample."""
-        number, time_s, impulse, mean = self._number, self.next_s, _NONE, _NONE
+    def take(self, true: FloatArray, measured: FloatArray, valid: bool) -> None:
+        """Take the next sample: the true value, what the sensor measures of it, and whether that is in view."""
+        number, time_s, impulse, mean = self.number, self.next_s, _NONE, _NONE
         if self._sums:
             impulse = self._impulse
             mean = 0.5 * (self._last + true) + impulse / self.sensor.interval_s
             self._impulse, self._last = np.zeros(3), true
-        sample = Sample(time_s, number, self._errors.measured(true, number), true, valid, impulse, mean)
-        if (after_s := self._errors.arrival_s(number)) < math.inf:
+        sample = Sample(time_s, number, measured, true, valid, impulse, mean)
+        if (after_s := self.errors.arrival_s(number)) < math.inf:
             heappush(self._under_way, (time_s + after_s, number, sample))
             self.arrival_s = self._under_way[0][0]
-        self._number = number + 1
-        self.next_s = self.sensor.first_s + self._number * self.sensor.interval_s
+        self.number = number + 1
+        self.next_s = self.sensor.first_s + self.number * self.sensor.interval_s
 
     def arrive(self, time_s: float) -> bool:
         """Let everything arrive that is due at a time; returns whether another sample is shown: the newest."""

@@ -13,7 +13,12 @@ from ffsm_mj.sensing.sensor import Sensor
 
 
 class SensorErrors:
-    """Turns true values of a sensor into what it measures; sample by sample, in any order."""
+    """Turns true values of a sensor into what it measures; sample by sample, in any order.
+
+    Attributes:
+        noise: White noise.
+        is_elementwise: Whether each component has an error of its own, the same in distribution at every sample.
+    """
 
     def __init__(self, sensor: Sensor, seed: int) -> None:
         """Draw nothing yet; ``seed`` is that of the run."""
@@ -22,10 +27,11 @@ class SensorErrors:
         self._frame = _matrix(sensor.misalignment).T if self._turns else np.eye(3)
         self._scales = bool((sensor.scale != 1.0).any())
         self._clips = math.isfinite(sensor.low) or math.isfinite(sensor.high)
-        self._noise = NoiseStream(seed, sensor.name, sensor.errors)
+        self.noise = NoiseStream(seed, sensor.name, sensor.errors)
         self._walk = RandomWalk(NoiseStream(seed, f"{sensor.name}/bias_walk", sensor.errors), sensor.errors)
         self._dropout = NoiseStream(seed, f"{sensor.name}/dropout", 1)
         self._jitter = NoiseStream(seed, f"{sensor.name}/delay_jitter", 1)
+        self.is_elementwise = sensor.model.shape == "vector" and not self._turns and sensor.walk == 0.0
         self._adds = sensor.noise > 0.0 or sensor.walk > 0.0 or bool(sensor.bias.any())
 
     def measured(self, value: FloatArray, sample: int) -> FloatArray:
@@ -60,7 +66,7 @@ class SensorErrors:
         if sensor.walk > 0.0:
             added = added + sensor.walk * self._walk.at(sample)
         if sensor.noise > 0.0:
-            added = added + sensor.noise * self._noise.normal(sample)
+            added = added + sensor.noise * self.noise.normal(sample)
         return added
 
     def _turned(self, value: FloatArray, sample: int) -> FloatArray:

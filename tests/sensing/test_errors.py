@@ -10,6 +10,7 @@ import pytest
 
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.model.sensors import ModelSensor
+from ffsm_mj.sensing.batch import Batch
 from ffsm_mj.sensing.noise import NoiseStream, RandomWalk
 from ffsm_mj.sensing.samples import Samples
 from ffsm_mj.sensing.sensor import Sensor, sensors_of
@@ -105,7 +106,7 @@ def test_samples_that_overtake_and_samples_that_never_arrive(tmp_path):
     late = Samples(sensor(tmp_path, interval_s=0.01, delay_jitter_s=0.1), 0)
     times = []
     for tick in range(200):
-        late.take(np.full(3, float(tick)), True)
+        late.take(np.full(3, float(tick)), np.full(3, float(tick)), True)
         late.arrive(0.01 * tick)
         times.append(late.shown.time_s if late.shown is not None else 0.0)
     seen = np.array(times[20:])
@@ -113,7 +114,7 @@ def test_samples_that_overtake_and_samples_that_never_arrive(tmp_path):
     assert (np.diff(seen) == 0.0).any()
     assert (np.diff(seen) > 0.015).any()
     lost = Samples(sensor(tmp_path, dropout=1.0), 0)
-    lost.take(np.zeros(3), True)
+    lost.take(np.zeros(3), np.zeros(3), True)
     assert not lost.arrive(9.0)
     assert lost.shown is None
 
@@ -147,3 +148,34 @@ def test_a_delay_without_a_buffer_counts(tmp_path):
     made = sensor(tmp_path, '<gyro name="s" site="imu" interval="0.02 -0.005" delay="0.1" cutoff="3" noise="0.1"/>')
     assert isinstance(made.model, ModelSensor)
     assert (made.interval_s, made.first_s, made.delay_s, made.high, made.noise) == (0.02, 0.015, 0.1, 3.0, 0.1)
+
+
+def test_a_batch_measures_what_each_sensor_measures(tmp_path):
+    """Bit for bit, with every error, in one batch and alone, at samples of different numbers too."""
+    configs = [
+        {"noise": 0.1, "bias": [0.1, 0.2, 0.3]},
+        {"quantum": 0.125, "scale_error": 0.01},
+        {"misalignment_rad": [0.1, 0.2, 0.3], "noise": 0.2},
+        {"bias_walk": 0.3, "noise": 0.01},
+        {"range": [-0.5, 0.5], "noise_density": 0.01},
+    ]
+    made = [sensor(tmp_path, **config) for config in configs]
+    for shift in (0, 1):
+        samples = [Samples(each, 4) for each in made]
+        for each in samples[:2]:
+            each.number += 300 * shift
+        batch = Batch(samples, [slice(3 * i, 3 * i + 3) for i in range(len(made))])
+        for k in range(300):
+            true = np.sin(np.arange(3.0 * len(made)) + k)
+            alone = (
+                [
+                    SensorErrors(each.sensor, 4).measured(part, each.number)
+                    for each, part in zip(samples, np.split(true, len(made)), strict=True)
+                ]
+                if k % 50 == 0
+                else None
+            )
+            together = batch.measured(true)
+            assert alone is None or np.array_equal(together, np.concatenate(alone))
+            for each in samples:
+                each.take(true[:3], true[:3], True)
