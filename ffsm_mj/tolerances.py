@@ -107,6 +107,11 @@ RATE = 1e-12
 """Gap rates within this share of (1 m/s + the speeds of both bodies) are rounding: about 5000 EPSILON."""
 CLOSED_RATE = 1e-6
 """The same for a closed pair: its gap rate drifts by the truncation error of a step until the next projection."""
+DRIFT_M_S = CLOSED_RATE / 2.0
+"""A step ends early where a closed gap rate has drifted this far, as with DRIFT_M: the pair still counts as closed there.
+
+A round side that rolls along another one at a small angle turns at hundreds of rad/s: whole steps would be too long for it.
+"""
 ACCELERATION = 1e-10
 """Second rates of a gap within this share of their largest term are rounding: normals are known to about 1e-10."""
 ACCELERATION_M_S2 = 1e-12

@@ -27,6 +27,7 @@ from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import (
     DRIFT_M,
+    DRIFT_M_S,
     FEATURE_BOUND_M,
     LIFT_OFF_M,
     PARALLEL,
@@ -227,14 +228,15 @@ class ActiveContactSet:
         if not self.contact_points:
             return math.inf
         decision = self.decide()
-        inside, drift = min(decision.rows.insides) + FEATURE_BOUND_M, max(map(abs, decision.rows.gaps))
+        inside = min(decision.rows.insides) + FEATURE_BOUND_M
+        drift = min(DRIFT_M - max(map(abs, decision.rows.gaps)), DRIFT_M_S - max(map(abs, decision.rows.rates)))
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
         tilt = min([left for _, left, _ in self._tilts_left()], default=math.inf)
         if isinstance(decision, FrictionalDecision):
             valid = decision.validity_margin()
         else:
             valid = decision.validity_margin(self.pressing)
-        return min(inside, DRIFT_M - drift, tilt, self._clearance_elsewhere(), valid)
+        return min(inside, drift, tilt, self._clearance_elsewhere(), valid)
 
     def note_release(self, *, slips: bool = False) -> None:
         """Note whether sticking points are at the limit of friction at the state in ``data``: they slide from there.
@@ -287,8 +289,10 @@ class ActiveContactSet:
         return self._pairs_where(lambda rows: [inside < -FEATURE_BOUND_M for inside in rows.insides])
 
     def pairs_with_drift(self) -> list[UnilateralConstraint]:
-        """Pairs with a gap that has drifted to the limit of a step."""
-        return self._pairs_where(lambda rows: [abs(gap) > 0.99 * DRIFT_M for gap in rows.gaps])
+        """Pairs with a gap, or its rate, that has drifted to the limit of a step."""
+        gaps = self._pairs_where(lambda rows: [abs(gap) > 0.99 * DRIFT_M for gap in rows.gaps])
+        rates = self._pairs_where(lambda rows: [abs(rate) > 0.99 * DRIFT_M_S for rate in rows.rates])
+        return list(dict.fromkeys([*gaps, *rates]))
 
     def pairs_with_tilt(self) -> list[UnilateralConstraint]:
         """Pairs with a rim whose tilt has changed to the limit of a step."""
