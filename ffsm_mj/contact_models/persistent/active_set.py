@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -38,6 +39,8 @@ _SLOW_M_S = 1e-3
 _TILT_SHARE = 0.2
 """A step ends early where the tilt of a rim over a face has changed by this share: forces grow as its inverse, and the steps
 of a disc that falls flat must shrink with it. RK4 then errs by about 0.2^5 / 120 of them."""
+_PATCH_POINTS = 3
+"""Contact points of two convex geoms are corners of a convex polygon or ends of a line: three are not on a line."""
 
 
 class ActiveContactSet:
@@ -199,6 +202,8 @@ class ActiveContactSet:
         """Set the active set to the contact points that carry force at the state in ``data``."""
         decision = self.decide() if self.contact_points else None
         self.pressing = tuple(decision.contact_points[i] for i in decision.pressing) if decision else ()
+        held = Counter(contact.pair for contact in self.pressing)
+        self._solver.flat = frozenset(pair for pair, points in held.items() if points >= _PATCH_POINTS)
         self._chosen = decision if isinstance(decision, FrictionalDecision) else None
         if self._chosen is not None:
             self._chosen.keep_modes()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
@@ -26,12 +27,14 @@ class ForceSolver:
 
     Attributes:
         other_forces: Applied forces besides those of persistent contacts, (nv,).
+        flat: Pairs that are held at three points of a flat patch at least.
     """
 
     def __init__(self, data: Any, modes: FrictionModes) -> None:
         """Store the data of the logged system, and the friction modes."""
         self._data, self._modes = data, modes
-        self._evaluators: dict[tuple[ContactPoint, ...], RowEvaluator] = {}
+        self.flat: frozenset[UnilateralConstraint] = frozenset()
+        self._evaluators: dict[tuple[Any, ...], RowEvaluator] = {}
 
     def bind(self, motion: Motion) -> None:
         """Use another motion."""
@@ -93,7 +96,8 @@ class ForceSolver:
 
     def _evaluator(self, contact_points: tuple[ContactPoint, ...]) -> RowEvaluator:
         """Evaluator of the rows of some contact points; kept for the present contact points and parts of them."""
-        found = self._evaluators.get(contact_points)
+        key = contact_points, self.flat
+        found = self._evaluators.get(key)
         if found is None:
-            found = self._evaluators[contact_points] = RowEvaluator(self._motion, self._data, contact_points)
+            found = self._evaluators[key] = RowEvaluator(self._motion, self._data, contact_points, self.flat)
         return found

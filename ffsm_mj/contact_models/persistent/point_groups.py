@@ -6,6 +6,12 @@ With the arm r of a material point from the mass centre of its body's tree, its 
     n . (a + alpha x r + omega x (v + omega x r)) = n . a + (n x omega) . v + r . (n x alpha + (n x omega) x omega)
 
 are affine in r. The arm from the centre of the other body's tree differs by the offset of the centres.
+
+Two bodies that are held at three points of a flat patch do not tilt relative to each other: their normals turn alike. The
+second rates of all gaps of a patch are taken with the normal of body a, so that they are affine in the place to rounding.
+The exact second rate at a point that moves over both bodies, as where two edges cross, differs by its speed times their rate
+of tilt. To rounding the latter is that of a gap over the width of the patch, and in a patch that slides over the edge of a
+face both would grow without bound: a tilt times the width, which is a difference of gaps, would be kept constant.
 """
 
 from __future__ import annotations
@@ -17,7 +23,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.points_on_face import PointsOnFace
@@ -100,25 +106,34 @@ class PointGroup(Protocol):
 class FaceGroup:
     """Points of one body over a face of another; the first body is that of the face, the second that of the points."""
 
-    def __init__(self, features: Sequence[PointOnFace], screws: RelativeScrews) -> None:
+    def __init__(self, features: Sequence[PointOnFace], screws: RelativeScrews, *, in_patch: bool) -> None:
         """Store the points, see :meth:`PointsOnFace.together`, and the screws of b relative to a."""
         self._gaps = PointsOnFace(features)
         self._screws = screws.reversed() if self._gaps.swapped else screws
+        self._in_patch = in_patch
 
     def at_state(self, data: Any, b: BodyTwist | None, a: BodyTwist | None) -> FaceState:
         """Evaluate; see :class:`PointGroup`."""
         assert b is not None
         assert a is not None
         first, second = (b, a) if self._gaps.swapped else (a, b)
-        return FaceState(self._gaps, self._screws, data, first, second)
+        return FaceState(self._gaps, self._screws, data, (first, second), a.omega if self._in_patch else first.omega)
 
 
 class FaceState:
     """Points over a face at one state; see :class:`GroupState`."""
 
-    def __init__(self, gaps: PointsOnFace, screws: RelativeScrews, data: Any, first: BodyTwist, second: BodyTwist) -> None:
-        """Place the points."""
-        self._gaps, self._screws, self._first, self._second = gaps, screws, first, second
+    def __init__(
+        self,
+        gaps: PointsOnFace,
+        screws: RelativeScrews,
+        data: Any,
+        bodies: tuple[BodyTwist, BodyTwist],
+        omega: Vector,
+    ) -> None:
+        """Place the points; ``omega`` is the angular velocity with which the normal turns."""
+        self._gaps, self._screws, (self._first, self._second), self._omega = gaps, screws, bodies, omega
+        first, second = bodies
         self.count = gaps.count
         self._places, self._local, normal = gaps.place(data)
         x, y, z = normal.tolist()
@@ -133,7 +148,7 @@ class FaceState:
 
     def _normal_gamma(self) -> FloatArray:
         normal = self._normal
-        (x, y, z), (a, b, c) = normal, self._first.omega
+        (x, y, z), (a, b, c) = normal, self._omega
         turning = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
         return self._relative(
             self._arms, _acceleration(normal, self._second, turning), _acceleration(normal, self._first, turning)
@@ -243,13 +258,14 @@ class FaceState:
 class SinglePoint:
     """A contact point by itself, or a joint limit: its normal is zero, and so are the rows that this gives."""
 
-    def __init__(self, feature: Feature, bodies: RelativeJacobian) -> None:
+    def __init__(self, feature: Feature, bodies: RelativeJacobian, *, in_patch: bool) -> None:
         """Store the feature and the Jacobian of b relative to a."""
-        self._feature, self._bodies = feature, bodies
+        self._feature, self._bodies, self._in_patch = feature, bodies, in_patch
 
     def at_state(self, data: Any, b: BodyTwist | None, a: BodyTwist | None) -> SingleState:
         """Evaluate; see :class:`PointGroup`."""
-        return SingleState(self._feature.at(data), self._bodies, b, a)
+        here = self._feature.at(data)
+        return SingleState(_in_patch(here, b, a) if self._in_patch else here, self._bodies, b, a)
 
 
 class SingleState:
@@ -304,6 +320,17 @@ class SingleState:
         for j, axis in enumerate(axes.tolist()):
             (c, gradient), (d, others) = _spatial(axis, b), _spatial(axis, a)
             gamma[0, j] = c + dot(gradient, arm) - d - dot(others, other) + dot(here.point_rate, cross(axis, spin))
+
+
+def _in_patch(here: FeatureState, b: BodyTwist | None, a: BodyTwist | None) -> FeatureState:
+    """The state of a point of a flat patch, whose normal turns with body a."""
+    assert b is not None
+    assert a is not None
+    (x, y, z), (i, j, k) = here.point.tolist(), here.normal.tolist()
+    own, other = minus((x, y, z), b.centre), minus((x, y, z), a.centre)
+    w = minus(shifted(b.velocity, 1.0, cross(b.omega, own)), shifted(a.velocity, 1.0, cross(a.omega, other)))
+    bend = 2.0 * dot(cross(a.omega, (i, j, k)), w)
+    return here._replace(point_a=here.point, point_b=here.point, bend=bend, scale=max(here.scale, abs(bend)))
 
 
 _STILL = (0.0, 0.0, 0.0)

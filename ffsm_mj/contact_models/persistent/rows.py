@@ -10,7 +10,8 @@ along tangents that are fixed in space, with the accelerations a(c) of the mater
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -176,39 +177,50 @@ class RowEvaluator:
         at_limits: Indices of the joint limits among the contact points.
     """
 
-    def __init__(self, motion: Motion, data: Any, contact_points: Sequence[ContactPoint]) -> None:
+    def __init__(
+        self,
+        motion: Motion,
+        data: Any,
+        contact_points: Sequence[ContactPoint],
+        flat: Collection[UnilateralConstraint] = (),
+    ) -> None:
         """Group the contact points.
 
         Args:
             motion: The motion.
             data: Data of the logged system.
             contact_points: Pairs and features.
+            flat: Pairs that are held at three points of a flat patch at least.
         """
         self._motion, self._data, self._shape = motion, data, (len(contact_points), motion.model.nv)
         bodies: dict[int, int] = {}
         self._groups = []
-        for places in _together(contact_points):
+        together = _together(contact_points)
+        groups_of_pairs = Counter(contact_points[places.start].pair for places in together)
+        # Points over one face have one normal anyway.
+        patches = {pair for pair in flat if groups_of_pairs[pair] > 1}
+        for places in together:
             alike, pair = contact_points[places], contact_points[places.start].pair
             b, a = motion.bodies[pair.body_b], motion.bodies[pair.body_a]
             both = motion.model, motion.data, b, a
             points: PointGroup
             if len(alike) > 1:
                 on_face = [each.feature for each in alike if isinstance(each.feature, PointOnFace)]
-                points = FaceGroup(on_face, RelativeScrews(*both))
+                points = FaceGroup(on_face, RelativeScrews(*both), in_patch=pair in patches)
             else:
-                points = SinglePoint(alike[0].feature, RelativeJacobian(*both))
+                points = SinglePoint(alike[0].feature, RelativeJacobian(*both), in_patch=pair in patches)
             own, other = (bodies.setdefault(body, len(bodies)) for body in (b, a))
             self._groups.append(_Group(points, places, own, other, pair.mu > 0.0))
         self._twists = BodyTwists(motion.model, motion.data, list(bodies))
         self._still = [None] * len(bodies)
-        self._has_faces = any(isinstance(group.points, FaceGroup) for group in self._groups)
+        self._needs_twists = bool(patches) or any(isinstance(group.points, FaceGroup) for group in self._groups)
         limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
         self.at_limits = list(limits)
         self._limits = [(i, motion.dofs[limit.dof], limit.sign) for i, limit in limits.items()]
 
     def rows(self) -> ContactRows:
         """Rows of the normals; positions and velocities current, mass matrix factored."""
-        states = self._at_state(with_twists=self._has_faces)
+        states = self._at_state(with_twists=self._needs_twists)
         J, gamma = np.empty(self._shape), np.empty(self._shape[0])
         for group, state in zip(self._groups, states, strict=True):
             state.normal_rows(J[group.places], gamma[group.places])

@@ -14,6 +14,7 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact_models.impact.friction.accelerations import coulomb_forces
+from ffsm_mj.contact_models.impact.friction.lemke import lemke
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
@@ -63,7 +64,6 @@ class Solution:
     Attributes:
         kinds: Modes, (k,).
         directions: Directions of slip along (t1, t2), (k, 2).
-        redundant: Whether rows held depend on each other.
         forces: Forces (n, t1, t2), N, (k, 3).
         accelerations: Relative accelerations (n, t1, t2), m/s^2, (k, 3).
         validity: Least margin of all conditions, m/s^2; negative if one is violated.
@@ -72,7 +72,6 @@ class Solution:
 
     kinds: IntArray
     directions: FloatArray
-    redundant: bool
     forces: FloatArray
     accelerations: FloatArray
     validity: float
@@ -158,7 +157,7 @@ class ModeChoice:
                 np.sum(accelerations[:, 1:] * directions, axis=1)[begins] + _SLIPS * self._scale + states.rounding[begins]
             )
             validity = min(validity, float(along.min()))
-        return Solution(kinds, directions, problem.structure(kinds).redundant, forces, accelerations, validity, releases)
+        return Solution(kinds, directions, forces, accelerations, validity, releases)
 
     def _validity(
         self, kinds: IntArray, directions: FloatArray, forces: FloatArray, accelerations: FloatArray
@@ -189,7 +188,7 @@ class ModeChoice:
         inertia = float(problem.inverse_mass[sticks].mean())
         allowed = _ON_CONE * (float(np.abs(forces).max()) * inertia + float(self._states.rounding[sticks].max()))
         own = float(of_own[sticks].min()) * inertia + allowed
-        if own >= 0.0 or not problem.structure(kinds).redundant:
+        if own >= 0.0 or not problem.redundant(kinds):
             return own
         return self._joint_margin(kinds, forces) * inertia + allowed
 
@@ -212,7 +211,29 @@ class ModeChoice:
             holding = np.where(self._still & (kinds == SLIDE) & (self._problem.mu > 0.0), STICK, kinds)
             if np.any(holding != kinds) and (held := self.evaluate(holding, self._directions(holding))).valid:
                 return held
-        return self._corrected(kinds, directions)
+        found = self._corrected(kinds, directions)
+        if found is None and np.all((self._problem.mu == 0.0) | ~self._still):
+            found = self._complementary()
+        if found is None:
+            raise NoModesError
+        return found
+
+    def _complementary(self) -> Solution | None:
+        """Modes of points that all slide: those that press, by Lemke's method for their normal forces.
+
+        It finds a solution where the one that the compliance leads to is beyond Painleve's paradox, as where both edges on
+        which two pads hold a box become lines with normals that are not quite opposite.
+        """
+        problem, directions = self._problem, self._directions(np.full(len(self._still), SLIDE))
+        which = np.flatnonzero(problem.movable_normals)
+        along = np.column_stack((np.ones(len(which)), -problem.mu[which, None] * directions[which]))
+        rows = problem.G[3 * which].reshape(len(which), -1, 3)[:, which]
+        G, unit = np.einsum("ijc,jc->ij", rows, along), float(problem.inverse_mass[which].mean())
+        pushes = lemke(G / unit, problem.b[3 * which] / self._scale) * self._scale
+        kinds = np.full(len(self._still), CLOSED)
+        kinds[which[pushes > self._states.rounding[which]]] = SLIDE
+        found = self.evaluate(kinds, np.where((kinds == SLIDE)[:, None], directions, 0.0))
+        return found if found.valid else None
 
     def _newton(self) -> tuple[FloatArray, float]:
         """Forces (n, t1, t2) that satisfy Coulomb's conditions with a small compliance, (k, 3), and their residual."""
@@ -251,12 +272,8 @@ class ModeChoice:
         velocity = OwnVelocity(self._problem.b, np.ones(len(self._problem.b)), free)
         return self._problem.forces_along_slip(kinds, directions, velocity)[1]
 
-    def _corrected(self, kinds: IntArray, directions: FloatArray) -> Solution:
-        """The solution in given modes, with modes corrected where they are not valid.
-
-        Raises:
-            NoModesError: No valid modes were found.
-        """
+    def _corrected(self, kinds: IntArray, directions: FloatArray) -> Solution | None:
+        """The solution in given modes, with modes corrected where they are not valid; None if none are found."""
         problem, states = self._problem, self._states
         for _ in range(_CORRECTIONS * len(kinds)):
             found = self.evaluate(kinds, directions)
@@ -270,7 +287,7 @@ class ModeChoice:
             back = (kinds == SLIDE) & self._still & (problem.mu > 0.0) & ~pulls
             back &= np.sum(found.accelerations[:, 1:] * directions, axis=1) < -_SLIPS * self._scale
             if not np.any(pulls | overlaps | over | back):
-                break
+                return None
             kinds[pulls], kinds[overlaps & problem.movable_normals] = CLOSED, STICK
             kinds[overlaps & (states.slides | (problem.mu == 0.0)) & problem.movable_normals] = SLIDE
             kinds[over], kinds[back] = SLIDE, STICK
@@ -278,4 +295,4 @@ class ModeChoice:
             moving = states.slides & (kinds == SLIDE)
             directions[moving] = self._directions(kinds)[moving]
             directions[kinds != SLIDE] = 0.0
-        raise NoModesError
+        return None

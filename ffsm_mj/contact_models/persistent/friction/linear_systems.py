@@ -20,17 +20,15 @@ def solved(system: FloatArray, right: FloatArray) -> FloatArray:
     return solution
 
 
-def rank_of(square: FloatArray) -> int:
-    """Rank of a positive semidefinite matrix."""
-    return _pivots(square)[1] if len(square) else 0
-
-
-def range_basis(square: FloatArray, rank: int) -> FloatArray:
-    """Orthonormal basis of the range of a positive semidefinite matrix of a given rank, (n, rank)."""
+def range_basis(square: FloatArray) -> FloatArray | None:
+    """Orthonormal basis of the range of a positive semidefinite matrix, (n, rank); None if its rank is n."""
+    order, rank = _pivots(square) if len(square) else (np.zeros(0, dtype=np.int64), 0)
+    if rank == len(square):
+        return None
     basis: FloatArray
     lapack = _lapack()
     # The columns of the largest pivots span the range; Householder's method makes them orthonormal.
-    reflectors, scales, _, _ = lapack.dgeqrf(square[:, _pivots(square)[0][:rank] - 1])
+    reflectors, scales, _, _ = lapack.dgeqrf(square[:, order[:rank] - 1])
     basis, _, _ = lapack.dorgqr(reflectors, scales)
     return basis
 

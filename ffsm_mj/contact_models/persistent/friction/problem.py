@@ -10,7 +10,8 @@ rows that are held and D those along which forces act, the conditions R are line
 *Multibody Dynamics with Unilateral Contacts*).
 
 Rows of redundant points are dependent. Forces are then those of equal springs at all points: they lie in the range of R M^-1
-R^T, which is the least norm without friction and for points that stick.
+R^T, which is the least norm without friction and for points that stick. The rank of this matrix belongs to a state, not to
+the modes: a patch that slides over the edge of a face shrinks to a line or to a point within a step.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
-from ffsm_mj.contact_models.persistent.friction.linear_systems import range_basis, rank_of, solved
+from ffsm_mj.contact_models.persistent.friction.linear_systems import range_basis, solved
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
 from ffsm_mj.tolerances import CANCELLED, RANK
 
@@ -109,6 +110,10 @@ class FrictionProblem:
         if found is None:
             found = self._held[key] = _Held(self, self.structure(kinds))
         return found
+
+    def redundant(self, kinds: IntArray) -> bool:
+        """Whether the rows held in given modes depend on each other."""
+        return self._held_in(kinds).redundant
 
     def forces(self, kinds: IntArray, slips: FloatArray) -> FloatArray:
         """Forces (n, t1, t2) of each point in given modes, N, (k, 3).
@@ -215,15 +220,16 @@ class FrictionProblem:
         return np.stack((np.cos(angles), np.sin(angles)), axis=1)
 
     def virtual_shares(self, kinds: IntArray, forces: FloatArray) -> FloatArray:
-        """Normal forces of springs like those of the held points, at points without force, N, (k,); zero at the others."""
-        rows, rank = self.structure(kinds).rows, self.structure(kinds).rank
-        closed = np.flatnonzero(kinds == CLOSED)
-        shares = np.zeros(len(kinds))
-        if len(rows) and len(closed):
-            sizes, U = np.linalg.eigh(self.G[np.ix_(rows, rows)])
-            kept = slice(len(rows) - rank, None)
-            displacement = U[:, kept] @ ((U[:, kept].T @ forces.ravel()[rows]) / sizes[kept])
-            shares[closed] = self.G[np.ix_(3 * closed, rows)] @ displacement
+        """Normal forces of springs like those of the held points, at points without force, N, (k,).
+
+        They are defined where the held points decide how such a point moves, as its row depends on theirs; zero elsewhere.
+        """
+        closed, shares = np.flatnonzero(kinds == CLOSED), np.zeros(len(kinds))
+        if len(closed) and len(self.structure(kinds).rows):
+            rows = self.G[np.ix_(3 * closed, self.structure(kinds).rows)]
+            springs, movable = self._held_in(kinds).springs(rows, forces)
+            dependent = movable >= (1.0 - RANK) * self.inverse_mass[closed]
+            shares[closed] = np.where(dependent, springs, 0.0)
         return shares
 
 
@@ -234,22 +240,19 @@ class HeldRows:
     Attributes:
         count: Number of all rows, 3k.
         rows: Indices of those held, ascending, (r,).
-        rank: Number of independent ones. Which ones is not kept: tangents may change places in a step.
         slides: Indices of sliding points with friction, (m,).
     """
 
     count: int
     rows: IntArray
-    rank: int
     slides: IntArray
 
     @classmethod
     def of(cls, problem: FrictionProblem, kinds: IntArray) -> HeldRows:
         """Determine the rows in a problem."""
         rows = problem.held_rows(kinds)
-        rank = rank_of(problem.G[rows[:, None], rows])
         slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0]
-        return cls(3 * len(kinds), rows, rank, slides)
+        return cls(3 * len(kinds), rows, slides)
 
     @cached_property
     def along(self) -> FloatArray:
@@ -263,11 +266,6 @@ class HeldRows:
         """Columns of the normal forces of the sliding points, (m,)."""
         return np.searchsorted(self.rows, 3 * self.slides)
 
-    @property
-    def redundant(self) -> bool:
-        """Whether rows depend on each other."""
-        return self.rank < len(self.rows)
-
 
 Structures: TypeAlias = dict[bytes, HeldRows]
 """Rows held by the same points in several modes, by the modes."""
@@ -279,8 +277,29 @@ class _Held:
     def __init__(self, problem: FrictionProblem, structure: HeldRows) -> None:
         self._problem, self._structure = problem, structure
         self._held_G = problem.G[structure.rows]
-        self._range = range_basis(self._held_G[:, structure.rows], structure.rank) if structure.redundant else None
+        self._range = range_basis(self._held_G[:, structure.rows])
         self._along = structure.along if len(structure.slides) else None
+
+    @property
+    def redundant(self) -> bool:
+        """Whether rows depend on each other."""
+        return self._range is not None
+
+    def springs(self, rows: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Forces of springs along other rows, under the displacement that gives the held ones theirs, N, (m,).
+
+        Args:
+            rows: Elements of G for the other rows and the held ones, 1/kg, (m, r).
+            forces: Forces (n, t1, t2) of all points, N, (k, 3).
+
+        Returns:
+            The forces, and the inverse masses of the other rows for motions that move held rows, 1/kg, (m,).
+        """
+        held = self._structure.rows
+        U = np.eye(len(held)) if self._range is None else self._range
+        along = rows @ U
+        responses = solved(U.T @ self._held_G[:, held] @ U, np.column_stack((U.T @ forces.ravel()[held], along.T)))
+        return along @ responses[:, 0], np.sum(along.T * responses[:, 1:], axis=0)
 
     def is_regular(self, slips: FloatArray) -> bool:
         """Whether the determinant of the linear problem has the sign that it has without sliding friction."""

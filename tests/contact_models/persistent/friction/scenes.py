@@ -86,7 +86,11 @@ def cube(mass, half_m, inertia, centre=(0.0, 0.0, 0.0)):
 
 
 def gripped(folder, tip, held, *, mu, grip_N, loads, step, duration, base_kg=8.0, finger_kg=1.0, half_m=0.05, **scenario):
-    """A gripper around a cube at the origin of its base, pressed by constant forces between base and fingers."""
+    """A gripper around a cube at the origin of its base, pressed by constant forces between base and fingers.
+
+    ``mu`` is that of both pads, or of the left and the right one.
+    """
+    left, right = mu if isinstance(mu, tuple) else (mu, mu)
     closing = [
         load(f"robot/{name}", "robot/base", force_N=[[0, sign * grip_N, 0]], axes="robot/base")
         for name, sign in (("left", -1), ("right", 1))
@@ -99,7 +103,8 @@ def gripped(folder, tip, held, *, mu, grip_N, loads, step, duration, base_kg=8.0
         fixed={"anchor": {"position_m": [50, 50, 50]}},
         contacts={
             "rules": [
-                {"name": name, "between": [name, "cube/cube"], "restitution": 0.0, "mu": mu} for name in ("left", "right")
+                {"name": name, "between": [name, "cube/cube"], "restitution": 0.0, "mu": each}
+                for name, each in (("left", left), ("right", right))
             ]
         },
         contact_models=loaded(*closing, *loads),
