@@ -52,8 +52,9 @@ class Mekf:
     - Joints are as measured last, with a stated filter on rates from differences, without an error of their own.
     - Samples are used at their own time, late ones too; see :class:`~.history.History`. Of several samples of a sensor that
       arrive between two calls, only the newest is shown and used.
-    - While an object is held, its estimate follows the hand, and the base is predicted without its load: the covariance
-      knows of neither, so that errors may then be larger than it says, unless the process noise covers that.
+    - A body whose estimate others set, as that of a held object, which follows the hand, begins anew there: with the initial
+      deviations, independent of all else. The base is predicted without the load that it holds: the process noise is to
+      cover that.
     """
 
     Config = MekfConfig
@@ -158,21 +159,29 @@ class Mekf:
     def _given(self, data: Any) -> list[Entry]:
         """What others have set in the estimate since the last call, as the state of a held object."""
         return [
-            self._entry(self._last_s, _GIVEN, _setting(body, data.qpos[body.qpos].copy(), data.qvel[body.dofs].copy()))
+            self._entry(
+                self._last_s, _GIVEN, self._beginning(body, data.qpos[body.qpos].copy(), data.qvel[body.dofs].copy())
+            )
             for body in self._layout.bodies
             if np.abs(data.qpos[body.qpos] - self._left.qpos[body.qpos]).max() > _GIVEN_BEYOND
             or np.abs(data.qvel[body.dofs] - self._left.qvel[body.dofs]).max() > _GIVEN_BEYOND
         ]
 
+    def _beginning(self, body: FloatingBody, pose: FloatArray, twist: FloatArray) -> Callable[[Belief], None]:
+        """Beginning anew of a body at a given state."""
+        variances = np.repeat(_initial(self._config, body), 3) ** 2
+
+        def begin(belief: Belief) -> None:
+            belief.data.qpos[body.qpos], belief.data.qvel[body.dofs] = pose, twist
+            covariance = belief.covariance.copy()
+            covariance[body.error, :] = covariance[:, body.error] = 0.0
+            covariance[body.error, body.error] = np.diag(variances)
+            belief.covariance = covariance
+
+        return begin
+
     def _leave(self, data: Any) -> None:
         self._left.qpos[:], self._left.qvel[:] = data.qpos, data.qvel
-
-
-def _setting(body: FloatingBody, pose: FloatArray, twist: FloatArray) -> Callable[[Belief], None]:
-    def give(belief: Belief) -> None:
-        belief.data.qpos[body.qpos], belief.data.qvel[body.dofs] = pose, twist
-
-    return give
 
 
 def _initial(config: MekfConfig, body: FloatingBody) -> tuple[float, float, float, float]:
