@@ -109,7 +109,8 @@ class Truth:
         mujoco.mj_forward(self.model, self.data)
         for samples in self._samples:
             while samples.next_s <= time_s + 1e-9:
-                samples.take(self.data.sensor(samples.sensor.name).data.copy(), True)
+                true = self.data.sensor(samples.sensor.name).data.copy()
+                samples.take(true, samples.errors.measured(true, samples.number), True)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 
     def measured(self, time_s: float) -> dict[str, Measurement]:
