@@ -16,14 +16,14 @@ from tests.scenes import ball, scene
 
 
 def oblique(folder, e=1.0, mu=1.0, **scenario):
-    """A ball on one slide, two across for one towards, meets a fixed wall: normal and tangential motion are coupled."""
+    """A ball on one slide, two across for one towards, meets a fixed wall at 0.67 s: its motions there are coupled."""
     pair = {"between": ["ball", "wall/wall"], "restitution": e, "mu": mu}
     return scene(
         folder,
         ball("ball", mass=2.0, joints="x").replace('axis="1 0 0"', 'axis="1 2 0"'),
         {"wall": slab("wall", "0.1 2 2")},
         fixed={"wall": {"position_m": [0.5, 0, 0]}},
-        **{"initial": {"rates": {"robot/x": 1.0}}, "contacts": {"rules": [pair]}, "duration_s": 1.0} | scenario,
+        **{"initial": {"rates": {"robot/x": 1.0}}, "contacts": {"rules": [pair]}, "duration_s": 0.72} | scenario,
     )
 
 
