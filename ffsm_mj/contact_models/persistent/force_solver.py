@@ -77,7 +77,7 @@ class ForceSolver:
             if self._friction_rows is None or self._friction_rows[0] != place:
                 self._friction_rows = place, self._evaluator(contact_points).frictional_rows()
             force = smooth.force(self.other_forces)
-            self._friction_state = key, FrictionState(contact_points, self._friction_rows[1], force, modes)
+            self._friction_state = key, FrictionState.of(contact_points, self._friction_rows[1], force, modes)
         return self._friction_state[1]
 
     def decide(self, contact_points: tuple[ContactPoint, ...], last: Sequence[ContactPoint]) -> Decision:

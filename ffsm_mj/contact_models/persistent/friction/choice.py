@@ -7,8 +7,9 @@ conditions are solved by Newton's method, with a small compliance that shares fo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,8 +37,7 @@ class NoModesError(Exception):
     """No modes satisfy Coulomb's conditions (Painleve's paradox), or none were found."""
 
 
-@dataclass(frozen=True)
-class PointStates:
+class PointStates(NamedTuple):
     """What the choice of modes depends on besides the problem; k points.
 
     Attributes:
@@ -57,8 +57,7 @@ class PointStates:
     released: bool
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """Forces in given modes at one state.
 
     Attributes:
@@ -183,11 +182,11 @@ class ModeChoice:
 
     def stick_margin(self, kinds: IntArray, forces: FloatArray) -> float:
         """Margin of the sticking points to their friction cones, m/s^2: own forces, or others of the same effect."""
-        problem, sticks = self._problem, (kinds == STICK).nonzero()[0]
-        of_own = problem.mu * forces[:, 0] - np.hypot(forces[:, 1], forces[:, 2])
-        inertia = float(problem.inverse_mass[sticks].mean())
+        problem, sticks = self._problem, [i for i, kind in enumerate(kinds.tolist()) if kind == STICK]
+        values, mu, inverse_mass = forces.tolist(), problem.mu.tolist(), problem.inverse_mass.tolist()
+        inertia: float = sum([inverse_mass[i] for i in sticks]) / len(sticks)
         allowed = _ON_CONE * (float(np.abs(forces).max()) * inertia + float(self._states.rounding[sticks].max()))
-        own = float(of_own[sticks].min()) * inertia + allowed
+        own: float = min([mu[i] * values[i][0] - math.hypot(*values[i][1:]) for i in sticks]) * inertia + allowed
         if own >= 0.0 or not problem.redundant(kinds):
             return own
         return self._joint_margin(kinds, forces) * inertia + allowed

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.persistent.friction.modes import PointModes
@@ -10,8 +10,7 @@ from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionState:
+class FrictionState(NamedTuple):
     """What stages and decisions need of k contact points at one state.
 
     Attributes:
@@ -26,11 +25,13 @@ class FrictionState:
     rows: FrictionalRows
     force: FloatArray
     modes: PointModes
-    problem: FrictionProblem = field(init=False)
+    problem: FrictionProblem
 
-    def __post_init__(self) -> None:
-        """Set up the problem."""
-        rows, modes = self.rows, self.modes
-        b = rows.response.dot(self.force)
+    @classmethod
+    def of(
+        cls, contact_points: tuple[ContactPoint, ...], rows: FrictionalRows, force: FloatArray, modes: PointModes
+    ) -> FrictionState:
+        """Set up the problem; see the attributes."""
+        b = rows.response.dot(force)
         b += rows.gamma
-        object.__setattr__(self, "problem", FrictionProblem(rows.G, b, modes.mu, modes.structures))
+        return cls(contact_points, rows, force, modes, FrictionProblem(rows.G, b, modes.mu, modes.structures))
