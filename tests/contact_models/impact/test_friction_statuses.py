@@ -53,7 +53,8 @@ def test_a_ball_that_locks_itself_is_wedged(tmp_path, capsys, e):
 
 def test_a_wedged_contact_under_load_stays_at_rest(tmp_path):
     """The slide meets the wall inside the friction cone: friction holds it against any push along the slide."""
-    run = good(ffsm_mj.run(oblique(tmp_path, phases=[{"name": "push", "until": "end", "controller": PUSH}])))
+    push = [{"name": "push", "until": "end", "controller": PUSH}]
+    run = good(ffsm_mj.run(oblique(tmp_path, phases=push, duration_s=0.36)))  # it meets the wall at 0.32 s
     assert [hit.status for hit in run.impacts] == ["wedged"]
     assert run.outcome == "completed"
     assert abs(run["state.v_robot_x_m_s"][-1]) < 1e-12
