@@ -25,6 +25,7 @@ PERIOD_S = 0.05
 SATELLITE = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="base"/>
   <inertial pos=".02 -.01 .03" mass="50" diaginertia="3 4 5"/><geom type="box" size=".3 .3 .3" mass="0"/>
   <site name="imu" pos=".1 .05 .02" euler="10 20 30"/><site name="eye" pos=".3 .1 0" euler="0 60 15"/></body></worldbody>
+  <actuator><motor name="push" site="eye" gear="1 0 0 0 0 0"/></actuator>
   <sensor><framepos name="place" objtype="site" objname="imu"/><framequat name="stars" objtype="site" objname="imu"/>
   <gyro name="gyro" site="imu"/></sensor></mujoco>"""
 NOISE = {

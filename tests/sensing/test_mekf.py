@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import mujoco
@@ -137,6 +138,40 @@ def test_the_reset_is_the_derivative_of_what_remains():
         assert np.allclose(np.transpose(columns), right_jacobian(theta), atol=1e-8)
 
 
+def test_a_correction_turns_quaternion_and_covariance(system):
+    """By 53 degrees: the quaternion by Exp(theta), the covariance of the attitude, and that with others, by the Jacobian."""
+    theta, random = np.array([0.5, -0.7, 0.3]), np.random.default_rng(0)
+    root = random.standard_normal((24, 24))
+    belief = believed(system, mujoco.MjData(system.mj), root @ root.T)
+    before, covariance = belief.data.qpos.copy(), belief.covariance
+    error, reset, turn = np.zeros(24), np.eye(24), np.empty(3)
+    body = belief.layout.named("b")
+    error[body.attitude], reset[body.attitude, body.attitude] = theta, right_jacobian(theta)
+    belief.correct(error)
+    mujoco.mju_subQuat(turn, belief.data.qpos[body.qpos][3:], before[body.qpos][3:])
+    assert np.allclose(turn, theta, atol=1e-12)
+    assert np.allclose(belief.covariance, reset @ covariance @ reset.T, atol=1e-12)
+    assert not np.allclose(belief.covariance, covariance, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "config", "expected"),
+    [
+        ({"noise": 0.02}, {}, 0.02),
+        ({"noise": 0.02, "quantum": 0.1}, {}, math.hypot(0.02, 0.1 / math.sqrt(12.0))),
+        ({"noise": 0.0}, {"floor": {"rate_rad_s": 0.001}}, 0.001),
+        ({"noise": 0.02}, {"noise": {"gyro": 0.05}}, 0.05),
+    ],
+)
+def test_what_the_filter_believes_of_a_sample(system, sensor, config, expected):
+    """Noise and rounding, the floor, or what is stated: after one sample of a gyro, it is what is left."""
+    sensors = sensors_in(system)
+    sensors["robot/gyro"] = replace(sensors["robot/gyro"], **sensor)
+    made = filter_of(system, sensors, initial={"rate_rad_s": 1e3}, **config)
+    Drive(system, sensors, made, 0).run(0)
+    assert np.sqrt(np.diagonal(made.covariance("robot"))[9:]) == pytest.approx(np.full(3, expected), rel=1e-6)
+
+
 def test_thirty_degrees_are_corrected_at_once_by_an_exact_attitude(system):
     """Noise of 1e-6 rad against 0.5 rad: the attitude is right to 1e-6 after one sample, as no sum of angles would be."""
     sensors = noiseless(sensors_in(system))
@@ -161,7 +196,7 @@ def test_without_noise_it_converges_to_the_truth(system):
 
 
 def test_late_samples_give_the_estimate_of_samples_on_time(system):
-    """All camera samples up to 0.8 s, on time or 0.1 to 0.2 s late: at 1 s the same to rounding, covariance too."""
+    """All camera samples up to 0.8 s, on time or 0.1 to 0.2 s late, under efforts that change: the same to rounding."""
     found = []
     for late in ({}, {"delay_s": 0.1, "delay_jitter_s": 0.1}):
         sensors = sensors_in(system, **late)
@@ -172,7 +207,11 @@ def test_late_samples_give_the_estimate_of_samples_on_time(system):
             name: sample._replace(valid=sample.valid and not (name in CAMERA and sample.time_s > 0.81))
             for name, sample in shown(time_s).items()
         }
-        drive.run(20)
+
+        def push(time_s, drive=drive):
+            drive.estimate.ctrl[:] = drive.truth.data.ctrl[:] = 40.0 * math.sin(9.0 * time_s)
+
+        drive.run(20, push)
         found.append(
             (drive.estimate.qpos.copy(), drive.estimate.qvel.copy(), made.covariance("b"), made.covariance("robot"))
         )
