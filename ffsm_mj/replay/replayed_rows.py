@@ -67,6 +67,8 @@ class ReplayedRows:
         self._writer = RowWriter(row, plant.state.sampler, self.again)
         self._resume = [(part.resume, layout.places(s.key for s in part.signals)) for part in known if part.resume]
         joints = plant.system.joints.values()
+        sensing = [signal.key for part in plant.sampler.columns for signal in part.signals] if plant.sampler else []
+        self._sensing = layout.places(sensing)
         self._state = layout.places((*coordinate_keys(joints), *rate_keys(joints)))
         self._known = np.setdiff1d(np.arange(len(layout.keys)), np.concatenate((self._copied, self._state)))
         checks = (contact_model.force_check(layout) for contact_model in plant.integrator.replayable)
@@ -88,6 +90,8 @@ class ReplayedRows:
     def write(self, line: int, time_s: float, logged: FloatArray) -> None:
         """Write the row of the state in ``data``; columns of the controller are copied from the logged row."""
         self._copy[:] = logged[self._copied]
+        if self._plant.sampler is not None:
+            self._plant.sampler.take_over(logged[self._sensing], time_s)
         self._writer.fill(line, time_s)
         self.forces_apart[line] = max((check(logged) for check in self._force_checks), default=0.0)
 

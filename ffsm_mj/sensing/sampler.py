@@ -70,7 +70,7 @@ class SensorSampler:
         self._next_s, self._arrival_s, self._clock_s = math.inf, math.inf, 0.0
         self._shown = SensorColumns(self._sensors)
         self.columns: tuple[Columns, ...] = (
-            Columns(self._shown.signals, live=self._shown.values, on_sample=self._show, resume=self._shown.resume),
+            Columns(self._shown.signals, live=self._shown.values, on_sample=self._show, resume=self._shown.forget),
         )
 
     def _bind(self, motion: Motion) -> None:
@@ -89,20 +89,28 @@ class SensorSampler:
 
     def begin(self) -> None:
         """Begin a run at the state in ``data``, with the samples that are due there."""
+        for samples in self._samples:
+            samples.begin()
         self._begin(0.0)
         if self._next_s <= SAME_TIME_S:
             self._take()
 
     def begin_after_gap(self, time_s: float) -> None:
-        """Begin at a time in a log: what was under way is not known, and is not shown until a later sample has arrived."""
-        self._begin(time_s + 2.0 * SAME_TIME_S)
-        self._clock_s = time_s
+        """Begin at a time in a log: what was under way is not known; see :meth:`take_over`."""
+        for samples in self._samples:
+            samples.begin_after_gap(time_s)
+        self._begin(time_s)
 
     def _begin(self, time_s: float) -> None:
         self._clock_s = time_s
-        for samples in self._samples:
-            samples.begin(time_s)
         self._next_s, self._arrival_s = min(samples.next_s for samples in self._samples), math.inf
+
+    def take_over(self, logged: FloatArray, time_s: float) -> None:
+        """Take over from a logged row, (number of signals,), what samples show that may be of before a gap."""
+        self._show(time_s)
+        for i, samples in enumerate(self._samples):
+            if samples.may_show_unknown(time_s):
+                self._shown.take_over(i, logged)
 
     def elapse(self, duration_s: float) -> None:
         """Take the samples of a finished (sub-)step, whose end is the state in ``data``."""

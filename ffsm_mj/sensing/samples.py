@@ -57,13 +57,24 @@ class Samples:
         """Before the first sample."""
         self.sensor, self.errors = sensor, SensorErrors(sensor, seed)
         self._sums = sensor.model.kind in ("force", "torque")
-        self.begin(0.0)
+        self.begin()
 
-    def begin(self, time_s: float) -> None:
-        """Begin at a time: samples before it are taken to have been lost."""
+    def begin(self) -> None:
+        """Begin a run."""
+        self._begin(0)
+        self._first_known, self._unknown_until_s = 0, -math.inf
+
+    def begin_after_gap(self, time_s: float) -> None:
+        """Begin at a time in a log: samples up to it are not known, nor a mean over an interval from before."""
         sensor = self.sensor
-        self.number = max(0, math.ceil((time_s - sensor.first_s) / sensor.interval_s - 1e-9))
-        self.next_s = sensor.first_s + self.number * sensor.interval_s
+        self._begin(max(0, math.floor((time_s + SAME_TIME_S - sensor.first_s) / sensor.interval_s) + 1))
+        self._first_known = self.number + 1 if self._sums else self.number
+        last_unknown_s = sensor.first_s + (self._first_known - 1) * sensor.interval_s
+        self._unknown_until_s = last_unknown_s + sensor.delay_s + sensor.delay_jitter_s if self._first_known else -math.inf
+
+    def _begin(self, number: int) -> None:
+        self.number = number
+        self.next_s = self.sensor.first_s + number * self.sensor.interval_s
         self.shown: Sample | None = None
         self.arrival_s = math.inf
         self._under_way: list[tuple[float, int, Sample]] = []
@@ -86,6 +97,15 @@ class Samples:
             self.arrival_s = self._under_way[0][0]
         self.number = number + 1
         self.next_s = self.sensor.first_s + self.number * self.sensor.interval_s
+
+    def may_show_unknown(self, time_s: float) -> bool:
+        """Whether the newest sample that has arrived may be one that is not known; to be asked at each row after a gap."""
+        if self._unknown_until_s == -math.inf:
+            return False
+        known = self.shown is not None and self.shown.number >= self._first_known
+        if known or time_s >= self._unknown_until_s:  # the last of them has arrived, at this row at the latest
+            self._unknown_until_s = -math.inf
+        return not known
 
     def arrive(self, time_s: float) -> bool:
         """Let everything arrive that is due at a time; returns whether another sample is shown: the newest."""

@@ -47,9 +47,13 @@ class SensorColumns:
         if len(sample.impulse):
             values[stop - 6 : stop - 3], values[stop - 3 : stop] = sample.impulse, sample.mean
 
-    def resume(self, values: FloatArray) -> None:
-        """Continue from the values at a sample of the log; those at the start of a run are not known."""
-        self.values[:] = values if values.any() else np.nan
+    def take_over(self, i: int, logged: FloatArray) -> None:
+        """Show of a sensor what a row of a log has, (number of signals,)."""
+        self.values[self._parts[i]] = logged[self._parts[i]]
+
+    def forget(self, _logged: FloatArray) -> None:
+        """Show nothing, where a replay begins: at the start nothing has arrived, after a gap it is not known."""
+        self.values[:] = np.nan
 
 
 def component_names(sensor: Sensor) -> tuple[str, ...]:
