@@ -96,7 +96,7 @@ class SensorSampler:
             self._take()
 
     def begin_after_gap(self, time_s: float) -> None:
-        """Begin at a time in a log: what was under way is not known; see :meth:`take_over`."""
+        """Begin at a time in a log: what was under way is not known; see :meth:`SensorSampler.take_over`."""
         for samples in self._samples:
             samples.begin_after_gap(time_s)
         self._begin(time_s)

@@ -91,7 +91,7 @@ class Truth:
     def begin(self) -> None:
         """Take the samples of the beginning."""
         for samples in self._samples:
-            samples.begin(0.0)
+            samples.begin()
         self._sample(0.0)
 
     def advance(self, time_s: float) -> None:

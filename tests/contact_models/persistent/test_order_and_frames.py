@@ -89,6 +89,7 @@ def test_order_four_while_a_contact_lasts(tmp_path, monkeypatch):
     cuts there make those better than their order: here they are not cut. Nothing is changed in ``test_planar_arm``.
     """
     monkeypatch.setattr(closed, "DRIFT_M", 1e-4)
+    monkeypatch.setattr(closed, "DRIFT_M_S", 1e-2)
     runs = {step: pushed(tmp_path, step=step) for step in (8e-3, 4e-3, 2e-3, 5e-4)}
     states = {step: final(run) for step, run in runs.items()}
     errors = [np.abs(states[step] - states[5e-4]).max() for step in (8e-3, 4e-3, 2e-3)]

@@ -9,7 +9,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.stats import chi2
 
 from ffsm_controllers.estimators.mekf.belief import Belief
 from ffsm_controllers.estimators.mekf.config import InitialConfig, MekfConfig
@@ -81,7 +80,7 @@ class Mekf:
             each.sensor: _deviation(sensors[each.sensor], believed.get(each.sensor), config) for each in self._frames
         }
         self._joints = readings_of_joints(system, sensors, config.rate_filter_s)
-        self._largest_nis = math.inf if config.gate is None else float(chi2.ppf(config.gate, 3))
+        self._largest_nis = math.inf if config.gate is None else _chi_square_quantile(config.gate)
         self._belief = Belief(self._layout, mujoco.MjData(model), np.zeros((self._layout.size, self._layout.size)))
         used = [sensors[name] for name in (*self._deviations, *(reading.sensor for reading in self._joints))]
         longest_s = max(each.delay_s + each.delay_jitter_s for each in used) + context.control_period_s
@@ -219,3 +218,10 @@ def _deviation(sensor: Sensor, believed: float | None, config: MekfConfig) -> fl
     """Standard deviation of a component of a sample: white noise and rounding, at least the floor."""
     noise = math.hypot(sensor.noise, sensor.quantum / math.sqrt(12.0)) if believed is None else believed
     return max(noise, float(getattr(config.floor, KINDS[sensor.model.kind])))
+
+
+def _chi_square_quantile(probability: float) -> float:
+    """Value that the square of an innovation of three components does not exceed with this probability."""
+    from scipy.special import chdtri  # a third of a second to import: only filters with a gate pay
+
+    return float(chdtri(3.0, 1.0 - probability))
