@@ -23,6 +23,7 @@ class Motion:
         model: MuJoCo model, with RK4.
         data: Its data.
         momentum: Generalised momentum M qdot at the state in ``data``, (nv,).
+        momenta: This array, and those of other motions that follow this one: all that a move along the path may change.
         path: The last step as a path.
         flight: Stepper in use; it accumulates the motion bound.
         bodies: Id in this model of each body of the logged system.
@@ -41,6 +42,7 @@ class Motion:
         """Start at the state in ``data`` (all derived quantities current)."""
         self.model, self.data = model, data
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
+        self.momenta: tuple[FloatArray, ...] = (self.momentum,)
         self.bodies: Sequence[int] = range(model.nbody)
         self.dofs: Sequence[int] = range(model.nv)
         self.pushes: Sequence[Push] = ()

@@ -156,6 +156,7 @@ class SensorSampler:
             self._bind(motion)
         for model, data, backup in self._backups:
             mujoco.mj_copyData(backup, model, data)
+        momenta = [momentum.copy() for momentum in motion.momenta]
         motion.path.at_s = math.nan
         try:
             motion.path.move_to(at_s)
@@ -163,20 +164,23 @@ class SensorSampler:
         finally:
             for model, data, backup in self._backups:
                 mujoco.mj_copyData(data, model, backup)
+            for momentum, before in zip(motion.momenta, momenta, strict=True):
+                momentum[:] = before
             motion.path.at_s = duration_s
 
-    def add_impulses(self, jump: FloatArray, wrenches: Sequence[Wrench]) -> None:
-        """Add what an event passes on through force and torque sensors; the state in ``data`` is that after it.
+    def add_impulses(self, motion: Motion, jump: FloatArray, wrenches: Sequence[Wrench]) -> None:
+        """Add what an event passes on through force and torque sensors.
 
         Args:
+            motion: The motion that it ended: what was held before it moves with the hand in it.
             jump: Change of the velocities of the logged system, (nv,).
             wrenches: Impulses on its bodies, N s.
         """
         found = [samples for samples in self._samples if samples.sensor.model.kind in ("force", "torque")]
         if found:
-            values = impulses_through(self._system.mj, self._data, jump, wrenches)
+            values = impulses_through(motion, jump, wrenches)
             for samples in found:
-                start = int(self._system.mj.sensor(samples.sensor.name).adr[0])
+                start = int(motion.model.sensor(samples.sensor.name).adr[0])
                 samples.add_impulse(values[start : start + 3])
 
     def measured(self, time_s: float) -> Mapping[str, Measurement]:
@@ -196,24 +200,28 @@ class SensorSampler:
         self._arrival_s = min(samples.arrival_s for samples in self._samples)
 
 
-def impulses_through(model: Any, data: Any, jump: FloatArray, wrenches: Sequence[Wrench]) -> FloatArray:
+def impulses_through(motion: Motion, jump: FloatArray, wrenches: Sequence[Wrench]) -> FloatArray:
     """Values of all sensors in an impact: those of force and torque sensors are impulses, N s and N m s.
 
     Newton-Euler recursion is linear in accelerations and external forces where nothing moves and nothing weighs: with the
     jump of the velocities in place of accelerations, and impulses in place of forces, it gives the impulses between bodies.
     """
+    model = motion.model
     still = mujoco.MjData(model)
-    still.qpos[:] = data.qpos
+    still.qpos[:] = motion.data.qpos
     gravity, flags = model.opt.gravity.copy(), model.opt.disableflags
     model.opt.gravity[:] = 0.0
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     try:
         mujoco.mj_fwdPosition(model, still)
         mujoco.mj_fwdVelocity(model, still)
-        still.qacc[:] = jump
+        for dof, own in enumerate(motion.dofs):
+            if own >= 0:  # the object's base joint is gone while it is held
+                still.qacc[own] = jump[dof]
         for body, point, force, torque in wrenches:
-            still.xfrc_applied[body, :3] += force
-            still.xfrc_applied[body, 3:] += torque + np.cross(point - still.xipos[body], force)
+            here = motion.bodies[body]
+            still.xfrc_applied[here, :3] += force
+            still.xfrc_applied[here, 3:] += torque + np.cross(point - still.xipos[here], force)
         mujoco.mj_rnePostConstraint(model, still)
         mujoco.mj_sensorAcc(model, still)
         return np.array(still.sensordata)

@@ -126,7 +126,7 @@ class Plant:
         """
         # The balance separates robot and object at the event itself; a grasped object counts with the robot only in steps.
         self.balance.set_grasped_object(None)
-        before = self.data.qvel.copy()
+        before, motion = self.data.qvel.copy(), self.integrator.motion
         effect = event()
         if effect is not None:
             for contact_model in self.integrator.event_sources:
@@ -141,7 +141,7 @@ class Plant:
         self.balance.set_grasped_object(self.integrator.motion.grasped_object)
         if self.sampler is not None and effect is not None and not np.array_equal(before, self.data.qvel):
             impulses = event_impulses(self.system.mj, effect.records)
-            self.sampler.add_impulses(self.data.qvel - before, tuple(impulses))
+            self.sampler.add_impulses(motion, self.data.qvel - before, tuple(impulses))
         if effect is not None and effect.exchange is not None:
             self.balance.enter(*effect.exchange)
         return effect

@@ -50,6 +50,7 @@ class GraspedMotion(Motion):
         self.system, self.grasp = system, grasp.name
         tree = self.grasped_object = next(tree for tree in scene.system.objects if tree.name == grasp.tree)
         self._free, self._model = free, scene.system.mj
+        self.momenta = (self.momentum, free.momentum)
         self.root, self.link = system.index("body", grasp.root), system.index("body", grasp.link)
         self.bodies = [_same_body(scene.system, body, system) for body in range(self._model.nbody)]
         shared = [(joint, system.joints[name]) for name, joint in scene.system.joints.items() if name in system.joints]

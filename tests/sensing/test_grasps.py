@@ -1,0 +1,95 @@
+"""Sensors while an object is grasped: nothing of the plant changes, and what is held loads the wrist."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.log.scenario import compile_log
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.replay import replay_log
+from tests.contact_models.grasp.scenes import OFF, grasping, stone
+
+SENSORS = {
+    "wrist": {"kind": "force", "of": "grip", "interval_s": 0.0073},
+    "load": {"kind": "force", "of": "handle"},
+    "camera": {"kind": "framepos", "of": "handle", "relative_to": "robot/base", "interval_s": 0.02, "delay_s": 0.03},
+}
+
+
+def caught(folder, **changes):
+    """Caught after 0.1 s; a stone hits what is held at about 0.25 s."""
+    pairs = [["hand", "target/target"], ["stone/stone", "target/target"]]
+    return grasping(
+        folder,
+        others={"stone": stone()},
+        phases=[
+            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "hold", "until": "end", "controller": {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}},
+        ],
+        initial={
+            "joints": {"target/free": [1.08, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [1.6, 0.03, 0.02, 1, 0, 0, 0]},
+            "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "stone/free": [-1.2, 0, 0, 0, 0, 0]},
+        },
+        contacts={"rules": [{"between": pair, "restitution": 0.5} for pair in pairs]},
+        duration_s=0.35,
+        **changes,
+    )
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    return ffsm_mj.run(caught(tmp_path_factory.mktemp("measured"), sensors=SENSORS))
+
+
+def test_bits_of_the_run_are_those_without_sensors(tmp_path, measured):
+    """Samples inside steps, while an object is held too, whose motion the logged system follows."""
+    without = ffsm_mj.run(caught(tmp_path))
+    assert len(without.captures) == 1
+    for key in without.keys:
+        assert np.array_equal(without[key], measured[key], equal_nan=True), key
+    assert replay_log(measured.log).agrees
+
+
+def test_a_log_with_a_gap_while_an_object_is_held_agrees(measured):
+    log = replace(measured.log, rows=np.delete(measured.log.rows, range(150, 160), axis=0))
+    assert measured["contact.capture_grasp"][150] == 1.0
+    assert replay_log(log).agrees
+
+
+def test_an_impact_on_what_is_held_passes_through_the_wrist(measured):
+    """Momentum of hand and object together: its change, less the impulse of the stone, came through the wrist."""
+    hit = next(e for e in measured.log.events() if isinstance(e, ImpactRecord) and "stone/stone" in e.geoms)
+    system = compile_log(measured.log)
+    model, data = system.mj, mujoco.MjData(system.mj)
+    momenta = []
+    for rates in (hit.qvel_before, hit.qvel_after):
+        data.qpos[:], data.qvel[:] = hit.qpos, np.concatenate([rates[name] for name in system.joints])
+        mujoco.mj_forward(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        held = [model.body(name).id for name in ("robot/hand", "target/target")]
+        momenta.append(sum(model.body_mass[body] * data.subtree_linvel[body] for body in held))
+    sign = 1.0 if hit.geoms[1] == "target/target" else -1.0
+    through = momenta[1] - momenta[0] - sign * hit.impulse_N_s * np.array(hit.normal)
+    expected = data.site_xmat[model.site("robot/grip").id].reshape(3, 3).T @ through
+    assert np.linalg.norm(expected) > 0.1
+    told = np.column_stack([measured[f"sensor.wrist_impulse_{x}_N_s"] for x in "xyz"])
+    first = np.flatnonzero(np.abs(told).max(axis=1) * (measured.time > hit.time_s))[0]
+    assert np.allclose(told[first], expected, atol=1e-13)  # sums of ten products of this size in rounding
+
+
+def test_the_load_is_that_of_the_grasp(measured):
+    """A sensor at the object's own site; the logged load is that under the efforts of the row, the sample the one before.
+
+    Between ticks of 1 ms the commands of the servo change by a fiftieth of the load at most.
+    """
+    held = np.flatnonzero(measured["contact.capture_grasp"] == 1.0)
+    calm = held[(measured.time[held] > measured.captures[0].time_s + 0.002) & (measured.time[held] < 0.2)]
+    sample = np.column_stack([measured[f"sensor.load_true_{x}_N"] for x in "xyz"])[calm]
+    load = np.column_stack([measured[f"contact.capture_force_{x}_N"] for x in "xyz"])[calm]
+    assert np.linalg.norm(load, axis=1).min() > 0.1
+    assert np.allclose(np.linalg.norm(sample, axis=1), np.linalg.norm(load, axis=1), rtol=0.02)
