@@ -102,6 +102,8 @@ def assemble(
     laws: Mapping[str, Any],
     controller_system: System | None = None,
     held: Mapping[str, GraspedSystem] = MappingProxyType({}),
+    *,
+    estimators: Mapping[str, Any] = MappingProxyType({}),
 ) -> Assembly:
     """Build the components of one run.
 
@@ -112,6 +114,7 @@ def assemble(
         laws: Control laws of a script, classes by kind, beside those that are installed.
         controller_system: System of the controller model, likewise the run's own; None: control laws know the plant.
         held: The systems in which captures hold, likewise the run's own, by the names of these.
+        estimators: Estimators of a script, classes by kind, beside those that are installed.
 
     Raises:
         InputError: One line per fault, with the place in the scenario or the model.
@@ -129,7 +132,7 @@ def assemble(
         contexts = _contexts(scenario, controller_system or system, plant, held)
         phases = build_phases(scenario, contexts[""], laws, {name: each for name, each in contexts.items() if name})
         controller_model = ControllerModel(controller_system.mj, data) if controller_system is not None else None
-        controller = _phase_machine(scenario, phases, contexts[""], controller_model, plant, held)
+        controller = _phase_machine(scenario, phases, contexts[""], controller_model, plant, held, estimators)
         controller_data = data if controller_model is None else controller_model.data
         refuse_start(phases[0], scenario.phases[0], controller_data)
         columns = [*plant.columns, *controller.columns]
@@ -150,6 +153,7 @@ def _phase_machine(
     controller_model: ControllerModel | None,
     plant: Plant,
     held: Mapping[str, GraspedSystem],
+    estimators: Mapping[str, Any],
 ) -> PhaseMachine:
     """The phases, with control laws that see the plant, a controller model at its state, or an estimate."""
     if controller_model is None:
@@ -157,7 +161,7 @@ def _phase_machine(
     grasped = _grasped_models(plant.integrator.contact_models, held)
     if scenario.estimator.kind == "truth":
         return ControllerModelPhaseMachine(phases, controller_model, grasped)
-    estimator = make_estimator(scenario.estimator, context)
+    estimator = make_estimator(scenario.estimator, context, estimators)
     systems = {name: each.controller_system for name, each in held.items()}
     models = {name: (system, grasped[name]) for name, system in systems.items() if system is not None}
     return EstimatePhaseMachine(phases, estimator, scenario.estimator.kind, context.system, controller_model, models)

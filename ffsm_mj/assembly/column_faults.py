@@ -74,13 +74,13 @@ def refuse_telemetry(phases: Sequence[Phase]) -> None:
         raise ScenarioFaults(faults)
 
 
-def signals_fault(signals: object) -> str:
-    """What is wrong with the signals of one law; empty if they are valid."""
+def signals_fault(signals: object, group: str = "controller") -> str:
+    """What is wrong with the signals of one law, or of an estimator, of this group; empty if they are valid."""
     if not isinstance(signals, Sequence) or not all(isinstance(signal, Signal) for signal in signals):
         return "telemetry_signals is no sequence of Signal"
     for signal in signals:
-        if signal.group != "controller" or not _NAME.fullmatch(signal.name):
-            return f"{signal.key!r} is no name in the group controller, of letters, digits and _"
+        if signal.group != group or not _NAME.fullmatch(signal.name):
+            return f"{signal.key!r} is no name in the group {group}, of letters, digits and _"
     names = [signal.key for signal in signals]
     twice = next((name for name in names if names.count(name) > 1), "")
     return f"{twice} is listed twice" if twice else ""

@@ -11,11 +11,12 @@ import numpy as np
 from ffsm_controllers.estimators import estimators
 from ffsm_controllers.phases import Phase, PhaseMachine
 
-from ffsm_mj.arrays import IntArray
+from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.assembly.column_faults import signals_fault
 from ffsm_mj.assembly.controller_model import ControllerModel
 from ffsm_mj.controller_protocol import Command, ControllerContext, ControllerError, Estimator, Observation
 from ffsm_mj.dynamics.rigid_body import rotation_dofs
-from ffsm_mj.errors import Fault, ScenarioFaults, described
+from ffsm_mj.errors import Fault, ScenarioFaults, described, raised_at
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ImpactRecord
@@ -74,26 +75,34 @@ class EstimatePhaseMachine(PhaseMachine):
         """Let the estimator write its estimate, and update derived quantities.
 
         Raises:
-            ControllerError: The estimate is not finite, or the telemetry has another length.
+            ControllerError: The estimator fails, its estimate is not finite, or its telemetry has another length.
         """
         data = self._model.data
         data.ctrl[:] = observation.free.ctrl
+        try:
+            report = self._estimated(observation, data)
+        except Exception as error:  # an estimator's code: it has failed, not the control law of the phase
+            raise ControllerError(f"estimator {self._kind!r}: {described(error)}{raised_at(error)}") from error
+        if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+            raise ControllerError(f"estimator {self._kind!r} gives an estimate that is not finite")
+        data.time = observation.time_s
+        self._model.update()
+        if len(report) != len(self._reports):
+            raise ControllerError(
+                f"estimator {self._kind!r}: telemetry gives {len(report)} values for {len(self._reports)} signals"
+            )
+        self._reports[:] = report
+
+    def _estimated(self, observation: Observation, data: Any) -> FloatArray:
+        """Let the estimator write its estimate; returns its telemetry."""
         if not self._started:
             self._started = True
             self._estimator.start(data)
         events = tuple(told(event) for event in observation.events)
         self._estimator.update(observation.time_s, observation.measured, events, data)
-        if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
-            raise ControllerError(f"estimator {self._kind!r} gives an estimate that is not finite")
-        data.time = observation.time_s
-        self._model.update()
-        if len(self._reports):
-            report = self._estimator.telemetry()
-            if len(report) != len(self._reports):
-                raise ControllerError(
-                    f"estimator {self._kind!r}: telemetry gives {len(report)} values for {len(self._reports)} signals"
-                )
-            self._reports[:] = report
+        if not len(self._reports):
+            return self._reports
+        return np.atleast_1d(np.array(self._estimator.telemetry(), dtype=np.float64))
 
 
 class _GraspedEstimate:
@@ -191,8 +200,8 @@ def told(record: Any) -> Any:
     return replace(record, **hidden)
 
 
-def make_estimator(config: Any, context: ControllerContext) -> Estimator:
-    """The estimator of a scenario.
+def make_estimator(config: Any, context: ControllerContext, own: Mapping[str, Any]) -> Estimator:
+    """The estimator of a scenario; ``own`` are those of a script, classes by kind.
 
     Raises:
         ScenarioFaults: It cannot be made; paths in the scenario.
@@ -202,10 +211,18 @@ def make_estimator(config: Any, context: ControllerContext) -> Estimator:
         message = f"the plugin for kind {config.kind!r} cannot be used ({reason})"
         raise ScenarioFaults([Fault(message, ("estimator", "kind"))])
     try:
-        made: Estimator = known.classes[config.kind](config, context)
+        made: Estimator = {**known.classes, **own}[config.kind](config, context)
     except ScenarioFaults as error:
         raise ScenarioFaults([replace(fault, path=("estimator", *fault.path)) for fault in error.faults]) from error
     except Exception as error:  # a plugin's code: whatever it raises is a fault of this section
         message = f"the estimator cannot be made ({described(error)})"
         raise ScenarioFaults([Fault(message, ("estimator", "kind"), error)]) from error
+    if fault := signals_fault(made.telemetry_signals, "estimate") or _taken(made.telemetry_signals, context.system):
+        raise ScenarioFaults([Fault(f"telemetry of kind {config.kind!r}: {fault}", ("estimator", "kind"))])
     return made
+
+
+def _taken(signals: Sequence[Signal], system: System) -> str:
+    """Which of these signals has the name of a column that every estimate has; empty if none has."""
+    own = {signal.key for signal in EstimateColumns(system).signals}
+    return next((f"{signal.key} is a column of the estimate itself" for signal in signals if signal.key in own), "")

@@ -39,6 +39,7 @@ def run(
     overrides: Sequence[str] | Mapping[str, Any] = (),
     *,
     controllers: Mapping[str, Any] = MappingProxyType({}),
+    estimators: Mapping[str, Any] = MappingProxyType({}),
     out: str | Path | None = None,
     force: bool = False,
     rerun: bool | None = None,
@@ -53,6 +54,7 @@ def run(
         overrides: ``key=value`` strings as on the command line, or a mapping of dotted keys to values.
         controllers: Control laws of the caller's own, classes by the ``kind`` under which the scenario asks for them
             (:class:`ffsm_mj.controller_protocol.Controller`; a ``Config`` may be left out): no package is needed.
+        estimators: Estimators of the caller's own, likewise (:class:`ffsm_mj.controller_protocol.Estimator`).
         out: Run folder to write; None keeps the run in memory only.
         force: Replace a run that ``out`` already holds.
         rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
@@ -71,9 +73,8 @@ def run(
     folder = RunFolder(Path(out), force=force) if out is not None else None
     if folder is not None:
         folder.refuse_earlier_run()
-    return prepare(scenario, overrides, controllers=controllers, raise_errors=raise_errors).run(
-        folder=folder, rerun=rerun, live=live, report=report, raise_errors=raise_errors
-    )
+    made = prepare(scenario, overrides, controllers=controllers, estimators=estimators, raise_errors=raise_errors)
+    return made.run(folder=folder, rerun=rerun, live=live, report=report, raise_errors=raise_errors)
 
 
 def prepare(
@@ -81,6 +82,7 @@ def prepare(
     overrides: Sequence[str] | Mapping[str, Any] = (),
     *,
     controllers: Mapping[str, Any] = MappingProxyType({}),
+    estimators: Mapping[str, Any] = MappingProxyType({}),
     raise_errors: bool = False,
 ) -> PreparedRun:
     """Read, validate and compile a scenario without running it.
@@ -89,6 +91,7 @@ def prepare(
         scenario: A path, or the name of a shipped scenario.
         overrides: See :func:`run`.
         controllers: See :func:`run`.
+        estimators: See :func:`run`.
         raise_errors: Raise an exception in the constructor of a control law again, with its traceback.
 
     Raises:
@@ -97,9 +100,10 @@ def prepare(
     given = as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides)
 
     def prepared(some: Sequence[str]) -> PreparedRun:
-        recipe = _recipe(scenario, some, controllers)
-        recipe.assemble()  # reports faults of the components
-        return recipe
+        config, source = load_scenario(scenario_path(scenario), some, controllers, estimators)
+        made = recipe(config, source, controllers, estimators=estimators)
+        made.assemble()  # reports faults of the components
+        return made
 
     try:
         with overrides_named(given, prepared):
@@ -115,13 +119,13 @@ def as_overrides(values: Mapping[str, Any]) -> list[str]:
     return [f"{key}={json.dumps(value)}" for key, value in values.items()]
 
 
-def _recipe(scenario: str | Path, overrides: Sequence[str], controllers: Mapping[str, Any]) -> PreparedRun:
-    config, source = load_scenario(scenario_path(scenario), overrides, controllers)
-    return recipe(config, source, controllers)
-
-
 def recipe(
-    config: Scenario, source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({}), read: Reader = read_model
+    config: Scenario,
+    source: YamlSource,
+    controllers: Mapping[str, Any] = MappingProxyType({}),
+    read: Reader = read_model,
+    *,
+    estimators: Mapping[str, Any] = MappingProxyType({}),
 ) -> PreparedRun:
     """Compile a scenario that was read; faults of its components are reported at assembly.
 
@@ -130,12 +134,13 @@ def recipe(
         source: Where its keys stand.
         controllers: See :func:`run`.
         read: Reads the files of a model.
+        estimators: See :func:`run`.
 
     Raises:
         InputError: A model is wrong.
     """
     system, controller_system, held = compile_scenario(config, source, read)
-    return PreparedRun(config, source, system, dict(controllers), controller_system, held)
+    return PreparedRun(config, source, system, dict(controllers), controller_system, held, dict(estimators))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +157,7 @@ class PreparedRun:
         laws: Control laws of a script, classes by kind.
         controller_system: System of the controller model, likewise copied; None: control laws know the plant.
         held: The systems in which captures hold, likewise copied, by the names of these.
+        estimators: Estimators of a script, classes by kind.
     """
 
     scenario: Scenario
@@ -160,6 +166,7 @@ class PreparedRun:
     laws: Mapping[str, Any]
     controller_system: System | None = None
     held: Mapping[str, GraspedSystem] = field(default_factory=dict)
+    estimators: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def changes(self) -> tuple[PropertyChange, ...]:
@@ -179,7 +186,8 @@ class PreparedRun:
         """
         controller_system = self.controller_system.copy() if self.controller_system is not None else None
         held = {name: each.copy() for name, each in self.held.items()}
-        return assemble(self.scenario, self.source, self.system.copy(), self.laws, controller_system, held)
+        system, laws = self.system.copy(), self.laws
+        return assemble(self.scenario, self.source, system, laws, controller_system, held, estimators=self.estimators)
 
     def run(
         self,

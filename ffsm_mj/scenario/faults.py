@@ -183,12 +183,14 @@ def _is_model(node: Any) -> bool:
 
 def _unknown_kind(tag: str, expected: str, path: KeyPath, names: KindNames) -> str:
     usable = [kind.strip("' ") for kind in expected.split(",")]
-    broken = names.broken.get(tag) if _is_law(path) else None
+    is_estimator = path == ("estimator",)
+    broken = names.broken.get(tag) if _is_law(path) or is_estimator else None
     if broken:
         return f"the plugin for kind {tag!r} cannot be used ({broken}); usable: {', '.join(usable)}"
-    if tag in names.of_scripts and _is_law(path):
+    if tag in names.of_scripts and (_is_law(path) or is_estimator):
+        what, option = ("estimator", "estimators") if is_estimator else ("control law", "controllers")
         return (
-            f"the control law of kind {tag!r} was passed by a script and is not in the file: run it from Python again, "
-            f"ffsm_mj.run(..., controllers={{{tag!r}: ...}}); usable without: {', '.join(usable)}"
+            f"the {what} of kind {tag!r} was passed by a script and is not in the file: run it from Python again, "
+            f"ffsm_mj.run(..., {option}={{{tag!r}: ...}}); usable without: {', '.join(usable)}"
         )
     return unknown_name("kind", tag, usable)

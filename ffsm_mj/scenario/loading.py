@@ -17,15 +17,18 @@ from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.scenario.contact_models import fault_of_ending
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.grasps import capture_faults
-from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, located, timing_faults, with_contact_models
-from ffsm_mj.scenario.script_laws import as_phases, config_of, model_with, refuse_script_laws
+from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, TruthConfig, located, timing_faults, with_contact_models
+from ffsm_mj.scenario.script_laws import as_phases, config_of, importable, model_with, refuse_script_classes
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 
 _MOST_FRAMES = 1e6
 
 
 def load_scenario(
-    path: Path, overrides: Sequence[str] = (), laws: Mapping[str, Any] = MappingProxyType({})
+    path: Path,
+    overrides: Sequence[str] = (),
+    laws: Mapping[str, Any] = MappingProxyType({}),
+    own_estimators: Mapping[str, Any] = MappingProxyType({}),
 ) -> tuple[Scenario, YamlSource]:
     """Read and validate a scenario.
 
@@ -33,6 +36,7 @@ def load_scenario(
         path: The file.
         overrides: ``key=value`` each.
         laws: Control laws of a script, classes by kind.
+        own_estimators: Estimators of a script, likewise.
 
     Returns:
         The scenario and its source, which knows the location of each key.
@@ -40,24 +44,29 @@ def load_scenario(
     Raises:
         InputError: One line per fault, with file, line and column.
     """
-    refuse_script_laws(laws, kinds().classes)
+    refuse_script_classes("controllers", laws, kinds().classes)
+    refuse_script_classes("estimators", own_estimators, {"truth", *estimators().classes})
     source = read_yaml(path, overrides)
-    return validated(source, laws), source
+    return validated(source, laws, own_estimators), source
 
 
-def validated(source: YamlSource, laws: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
+def validated(
+    source: YamlSource,
+    laws: Mapping[str, Any] = MappingProxyType({}),
+    own_estimators: Mapping[str, Any] = MappingProxyType({}),
+) -> Scenario:
     """Validate the data of a source.
 
     Args:
         source: Data and the location of each key.
-        laws: Control laws of a script, classes by kind, already accepted by :func:`refuse_script_laws`.
+        laws: Control laws of a script, classes by kind, already accepted by :func:`refuse_script_classes`.
+        own_estimators: Estimators of a script, likewise.
 
     Raises:
         InputError: One line per fault, with file, line and column.
     """
     installed = kinds()
-    configs = [cls.Config for cls in installed.classes.values()] + [config_of(law, kind) for kind, law in laws.items()]
-    model = model_with(Scenario, PhaseConfig, tuple(configs)) if laws else Scenario
+    model = _model_with(laws, own_estimators) if laws or own_estimators else Scenario
     try:
         scenario = model.model_validate(source.data)
     except ValidationError as error:
@@ -67,17 +76,26 @@ def validated(source: YamlSource, laws: Mapping[str, Any] = MappingProxyType({})
             ACTUATOR_KINDS,
             installed.broken | estimators().broken,
             _script_laws(source.data),
-            {"truth", *estimators().classes},
+            {"truth", *estimators().classes, *own_estimators},
         )
         raise InputError(source.lines(plain_faults(error, kinds_known))) from error
     try:
-        scenario = with_contact_models(_with_script_laws(scenario, laws))
+        scenario = with_contact_models(_with_script_laws(scenario, laws, own_estimators))
     except ScenarioFaults as faulty:
         raise located(faulty, source) from faulty
     faults = _other_faults(scenario)
     if faults:
         raise located(ScenarioFaults(faults), source)
     return scenario
+
+
+def _model_with(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> type[Scenario]:
+    """Scenario model that accepts these beside what is installed."""
+    configs = [
+        (*(cls.Config for cls in installed.classes.values()), *(config_of(each, kind) for kind, each in own.items()))
+        for installed, own in ((kinds(), laws), (estimators(), own_estimators))
+    ]
+    return model_with(Scenario, PhaseConfig, configs[0], (TruthConfig, *configs[1]))
 
 
 def controller_kinds() -> tuple[str, ...]:
@@ -91,13 +109,15 @@ def _script_laws(data: Any) -> tuple[str, ...]:
     return tuple(map(str, named)) if isinstance(named, list | tuple) else ()
 
 
-def _with_script_laws(scenario: Scenario, laws: Mapping[str, Any]) -> Scenario:
-    """Scenario that lists which of these laws its phases use."""
-    if not laws:
+def _with_script_laws(scenario: Scenario, laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> Scenario:
+    """Scenario that lists which of these laws and estimators it uses."""
+    if not laws and not own_estimators:
         return scenario.model_copy(update={"script_laws": None})
     used = tuple(kind for kind in laws if any(law.kind == kind for phase in scenario.phases for law in phase.laws.values()))
-    phases = as_phases(scenario.phases, PhaseConfig, laws)
-    return Scenario.model_construct(**dict(scenario) | {"phases": phases, "script_laws": used or None})
+    used += tuple(kind for kind in own_estimators if scenario.estimator.kind == kind)
+    phases, estimator = as_phases(scenario.phases, PhaseConfig, laws), importable(scenario.estimator, own_estimators)
+    changes = {"phases": phases, "estimator": estimator, "script_laws": used or None}
+    return Scenario.model_construct(**dict(scenario) | changes)
 
 
 def _other_faults(scenario: Scenario) -> list[Fault]:

@@ -297,7 +297,7 @@ class Scenario(StrictModel):
     captures: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")], CaptureConfig] = {}
     """Grasps by name: when armed, a site of the robot can latch a site of a floating object."""
     script_laws: tuple[Name, ...] | None = None
-    """Kinds of control laws that a script passed to the run that wrote this scenario; they name no code."""
+    """Kinds of control laws and estimators that a script passed to the run that wrote this scenario; they name no code."""
     phases: Annotated[tuple[PhaseConfig, ...], Field(min_length=1)]
     impact: ImpactConfig = ImpactConfig()
     contact_models: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()

@@ -1,8 +1,8 @@
-"""Control laws that a script passes to a run: classes by kind, without a package."""
+"""Control laws and estimators that a script passes to a run: classes by kind, without a package."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal, TypeVar, Union
 
 from pydantic import Field, create_model
@@ -12,39 +12,40 @@ from ffsm_mj.errors import InputError
 
 Model = TypeVar("Model", bound=StrictModel)
 Phase = TypeVar("Phase", bound=StrictModel)
-_METHODS = ("start", "control", "telemetry")
+_METHODS = {"controllers": ("start", "control", "telemetry"), "estimators": ("start", "update", "telemetry")}
 
 
 class NoSettings(StrictModel):
-    """Configuration of a control law without a ``Config``."""
+    """Configuration of a control law or estimator without a ``Config``."""
 
     kind: str
 
 
-def refuse_script_laws(laws: Mapping[str, Any], installed: Mapping[str, Any]) -> None:
-    """Refuse classes that are not control laws.
+def refuse_script_classes(option: str, classes: Mapping[str, Any], installed: Collection[str]) -> None:
+    """Refuse classes that are not control laws, or not estimators.
 
     Args:
-        laws: Classes by kind.
+        option: How they are passed, ``controllers`` or ``estimators``.
+        classes: Classes by kind.
         installed: Installed kinds.
 
     Raises:
         InputError: One line per fault.
     """
-    lines = []
-    for kind, law in laws.items():
-        missing = [name for name in _METHODS if not callable(getattr(law, name, None))]
+    lines, methods = [], _METHODS[option]
+    for kind, law in classes.items():
+        missing = [name for name in methods if not callable(getattr(law, name, None))]
         config = getattr(law, "Config", NoSettings)
         if kind in installed:
-            lines.append(f"controllers: {kind!r} is the name of an existing kind; choose another name")
+            lines.append(f"{option}: {kind!r} is the name of an existing kind; choose another name")
         elif not isinstance(law, type) or missing:
-            lines.append(f"controllers: {kind!r} is no class with the methods {', '.join(_METHODS)}")
+            lines.append(f"{option}: {kind!r} is no class with the methods {', '.join(methods)}")
         elif not isinstance(getattr(law, "telemetry_signals", None), tuple | list | property):
-            lines.append(f"controllers: {kind!r} has no telemetry_signals; () reports nothing")
+            lines.append(f"{option}: {kind!r} has no telemetry_signals; () reports nothing")
         elif not (isinstance(config, type) and issubclass(config, StrictModel)):
-            lines.append(f"controllers: the Config of {kind!r} is no ffsm_mj.controller_protocol.StrictModel")
+            lines.append(f"{option}: the Config of {kind!r} is no ffsm_mj.controller_protocol.StrictModel")
         elif config is not NoSettings and _kind_of(config) != kind:
-            lines.append(f"controllers: the Config of {kind!r} needs the field kind: Literal[{kind!r}]")
+            lines.append(f"{option}: the Config of {kind!r} needs the field kind: Literal[{kind!r}]")
     if lines:
         raise InputError(lines)
 
@@ -63,28 +64,39 @@ def config_of(law: Any, kind: str) -> type[StrictModel]:
     return create_model(f"{law.__name__}Config", __base__=NoSettings, kind=(only, ...))
 
 
-def model_with(scenario: type[Model], phase: type[StrictModel], configs: tuple[Any, ...]) -> type[Model]:
-    """Scenario model whose phases accept laws with these configurations."""
-    union: Any = Union.__getitem__(configs)
-    choice: Any = Annotated[union, Field(discriminator="kind")]
+def model_with(
+    scenario: type[Model], phase: type[StrictModel], laws: tuple[Any, ...], estimators: tuple[Any, ...]
+) -> type[Model]:
+    """Scenario model that accepts control laws and estimators with these configurations."""
+    choice: Any = _choice(laws)
+    estimator: Any = _choice(estimators)
     several: Any = dict[PartName, choice]
     some_parts: Any = Annotated[several, Field(min_length=1)] | None
     phases: Any = create_model(
         phase.__name__, __base__=phase, controller=(choice | None, None), controllers=(some_parts, None)
     )
     some: Any = Annotated[tuple[phases, ...], Field(min_length=1)]
-    return create_model(scenario.__name__, __base__=scenario, phases=(some, ...))
+    default = scenario.model_fields["estimator"].default
+    return create_model(scenario.__name__, __base__=scenario, phases=(some, ...), estimator=(estimator, default))
+
+
+def _choice(configs: tuple[Any, ...]) -> Any:
+    union: Any = Union.__getitem__(configs)
+    return Annotated[union, Field(discriminator="kind")]
+
+
+def importable(config: Any, classes: Mapping[str, Any]) -> Any:
+    """A configuration as an instance of an importable class: one that a class of a script leaves out has its kind only."""
+    settled = config is None or config.kind not in classes or hasattr(classes[config.kind], "Config")
+    return config if settled else NoSettings(kind=config.kind)
 
 
 def as_phases(given: tuple[Any, ...], phase: type[Phase], laws: Mapping[str, Any]) -> tuple[Phase, ...]:
     """The phases as instances of an importable class, so that they can be pickled."""
-
-    def importable(config: Any) -> Any:
-        settled = config is None or config.kind not in laws or hasattr(laws[config.kind], "Config")
-        return config if settled else NoSettings(kind=config.kind)
-
     found = []
     for each in given:
-        parts = each.controllers and {name: importable(config) for name, config in each.controllers.items()}
-        found.append(phase.model_construct(**dict(each) | {"controller": importable(each.controller), "controllers": parts}))
+        parts = each.controllers and {name: importable(config, laws) for name, config in each.controllers.items()}
+        found.append(
+            phase.model_construct(**dict(each) | {"controller": importable(each.controller, laws), "controllers": parts})
+        )
     return tuple(found)
