@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.campaign import Campaign
+from ffsm_mj import Campaign
 from ffsm_mj.scenario.shipped import scenarios_dir
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -59,7 +59,7 @@ def results(name: str, overrides: dict[str, Any]) -> list[dict[str, Any]]:
             "keep": {"failures": 0},
             "limits": {"timeout_s": 600, "max_failed": 1.0},
         }
-        campaign = Campaign.load(base, out, [f"{key}={json.dumps(value)}" for key, value in settings.items()])
+        campaign = Campaign.load(base, out, overrides=[f"{key}={json.dumps(value)}" for key, value in settings.items()])
     campaign.run(report=lambda done, total: print(f"{name}: {done:.0f} of {total:.0f}", end="\r", file=sys.stderr))
     return [{"outcome": row.outcome, **row.metrics} for row in campaign.rows()]
 

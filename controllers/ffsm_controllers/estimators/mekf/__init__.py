@@ -1,4 +1,4 @@
-"""Multiplicative error-state Kalman filter of the floating bodies of a scene; see ``docs/sensing.md``."""
+"""Multiplicative error-state Kalman filter of the floating bodies of a scene; see ``docs/state-estimation.md``."""
 
 from ffsm_controllers.estimators.mekf.estimator import Mekf
 
